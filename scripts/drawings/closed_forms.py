@@ -1,4 +1,4 @@
-"""Rows of docs/validation.md whose results are exact; helpers of tests/ compute those of the tests."""
+"""Results of docs/validation.md that are exact; helpers of tests/ compute those of the tests."""
 
 import cmath
 import importlib.util
@@ -19,7 +19,7 @@ from warpchain.modal.campbell import campbell
 
 
 class Row(NamedTuple):
-    """A row of the table: a result of others, and the same of warpchain. The page has the words of empty cells."""
+    """A result of others, and the same of warpchain. The page has the words of what is empty."""
 
     name: str
     source: str = ""
@@ -233,7 +233,7 @@ def center_distance() -> Row:
         name="links and centers",
         states=f"ASA 80, 11 and 20 teeth, about 400 mm: 47 links, {stated} mm",
         gives=f"{fitted.chain.links} links, {found:.6f} mm",
-        differs=f"{found - stated:+.4f} mm; rigid links close from {rigid.min():.4f} to {rigid.max():.4f} mm (below)",
+        differs=f"{found - stated:+.4f} mm; rigid links close from {rigid.min():.4f} to {rigid.max():.4f} mm",
     )
 
 

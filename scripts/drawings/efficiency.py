@@ -1,4 +1,4 @@
-"""Losses of joints: rows of docs/validation.md."""
+"""Losses of joints: results of docs/validation-published.md."""
 
 import math
 from collections.abc import Iterator
@@ -124,7 +124,7 @@ def gear_losses() -> Iterator[Row]:
         name="pin friction: 39/11, 53/15",
         gives=f"{more[0]:.1f} to {more[-1]:.1f} W more; {first:.1f} and {second:.1f} W with the two chains above",
         differs=f"{first - 1.5:+.1f} and {second - 1.5:+.1f} W; none at friction {own:.2f}",
-        verdict=f"sign agrees; size not with those two chains, but with one that costs {costs:.1f} W on 53/11 (below)",
+        verdict=f"sign agrees; size not with those two chains, but with one that costs {costs:.1f} W on 53/11",
     )
 
 

@@ -1,4 +1,4 @@
-"""The paper's figures 9 to 12 beside the marine example: rows of docs/validation.md."""
+"""The paper's figures 9 to 12 beside the marine example: results of docs/validation-published.md."""
 
 import re
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The same simple drive in other codes: rows of docs/validation.md, which need the extra `codes`."""
+"""The same simple drive in other codes: results of docs/validation.md, which need the extra `codes`."""
 
 import math
 import time

@@ -1,9 +1,10 @@
-"""Published results beside those of warpchain: the table of docs/validation.md."""
+"""Published results beside those of warpchain: docs/validation.md and docs/validation-published.md."""
 
 import argparse
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from common.cases import ROOT, Line, case, option
@@ -50,25 +51,30 @@ PARTS: dict[str, Callable[[], Iterable[Line]]] = {
 }
 USUAL = [part for part in PARTS if part != "codes"]
 """Parts that need no other codes."""
-PAGE = ROOT / "docs" / "validation.md"
+PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("validation", "validation-published"))
+LABELS = ("Source", "States", "Drive here", "warpchain gives", "Difference", "Verdict")
+"""Items of a result's list on the page, in the order of the fields of `Row` after its name."""
 
 
-def whole(row: Row, page: str) -> tuple[str, str]:
-    """The line that a page has of a row, and the same with what is computed.
+def renewed(row: Row, pages: Mapping[Path, str]) -> tuple[Path, str, str]:
+    """The page that has the section of a row, the section, and the same with what is computed.
 
     Raises:
-        SystemExit: a row that the page does not have.
+        SystemExit: a row that no page has.
     """
-    found = re.search(rf"^\| ({re.escape(row.name)} \|.*) \|$", page, re.M)
-    if found is None:
-        raise SystemExit(f"{PAGE.name}: no row {row.name!r}; write its words there")
-    cells = (mine or stated for mine, stated in zip(row, found[1].split(" | "), strict=True))
-    return found[0], f"| {' | '.join(cells)} |"
+    title = row.name[0].upper() + row.name[1:]
+    for path, page in pages.items():
+        found = re.search(rf"^### {re.escape(title)}\n\n((?:- .*\n)+)", page, re.M)
+        if found is not None:
+            stated = dict(line.removeprefix("- ").split(": ", 1) for line in found[1].splitlines())
+            items = (f"- {label}: {mine or stated[label]}\n" for label, mine in zip(LABELS, row[1:], strict=True))
+            return path, found[0], f"### {title}\n\n{''.join(items)}"
+    raise SystemExit(f"docs/validation.md: no section {row.name!r}; write its words there")
 
 
 @case(
     option("--part", nargs="+", choices=PARTS, default=USUAL, help="only these rows and figures"),
-    option("--write", action="store_true", help="put the rows into docs/validation.md"),
+    option("--write", action="store_true", help="put the results into the pages"),
 )
 def validation(asked: argparse.Namespace) -> Iterator[Line]:
     """Closed forms and published results, beside those of warpchain.
@@ -76,20 +82,20 @@ def validation(asked: argparse.Namespace) -> Iterator[Line]:
     python scripts/figures.py validation [--write]
     python scripts/figures.py validation --part codes [--write]
 
-    Prints the table of docs/validation.md and draws its figures. Nothing is tuned: values that a source does not state
-    are swept. Helpers of tests/ compute the closed forms; they need the extra `dev`. The part `codes` is left out
-    unless it is named; it needs the extra `codes`.
+    Prints the results of docs/validation.md and validation-published.md and draws their figures. Nothing is tuned:
+    values that a source does not state are swept. Helpers of tests/ compute the closed forms; they need the extra
+    `dev`. The part `codes` is left out unless it is named; it needs the extra `codes`.
     """
     figures: dict[str, Any] = {}
-    page = PAGE.read_text()
+    pages = {path: path.read_text() for path in PAGES}
     for part in asked.part:
         for line in PARTS[part]():
             if isinstance(line, Mapping):
                 figures |= line
             elif isinstance(line, Row):
-                stated, written = whole(line, page)
-                page = page.replace(stated, written)
-                yield written
-    if asked.write:
-        PAGE.write_text(page)
+                path, stated, made = renewed(line, pages)
+                pages[path] = pages[path].replace(stated, made)
+                yield made
+    for path, page in pages.items() if asked.write else ():
+        path.write_text(page)
     yield figures

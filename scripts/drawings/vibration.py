@@ -1,4 +1,4 @@
-"""Vibration of a running strand: rows of docs/validation.md."""
+"""Vibration of a running strand: results of docs/validation.md."""
 
 import math
 from collections.abc import Iterator
@@ -182,7 +182,7 @@ def running_strand(axes: Any) -> Iterator[Line]:
         yield Row(
             name=f"running strand, {names[mode]} mode",
             states=f"f_{mode} = {times}(c^2 - v^2)/(2 L c); at v/c of 0 to {fast.share:.2f}: {slow.string:.3f} to "
-            f"{fast.string:.3f} Hz; as a chain of masses (below) {slow.masses:.3f} to {fast.masses:.3f} Hz",
+            f"{fast.string:.3f} Hz; as a chain of masses {slow.masses:.3f} to {fast.masses:.3f} Hz",
             gives=f"{slow.found[0]:.3f} to {fast.found[0]:.3f} Hz; `modes` {shown[0]:.3f} to {shown[-1]:.3f} Hz",
             differs=f"from the masses: up to v/c = {row[-3].share:.2f} {spread(off[0])}. At {fast.share:.2f} "
             f"{spread(off[1])}, second peaks {spread(late)}, with links damped more {spread(off[2])}. `modes` at their "

@@ -35,7 +35,7 @@ GROUPS = {
     "Examples at length": ("car", "swing-idler", "motorcycle", "derailleur"),
     "Studies and decisions": ("studies", "analysis", "optimization", "risk", "calibration", "jump", "judged-runs"),
     "Playback and archive": ("playback", "report", "modes", "interchange", "archive", "formats"),
-    "Model and limits": ("validation", "model", "devices", "performance", "reliability"),
+    "Model and limits": ("validation", "validation-published", "model", "devices", "performance", "reliability"),
     "Reference": ("metrics",),
     "The project": ("contributing", "architecture", "kernels"),
 }
