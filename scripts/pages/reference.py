@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import warpchain
 from pages.tables import table
-from warpchain.cli.parser import parser as command_line
+from warpchain.cli.parser import command_line_parser as command_line
 from warpchain.drive import Drive
 from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.drive.quantities import descriptions

@@ -14,7 +14,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.fitting import drawn_paths, fit_links, fit_position, fit_positions, strand_sag
 from warpchain.assembly.summary import derive
-from warpchain.cli.fit_command import _state
+from warpchain.cli.fit_command import _fit_state_lines
 from warpchain.drive.drive_text import with_changes
 from warpchain.errors import DriveError
 
@@ -134,7 +134,7 @@ def test_links_that_leave_the_chain_on_the_arms_go_before_slack_ones():
     high, low = (drive.with_values({"sprockets.cam.center": (0.02, 0.30 + off)}) for off in (0.01, 0.006))
     assert fit_links(high, odd=True).chain.links == 94
     assert fit_links(low).chain.links == 94
-    (line,) = [line for line in _state(fit_links(low)) if "LOOK AT" in line]
+    (line,) = [line for line in _fit_state_lines(fit_links(low)) if "LOOK AT" in line]
     assert line.startswith("LOOK AT arms.tensioner arm: stands at 10 degrees, as it would without a chain")
 
 

@@ -15,9 +15,9 @@ from waiting import bytes_in, wait_for
 
 from warpchain import cli, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
-from warpchain.cli.commands import _status_lines
-from warpchain.cli.shared_options import name_options
-from warpchain.cli.study_commands import about
+from warpchain.cli.commands import _run_status_lines
+from warpchain.cli.shared_options import message_with_options
+from warpchain.cli.study_commands import study_notes
 from warpchain.drive import dumps_drive
 from warpchain.drive.examples import drive_path
 
@@ -162,7 +162,9 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     assert status == 0
     assert sum(line.startswith("status: suspect: energy residual") for line in out) == 1
     # what to do stands behind each reason, a line each
-    lines = _status_lines({"status": "suspect", "reason": "energy residual 2 %: take a smaller step; slipped: preload"})
+    lines = _run_status_lines(
+        {"status": "suspect", "reason": "energy residual 2 %: take a smaller step; slipped: preload"}
+    )
     assert lines == ["status: suspect: energy residual 2 %: take a smaller step", "  and: slipped: preload"]
     assert len(err) == 1 and err[0].startswith("warpchain: warning: suspect: energy residual")
     strict = [*words, "--overwrite", "--strict"]
@@ -238,8 +240,10 @@ def test_what_is_no_option_of_a_command_is_named_as_its_file_has_it():
     known = argparse.Namespace(study="s.toml", memory=1)
     text = 'lower memory=, or use precision="float32"; x=True\nchain.links = 9: use device="cpu"'
     told = 'lower --memory, or use run.precision = "float32"; x=True\nchain.links = 9: use run.device = "cpu"'
-    assert name_options(text, known) == told
-    assert name_options("device = 'cuda': none", argparse.Namespace(folder="out")) == "run.device = 'cuda': none"
+    assert message_with_options(text, known) == told
+    assert (
+        message_with_options("device = 'cuda': none", argparse.Namespace(folder="out")) == "run.device = 'cuda': none"
+    )
 
 
 SIZES = {"mJ": 1e-3, "J": 1.0, "kJ": 1e3, "N": 1.0, "kN": 1e3}
@@ -278,4 +282,4 @@ def test_a_start_names_what_judges_it_and_gives_no_efficiency(capsys, tmp_path):
 def test_a_page_tells_settings_as_the_study_file_has_them(tmp_path):
     """TOML's words, not Python's."""
     (tmp_path / "study.toml").write_text('[design]\nkind = "sobol"\n[run]\nkeep_states = false\nwindow = [0.1, 0.3]\n')
-    assert about(tmp_path) == {"design": 'kind = "sobol"', "run": "keep_states = false, window = [0.1, 0.3]"}
+    assert study_notes(tmp_path) == {"design": 'kind = "sobol"', "run": "keep_states = false, window = [0.1, 0.3]"}

@@ -9,7 +9,7 @@ from drives import example
 from loading import load_script
 
 from warpchain.cli import main
-from warpchain.cli.shared_options import angular_speed
+from warpchain.cli.shared_options import angular_speed_from_word
 from warpchain.drive import Drive
 from warpchain.drive.quantities import QUANTITY, converted, unit_of
 from warpchain.errors import DriveError
@@ -84,7 +84,7 @@ def test_a_condition_compares_with_no_number_beyond_all_numbers():
 @pytest.mark.parametrize("word", ["nan", "inf", "9e999rpm", "1e400"])
 def test_a_speed_on_the_command_line_is_finite(word):
     with pytest.raises(ArgumentTypeError, match="must be a finite number of rad/s, or one with rad/s or rpm"):
-        angular_speed(word)
+        angular_speed_from_word(word)
 
 
 def test_on_the_command_line_units_need_no_quotes(capsys):
@@ -92,8 +92,8 @@ def test_on_the_command_line_units_need_no_quotes(capsys):
     assert main(["check", "car", "--set", "run.duration=3 m"]) == 2
     assert "a unit that fits: s, ms, us, min" in capsys.readouterr().err
     with pytest.raises(ArgumentTypeError, match="'3000Hz': must be a finite number of rad/s, or one with rad/s or rpm"):
-        angular_speed("3000Hz")
-    assert angular_speed("30rpm") == math.pi and angular_speed("2.5") == 2.5
+        angular_speed_from_word("3000Hz")
+    assert angular_speed_from_word("30rpm") == math.pi and angular_speed_from_word("2.5") == 2.5
 
 
 def test_every_number_of_a_drive_file_has_a_unit():

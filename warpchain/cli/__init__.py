@@ -17,4 +17,4 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("warpchain: interrupted", file=sys.stderr)
         return 1
-    return parser.main(argv)
+    return parser.run_command_line(argv)

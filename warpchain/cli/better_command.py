@@ -7,23 +7,34 @@ import json
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.commands import DONE, UNFINISHED, resumable
-from warpchain.cli.search_commands import add_search
-from warpchain.cli.shared_options import Options, number, run_options, say_unless_quiet, whole_number
+from warpchain.cli.commands import DONE, UNFINISHED, resumable_command
+from warpchain.cli.search_commands import add_search_command
+from warpchain.cli.shared_options import (
+    OptionSettings,
+    number_from_word,
+    run_options_from_arguments,
+    status_printer,
+    whole_number_from_word,
+)
 
 if TYPE_CHECKING:
     from warpchain.study.optimize.better import Better
 
 
-OPTIONS: Options = {
+BETTER_OPTIONS: OptionSettings = {
     "drives": {"metavar": "DRIVE", "nargs": 2, "help": "A and B: drive files, or names of example drives"},
     "--metric": {"metavar": "NAME", "help": "what is compared; default the study's only objective"},
     "--sense": {"choices": ["min", "max"], "help": "which is better; default the objective's, or min"},
-    "--level": {"type": number, "default": 0.95, "metavar": "P", "help": "confidence level (default 0.95)"},
-    "--budget": {"type": whole_number, "default": 200, "metavar": "RUNS", "help": "runs of both at most (default 200)"},
-    "--batch": {"type": whole_number, "default": 8, "metavar": "PAIRS", "help": "run at once (default 8)"},
+    "--level": {"type": number_from_word, "default": 0.95, "metavar": "P", "help": "confidence level (default 0.95)"},
+    "--budget": {
+        "type": whole_number_from_word,
+        "default": 200,
+        "metavar": "RUNS",
+        "help": "runs of both at most (default 200)",
+    },
+    "--batch": {"type": whole_number_from_word, "default": 8, "metavar": "PAIRS", "help": "run at once (default 8)"},
     "--event": {
-        "type": number,
+        "type": number_from_word,
         "metavar": "X",
         "help": "change of a difference by rare events that is reckoned with though no pair had it, in SI units "
         "(default 20 deviations of the differences; 0 leaves it at the largest that was there)",
@@ -36,29 +47,31 @@ def add_better(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
     text = "which of two drives is better under noise, with confidence"
     words = "STUDY.toml today.toml proposed.toml --metric tension_q999"
-    add_search(commands, _better, text, "noise factors", words, OPTIONS)
+    add_search_command(commands, better_command, text, "noise factors", words, BETTER_OPTIONS)
 
 
-@resumable("what is done is")
-def _better(arguments: argparse.Namespace) -> int:
+@resumable_command("what is done is")
+def better_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.optimize.better import Comparison, find_better
 
     by = Comparison(*(getattr(arguments, name) for name in ("metric", "sense", "level", "budget", "batch", "event")))
-    say = say_unless_quiet(arguments)
-    report = None if say is None else lambda now: say(_status(now))
+    say = status_printer(arguments)
+    report = None if say is None else lambda now: say(_progress_text(now))
     drives = tuple(arguments.drives)
-    found = find_better(arguments.study, drives, arguments.output, by, report=report, **run_options(arguments))
-    lines = [json.dumps(_values(found), indent=2)] if arguments.json else _lines(found, arguments.drives)
+    found = find_better(
+        arguments.study, drives, arguments.output, by, report=report, **run_options_from_arguments(arguments)
+    )
+    lines = [json.dumps(_better_json(found), indent=2)] if arguments.json else _better_lines(found, arguments.drives)
     print(*lines, sep="\n")
     return UNFINISHED if found.better is None else DONE
 
 
-def _status(found: Better) -> str:
+def _progress_text(found: Better) -> str:
     """The difference so far in one line."""
-    return f"{found.found.pairs} pairs: B less A {_difference(found)}"
+    return f"{found.found.pairs} pairs: B less A {_difference_text(found)}"
 
 
-def _difference(found: Better) -> str:
+def _difference_text(found: Better) -> str:
     from warpchain.results.units import quantity
 
     of = found.found
@@ -68,7 +81,7 @@ def _difference(found: Better) -> str:
     return f"{mean}, {low} to {high} with {100.0 * of.level:g} % confidence"
 
 
-def _lines(found: Better, drives: list[str]) -> list[str]:
+def _better_lines(found: Better, drives: list[str]) -> list[str]:
     """The answer in words."""
     from warpchain.results.units import quantity
 
@@ -78,7 +91,7 @@ def _lines(found: Better, drives: list[str]) -> list[str]:
     lines += [f"{name}: {quantity(m, found.unit)} in the mean, better in {found.won(name)} of {of.pairs} pairs: {drive}"
               for name, m, drive in zip("AB", found.means, drives, strict=True)]  # fmt: skip
     part = f" ({100.0 * of.mean / abs(found.means[0]):+.2g} %)" if found.means[0] else ""
-    lines.append(f"B less A: {_difference(found)}{part}")
+    lines.append(f"B less A: {_difference_text(found)}{part}")
     cost = f"{found.runs} runs of {found.budget}, {len(found.differences)} pairs"
     where = " where both runs are ok" if left_out else ""
     confidence = f"{100.0 * of.level:g} % confidence"
@@ -88,10 +101,10 @@ def _lines(found: Better, drives: list[str]) -> list[str]:
         lines.append(f"undecided which is better{where} ({confidence}); cost: {cost}")
         if found.shown is not None:
             lines.append(f"  {found.shown} is better as far as these pairs show ({confidence})")
-        lines.append(f"  {_what_would_help(found)}")
+        lines.append(f"  {_decision_text(found)}")
     if of.heavy:
         lines.append(f"  {of.carriers} of {of.pairs} pairs carry half of the scatter: the mean depends on few of them")
-    lines.append(f"  {_what_is_missed(found)}")
+    lines.append(f"  {_rare_event_text(found)}")
     for name in "AB":
         count, reason = found.lost(name)
         if count:
@@ -99,7 +112,7 @@ def _lines(found: Better, drives: list[str]) -> list[str]:
     return [*lines, *(f"runs of {name}: {folder}" for name, folder in zip("AB", found.folders, strict=True))]
 
 
-def _what_would_help(found: Better) -> str:
+def _decision_text(found: Better) -> str:
     """A line on what would decide it."""
     from warpchain.results.units import quantity
 
@@ -115,7 +128,7 @@ def _what_would_help(found: Better) -> str:
     return f"{text}, or a lower --event if rare events are smaller" if of.largest < of.reversal < of.reckoned else text
 
 
-def _what_is_missed(found: Better) -> str:
+def _rare_event_text(found: Better) -> str:
     """A line on the rare events that the pairs may have missed, and on those that are reckoned with."""
     from warpchain.results.units import quantity
 
@@ -128,7 +141,7 @@ def _what_is_missed(found: Better) -> str:
     return f"{text}; reckoned with: {quantity(of.reckoned, found.unit)}{deviations}"
 
 
-def _values(found: Better) -> dict[str, Any]:
+def _better_json(found: Better) -> dict[str, Any]:
     """The answer as JSON."""
     of = found.found
     drives = {

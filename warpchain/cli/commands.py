@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.shared_options import Command
+from warpchain.cli.shared_options import CommandBody
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
@@ -22,14 +22,14 @@ DONE, UNFINISHED, WRONG, NOT_OK = 0, 1, 2, 3
 `run --strict`, a suspect run."""
 
 
-def resumable(kept: str) -> Callable[[Command], Command]:
+def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
     """Makes a command start Warp first, and say that it goes on where Ctrl-C has stopped it.
 
     Args:
         kept: what is kept then, with its verb.
     """
 
-    def wrap(run: Command) -> Command:
+    def wrap(run: CommandBody) -> CommandBody:
         @wraps(run)
         def command(arguments: argparse.Namespace) -> int:
             from warpchain.engine import start_warp
@@ -46,14 +46,14 @@ def resumable(kept: str) -> Callable[[Command], Command]:
     return wrap
 
 
-def _said(lines: Iterable[str]) -> int:
+def _print_lines(lines: Iterable[str]) -> int:
     """Prints lines as they come; the status of a command that is done."""
     for line in lines:
         print(line)
     return DONE
 
 
-def _value(word: str) -> Any:
+def _value_from_word(word: str) -> Any:
     """A value as TOML reads it; a word that is not TOML is a text."""
     import tomllib
 
@@ -64,7 +64,7 @@ def _value(word: str) -> Any:
     return table["value"] if len(table) == 1 else word
 
 
-def _load(arguments: argparse.Namespace) -> Any:
+def _load_drive(arguments: argparse.Namespace) -> Any:
     from warpchain.drive import load_drive
     from warpchain.drive.examples import drive_path
 
@@ -74,18 +74,18 @@ def _load(arguments: argparse.Namespace) -> Any:
         path, mark, value = change.partition("=")
         if not mark or not path.strip():
             raise WarpchainError(f"--set {change}: must be PATH=VALUE, such as run.duration=0.5")
-        changes[path.strip()] = _value(value.strip())
+        changes[path.strip()] = _value_from_word(value.strip())
     return drive.with_values(changes) if changes else drive
 
 
-def check(arguments: argparse.Namespace) -> int:
+def check_command(arguments: argparse.Namespace) -> int:
     from warpchain.assembly.summary import derive, report
 
-    drive = _load(arguments)
+    drive = _load_drive(arguments)
     if arguments.output is not None:  # also of a drive whose number of links does not fit
-        from warpchain.cli.draw_command import draw_to
+        from warpchain.cli.draw_command import draw_drive
 
-        draw_to(drive, arguments.output)
+        draw_drive(drive, arguments.output)
     values = derive(drive)
     if arguments.json:
         import json
@@ -96,25 +96,25 @@ def check(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def draw(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.draw_command import drawn_lines, watch
+def draw_command(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.draw_command import draw_lines, watch_drive_file
 
     if arguments.watch:
-        watch(lambda: _load(arguments), arguments)
+        watch_drive_file(lambda: _load_drive(arguments), arguments)
         return DONE
-    return _said(drawn_lines(_load(arguments), arguments.output))
+    return _print_lines(draw_lines(_load_drive(arguments), arguments.output))
 
 
-def new(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.new_command import new_file
+def new_command(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.new_command import new_drive_file
 
-    return _said(new_file(arguments))
+    return _print_lines(new_drive_file(arguments))
 
 
-def metrics(arguments: argparse.Namespace) -> int:
+def metrics_command(arguments: argparse.Namespace) -> int:
     from warpchain.results.metric_columns import column_of, table_names
 
-    columns = {name: column_of(name) for name in table_names(_load(arguments))}
+    columns = {name: column_of(name) for name in table_names(_load_drive(arguments))}
     rows = [(name, column.unit, column.title) for name, column in columns.items() if column]
     if arguments.json:
         import json
@@ -127,7 +127,7 @@ def metrics(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def schema(arguments: argparse.Namespace) -> int:
+def schema_command(arguments: argparse.Namespace) -> int:
     from warpchain.drive.json_schema import drive_schema, schema_text
     from warpchain.study.spec import study_schema
 
@@ -135,14 +135,14 @@ def schema(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def chains(_: argparse.Namespace) -> int:
+def chains_command(_: argparse.Namespace) -> int:
     from warpchain.drive.catalogue import listing
 
     print(listing())
     return DONE
 
 
-def devices(arguments: argparse.Namespace) -> int:
+def devices_command(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
     from warpchain.engine.device_choice import machine, measured, processor, store, stored
     from warpchain.engine.devices import usable_gpus
@@ -160,7 +160,7 @@ def devices(arguments: argparse.Namespace) -> int:
         print("no NVIDIA GPU that Warp can use: runs take the CPU")
     known = stored(gpus)
     for name, speed in sorted(known.items()):
-        print(f"{name}, measured: {_speed_line(speed, name.startswith('cpu'))}")
+        print(f"{name}, measured: {_device_speed_text(speed, name.startswith('cpu'))}")
     if known:
         print(f"stored in {store()}")
     else:
@@ -168,7 +168,7 @@ def devices(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _speed_line(speed: Speed, of_cpu: bool) -> str:
+def _device_speed_text(speed: Speed, of_cpu: bool) -> str:
     """The numbers of a device at a precision."""
     about = f"{speed.rate / 1e6:.4g} million roller-steps a second"
     if of_cpu:
@@ -178,37 +178,37 @@ def _speed_line(speed: Speed, of_cpu: bool) -> str:
     return about + (f", {speed.compiling:.2g} s to compile kernels" if speed.compiling else "")
 
 
-def fit(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.fit_command import fit_file
+def fit_command(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.fit_command import fit_drive_file
 
-    return _said(fit_file(arguments))
+    return _print_lines(fit_drive_file(arguments))
 
 
-def modes(arguments: argparse.Namespace) -> int:
+def modes_command(arguments: argparse.Namespace) -> int:
     from warpchain.cli.modes_command import mode_command_lines
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    return _said(mode_command_lines(_load(arguments), arguments))
+    return _print_lines(mode_command_lines(_load_drive(arguments), arguments))
 
 
-def tensioner(arguments: argparse.Namespace) -> int:
+def tensioner_command(arguments: argparse.Namespace) -> int:
     from warpchain.cli.tensioner_command import tensioner_lines
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    return _said(tensioner_lines(_load(arguments), arguments))
+    return _print_lines(tensioner_lines(_load_drive(arguments), arguments))
 
 
-def jump(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.jump_command import jump_lines
+def jump_command(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.jump_command import jump_command_lines
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    return _said(jump_lines(_load(arguments), arguments))
+    return _print_lines(jump_command_lines(_load_drive(arguments), arguments))
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_command(arguments: argparse.Namespace) -> int:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine import start_warp
     from warpchain.engine.simulation import simulate
@@ -221,9 +221,9 @@ def run(arguments: argparse.Namespace) -> int:
         exact_positions=arguments.exact_positions,
         split_size=arguments.split_size,
     )
-    record = Record(rate=arguments.rate, channels=_channels(arguments.channels))
+    record = Record(rate=arguments.rate, channels=_channels_from_words(arguments.channels))
     start_warp(precompiled=False)
-    drive = _load(arguments)
+    drive = _load_drive(arguments)
     run = simulate(
         drive,
         device=arguments.device,
@@ -237,10 +237,10 @@ def run(arguments: argparse.Namespace) -> int:
         archive=arguments.output,
         archive_options=options,
         overwrite=arguments.overwrite,
-        limits=_limits(arguments.limit),
+        limits=_limits_from_words(arguments.limit),
     )
     row = run.metrics.to_pylist()[0]
-    for line in _summary(drive, row, run.info.wall_time):
+    for line in _run_summary(drive, row, run.info.wall_time):
         print(line)
     if run.info.choice:
         print(f"device: {run.info.device}, {run.info.choice}")
@@ -252,7 +252,7 @@ def run(arguments: argparse.Namespace) -> int:
     return NOT_OK if arguments.strict and row["status"] != OK else DONE
 
 
-def _channels(words: list[str]) -> tuple[str, ...]:
+def _channels_from_words(words: list[str]) -> tuple[str, ...]:
     """The channels that words name, each once; "default" means those that are not on request."""
     from warpchain.results.channels import DEFAULT, NAMES
 
@@ -262,7 +262,7 @@ def _channels(words: list[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for word in words for name in (DEFAULT if word == "default" else (word,))))
 
 
-def _limits(words: list[str]) -> Any:
+def _limits_from_words(words: list[str]) -> Any:
     """The limits that a run is judged by, of words KEY=VALUE."""
     from warpchain.results.judgement import Limits
 
@@ -271,14 +271,14 @@ def _limits(words: list[str]) -> Any:
         key, mark, value = word.partition("=")
         if not mark or not key.strip():
             raise WarpchainError(f"--limit {word}: must be KEY=VALUE, such as energy_residual=0.02")
-        changes[key.strip()] = _value(value.strip())
+        changes[key.strip()] = _value_from_word(value.strip())
     try:
         return Limits(**changes)
     except WarpchainError as error:
         raise WarpchainError(re.sub(r"^limits: (\S+) = ", r"--limit \1=", str(error), flags=re.MULTILINE)) from None
 
 
-def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
+def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     """Results of a run in a few lines."""
     from warpchain.results.judgement import STARTS
     from warpchain.results.losses import losses
@@ -318,15 +318,15 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     rubbed = [row[name] for name in joints if row.get(name) is not None]
     rubbing = f", joint friction {quantity(sum(rubbed), 'J')}" if rubbed else ""
     lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
-    lines += _loss_lines(drive, row)
+    lines += _run_loss_lines(drive, row)
     if row.get("steady") is False:
         change = row.get("tension_drift")
         size = "" if change is None else f" (mean tension changes by {quantity(change, 'N')} over the window)"
         lines.append(f"not steady yet{size}: run longer (--duration) before you take its means for those of the drive")
-    return [*lines, *_status_lines(row)]
+    return [*lines, *_run_status_lines(row)]
 
 
-def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
+def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
     """Losses of the drive by group: power, and share of the input."""
     from warpchain.results.losses import losses
     from warpchain.results.units import quantity
@@ -345,13 +345,13 @@ def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
     return [f"losses: {quantity(total / seconds, 'W')}{part}: {', '.join(shares)}"]
 
 
-def _status_lines(row: dict[str, Any]) -> list[str]:
+def _run_status_lines(row: dict[str, Any]) -> list[str]:
     """Status of a run; where it is not ok, why, and what to do about it: a line for each reason."""
     first, *further = row["reason"].split("; ")
     return [f"status: {row['status']}" + (f": {first}" if first else ""), *(f"  and: {reason}" for reason in further)]
 
 
-def view(arguments: argparse.Namespace) -> int:
+def view_command(arguments: argparse.Namespace) -> int:
     from warpchain.view.rerun.run_playback import FRAME_BUDGET, view
 
     view(
@@ -368,7 +368,7 @@ def view(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def plot(arguments: argparse.Namespace) -> int:
+def plot_command(arguments: argparse.Namespace) -> int:
     from warpchain.view.figures.plot import plot_figures, plot_sweep
 
     if arguments.sweep is not None:
@@ -378,10 +378,10 @@ def plot(arguments: argparse.Namespace) -> int:
         paths = plot_figures(
             arguments.archive, arguments.output, kind=arguments.format, scale=arguments.scale, **chosen
         )
-    return _said(map(str, paths))
+    return _print_lines(map(str, paths))
 
 
-def report(arguments: argparse.Namespace) -> int:
+def report_command(arguments: argparse.Namespace) -> int:
     from warpchain.results.engineering_report import Wear
     from warpchain.results.joint_wear import WEAR_COEFFICIENT
     from warpchain.view.report import report
@@ -392,7 +392,7 @@ def report(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def export(arguments: argparse.Namespace) -> int:
+def export_command(arguments: argparse.Namespace) -> int:
     from warpchain.archive.export import export, export_metrics, export_orders
 
     if arguments.metrics and arguments.orders:
@@ -407,13 +407,13 @@ def export(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def import_signal(arguments: argparse.Namespace) -> int:
-    from warpchain.cli.signal_command import compare
+def import_command(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.signal_command import compare_signal
 
-    return _said(compare(arguments))
+    return _print_lines(compare_signal(arguments))
 
 
-def recover(arguments: argparse.Namespace) -> int:
+def recover_command(arguments: argparse.Namespace) -> int:
     from warpchain.archive.recover import recover_archive
 
     recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)

@@ -13,11 +13,11 @@ from warpchain.errors import WarpchainError
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
-INTERVAL = 0.25
+WATCH_INTERVAL = 0.25
 """Seconds between two looks at the drive file."""
 
 
-def draw_to(drive: Drive, path: Path) -> None:
+def draw_drive(drive: Drive, path: Path) -> None:
     """Writes the picture of a drive, also of one whose number of links does not fit.
 
     Raises:
@@ -26,11 +26,11 @@ def draw_to(drive: Drive, path: Path) -> None:
     from warpchain.view.figures.drive_figure import drive_figure
     from warpchain.view.figures.figure_style import save_figure
 
-    check_ending(path)
+    check_picture_ending(path)
     save_figure(drive_figure(drive), path)
 
 
-def check_ending(path: Path) -> None:
+def check_picture_ending(path: Path) -> None:
     """Refuses a picture's name that ends in neither .png nor .svg."""
     from warpchain.view.figures.figure_style import FIGURE_KINDS
 
@@ -38,19 +38,19 @@ def check_ending(path: Path) -> None:
         raise WarpchainError(f"-o {path}: must end in {', '.join(f'.{kind}' for kind in FIGURE_KINDS)}")
 
 
-def drawn_lines(drive: Drive, path: Path) -> list[str]:
+def draw_lines(drive: Drive, path: Path) -> list[str]:
     """Draws a drive; returns how its chain fits and what `check` finds, and the picture's name.
 
     Raises:
-        WarpchainError: as `draw_to` and `warpchain.assembly.summary.derive`.
+        WarpchainError: as `draw_drive` and `warpchain.assembly.summary.derive`.
     """
     from warpchain.assembly.summary import derive, fit_and_findings
 
-    draw_to(drive, path)
+    draw_drive(drive, path)
     return [*fit_and_findings(derive(drive)), str(path)]
 
 
-def watch(load: Callable[[], Drive], arguments: Namespace) -> None:
+def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
     """Draws at once and whenever the drive file changes, until Ctrl-C; says what is wrong and goes on looking.
 
     Args:
@@ -62,29 +62,29 @@ def watch(load: Callable[[], Drive], arguments: Namespace) -> None:
     """
     from warpchain.drive.examples import drive_path
 
-    check_ending(arguments.output)
+    check_picture_ending(arguments.output)
     file, known = drive_path(arguments.drive), None
     try:
         while True:
-            now = _state(file)
+            now = _file_state(file)
             if now != known:
                 known = now
-                for line in _findings(load, arguments.output):
+                for line in _draw_lines_or_errors(load, arguments.output):
                     print(f"{time.strftime('%H:%M:%S')} {line}", flush=True)
-            time.sleep(INTERVAL)
+            time.sleep(WATCH_INTERVAL)
     except KeyboardInterrupt:
         return
 
 
-def _findings(load: Callable[[], Drive], path: Path) -> list[str]:
+def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
     """Lines on the drive as it now stands; errors are lines as well."""
     try:
-        return drawn_lines(load(), path)
+        return draw_lines(load(), path)
     except WarpchainError as error:
         return [f"error: {line}" for line in str(error).splitlines()]
 
 
-def _state(file: Path) -> tuple[int, int, int] | None:
+def _file_state(file: Path) -> tuple[int, int, int] | None:
     """A file's state, another after each save; None while an editor has it away."""
     try:
         now = file.stat()

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 FIT_DIGITS = 15
 """Significant digits of centers in the file: all that fitting leaves of them, which is 1e-10 m."""
-NEAR = 1.0
+ANGLE_TOLERANCE = 1.0
 """Of a wanted angle of an arm [degrees]: nearer is as near as wanted."""
 
 
-def fit_file(arguments: Namespace) -> list[str]:
+def fit_drive_file(arguments: Namespace) -> list[str]:
     """Runs the command; returns the lines to print.
 
     Args:
@@ -54,7 +54,7 @@ def fit_file(arguments: Namespace) -> list[str]:
 
     text = read_drive_text(path)
     before = loads_drive(text, str(path), Path(path).parent)
-    angle = _angle(before, arguments)
+    angle = _wanted_arm_angle(before, arguments)
     if before.chains and arguments.chain is None and arguments.sprocket is None:
         names = ", ".join(chain.name for chain in before.chains)
         raise DriveError(f"--chain: must be given, as there are several chains; allowed are {names}")
@@ -63,12 +63,12 @@ def fit_file(arguments: Namespace) -> list[str]:
         raise DriveError(f'--chain {chain}: "{arguments.sprocket}" is of the chain "{own}"')
     drive = fit_links(before, odd=arguments.odd, angle=angle, chain=chain) if arguments.links else before
     if moving and angle is not None and not any(x is not None for x in wanted):
-        drive = fit_angle(drive, arguments.sprocket, _direction(arguments.along), angle)
+        drive = fit_angle(drive, arguments.sprocket, _direction_from_word(arguments.along), angle)
     elif moving:
         drive = fit_position(
             drive,
             arguments.sprocket,
-            _direction(arguments.along),
+            _direction_from_word(arguments.along),
             strain=arguments.strain,
             preload=arguments.preload,
             sag=arguments.sag,
@@ -76,10 +76,15 @@ def fit_file(arguments: Namespace) -> list[str]:
         )
     beside = output.parent.resolve() == path.parent.resolve()
     write_drive_text(with_changes(text if beside else text_alone(path), before, drive, FIT_DIGITS), output)
-    return [*_changes(before, drive), *_state(drive), *_off(drive, angle or {}), f"written: {output}"]
+    return [
+        *_fit_change_lines(before, drive),
+        *_fit_state_lines(drive),
+        *_missed_angle_lines(drive, angle or {}),
+        f"written: {output}",
+    ]
 
 
-def _angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
+def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
     """The wanted angle of an arm by its name [degrees]."""
     if arguments.angle is None:
         if arguments.arm is not None:
@@ -90,7 +95,7 @@ def _angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
     return {arguments.arm or drive.arms[0].name: arguments.angle}
 
 
-def _direction(word: str) -> list[float]:
+def _direction_from_word(word: str) -> list[float]:
     try:
         direction = [float(part) for part in word.split(",")]
     except ValueError:
@@ -100,7 +105,7 @@ def _direction(word: str) -> list[float]:
     return direction
 
 
-def _changes(before: Drive, after: Drive) -> list[str]:
+def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
     lines = []
     for old_ring, ring in zip(rings_of(before), rings_of(after), strict=True):
         links, was = ring.drive.chain.links, old_ring.drive.chain.links
@@ -112,7 +117,7 @@ def _changes(before: Drive, after: Drive) -> list[str]:
     return lines or ["nothing changed: as it is, it is the nearest to what was asked"]
 
 
-def _off(drive: Drive, wanted: dict[str, float]) -> list[str]:
+def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
     """A line on each arm that does not stand where it was wanted [degrees]."""
     lines = []
     for ring in rings_of(drive):
@@ -122,26 +127,26 @@ def _off(drive: Drive, wanted: dict[str, float]) -> list[str]:
             f"LOOK AT arms.{name}: stands at {angles[a]:.4g} degrees, where {wanted[name]:g} was asked: --sprocket "
             "with --angle moves a sprocket until it stands there"
             for a, name in mine
-            if abs(angles[a] - wanted[name]) > NEAR
+            if abs(angles[a] - wanted[name]) > ANGLE_TOLERANCE
         ]
     return lines
 
 
-def _state(drive: Drive) -> list[str]:
+def _fit_state_lines(drive: Drive) -> list[str]:
     """Strain, preload and sags of the drive's chains after the fit; of several also which one does not fit."""
     if not drive.chains:
-        return _chain_state(drive)
+        return _chain_fit_lines(drive)
     lines = []
     for ring in rings_of(drive):
         try:
-            lines += [f"{ring.name}: {line}" for line in _chain_state(ring.drive)]
+            lines += [f"{ring.name}: {line}" for line in _chain_fit_lines(ring.drive)]
         except DriveError as error:
             lines.append(f"LOOK AT {ring.name}: {error}")
     return lines
 
 
-def _chain_state(drive: Drive) -> list[str]:
-    """`_state` of a chain."""
+def _chain_fit_lines(drive: Drive) -> list[str]:
+    """`_fit_state_lines` of a chain."""
     assembly = assemble(drive)
     state = "taut" if assembly.strain >= 0.0 else "slack"
     preload = max(0.0, drive.chain.mean_stiffness * drive.chain.pitch * assembly.strain)

@@ -12,7 +12,7 @@ from warpchain.drive import Drive
 from warpchain.engine.jump import BOTH, UNITS, Jump, find_jumps
 
 
-def jump_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     """Searches as asked, and returns the lines to print."""
     quiet = arguments.quiet
     found = find_jumps(
@@ -31,33 +31,35 @@ def jump_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         report=(lambda line: None) if quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr),
     )
     if arguments.json:
-        directions = {jump.direction: _values(jump, arguments.by) for jump in found}
+        directions = {jump.direction: _jump_json(jump, arguments.by) for jump in found}
         return [json.dumps({"units": "SI", "by": arguments.by, "unit": UNITS[arguments.by], **directions}, indent=2)]
-    return [line for jump in found for line in _lines(jump, arguments.by)]
+    return [line for jump in found for line in _jump_lines(jump, arguments.by)]
 
 
-def margin(jump: Jump, by: str) -> float | None:
+def jump_margin(jump: Jump, by: str) -> float | None:
     """The torque that holds over the drive's own, or the wear that holds less its own; None if it has no torque."""
     if by == "wear":
         return jump.holds - jump.own
     return jump.holds / abs(jump.own) if jump.own else None
 
 
-def _values(jump: Jump, by: str) -> dict[str, object]:
+def _jump_json(jump: Jump, by: str) -> dict[str, object]:
     values = {key: value for key, value in asdict(jump).items() if key != "direction"}
     known = {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
-    return known | {"margin": margin(jump, by)}
+    return known | {"margin": jump_margin(jump, by)}
 
 
-def _lines(jump: Jump, by: str) -> list[str]:
+def _jump_lines(jump: Jump, by: str) -> list[str]:
     def said(value: float) -> str:
         return f"{value:.4g} N m on {jump.on}" if by == "torque" else f"{100.0 * value:.3g} % of wear{chain}"
 
     chain = f" of {jump.on}" if by == "wear" and jump.on else ""
     if jump.jumps is None:
-        return [f"{jump.direction}: no jump up to {said(jump.holds)}; {_own(jump, by)}"]
+        return [f"{jump.direction}: no jump up to {said(jump.holds)}; {_own_load_text(jump, by)}"]
     where = "the chain breaks down" if jump.sprocket is None else f"the chain jumps on {jump.sprocket}"
-    lines = [f"{jump.direction}: {where} at {said(jump.jumps)}, and holds at {said(jump.holds)}; {_own(jump, by)}"]
+    lines = [
+        f"{jump.direction}: {where} at {said(jump.jumps)}, and holds at {said(jump.holds)}; {_own_load_text(jump, by)}"
+    ]
     if not math.isnan(jump.tension):
         beside = f", {jump.tight:.4g} and {jump.slack:.4g} N in the mean beside it" if jump.sprocket else ""
         lines.append(f"  tension there: {jump.tension:.4g} N at most{beside}")
@@ -67,9 +69,9 @@ def _lines(jump: Jump, by: str) -> list[str]:
     return lines
 
 
-def _own(jump: Jump, by: str) -> str:
+def _own_load_text(jump: Jump, by: str) -> str:
     """The drive's own value, and the margin to it."""
-    far = margin(jump, by)
+    far = jump_margin(jump, by)
     if by == "wear":
         return f"its own is {100.0 * jump.own:.3g} %"
     return "it has none of its own" if far is None else f"{far:.3g} times its own, {abs(jump.own):.4g} N m"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from warpchain.modal.campbell import Campbell
     from warpchain.modal.eigenmodes import Modes
 
-KINDS = (".html", ".png", ".svg", ".rrd", ".npz")
+MODE_ENDINGS = (".html", ".png", ".svg", ".rrd", ".npz")
 
 
 def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
@@ -23,8 +23,8 @@ def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
     from warpchain.modal.mode_page import campbell_lines, mode_lines
 
     path, speeds = arguments.output, arguments.speed
-    if path is not None and path.suffix not in KINDS:
-        raise WarpchainError(f"-o {path}: must end in {', '.join(KINDS)}")
+    if path is not None and path.suffix not in MODE_ENDINGS:
+        raise WarpchainError(f"-o {path}: must end in {', '.join(MODE_ENDINGS)}")
     if len(speeds) > 2 or min(speeds) < 0.0 or speeds[:-1] >= speeds[1:] != []:
         given = " ".join(map("{:g}".format, speeds))
         raise WarpchainError(f"--speed {given}: must be one or two speeds of at least 0, the second above the first")
@@ -37,18 +37,18 @@ def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
         raise WarpchainError(f"--valve {arguments.valve}: takes one speed; diagrams are with valves shut")
     found = None
     if len(speeds) == 2:
-        found = _campbell(drive, speeds, arguments.points, arguments.count, arguments.phases)
+        found = _campbell_diagram(drive, speeds, arguments.points, arguments.count, arguments.phases)
         result = found.modes[0].first(arguments.count)
     else:
         result = modes(drive, arguments.count, speeds[0], arguments.valve)
     said = mode_lines(result) + (campbell_lines(found) if found is not None else [])
     if path is not None:
-        _write(path, result, found)
+        _write_modes(path, result, found)
         said.append(str(path))
     return said
 
 
-def _campbell(drive: Drive, speeds: list[float], points: int, count: int, phases: int) -> Campbell:
+def _campbell_diagram(drive: Drive, speeds: list[float], points: int, count: int, phases: int) -> Campbell:
     """A Campbell diagram, with a bar while it is made."""
     import numpy as np
 
@@ -60,7 +60,7 @@ def _campbell(drive: Drive, speeds: list[float], points: int, count: int, phases
     return campbell(drive, between, count, progress=True)
 
 
-def _write(path: Path, result: Modes, found: Campbell | None) -> None:
+def _write_modes(path: Path, result: Modes, found: Campbell | None) -> None:
     """Writes modes, or a Campbell diagram, as the path's ending says."""
     from warpchain.errors import ArchiveError
     from warpchain.files import refusals_as_errors, whole_file, write_text_file

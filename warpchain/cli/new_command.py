@@ -37,7 +37,7 @@ LOOSENESS, BUSH = 0.004, 5.0e9
 
 
 @dataclass(frozen=True)
-class Asked:
+class DriveRequest:
     """A drive that is asked for, and the values that follow.
 
     Attributes:
@@ -58,13 +58,13 @@ class Asked:
     moved: float = 0.0
 
     @property
-    def names(self) -> list[str]:
+    def sprocket_names(self) -> list[str]:
         """A name for each sprocket."""
         idlers = [f"idler {k}" if len(self.teeth) > 3 else "idler" for k in range(1, len(self.teeth) - 1)]
         return ["driver", *idlers, "driven"]
 
     @property
-    def wraps(self) -> list[str]:
+    def wrap_senses(self) -> list[str]:
         """Senses in which the chain goes around: that of the polygon of centers, the other one at its notches."""
         at = np.array(self.centers)
         before, after = at - np.roll(at, 1, axis=0), np.roll(at, -1, axis=0) - at
@@ -72,7 +72,7 @@ class Asked:
         return ["cw" if turn < 0.0 else "ccw" for turn in turns]
 
 
-def new_file(arguments: Namespace) -> list[str]:
+def new_drive_file(arguments: Namespace) -> list[str]:
     """Runs the command, which also writes the schema that the file's first line names; returns the lines to print.
 
     Args:
@@ -84,23 +84,23 @@ def new_file(arguments: Namespace) -> list[str]:
     path = arguments.output
     if path.exists() and not arguments.overwrite:
         raise DriveError(f"{path}: exists; --overwrite replaces it")
-    asked = _asked(arguments)
-    drive = fit_links(loads_drive(_text(asked)))
+    asked = _drive_request(arguments)
+    drive = fit_links(loads_drive(_drive_file_text(asked)))
     if not arguments.keep_centers:
         (ax, ay), (bx, by) = asked.centers[0], asked.centers[-1]
-        drive = fit_position(drive, asked.names[-1], (bx - ax, by - ay), strain=0.0)
+        drive = fit_position(drive, asked.sprocket_names[-1], (bx - ax, by - ay), strain=0.0)
     centers = tuple(sprocket.center for sprocket in drive.sprockets)
     moved = math.dist(centers[-1], asked.centers[-1])
-    text = _text(replace(asked, links=drive.chain.links, centers=centers, moved=moved))
+    text = _drive_file_text(replace(asked, links=drive.chain.links, centers=centers, moved=moved))
     lines = fit_and_findings(derive(loads_drive(text)))
     write_drive_text(text, path)
     if arguments.overwrite or not (path.parent / SCHEMA).exists():
         write_drive_text(schema_text(drive_schema()), path.parent / SCHEMA)
     written = f"written: {path}, {SCHEMA} for editors; next: warpchain draw {path} -o {path.stem}.svg"
-    return [*_changes(asked, drive, moved), *lines, written]
+    return [*_choice_lines(asked, drive, moved), *lines, written]
 
 
-def _asked(arguments: Namespace) -> Asked:
+def _drive_request(arguments: Namespace) -> DriveRequest:
     """The drive that the arguments ask for.
 
     Raises:
@@ -120,30 +120,29 @@ def _asked(arguments: Namespace) -> Asked:
         if of < 5 or (found is not None and found <= 0.0):
             raise DriveError("--teeth, --speed, --torque: must be at least 5 teeth, a speed and a moment above 0")
     driver, driven = (0.5 * chain.pitch / math.sin(math.pi / z) for z in (teeth[0], teeth[-1]))
-    speed = arguments.speed or _rounded(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
-    return Asked(chain, teeth, centers, speed, arguments.torque or _rounded(chain.breaking_load / SAFETY * driven))
-
-
-def _changes(asked: Asked, drive: Drive, moved: float) -> list[str]:
-    """Links and the last center as chosen."""
-    place = (
-        ""
-        if moved == 0.0
-        else f"; {asked.names[-1]} moved by {1e3 * moved:.3g} mm to [{_at(drive.sprockets[-1].center)}]"
+    speed = arguments.speed or _two_figures(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
+    return DriveRequest(
+        chain, teeth, centers, speed, arguments.torque or _two_figures(chain.breaking_load / SAFETY * driven)
     )
+
+
+def _choice_lines(asked: DriveRequest, drive: Drive, moved: float) -> list[str]:
+    """Links and the last center as chosen."""
+    last = f"{asked.sprocket_names[-1]} moved by {1e3 * moved:.3g} mm"
+    place = "" if moved == 0.0 else f"; {last} to [{_center_text(drive.sprockets[-1].center)}]"
     return [f"{drive.chain.links} links{place}"]
 
 
-def _rounded(value: float) -> float:
+def _two_figures(value: float) -> float:
     """A value to two figures."""
     return float(f"{value:.2g}")
 
 
-def _at(center: Point) -> str:
+def _center_text(center: Point) -> str:
     return ", ".join(repr(float(x)) for x in center)
 
 
-def _text(asked: Asked) -> str:
+def _drive_file_text(asked: DriveRequest) -> str:
     """The drive file."""
     chain, size = asked.chain, asked.chain.size
     radii = [0.5 * chain.pitch / math.sin(math.pi / z) for z in asked.teeth]
@@ -166,7 +165,7 @@ def _text(asked: Asked) -> str:
             ("damping_ratio = 0.02", "ESTIMATE"),
             ("joint = { friction = 0.1 }", "ESTIMATE: greased; the pins' radius comes with the size"),
         ],
-        *(_sprocket(asked, s, radii[s], 0.2 * round_time) for s in range(len(radii))),
+        *(_sprocket_lines(asked, s, radii[s], 0.2 * round_time) for s in range(len(radii))),
         [
             ("[contact.sprocket]", ""),
             ('profile = "circular"', ""),
@@ -184,7 +183,7 @@ def _text(asked: Asked) -> str:
                 f"of all teeth side by side: {TOOTH_WIDTH:g} of the inner width",
             ),
             (
-                f"reference_load = {_rounded(asked.torque / radii[-1]):g}",
+                f"reference_load = {_two_figures(asked.torque / radii[-1]):g}",
                 "about the chain's pull: contacts are as stiff",
             ),
             (f"roller = {steel}", ""),
@@ -192,31 +191,36 @@ def _text(asked: Asked) -> str:
         ],
         [
             ("[run]", ""),
-            (f"duration = {_rounded(1.5 * round_time):g}", "once and a half around; metrics are of the latter half"),
+            (
+                f"duration = {_two_figures(1.5 * round_time):g}",
+                "once and a half around; metrics are of the latter half",
+            ),
             ('step = "auto"', ""),
-            (f"sample_rate = {_rounded(20.0 * tooth):g}", "of the recording: 20 a tooth of the driver"),
+            (f"sample_rate = {_two_figures(20.0 * tooth):g}", "of the recording: 20 a tooth of the driver"),
         ],
     ]
     rows = "\n\n".join("\n".join(f"{line:<29} # {said}" if said else line for line, said in block) for block in blocks)
     return rows.replace("\n[chain]", "\n\n[chain]") + "\n"
 
 
-def _sprocket(asked: Asked, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
+def _sprocket_lines(asked: DriveRequest, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
     """Lines of the table of sprocket s, and what is said of them."""
-    last, ramp = len(asked.teeth) - 1, f"ramp_time = {_rounded(ramp_time):g}"
+    last, ramp = len(asked.teeth) - 1, f"ramp_time = {_two_figures(ramp_time):g}"
     mass = STEEL * math.pi * radius**2 * TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands
     moved = f"moved by {1e3 * asked.moved:.3g} mm, so that {asked.links} links fit" if asked.moved and s == last else ""
     lines = [
         ("[[sprockets]]", ""),
-        (f'name = "{asked.names[s]}"', ""),
+        (f'name = "{asked.sprocket_names[s]}"', ""),
         (f"teeth = {asked.teeth[s]}", ""),
-        (f"center = [{_at(asked.centers[s])}]", moved),
-        (f'wrap = "{asked.wraps[s]}"', "sense in which the chain goes around it"),
+        (f"center = [{_center_text(asked.centers[s])}]", moved),
+        (f'wrap = "{asked.wrap_senses[s]}"', "sense in which the chain goes around it"),
     ]
     if s == 0:
         rpm = asked.speed * 30.0 / math.pi
         return [*lines, (f'prescribed = {{ speed = "{rpm:.6g} rpm", {ramp} }}', "turns so, whatever pulls at it")]
-    lines.append((f"mass = {_rounded(mass):g}", "ESTIMATE: a disk of steel as wide as the teeth"))
-    lines.append((f"inertia = {_rounded(0.5 * mass * radius**2):g}", "ESTIMATE: that disk's; add what turns with it"))
+    lines.append((f"mass = {_two_figures(mass):g}", "ESTIMATE: a disk of steel as wide as the teeth"))
+    lines.append(
+        (f"inertia = {_two_figures(0.5 * mass * radius**2):g}", "ESTIMATE: that disk's; add what turns with it")
+    )
     braked = [(f"load = {{ torque = {asked.torque:g}, {ramp} }}", "moment that brakes it")]
     return [*lines, *(braked if s == last else [])]

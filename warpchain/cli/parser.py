@@ -21,25 +21,25 @@ from warpchain.cli.better_command import add_better
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.search_commands import add_calibrate, add_optimize, add_risk
 from warpchain.cli.shared_options import (
-    Command,
+    CommandBody,
     add_command,
-    add_options,
-    angular_speed,
-    archive_path,
-    gibibytes,
-    mebibytes,
-    name_options,
-    number,
-    number_or_auto,
-    page_path,
-    whole_number,
+    add_shared_options,
+    angular_speed_from_word,
+    archive_path_from_word,
+    bytes_from_gibibytes,
+    bytes_from_mebibytes,
+    message_with_options,
+    number_from_word,
+    number_or_auto_from_word,
+    page_path_from_word,
+    whole_number_from_word,
 )
-from warpchain.cli.study_commands import add_commands, add_play_command, add_report_commands
+from warpchain.cli.study_commands import add_play_command, add_report_commands, add_study_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import refusal_reason
 from warpchain.gc_tuning import rare_collections
 
-EPILOG = """examples:
+HELP_EXAMPLES = """examples:
   warpchain check marine
   warpchain run marine -o marine.mcap
   warpchain run my_drive.toml -o out.mcap --set sprockets.camshaft.load.torque=8e3 --duration 0.5
@@ -53,214 +53,259 @@ SHELLS = ("bash", "zsh", "fish")
 """Shells that `--completions` knows."""
 
 
-class _Parser(argparse.ArgumentParser):
+class _OneLineParser(argparse.ArgumentParser):
     """A parser that says a mistake in one line, without the usage before it."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
-def _add(commands: Any, run: Command, text: str, example: str) -> Any:
+def _add_function_command(commands: Any, run: CommandBody, text: str, example: str) -> Any:
     """Adds the command that a function does, whose name begins with the command's; returns its parser."""
     return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
-def _new(commands: Any) -> None:
+def _add_new(commands: Any) -> None:
     example = "warpchain new drive.toml --size 16B --teeth 19 57 --centers 0 0 1.0 0 --speed 300rpm --torque 900"
-    parser = _add(commands, do.new, "write a commented drive file from a size, teeth and centers", example)
+    parser = _add_function_command(
+        commands, do.new_command, "write a commented drive file from a size, teeth and centers", example
+    )
     parser.add_argument("output", metavar="OUT.toml", type=Path, help="drive file to write")
     parser.add_argument("--size", required=True, metavar="SIZE", help="of the chain, such as 16B (warpchain chains)")
     text = "of each sprocket, in the order in which the chain visits them; the first drives, the last is braked"
-    parser.add_argument("--teeth", required=True, type=whole_number, nargs="+", metavar="N", help=text)
-    parser.add_argument("--centers", required=True, type=number, nargs="+", metavar="X Y", help="of each sprocket [m]")
-    parser.add_argument("--speed", type=angular_speed, metavar="SPEED", help="of the first [rad/s], or as 300rpm")
-    parser.add_argument("--torque", type=number, metavar="N_M", help="moment that brakes the last [N m]")
+    parser.add_argument("--teeth", required=True, type=whole_number_from_word, nargs="+", metavar="N", help=text)
+    parser.add_argument(
+        "--centers", required=True, type=number_from_word, nargs="+", metavar="X Y", help="of each sprocket [m]"
+    )
+    parser.add_argument(
+        "--speed", type=angular_speed_from_word, metavar="SPEED", help="of the first [rad/s], or as 300rpm"
+    )
+    parser.add_argument("--torque", type=number_from_word, metavar="N_M", help="moment that brakes the last [N m]")
     text = "leave the last sprocket where it is, however the even number of links fits"
     parser.add_argument("--keep-centers", action="store_true", help=text)
     parser.add_argument("--overwrite", action="store_true", help="replace a file of that name")
 
 
-def _check(commands: Any) -> None:
-    parser = _add(commands, do.check, "check a drive without running it", "warpchain check marine")
-    add_options(parser, "drive", "--set")
+def _add_check(commands: Any) -> None:
+    parser = _add_function_command(
+        commands, do.check_command, "check a drive without running it", "warpchain check marine"
+    )
+    add_shared_options(parser, "drive", "--set")
     parser.add_argument("--json", action="store_true", help="as JSON, in SI units, angles in degrees")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also draw the drive there: .png or .svg")
 
 
-def _draw(commands: Any) -> None:
-    parser = _add(
+def _add_draw(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.draw,
+        do.draw_command,
         "draw a drive before it runs, and print what check finds",
         "warpchain draw drive.toml -o drive.svg --watch",
     )
-    add_options(parser, "drive", "--set")
+    add_shared_options(parser, "drive", "--set")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="the drawing: .png or .svg")
     parser.add_argument(
         "--watch", action="store_true", help="draw again whenever the drive file is saved, until Ctrl-C"
     )
 
 
-def _chains(commands: Any) -> None:
-    _add(
-        commands, do.chains, "list the chains that size = names: ISO 606, motorcycles, bush chains", "warpchain chains"
+def _add_chains(commands: Any) -> None:
+    _add_function_command(
+        commands,
+        do.chains_command,
+        "list the chains that size = names: ISO 606, motorcycles, bush chains",
+        "warpchain chains",
     )
 
 
-def _metrics(commands: Any) -> None:
+def _add_metrics(commands: Any) -> None:
     text = "list the metrics that a run of a drive gives, with units and words"
-    parser = _add(commands, do.metrics, text, "warpchain metrics car | grep tension")
-    add_options(parser, "drive", "--set")
+    parser = _add_function_command(commands, do.metrics_command, text, "warpchain metrics car | grep tension")
+    add_shared_options(parser, "drive", "--set")
     parser.add_argument("--json", action="store_true", help="as a JSON list of name, unit and title")
 
 
-def _schema(commands: Any) -> None:
+def _add_schema(commands: Any) -> None:
     text = "print the JSON schema of drive files or study files, from which editors complete and check keys"
-    parser = _add(commands, do.schema, text, "warpchain schema drive > drive.schema.json")
+    parser = _add_function_command(commands, do.schema_command, text, "warpchain schema drive > drive.schema.json")
     parser.add_argument("of", choices=["drive", "study"], help="which files")
 
 
-def _devices(commands: Any) -> None:
+def _add_devices(commands: Any) -> None:
     text = "list the devices that runs can take, and how fast they were measured to be"
-    parser = _add(commands, do.devices, text, "warpchain devices --calibrate")
+    parser = _add_function_command(commands, do.devices_command, text, "warpchain devices --calibrate")
     parser.add_argument("--calibrate", action="store_true", help="measure them now, as runs do once where it pays")
 
 
-def _fit(commands: Any) -> None:
-    parser = _add(
+def _add_fit(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.fit,
+        do.fit_command,
         "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
         "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
     )
-    add_options(parser, "drive")
+    add_shared_options(parser, "drive")
     parser.add_argument("--links", action="store_true", help="first pick the even number of links that fits best")
     parser.add_argument("--odd", action="store_true", help="with --links: an odd number will do, too")
     parser.add_argument("--chain", metavar="NAME", help="with --links: which chain's, where there are several")
     parser.add_argument("--sprocket", metavar="NAME", help="the sprocket to move")
     parser.add_argument("--along", metavar="DX,DY", help="the line it moves along, either way, as in --along=-1,0")
-    parser.add_argument("--strain", type=number, metavar="X", help="wanted strain of the strands")
-    parser.add_argument("--preload", type=number, metavar="N", help="wanted tension at assembly [N]")
-    parser.add_argument("--sag", type=number, metavar="METRES", help="wanted sag of a strand at rest [m]")
+    parser.add_argument("--strain", type=number_from_word, metavar="X", help="wanted strain of the strands")
+    parser.add_argument("--preload", type=number_from_word, metavar="N", help="wanted tension at assembly [N]")
+    parser.add_argument("--sag", type=number_from_word, metavar="METRES", help="wanted sag of a strand at rest [m]")
     parser.add_argument("--strand", metavar="FROM->TO", help="which strand's sag; default the longest")
-    parser.add_argument("--angle", type=number, metavar="DEG", help="wanted angle of an arm at assembly [degrees]")
+    parser.add_argument(
+        "--angle", type=number_from_word, metavar="DEG", help="wanted angle of an arm at assembly [degrees]"
+    )
     parser.add_argument("--arm", metavar="NAME", help="which arm's; default the only one")
     parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
 
 
-def _modes(commands: Any) -> None:
-    parser = _add(
+def _add_modes(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.modes,
+        do.modes_command,
         "list a drive's natural frequencies, damping ratios and mode shapes",
         "warpchain modes marine --speed 0 15 -o modes.html",
     )
-    add_options(parser, "drive")
-    parser.add_argument("--count", type=whole_number, default=20, metavar="N", help="modes to list (default 20)")
+    add_shared_options(parser, "drive")
+    parser.add_argument(
+        "--count", type=whole_number_from_word, default=20, metavar="N", help="modes to list (default 20)"
+    )
     parser.add_argument(
         "--speed",
-        type=angular_speed,
+        type=angular_speed_from_word,
         nargs="+",
         default=[0.0],
         metavar="SPEED",
         help="driver's speed [rad/s], or as 3000rpm; two: from one to the other, as a Campbell diagram (default 0)",
     )
-    parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="speeds of a diagram (default 25)")
+    parser.add_argument(
+        "--points", type=whole_number_from_word, default=25, metavar="N", help="speeds of a diagram (default 25)"
+    )
     phases = "of a tooth pitch that a diagram's frequencies are means of (default 1: as the drive stands)"
-    parser.add_argument("--phases", type=whole_number, default=1, metavar="N", help=phases)
+    parser.add_argument("--phases", type=whole_number_from_word, default=1, metavar="N", help=phases)
     valves = "check valves of hydraulic tensioners: shut (default), or open as at rest, for the faintest motion"
     parser.add_argument("--valve", choices=("shut", "open"), default="shut", help=valves)
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .html, .png, .svg, .rrd (Rerun) or .npz"
     )
-    add_options(parser, "--set")
+    add_shared_options(parser, "--set")
 
 
-def _tensioner(commands: Any) -> None:
-    parser = _add(
+def _add_tensioner(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.tensioner,
+        do.tensioner_command,
         "impose a sine on a tensioner's plunger as a test rig does; print and draw what it does",
         "warpchain tensioner drive.toml tensioner --amplitude 2e-4 --frequency 100 -o loop.png",
     )
-    add_options(parser, "drive")
+    add_shared_options(parser, "drive")
     parser.add_argument("name", metavar="NAME", help="of the tensioner")
-    parser.add_argument("--amplitude", type=number, default=2e-4, metavar="M", help="of the sine [m] (default 2e-4)")
     parser.add_argument(
-        "--frequency", type=number, nargs="+", default=[100.0], metavar="HZ", help="one or more (default 100)"
-    )
-    parser.add_argument("--cycles", type=whole_number, default=10, metavar="N", help="of the sine (default 10)")
-    parser.add_argument(
-        "--extension", type=number, default=0.0, metavar="M", help="about which it swings [m] (default 0, as drawn)"
+        "--amplitude", type=number_from_word, default=2e-4, metavar="M", help="of the sine [m] (default 2e-4)"
     )
     parser.add_argument(
-        "--viscosity", type=number, nargs="+", default=[], metavar="M^2/S", help="kinematic; default the drive's own"
+        "--frequency", type=number_from_word, nargs="+", default=[100.0], metavar="HZ", help="one or more (default 100)"
+    )
+    parser.add_argument(
+        "--cycles", type=whole_number_from_word, default=10, metavar="N", help="of the sine (default 10)"
+    )
+    parser.add_argument(
+        "--extension",
+        type=number_from_word,
+        default=0.0,
+        metavar="M",
+        help="about which it swings [m] (default 0, as drawn)",
+    )
+    parser.add_argument(
+        "--viscosity",
+        type=number_from_word,
+        nargs="+",
+        default=[],
+        metavar="M^2/S",
+        help="kinematic; default the drive's own",
     )
     parser.add_argument("--sweep", choices=["frequency", "temperature"], help="ride many sines instead")
     parser.add_argument(
         "--range",
-        type=number,
+        type=number_from_word,
         nargs=2,
         metavar=("LOW", "HIGH"),
         help="with --sweep: from, to [Hz], [degrees C] (default 1 500, 20 140)",
     )
-    parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="of a sweep (default 25)")
-    parser.add_argument("--at", type=number, metavar="C", help="temperature of the drive's own viscosity (default 40)")
+    parser.add_argument(
+        "--points", type=whole_number_from_word, default=25, metavar="N", help="of a sweep (default 25)"
+    )
+    parser.add_argument(
+        "--at", type=number_from_word, metavar="C", help="temperature of the drive's own viscosity (default 40)"
+    )
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .png, .svg, or .csv, .parquet"
     )
-    add_options(parser, "--set")
+    add_shared_options(parser, "--set")
 
 
-def _jump(commands: Any) -> None:
+def _add_jump(commands: Any) -> None:
     text = "find the torque, or the wear, at which the chain jumps a tooth, forward and in reverse"
-    parser = _add(commands, do.jump, text, "warpchain jump industrial --by wear --direction forward")
-    add_options(parser, "drive")
+    parser = _add_function_command(
+        commands, do.jump_command, text, "warpchain jump industrial --by wear --direction forward"
+    )
+    add_shared_options(parser, "drive")
     parser.add_argument("--by", choices=["torque", "wear"], default="torque", help="what grows (default torque)")
     on = "sprocket or shaft whose load grows, default the largest; with --by wear, the chain"
     parser.add_argument("--on", metavar="NAME", help=on)
     ways = ["forward", "reverse", "both"]
     parser.add_argument("--direction", choices=ways, default="both", help="the way that the drive runs (default both)")
     most = "largest [N m], [1] (default what breaks the chain; 0.1)"
-    parser.add_argument("--most", type=number, metavar="X", help=most)
-    parser.add_argument("--tolerance", type=number, default=0.02, metavar="X", help="relative (default 0.02)")
-    parser.add_argument("--values", type=whole_number, default=8, metavar="N", help="runs of a round (default 8)")
-    parser.add_argument("--duration", type=number, metavar="SECONDS", help="of each run; default the drive's own")
+    parser.add_argument("--most", type=number_from_word, metavar="X", help=most)
+    parser.add_argument("--tolerance", type=number_from_word, default=0.02, metavar="X", help="relative (default 0.02)")
+    parser.add_argument(
+        "--values", type=whole_number_from_word, default=8, metavar="N", help="runs of a round (default 8)"
+    )
+    parser.add_argument(
+        "--duration", type=number_from_word, metavar="SECONDS", help="of each run; default the drive's own"
+    )
     parser.add_argument("--device", help='"cpu", "cuda", "cuda:1"; default what should finish first')
     parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
     parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
-    add_options(parser, "--set", "--workers", "--quiet")
+    add_shared_options(parser, "--set", "--workers", "--quiet")
 
 
-def _run(commands: Any) -> None:
-    parser = _add(
+def _add_run(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.run,
+        do.run_command,
         "simulate a drive and write an archive",
         "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
     )
-    add_options(parser, "drive")
+    add_shared_options(parser, "drive")
     parser.add_argument(
-        "-o", "--output", metavar="OUT.mcap", type=archive_path, required=True, help="the archive to write"
+        "-o", "--output", metavar="OUT.mcap", type=archive_path_from_word, required=True, help="the archive to write"
     )
-    add_options(parser, "--set")
+    add_shared_options(parser, "--set")
     parser.add_argument(
         "--device",
         help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default what should finish first',
     )
     parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
-    parser.add_argument("--duration", type=number, metavar="SECONDS", help="simulated time; default the drive's own")
     parser.add_argument(
-        "--step", type=number_or_auto, metavar="SECONDS", help='time step, or "auto"; default the drive\'s own'
+        "--duration", type=number_from_word, metavar="SECONDS", help="simulated time; default the drive's own"
+    )
+    parser.add_argument(
+        "--step",
+        type=number_or_auto_from_word,
+        metavar="SECONDS",
+        help='time step, or "auto"; default the drive\'s own',
     )
     parser.add_argument(
         "--window",
-        type=number,
+        type=number_from_word,
         nargs=2,
         metavar=("START", "END"),
         help="times over which metrics are taken [s]; default the latter half",
     )
-    parser.add_argument("--rate", type=number, metavar="HZ", help="samples a second; default the drive's own")
+    parser.add_argument("--rate", type=number_from_word, metavar="HZ", help="samples a second; default the drive's own")
     parser.add_argument(
         "--channels",
         nargs="+",
@@ -268,7 +313,9 @@ def _run(commands: Any) -> None:
         metavar="NAME",
         help="what to record (docs/archive.md); default: all but joint_friction_power and hub_force, on request",
     )
-    parser.add_argument("--memory", type=gibibytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
+    parser.add_argument(
+        "--memory", type=bytes_from_gibibytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)"
+    )
     parser.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
     parser.add_argument(
         "--values", default="run", choices=["run", "float32"], help="archived values; default the run's own"
@@ -276,8 +323,10 @@ def _run(commands: Any) -> None:
     parser.add_argument(
         "--exact-positions", action="store_true", help="with --values float32: positions also as float64"
     )
-    parser.add_argument("--split-size", type=mebibytes, metavar="MIB", help="begin another file at this size")
-    add_options(parser, "--overwrite")
+    parser.add_argument(
+        "--split-size", type=bytes_from_mebibytes, metavar="MIB", help="begin another file at this size"
+    )
+    add_shared_options(parser, "--overwrite")
     parser.add_argument(
         "--limit",
         metavar="KEY=VALUE",
@@ -286,16 +335,18 @@ def _run(commands: Any) -> None:
         help="change what the run is judged by, such as energy_residual=0.02 (docs/judged-runs.md)",
     )
     parser.add_argument("--strict", action="store_true", help="exit with status 3 if the run is suspect")
-    add_options(parser, "--quiet")
+    add_shared_options(parser, "--quiet")
 
 
-def _view(commands: Any) -> None:
-    parser = _add(commands, do.view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
-    add_options(parser, "archive")
+def _add_view(commands: Any) -> None:
+    parser = _add_function_command(
+        commands, do.view_command, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd"
+    )
+    add_shared_options(parser, "archive")
     parser.add_argument(
         "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
     )
-    add_options(parser, "--variant")
+    add_shared_options(parser, "--variant")
     parser.add_argument(
         "--compare",
         metavar="OTHER",
@@ -306,18 +357,20 @@ def _view(commands: Any) -> None:
     parser.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
     parser.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
     parser.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
-    add_options(parser, "--scale")
+    add_shared_options(parser, "--scale")
     parser.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
 
-def _plot(commands: Any) -> None:
-    parser = _add(commands, do.plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
-    add_options(parser, "archive")
+def _add_plot(commands: Any) -> None:
+    parser = _add_function_command(
+        commands, do.plot_command, "draw an archive's figures", "warpchain plot marine.mcap -o plots"
+    )
+    add_shared_options(parser, "archive")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
-    add_options(parser, "--variant")
+    add_shared_options(parser, "--variant")
     parser.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
-    add_options(parser, "--scale")
+    add_shared_options(parser, "--scale")
     parser.add_argument(
         "--roller", type=int, metavar="I", help="whose forces to draw; default that with the largest contact force"
     )
@@ -330,50 +383,52 @@ def _plot(commands: Any) -> None:
     )
 
 
-def _report(commands: Any) -> None:
-    parser = _add(
+def _add_report(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.report,
+        do.report_command,
         "write the engineering report of a recorded run as one HTML page",
         "warpchain report engine.mcap -o engine.html",
     )
-    add_options(parser, "archive")
+    add_shared_options(parser, "archive")
     parser.add_argument(
-        "-o", "--output", metavar="report.html", type=page_path, required=True, help="the page to write"
+        "-o", "--output", metavar="report.html", type=page_path_from_word, required=True, help="the page to write"
     )
-    add_options(parser, "--variant")
+    add_shared_options(parser, "--variant")
     parser.add_argument("--title", help="heading of the page")
     parser.add_argument(
         "--wear-coefficient",
-        type=number,
+        type=number_from_word,
         metavar="M2/N",
         help="of pins and bushes, volume lost over force times sliding distance (default 2e-16; docs/wear.md)",
     )
-    parser.add_argument("--bearing-area", type=number, metavar="M2", help="of a joint; default that of the size")
+    parser.add_argument(
+        "--bearing-area", type=number_from_word, metavar="M2", help="of a joint; default that of the size"
+    )
 
 
-def _export(commands: Any) -> None:
-    parser = _add(
+def _add_export(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.export,
+        do.export_command,
         "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), its loads on the housing "
         "(.unv, .mf4), or its metrics",
         "warpchain export marine.mcap -o marine.csv",
     )
-    add_options(parser, "archive")
+    add_shared_options(parser, "archive")
     parser.add_argument(
         "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="file to write; its ending says how"
     )
     parser.add_argument("--metrics", action="store_true", help="the metrics instead, a row a variant (.csv, .parquet)")
     orders = "levels of the loads on the housing instead, in dB over the driver's orders (.csv, .parquet)"
     parser.add_argument("--orders", action="store_true", help=orders)
-    add_options(parser, "--variant")
+    add_shared_options(parser, "--variant")
 
 
-def _import(commands: Any) -> None:
-    parser = _add(
+def _add_import(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.import_signal,
+        do.import_command,
         "lay a measured signal (CSV, MAT, MDF4) over a run: statistics, orders, figures, Rerun",
         "warpchain import rig.csv marine.mcap --as 'camshaft->crankshaft.tension' --unit kN -o rig.png rig.rrd",
     )
@@ -392,16 +447,16 @@ def _import(commands: Any) -> None:
     parser.add_argument(
         "--offset", default="0", metavar="SECONDS", help="added to the measured time; auto: where both agree best"
     )
-    add_options(parser, "--variant")
+    add_shared_options(parser, "--variant")
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, nargs="+", default=[], help=".png, .svg, .rrd (Rerun) or .json"
     )
 
 
-def _recover(commands: Any) -> None:
-    parser = _add(
+def _add_recover(commands: Any) -> None:
+    parser = _add_function_command(
         commands,
-        do.recover,
+        do.recover_command,
         "restore an archive that was cut or damaged, up to its last whole chunk",
         "warpchain recover broken.mcap -o fixed.mcap",
     )
@@ -409,40 +464,40 @@ def _recover(commands: Any) -> None:
         "archive", metavar="BROKEN.mcap", type=Path, help="the file, or the name of a cut run's archive"
     )
     parser.add_argument(
-        "-o", "--output", metavar="FIXED.mcap", type=archive_path, required=True, help="archive to write"
+        "-o", "--output", metavar="FIXED.mcap", type=archive_path_from_word, required=True, help="archive to write"
     )
-    add_options(parser, "--overwrite")
+    add_shared_options(parser, "--overwrite")
 
 
-def _study(commands: Any) -> None:
+def _add_study(commands: Any) -> None:
     text = "run and analyze a design of experiments"
     parser = add_command(commands, "study", None, text, "warpchain study run STUDY.toml -o DIR")
     studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
-    add_commands(studies)
+    add_study_commands(studies)
     add_report_commands(studies)
     add_play_command(studies)
 
 
-COMMANDS = (
-    _new,
-    _check,
-    _draw,
-    _metrics,
-    _chains,
-    _schema,
-    _devices,
-    _fit,
-    _modes,
-    _tensioner,
-    _jump,
-    _run,
-    _view,
-    _plot,
-    _report,
-    _export,
-    _import,
-    _recover,
-    _study,
+COMMAND_ADDERS = (
+    _add_new,
+    _add_check,
+    _add_draw,
+    _add_metrics,
+    _add_chains,
+    _add_schema,
+    _add_devices,
+    _add_fit,
+    _add_modes,
+    _add_tensioner,
+    _add_jump,
+    _add_run,
+    _add_view,
+    _add_plot,
+    _add_report,
+    _add_export,
+    _add_import,
+    _add_recover,
+    _add_study,
     add_optimize,
     add_risk,
     add_better,
@@ -451,62 +506,62 @@ COMMANDS = (
 """Functions that add a command each, in the order of the help."""
 
 
-def parser() -> argparse.ArgumentParser:
+def command_line_parser() -> argparse.ArgumentParser:
     """The command line's parser."""
-    top = _Parser(
+    top = _OneLineParser(
         prog="warpchain",
         description="Dynamics of roller-chain drives, many variants at once.",
-        epilog=EPILOG,
+        epilog=HELP_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="store_true", help="print the version and exit")
     text = "print what makes a shell complete commands, options and files; needs the extra completions"
     top.add_argument("--completions", choices=SHELLS, help=text)
     commands = top.add_subparsers(dest="command", metavar="COMMAND")
-    for add in COMMANDS:
+    for add in COMMAND_ADDERS:
         add(commands)
     return top
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def run_command_line(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit status."""
-    warnings.showwarning = _warning
+    warnings.showwarning = _print_warning
     with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
         faulthandler.enable()
     try:
-        top = parser()
+        top = command_line_parser()
         arguments = top.parse_args(argv)
         with rare_collections():
-            status = _run_command(top, arguments)
+            status = _run_parsed_command(top, arguments)
         sys.stdout.flush()
         return status
     except WarpchainError as error:
         for line in str(error).splitlines():
-            _say(f"error: {line}")
+            _print_error_line(f"error: {line}")
         return WRONG
     except BrokenPipeError:
-        _give_up_output()
+        _discard_output()
         return UNFINISHED
     except OSError as error:
-        _give_up_output()
-        _say(f"error: {f'{error.filename}: ' if error.filename else ''}{refusal_reason(error)}")
+        _discard_output()
+        _print_error_line(f"error: {f'{error.filename}: ' if error.filename else ''}{refusal_reason(error)}")
         return WRONG
     except MemoryError:
-        _say("error: this machine has too little memory for it")
+        _print_error_line("error: this machine has too little memory for it")
         return WRONG
     except KeyboardInterrupt:
-        _say("interrupted")
+        _print_error_line("interrupted")
         return UNFINISHED
 
 
-def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
+def _run_parsed_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     if arguments.version:
         from importlib.metadata import version
 
         print(f"warpchain {version('warpchain')}")
         return DONE
     if arguments.completions is not None:
-        print(completions(top, arguments.completions))
+        print(completion_script(top, arguments.completions))
         return DONE
     if arguments.command is None:
         top.print_help()
@@ -514,16 +569,16 @@ def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) ->
     try:
         return int(arguments.run(arguments))
     except WarpchainError as error:
-        raise WarpchainError(name_options(str(error), arguments)) from None
+        raise WarpchainError(message_with_options(str(error), arguments)) from None
 
 
-def _say(line: str) -> None:
+def _print_error_line(line: str) -> None:
     """Prints a line on standard error, where that can be."""
     with contextlib.suppress(OSError):
         print(f"warpchain: {line}", file=sys.stderr)
 
 
-def _give_up_output() -> None:
+def _discard_output() -> None:
     """Lets what could not be printed go nowhere, or Python would try once more at its end."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -531,12 +586,12 @@ def _give_up_output() -> None:
         os.close(nowhere)
 
 
-def _warning(message: Warning | str, *_: Any, **__: Any) -> None:
+def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as one line."""
-    _say(f"warning: {message}")
+    _print_error_line(f"warning: {message}")
 
 
-def completions(parser: argparse.ArgumentParser, shell: str) -> str:
+def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
     """The script, by shtab, that makes a shell complete a parser's commands, options and file names without Python.
 
     Raises:
@@ -547,19 +602,19 @@ def completions(parser: argparse.ArgumentParser, shell: str) -> str:
     require_extra("completions", "--completions", WarpchainError)
     import shtab
 
-    _mark(parser, {"DIR": shtab.DIRECTORY}, shtab.FILE)
+    _mark_file_arguments(parser, {"DIR": shtab.DIRECTORY}, shtab.FILE)
     return str(shtab.complete(parser, shell))
 
 
-def _mark(parser: argparse.ArgumentParser, folders: dict[str, object], file: object) -> None:
+def _mark_file_arguments(parser: argparse.ArgumentParser, folders: dict[str, object], file: object) -> None:
     """Marks the arguments of a parser and of those below it that are files or folders."""
     for action in parser._actions:
         if isinstance(action.choices, dict):
             for inner in action.choices.values():
-                _mark(inner, folders, file)
+                _mark_file_arguments(inner, folders, file)
         elif action.type is Path or action.metavar == "DRIVE":
             action.complete = folders.get(str(action.metavar), file)  # type: ignore[attr-defined]
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command_line())

@@ -6,12 +6,19 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from warpchain.cli.commands import DONE, resumable
-from warpchain.cli.shared_options import Command, Options, add_command, add_run_options, run_options, say_unless_quiet
+from warpchain.cli.commands import DONE, resumable_command
+from warpchain.cli.shared_options import (
+    CommandBody,
+    OptionSettings,
+    add_command,
+    add_run_options,
+    run_options_from_arguments,
+    status_printer,
+)
 
 
-def add_search(
-    commands: Any, run: Command, text: str, needs: str, words: str = "STUDY.toml", own: Options | None = None
+def add_search_command(
+    commands: Any, run: CommandBody, text: str, needs: str, words: str = "STUDY.toml", own: OptionSettings | None = None
 ) -> None:
     """Adds a command that runs a study in rounds, of a function's name, to subparsers.
 
@@ -21,7 +28,7 @@ def add_search(
         words: its arguments before the folder.
         own: its further arguments, as `add_argument` takes them.
     """
-    name = run.__name__.strip("_")
+    name = run.__name__.partition("_")[0]
     parser = add_command(commands, name, run, text, f"warpchain {name} {words} -o DIR")
     parser.add_argument("study", metavar=words.split()[0], type=Path, help=f"study file with {needs}")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its runs")
@@ -35,37 +42,39 @@ def add_optimize(commands: Any) -> None:
     text = "look for the designs that a study's objectives and limits want"
     known = {"metavar": "DIR", "type": Path, "action": "append", "default": []}
     known["help"] = "a study's folder whose rows are not run again where they are asked for (repeatable)"
-    add_search(commands, _optimize, text, "[[objectives]]", own={"--known": known})
+    add_search_command(commands, optimize_command, text, "[[objectives]]", own={"--known": known})
 
 
-@resumable("what is done is")
-def _optimize(arguments: argparse.Namespace) -> int:
+@resumable_command("what is done is")
+def optimize_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.optimize import optimize
 
-    say = say_unless_quiet(arguments)
+    say = status_printer(arguments)
     known = arguments.known
-    _print_found(optimize(arguments.study, arguments.output, known=known, report=say, **run_options(arguments)))
+    _print_recommended(
+        optimize(arguments.study, arguments.output, known=known, report=say, **run_options_from_arguments(arguments))
+    )
     return DONE
 
 
 def add_risk(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
     text = "how likely a drive breaks a limit over its noise, and how it most likely does"
-    add_search(commands, _risk, text, "noise factors and [[limits]]")
+    add_search_command(commands, risk_command, text, "noise factors and [[limits]]")
 
 
-@resumable("what is done is")
-def _risk(arguments: argparse.Namespace) -> int:
+@resumable_command("what is done is")
+def risk_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.optimize.risk import estimate_risk
     from warpchain.study.report.risk_page import risk_lines, write_risk
 
-    say = say_unless_quiet(arguments)
-    found = estimate_risk(arguments.study, arguments.output, report=say, **run_options(arguments))
+    say = status_printer(arguments)
+    found = estimate_risk(arguments.study, arguments.output, report=say, **run_options_from_arguments(arguments))
     print(*risk_lines(found), f"page: {write_risk(found)}", sep="\n")
     return DONE
 
 
-def _print_found(found: Any) -> None:
+def _print_recommended(found: Any) -> None:
     """Prints the recommended designs, and how to play them."""
     from warpchain.results.units import quantity
 
@@ -102,16 +111,16 @@ def add_calibrate(commands: Any) -> None:
     """Adds the command to the parser's subparsers."""
     needs = "[[measured]], whose noise factors are the unknowns"
     text = "what measured values and signals tell of a drive's unknowns"
-    add_search(commands, _calibrate, text, needs, "CALIBRATION.toml")
+    add_search_command(commands, calibrate_command, text, needs, "CALIBRATION.toml")
 
 
-@resumable("what is done is")
-def _calibrate(arguments: argparse.Namespace) -> int:
+@resumable_command("what is done is")
+def calibrate_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.optimize.calibrate import calibrate
     from warpchain.study.report.calibration_page import calibration_lines, write_calibration
 
-    say = say_unless_quiet(arguments)
-    found = calibrate(arguments.study, arguments.output, report=say, **run_options(arguments))
+    say = status_printer(arguments)
+    found = calibrate(arguments.study, arguments.output, report=say, **run_options_from_arguments(arguments))
     print(*calibration_lines(found), sep="\n")
     print(f"drive: {found.drive}\nsamples: {found.folder / 'posterior.csv'}\npage: {write_calibration(found)}")
     return DONE

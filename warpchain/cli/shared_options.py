@@ -12,11 +12,11 @@ from typing import Any
 
 from warpchain.argument_checks import MOST_WORKERS
 
-Command = Callable[[argparse.Namespace], int]
+CommandBody = Callable[[argparse.Namespace], int]
 """The body of a command: takes the parsed arguments and returns the exit status."""
 
 
-def add_command(commands: Any, name: str, run: Command | None, text: str, example: str) -> Any:
+def add_command(commands: Any, name: str, run: CommandBody | None, text: str, example: str) -> Any:
     """Adds a command to subparsers; returns its parser.
 
     Args:
@@ -35,7 +35,7 @@ def add_command(commands: Any, name: str, run: Command | None, text: str, exampl
     return parser
 
 
-def number(word: str) -> float:
+def number_from_word(word: str) -> float:
     """Any number.
 
     Raises:
@@ -47,7 +47,7 @@ def number(word: str) -> float:
         raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
 
 
-def angular_speed(word: str) -> float:
+def angular_speed_from_word(word: str) -> float:
     """A number of rad/s, or a quantity such as 3000rpm."""
     from warpchain.drive.quantities import converted
 
@@ -61,59 +61,59 @@ def angular_speed(word: str) -> float:
     return found
 
 
-def number_or_auto(word: str) -> float | str:
+def number_or_auto_from_word(word: str) -> float | str:
     """Any number, or the word "auto"."""
-    return word if word == "auto" else number(word)
+    return word if word == "auto" else number_from_word(word)
 
 
-def page_path(word: str) -> Path:
+def page_path_from_word(word: str) -> Path:
     """The file of a page."""
-    return _path_ending(word, ".html", ".htm")
+    return _path_with_ending(word, ".html", ".htm")
 
 
-def archive_path(word: str) -> Path:
+def archive_path_from_word(word: str) -> Path:
     """The file of an archive."""
-    return _path_ending(word, ".mcap")
+    return _path_with_ending(word, ".mcap")
 
 
-def _path_ending(word: str, *endings: str) -> Path:
+def _path_with_ending(word: str, *endings: str) -> Path:
     path = Path(word)
     if path.suffix.lower() not in endings:
         raise argparse.ArgumentTypeError(f"{word!r}: must end in {', '.join(endings)}")
     return path
 
 
-def gibibytes(word: str) -> int:
+def bytes_from_gibibytes(word: str) -> int:
     """A memory budget in GiB as a number of bytes."""
-    gib = number(word)
+    gib = number_from_word(word)
     if not (math.isfinite(gib * 2**30) and gib > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
     return int(gib * 2**30)
 
 
-def mebibytes(word: str) -> int:
+def bytes_from_mebibytes(word: str) -> int:
     """A size in MiB as a number of bytes."""
-    mib = number(word)
+    mib = number_from_word(word)
     if not (math.isfinite(mib * 2**20) and mib * 2**20 >= 1.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
     return int(mib * 2**20)
 
 
-def whole_number(word: str) -> int:
+def whole_number_from_word(word: str) -> int:
     """A whole number above 0."""
     if not (word.isdecimal() and int(word) > 0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number above 0")
     return int(word)
 
 
-def workers(word: str) -> int:
+def workers_from_word(word: str) -> int:
     """A number of threads."""
     if not (word.isdecimal() and 1 <= int(word) <= MOST_WORKERS):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number from 1 to {MOST_WORKERS}")
     return int(word)
 
 
-def part(word: str) -> tuple[int, int]:
+def shard_part_from_word(word: str) -> tuple[int, int]:
     """I/N as (I, N), 0 <= I < N."""
     first, _, parts = word.partition("/")
     if not (first.isdecimal() and parts.isdecimal() and int(first) < int(parts)):
@@ -121,15 +121,15 @@ def part(word: str) -> tuple[int, int]:
     return int(first), int(parts)
 
 
-def wanted_precision(word: str) -> tuple[str, float]:
+def precision_from_word(word: str) -> tuple[str, float]:
     """METRIC=VALUE as (name, positive number)."""
     name, mark, value = word.partition("=")
-    if not mark or not name.strip() or not (math.isfinite(number(value)) and number(value) > 0.0):
+    if not mark or not name.strip() or not (math.isfinite(number_from_word(value)) and number_from_word(value) > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be METRIC=VALUE, a metric and a number above 0")
-    return name.strip(), number(value)
+    return name.strip(), number_from_word(value)
 
 
-def woehler_curve(word: str) -> tuple[float, ...]:
+def woehler_curve_from_word(word: str) -> tuple[float, ...]:
     """M,RANGE,CYCLES as three numbers."""
     try:
         values = tuple(float(value) for value in word.split(","))
@@ -140,14 +140,19 @@ def woehler_curve(word: str) -> tuple[float, ...]:
     return values
 
 
-Options = Mapping[str, Mapping[str, Any]]
-OPTIONS: Options = {
+OptionSettings = Mapping[str, Mapping[str, Any]]
+SHARED_OPTIONS: OptionSettings = {
     "drive": {"metavar": "DRIVE", "help": "drive file (TOML), or the name of an example drive such as marine"},
     "archive": {"metavar": "OUT.mcap", "type": Path},
     "--set": {"metavar": "PATH=VALUE", "action": "append", "default": [], "help": "change a value of the drive"},
     "--variant": {"type": int, "metavar": "I", "help": "which variant; default the first recorded"},
-    "--workers": {"metavar": "N", "type": workers, "help": "CPU threads; default all cores"},
-    "--memory": {"metavar": "GIB", "type": gibibytes, "default": "2", "help": "memory of a shard (default 2)"},
+    "--workers": {"metavar": "N", "type": workers_from_word, "help": "CPU threads; default all cores"},
+    "--memory": {
+        "metavar": "GIB",
+        "type": bytes_from_gibibytes,
+        "default": "2",
+        "help": "memory of a shard (default 2)",
+    },
     "--quiet": {"action": "store_true", "help": "no progress bar"},
     "--overwrite": {"action": "store_true", "help": "replace an archive of that name"},
     "--scale": {
@@ -158,28 +163,28 @@ OPTIONS: Options = {
 """Arguments of several commands, as `add_argument` takes them."""
 
 
-def add_options(parser: Any, *names: str) -> None:
-    """Adds arguments of `OPTIONS` to a parser."""
+def add_shared_options(parser: Any, *names: str) -> None:
+    """Adds arguments of `SHARED_OPTIONS` to a parser."""
     for name in names:
-        parser.add_argument(name, **OPTIONS[name])
+        parser.add_argument(name, **SHARED_OPTIONS[name])
 
 
 def add_run_options(parser: Any) -> None:
-    """Adds the options of commands that run variants; `run_options` reads them."""
-    add_options(parser, "--workers", "--memory", "--quiet")
+    """Adds the options of commands that run variants; `run_options_from_arguments` reads them."""
+    add_shared_options(parser, "--workers", "--memory", "--quiet")
 
 
-def run_options(arguments: argparse.Namespace) -> dict[str, Any]:
+def run_options_from_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     """Threads, memory and progress as functions that run variants take them."""
     return {"workers": arguments.workers, "memory": arguments.memory, "progress": not arguments.quiet}
 
 
-def say_unless_quiet(arguments: argparse.Namespace) -> Callable[[str], None] | None:
+def status_printer(arguments: argparse.Namespace) -> Callable[[str], None] | None:
     """Prints a line of status on standard error; None with --quiet."""
     return None if arguments.quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr)
 
 
-def name_options(message: str, arguments: argparse.Namespace) -> str:
+def message_with_options(message: str, arguments: argparse.Namespace) -> str:
     """A message on arguments of a Python function as one on the command's options, or on the keys of a study's run."""
 
     def named(found: re.Match[str]) -> str:

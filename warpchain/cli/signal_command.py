@@ -12,10 +12,10 @@ from warpchain.errors import WarpchainError
 if TYPE_CHECKING:
     from warpchain.results.measured import Comparison
 
-ENDINGS = (".png", ".svg", ".rrd", ".json")
+SIGNAL_ENDINGS = (".png", ".svg", ".rrd", ".json")
 
 
-def compare(arguments: argparse.Namespace) -> list[str]:
+def compare_signal(arguments: argparse.Namespace) -> list[str]:
     """Writes what was asked for; returns the lines to print: statistics and orders of both signals, files written."""
     from warpchain.results.measured import compared, source
     from warpchain.results.measured_columns import Columns
@@ -23,21 +23,21 @@ def compare(arguments: argparse.Namespace) -> list[str]:
     from warpchain.view.recorded_variants import recorded_variant
 
     for path in arguments.output:
-        if path.suffix not in ENDINGS:
-            raise WarpchainError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(ENDINGS)}")
-    offset = _offset(arguments.offset)
+        if path.suffix not in SIGNAL_ENDINGS:
+            raise WarpchainError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(SIGNAL_ENDINGS)}")
+    offset = _time_offset_from_word(arguments.offset)
     one = recorded_variant(arguments.archive, arguments.variant)
     unit = source(one.trajectory, arguments.name, "--as ").unit
     columns = Columns(arguments.column, arguments.time, arguments.unit, arguments.time_unit, arguments.decimal)
     found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
-    lines = _lines(found)
+    lines = _comparison_lines(found)
     for path in arguments.output:
-        _write(path, arguments, one, found)
+        _write_comparison(path, arguments, one, found)
         lines.append(str(path))
     return lines
 
 
-def _offset(word: str) -> float | None:
+def _time_offset_from_word(word: str) -> float | None:
     from warpchain.results.measured_file import LATEST
 
     if word == "auto":
@@ -50,7 +50,7 @@ def _offset(word: str) -> float | None:
     raise WarpchainError(f"--offset {word}: must be a number of seconds within {LATEST:g}, or auto")
 
 
-def _lines(found: Comparison) -> list[str]:
+def _comparison_lines(found: Comparison) -> list[str]:
     from warpchain.results.units import shown
 
     measured = found.measured
@@ -67,7 +67,7 @@ def _lines(found: Comparison) -> list[str]:
     return lines
 
 
-def _write(path: Path, arguments: argparse.Namespace, one: Any, found: Comparison) -> None:
+def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found: Comparison) -> None:
     if path.suffix == ".rrd":
         from warpchain.view.rerun import view
 
@@ -75,7 +75,7 @@ def _write(path: Path, arguments: argparse.Namespace, one: Any, found: Compariso
     elif path.suffix == ".json":
         from warpchain.files import write_text_file
 
-        write_text_file(path, json.dumps(_values(found), indent=2) + "\n")
+        write_text_file(path, json.dumps(_comparison_json(found), indent=2) + "\n")
     else:
         from warpchain.view.figures.figure_style import save_figures
         from warpchain.view.figures.rig_figures import measured_figure
@@ -83,7 +83,7 @@ def _write(path: Path, arguments: argparse.Namespace, one: Any, found: Compariso
         save_figures({path.stem: measured_figure(one.trajectory, found)}, path.parent, path.suffix[1:])
 
 
-def _values(found: Comparison) -> dict[str, Any]:
+def _comparison_json(found: Comparison) -> dict[str, Any]:
     """Both signals' statistics and orders, in SI."""
     pair = ("simulated", "measured")
     return {

@@ -11,18 +11,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.commands import DONE, UNFINISHED, resumable
+from warpchain.cli.commands import DONE, UNFINISHED, resumable_command
 from warpchain.cli.shared_options import (
-    Command,
+    CommandBody,
     add_command,
-    add_options,
     add_run_options,
-    page_path,
-    part,
-    run_options,
-    wanted_precision,
-    whole_number,
-    woehler_curve,
+    add_shared_options,
+    page_path_from_word,
+    precision_from_word,
+    run_options_from_arguments,
+    shard_part_from_word,
+    whole_number_from_word,
+    woehler_curve_from_word,
 )
 from warpchain.errors import StudyError
 from warpchain.files import read_text_file
@@ -33,17 +33,19 @@ if TYPE_CHECKING:
 
 SHARDS_A_WORKER = 2
 """Fewest shards of a new study for each worker of a cluster, so that none waits long for the last one."""
-TABLES = ("results.parquet", "results.csv")
+TABLE_NAMES = ("results.parquet", "results.csv")
 """Where a study's folder keeps its table."""
 
 
-def add_commands(commands: Any) -> None:
+def add_study_commands(commands: Any) -> None:
     """Adds the commands to a parser's subparsers."""
     text, line = "run a study, or go on with it", "warpchain study run STUDY.toml -o DIR"
-    run = add_command(commands, "run", _run, text, line)
+    run = add_command(commands, "run", study_run_command, text, line)
     run.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
     run.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the study's folder")
-    run.add_argument("--shard", metavar="I/N", type=part, help="only every N-th shard from the I-th, I from 0")
+    run.add_argument(
+        "--shard", metavar="I/N", type=shard_part_from_word, help="only every N-th shard from the I-th, I from 0"
+    )
     run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786")
     run.add_argument(
         "--grow",
@@ -53,7 +55,7 @@ def add_commands(commands: Any) -> None:
     add_run_options(run)
 
     text = "forecast a study's rows, cost and precision, without running it"
-    plan = add_command(commands, "plan", _plan, text, "warpchain study plan STUDY.toml")
+    plan = add_command(commands, "plan", study_plan_command, text, "warpchain study plan STUDY.toml")
     plan.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
     plan.add_argument(
         "--like", metavar="DIR", type=Path, help="an earlier study with replicates, or its table: how runs scatter"
@@ -63,7 +65,7 @@ def add_commands(commands: Any) -> None:
         metavar="METRIC=VALUE",
         action="append",
         default=[],
-        type=wanted_precision,
+        type=precision_from_word,
         help="how many replicates, or how long a window, knowing a metric to +-VALUE takes (repeatable; with --like)",
     )
     plan.add_argument(
@@ -78,7 +80,9 @@ def add_commands(commands: Any) -> None:
     )
 
     text = "double a study until its main effects are known well enough"
-    grow = add_command(commands, "grow", _grow, text, "warpchain study grow DIR --until 'se(main effects) < 1 %%'")
+    grow = add_command(
+        commands, "grow", study_grow_command, text, "warpchain study grow DIR --until 'se(main effects) < 1 %%'"
+    )
     grow.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
     grow.add_argument(
         "--until",
@@ -86,26 +90,30 @@ def add_commands(commands: Any) -> None:
         required=True,
         help="'se(main effects) < 1 %%' of each metric's mean, or 'se(main effects of METRIC) < VALUE'",
     )
-    grow.add_argument("--most", metavar="ROWS", type=whole_number, default=10_000, help="rows at most (default 10000)")
+    grow.add_argument(
+        "--most", metavar="ROWS", type=whole_number_from_word, default=10_000, help="rows at most (default 10000)"
+    )
     add_run_options(grow)
 
-    status = add_command(commands, "status", _status, "print how far a study is", "warpchain study status DIR")
+    status = add_command(
+        commands, "status", study_status_command, "print how far a study is", "warpchain study status DIR"
+    )
     status.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
 
     text = "make the whole table of a study whose shards are done, or one study of several"
-    merge = add_command(commands, "merge", _merge, text, "warpchain study merge DIR")
+    merge = add_command(commands, "merge", study_merge_command, text, "warpchain study merge DIR")
     merge.add_argument("folder", metavar="DIR", type=Path, nargs="+", help="the study's folder, or several")
     merge.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder to make of several, which stay")
 
     for parser in (plan, merge):
-        add_options(parser, "--workers", "--memory")
+        add_shared_options(parser, "--workers", "--memory")
 
 
-@resumable("the shards that are done are")
-def _run(arguments: argparse.Namespace) -> int:
+@resumable_command("the shards that are done are")
+def study_run_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.run import run_study
 
-    with _executor(arguments.scheduler) as (executor, parts):
+    with _study_executor(arguments.scheduler) as (executor, parts):
         outcome = run_study(
             arguments.study,
             arguments.output,
@@ -113,14 +121,14 @@ def _run(arguments: argparse.Namespace) -> int:
             part=arguments.shard,
             parts=parts,
             grow=arguments.grow,
-            **run_options(arguments) | {"progress": not arguments.quiet},
+            **run_options_from_arguments(arguments) | {"progress": not arguments.quiet},
         )
-    status = _print_status(outcome)
+    status = _print_study_status(outcome)
     return status if outcome.left or outcome.counts["ok"] else UNFINISHED
 
 
 @contextmanager
-def _executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
+def _study_executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
     """The executor to run on, None for this process, and how many shards it should have at least."""
     if scheduler is None:
         yield None, 1
@@ -131,7 +139,7 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
         yield executor, max(1, SHARDS_A_WORKER * workers)
 
 
-def _plan(arguments: argparse.Namespace) -> int:
+def study_plan_command(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
     from warpchain.study.forecast import forecast_lines, forecast_study
 
@@ -153,8 +161,8 @@ def _plan(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-@resumable("the shards that are done are")
-def _grow(arguments: argparse.Namespace) -> int:
+@resumable_command("the shards that are done are")
+def study_grow_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.analysis.left_out import LeftOut
     from warpchain.study.grow_until import GrowthState, Until, grow_until
     from warpchain.study.results import read_results
@@ -166,22 +174,24 @@ def _grow(arguments: argparse.Namespace) -> int:
             of = f" ({now.metric} over {now.factor})" if now.factor else ""
             print(f"{now.rows} variants: largest standard error of main effects {until.error_text(now.error)}{of}")
 
-    found = grow_until(arguments.folder, until, most=arguments.most, report=say, **run_options(arguments))
+    found = grow_until(
+        arguments.folder, until, most=arguments.most, report=say, **run_options_from_arguments(arguments)
+    )
     if not found.done:
         print(f"not reached: twice as many rows would be more than --most {arguments.most}")
-    for line in LeftOut(read_results(arguments.folder / TABLES[0])).lines():
+    for line in LeftOut(read_results(arguments.folder / TABLE_NAMES[0])).lines():
         print(line)
-    print(f"design.count is {found.count} now; table: {arguments.folder / TABLES[0]}")
+    print(f"design.count is {found.count} now; table: {arguments.folder / TABLE_NAMES[0]}")
     return DONE if found.done else UNFINISHED
 
 
-def _status(arguments: argparse.Namespace) -> int:
+def study_status_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.run import study_status
 
-    return _print_status(study_status(arguments.folder))
+    return _print_study_status(study_status(arguments.folder))
 
 
-def _merge(arguments: argparse.Namespace) -> int:
+def study_merge_command(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
     from warpchain.study.run import join_studies, merge_study
 
@@ -191,17 +201,17 @@ def _merge(arguments: argparse.Namespace) -> int:
         raise StudyError("merge: give one folder, or several and -o, the folder to make of them")
     start_warp(precompiled=False)
     if output is None:
-        return _print_status(merge_study(folders[0], **options))
+        return _print_study_status(merge_study(folders[0], **options))
     joined = join_studies(folders, output, **options)
     rows = " + ".join(map(str, joined.rows))
     print(f"{rows} rows, {joined.together} of them different; which became which: {joined.mapping}")
-    status = _print_status(joined.outcome)
+    status = _print_study_status(joined.outcome)
     if joined.outcome.left:
         print(f"run what none of them had: warpchain study run {output}/study.toml -o {output}")
     return status
 
 
-def _print_status(outcome: Any) -> int:
+def _print_study_status(outcome: Any) -> int:
     """Prints the status of a study."""
     from warpchain.results.statuses import reason_words
 
@@ -225,26 +235,34 @@ def _print_status(outcome: Any) -> int:
 
 def add_report_commands(commands: Any) -> None:
     """Adds the commands to the subparsers of `warpchain study`."""
-    page = _add_report(commands, "report", report, "write a study's report as one HTML page", "DIR -o report.html")
-    page.add_argument("-o", "--output", metavar="report.html", type=page_path, required=True, help="the page to write")
+    page = _add_table_command(
+        commands, "report", study_report_command, "write a study's report as one HTML page", "DIR -o report.html"
+    )
+    page.add_argument(
+        "-o", "--output", metavar="report.html", type=page_path_from_word, required=True, help="the page to write"
+    )
     page.add_argument("--title", help="heading of the page")
     page.add_argument("--recorded", action="store_true", help="with the objectives of recorded variants")
     page.add_argument(
         "--fatigue",
         metavar="M,RANGE,CYCLES",
-        type=woehler_curve,
+        type=woehler_curve_from_word,
         help="with their fatigue too: Woehler exponent, and the range [N] that a link endures for so many cycles",
     )
     page.add_argument("--table", metavar="FILE", type=Path, help="also write the table, as .csv or .parquet")
 
-    scatter = _add_report(
-        commands, "view", view, "show a study in Rerun, beside its recorded variants", "DIR --save study.rrd"
+    scatter = _add_table_command(
+        commands,
+        "view",
+        study_view_command,
+        "show a study in Rerun, beside its recorded variants",
+        "DIR --save study.rrd",
     )
     scatter.add_argument("--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening it")
     scatter.add_argument("--variant", metavar="I", type=int, action="append", help="a recorded variant (repeatable)")
 
 
-def _add_report(commands: Any, name: str, run: Command, text: str, example: str) -> Any:
+def _add_table_command(commands: Any, name: str, run: CommandBody, text: str, example: str) -> Any:
     line = f"warpchain study {name} {example} --minimize tension_max --minimize tension_std"
     parser = add_command(commands, name, run, text, line)
     parser.add_argument("study", metavar="DIR", type=Path, help="a study's folder, or its table (.parquet, .csv)")
@@ -258,15 +276,15 @@ def _add_report(commands: Any, name: str, run: Command, text: str, example: str)
     return parser
 
 
-def report(arguments: argparse.Namespace) -> int:
+def study_report_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study report`."""
     from warpchain.study.report import write_report
     from warpchain.study.results import export_table
 
-    path, results = _read_table(arguments)
+    path, results = _read_study_table(arguments)
     if arguments.study.is_dir() and results.search_target == "failures":
-        return _report_risk(arguments, results)
-    notes = about(path.parent)
+        return _write_risk_report(arguments, results)
+    notes = study_notes(path.parent)
     if arguments.recorded or arguments.fatigue is not None:
         from warpchain.results.fatigue import Woehler
         from warpchain.study.run.recordings import with_recorded_objectives
@@ -279,9 +297,9 @@ def report(arguments: argparse.Namespace) -> int:
         arguments.output,
         title,
         metrics=tuple(arguments.metric),
-        objectives=_objectives(arguments),
+        objectives=_asked_objectives(arguments),
         notes=notes,
-        wanted=_wanted(arguments.study),
+        wanted=_wanted_of_folder(arguments.study),
     )
     for file in files:
         print(file)
@@ -290,7 +308,7 @@ def report(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _report_risk(arguments: argparse.Namespace, results: Results) -> int:
+def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
     """Writes the page on a folder of `warpchain risk`."""
     from warpchain.study.optimize.risk import read_risk
     from warpchain.study.report.risk_page import write_risk
@@ -305,17 +323,17 @@ def _report_risk(arguments: argparse.Namespace, results: Results) -> int:
     return DONE
 
 
-def view(arguments: argparse.Namespace) -> int:
+def study_view_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study view`."""
     from warpchain.study.report.scatters import view_study
     from warpchain.study.run.recordings import recorded_variants
 
-    path, results = _read_table(arguments)
-    recorded, study = None, _study_in(path.parent)
+    path, results = _read_study_table(arguments)
+    recorded, study = None, _study_of_folder(path.parent)
     if arguments.variant is not None or "archive" in results.table.column_names:
         worst = None if study is None else study.record.worst
         recorded = recorded_variants(results, path.parent, arguments.variant, worst)
-    objectives = _objectives(arguments)
+    objectives = _asked_objectives(arguments)
     if (
         objectives is None
         and study is not None
@@ -326,14 +344,14 @@ def view(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _read_table(arguments: argparse.Namespace) -> tuple[Path, Results]:
+def _read_study_table(arguments: argparse.Namespace) -> tuple[Path, Results]:
     from warpchain.study.results import read_results
 
-    path = table_path(arguments.study)
+    path = study_table_path(arguments.study)
     return path, read_results(path, arguments.factor or None)
 
 
-def _study_in(folder: Path) -> Any:
+def _study_of_folder(folder: Path) -> Any:
     """The study of a folder, None of a table alone or of a folder without one."""
     from warpchain.study.spec import load_study
 
@@ -343,13 +361,13 @@ def _study_in(folder: Path) -> Any:
         return None
 
 
-def _wanted(source: Path) -> Any:
+def _wanted_of_folder(source: Path) -> Any:
     """Objectives and limits of the study in a folder, and the folder as it is named; None of a table alone."""
     from warpchain.study.report.decisions import Wanted
     from warpchain.study.spec.noise_table import Noise
     from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
-    study = _study_in(source)
+    study = _study_of_folder(source)
     if study is None:
         return None
     most = study.optimize.recommend if study.optimize is not None else Wanted.most
@@ -358,12 +376,12 @@ def _wanted(source: Path) -> Any:
     return Wanted(study.objectives, study.bounds, str(source), most, played, keep)
 
 
-def _objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
+def _asked_objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
     found = dict.fromkeys(arguments.minimize, "min") | dict.fromkeys(arguments.maximize, "max")
     return found or None
 
 
-def table_path(source: Path) -> Path:
+def study_table_path(source: Path) -> Path:
     """The table that a study's folder holds, or the file itself.
 
     Raises:
@@ -371,17 +389,17 @@ def table_path(source: Path) -> Path:
     """
     if not source.is_dir():
         return source
-    for name in TABLES:
+    for name in TABLE_NAMES:
         if (source / name).is_file():
             return source / name
     if (source / "plan.json").is_file():
         from warpchain.study.run.runner import partial_table
 
         return partial_table(source)
-    raise StudyError(f"{source}: holds no {TABLES[0]} yet; make it with: warpchain study merge {source}")
+    raise StudyError(f"{source}: holds no {TABLE_NAMES[0]} yet; make it with: warpchain study merge {source}")
 
 
-def about(folder: Path) -> dict[str, str]:
+def study_notes(folder: Path) -> dict[str, str]:
     """Name, design and run settings of a study's folder, in words; empty where it has none."""
     from warpchain.drive.toml import value_text
     from warpchain.study.spec.study_tables import fields_from_file
@@ -405,17 +423,17 @@ def about(folder: Path) -> dict[str, str]:
 def add_play_command(commands: Any) -> None:
     """Adds the command to the subparsers of `warpchain study`."""
     text = "play one variant, which is run again if it was not recorded, by a command that is printed"
-    parser = add_command(commands, "play", _play, text, "warpchain study play DIR 12")
+    parser = add_command(commands, "play", study_play_command, text, "warpchain study play DIR 12")
     parser.add_argument("folder", metavar="DIR", type=Path, help="a study's folder, or a search's")
     parser.add_argument("variant", metavar="VARIANT", type=int, help="its number in the table")
     parser.add_argument("--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening it")
     parser.add_argument(
         "--print", dest="print_only", action="store_true", help="print the command that does it, no more"
     )
-    add_options(parser, "--workers", "--quiet")
+    add_shared_options(parser, "--workers", "--quiet")
 
 
-def _play(arguments: argparse.Namespace) -> int:
+def study_play_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.run.recordings import Rerun, recording_of
 
     found = recording_of(arguments.folder, arguments.variant)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from warpchain.engine.rig import Shake, Shaken
 
-FIGURES, TABLES = (".png", ".svg"), (".csv", ".parquet")
-RANGES = {"frequency": (1.0, 500.0), "temperature": (20.0, 140.0)}
+FIGURE_ENDINGS, TABLE_ENDINGS = (".png", ".svg"), (".csv", ".parquet")
+SWEEP_RANGES = {"frequency": (1.0, 500.0), "temperature": (20.0, 140.0)}
 """Default ranges of sweeps [Hz], [degrees C]."""
 MOST_POINTS = 1000
 COLDEST, HOTTEST = -60.0, 300.0
@@ -27,8 +27,8 @@ COLDEST, HOTTEST = -60.0, 300.0
 def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     """Rides the tensioner as asked, writes what was asked for, and returns the lines to print."""
     path: Path | None = arguments.output
-    if path is not None and path.suffix not in FIGURES + TABLES:
-        raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURES + TABLES)}")
+    if path is not None and path.suffix not in FIGURE_ENDINGS + TABLE_ENDINGS:
+        raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURE_ENDINGS + TABLE_ENDINGS)}")
     if arguments.sweep is None and arguments.range is not None:
         raise WarpchainError("--range: only with --sweep")
     if arguments.sweep != "temperature" and arguments.at is not None:
@@ -36,20 +36,20 @@ def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     arguments.frequency, arguments.viscosity = (
         list(dict.fromkeys(values)) for values in (arguments.frequency, arguments.viscosity)
     )
-    return _sweep(drive, arguments) if arguments.sweep is not None else _rides(drive, arguments)
+    return _ride_sweep(drive, arguments) if arguments.sweep is not None else _ride_sines(drive, arguments)
 
 
-def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+def _ride_sines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     """A ride for each frequency and viscosity: extremes and work of the last cycle, and the loops."""
-    shakes = _shakes(arguments, arguments.frequency, arguments.viscosity or [None])
+    shakes = _asked_shakes(arguments, arguments.frequency, arguments.viscosity or [None])
     path = arguments.output
-    if path is not None and path.suffix in TABLES and len(shakes) > 1:
+    if path is not None and path.suffix in TABLE_ENDINGS and len(shakes) > 1:
         raise WarpchainError(f"-o {path}: holds one ride, not {len(shakes)}; give one frequency and one viscosity")
-    done = _ridden(drive, arguments, shakes, samples=True)
+    done = _ride_tensioner(drive, arguments, shakes, samples=True)
     said = [line for row in done.rides.to_pylist() for line in _ride_lines(row, arguments.cycles)]
     if path is None:
         return said
-    if path.suffix in TABLES:
+    if path.suffix in TABLE_ENDINGS:
         from warpchain.study.results import export_table
 
         export_table(done.samples[0], path, ArchiveError)
@@ -57,53 +57,55 @@ def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         from warpchain.view.figures.figure_style import save_figure
         from warpchain.view.figures.rig_figures import tensioner_loop_figure
 
-        labels = [_label(row, shakes) for row in done.rides.to_pylist()]
-        title = f"{_title(arguments)}{_only(done.rides)}"
+        labels = [_ride_label(row, shakes) for row in done.rides.to_pylist()]
+        title = f"{_figure_title(arguments)}{_common_conditions_text(done.rides)}"
         save_figure(tensioner_loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title), path)
     return [*said, str(path)]
 
 
-def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+def _ride_sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     """Rides over frequency or temperature: a line for each, and their figure or table."""
     import numpy as np
 
     over_temperature = arguments.sweep == "temperature"
-    low, high = _range(arguments)
+    low, high = _sweep_range(arguments)
     if over_temperature:
         if arguments.viscosity:
             raise WarpchainError("--viscosity: not with --sweep temperature, which finds it from the drive's own")
         x = np.linspace(low, high, arguments.points).tolist()
-        oils = _viscosities(drive, arguments, x)
-        curves = [(f"{frequency:g} Hz", _shakes(arguments, [frequency], oils)) for frequency in arguments.frequency]
+        oils = _oil_viscosities(drive, arguments, x)
+        curves = [
+            (f"{frequency:g} Hz", _asked_shakes(arguments, [frequency], oils)) for frequency in arguments.frequency
+        ]
         axis = "oil temperature [\N{DEGREE SIGN}C]"
     else:
         x = np.geomspace(low, high, arguments.points).tolist()
-        curves = [(_oil(oil), _shakes(arguments, x, [oil])) for oil in arguments.viscosity or [None]]
+        curves = [(_oil_text(oil), _asked_shakes(arguments, x, [oil])) for oil in arguments.viscosity or [None]]
         axis = "frequency [Hz]"
-    done = _ridden(drive, arguments, [shake for _, shakes in curves for shake in shakes], samples=False)
+    done = _ride_tensioner(drive, arguments, [shake for _, shakes in curves for shake in shakes], samples=False)
     parts = {label: done.rides.slice(k * len(x), len(x)) for k, (label, _) in enumerate(curves)}
-    said = [line for label, table in parts.items() for line in _listed(label, x, axis, table, len(parts) > 1)]
+    said = [line for label, table in parts.items() for line in _sweep_lines(label, x, axis, table, len(parts) > 1)]
     path = arguments.output
     if path is None:
         return said
-    if path.suffix in TABLES:
+    if path.suffix in TABLE_ENDINGS:
         from warpchain.study.results import export_table
 
         export_table(
-            _with_temperature(done.rides, x, len(parts)) if over_temperature else done.rides, path, ArchiveError
+            _add_temperature_column(done.rides, x, len(parts)) if over_temperature else done.rides, path, ArchiveError
         )
     else:
         from warpchain.view.figures.figure_style import save_figure
         from warpchain.view.figures.rig_figures import tensioner_sweep_figure
 
-        title = _title(arguments)
+        title = _figure_title(arguments)
         if len(parts) == 1:
             title += f", {next(iter(parts))}" if over_temperature or arguments.viscosity else ""
         save_figure(tensioner_sweep_figure(parts, x, axis, title), path)
     return [*said, str(path)]
 
 
-def _shakes(
+def _asked_shakes(
     arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float | None]
 ) -> list[Shake]:
     """Every frequency with every viscosity; None is the drive's own."""
@@ -116,8 +118,8 @@ def _shakes(
     ]
 
 
-def _range(arguments: argparse.Namespace) -> tuple[float, float]:
-    low, high = arguments.range or RANGES[arguments.sweep]
+def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
+    low, high = arguments.range or SWEEP_RANGES[arguments.sweep]
     bottom, top = (0.0, math.inf) if arguments.sweep == "frequency" else (COLDEST, HOTTEST)
     if not bottom < low < high < top:
         allowed = "two frequencies above 0" if math.isinf(top) else f"two temperatures from {bottom:g} to {top:g} C"
@@ -129,7 +131,7 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
     return low, high
 
 
-def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
+def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
     """The drive's oil at each temperature [m^2/s]."""
     from warpchain.drive.viscosity import SWEPT_FROM, THICKEST, THINNEST, by_slope
     from warpchain.engine.rig import tensioner_of
@@ -145,39 +147,39 @@ def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequ
     return [law.viscosity(t) for t in temperatures]
 
 
-def _ridden(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:
+def _ride_tensioner(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:
     """Rides, with a bar where there are many."""
     from warpchain.engine.rig import shake
 
     return shake(drive, arguments.name, shakes, arguments.cycles, samples, progress=len(shakes) > 4)
 
 
-def _oil(viscosity: float | None) -> str:
+def _oil_text(viscosity: float | None) -> str:
     return "the drive's oil" if viscosity is None else f"{1e6 * viscosity:.4g} mm\N{SUPERSCRIPT TWO}/s"
 
 
-def _label(row: dict[str, Any], shakes: Sequence[Shake]) -> str:
+def _ride_label(row: dict[str, Any], shakes: Sequence[Shake]) -> str:
     """Label of a ride among others."""
     words = []
     if len({one.frequency for one in shakes}) > 1:
         words.append(f"{row['frequency']:g} Hz")
     if len({one.viscosity for one in shakes}) > 1:
-        words.append(_oil(row["viscosity"]))
+        words.append(_oil_text(row["viscosity"]))
     return ", ".join(words) or "ride"
 
 
-def _title(arguments: argparse.Namespace) -> str:
+def _figure_title(arguments: argparse.Namespace) -> str:
     """Title of a figure; a dollar in a name begins no formula."""
     name = arguments.name.replace("$", r"\$")
     return f"{name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm"
 
 
-def _only(rides: pa.Table) -> str:
+def _common_conditions_text(rides: pa.Table) -> str:
     """Frequency and oil that all rides have in common, for a title."""
     found = {name: set(rides[name].to_pylist()) for name in ("frequency", "viscosity")}
     said = f" at {found['frequency'].pop():g} Hz" if len(found["frequency"]) == 1 else ""
     viscosity = found["viscosity"].pop() if len(found["viscosity"]) == 1 else math.nan
-    return said if math.isnan(viscosity) else f"{said}, oil of {_oil(viscosity)}"
+    return said if math.isnan(viscosity) else f"{said}, oil of {_oil_text(viscosity)}"
 
 
 def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
@@ -185,7 +187,7 @@ def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
     head = f"{row['frequency']:g} Hz, {1e3 * row['amplitude']:g} mm about {1e3 * row['extension']:g} mm"
     oil = not math.isnan(row["viscosity"])
     lines = [
-        f"{head}{', oil of ' + _oil(row['viscosity']) if oil else ''}; cycle {cycles}:",
+        f"{head}{', oil of ' + _oil_text(row['viscosity']) if oil else ''}; cycle {cycles}:",
         f"  force     {row['force_min']:10.4g} to {row['force_max']:.4g} N; work on the plunger {row['work']:.4g} J",
     ]
     if oil:
@@ -199,7 +201,7 @@ def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
     return lines
 
 
-def _listed(label: str, x: Sequence[float], axis: str, table: pa.Table, named: bool) -> list[str]:
+def _sweep_lines(label: str, x: Sequence[float], axis: str, table: pa.Table, named: bool) -> list[str]:
     """A sweep's curve as lines of a table."""
     head = "       Hz" if "Hz" in axis else "        C"
     lines = [label] if named else []
@@ -213,7 +215,7 @@ def _listed(label: str, x: Sequence[float], axis: str, table: pa.Table, named: b
     return lines
 
 
-def _with_temperature(rides: pa.Table, temperatures: Sequence[float], curves: int) -> pa.Table:
+def _add_temperature_column(rides: pa.Table, temperatures: Sequence[float], curves: int) -> pa.Table:
     import numpy as np
     import pyarrow as pa
 
