@@ -41,6 +41,10 @@ class SimulationError(WarpchainError):
     """A run cannot start or go on as asked: a step past its limit, an unknown device, too little memory."""
 
 
+class DeviceError(SimulationError):
+    """A GPU failed in the midst of a run."""
+
+
 class ArchiveError(WarpchainError):
     """An archive cannot be written or read: it exists, is foreign, is damaged, or the disk refuses."""
 

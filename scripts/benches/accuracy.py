@@ -18,7 +18,6 @@ from warpchain.engine.simulation import MEMORY, schedules_of
 from warpchain.progress import StopRequest
 from warpchain.results.channels import frame_of
 from warpchain.results.metrics import metrics_table
-from warpchain.results.run import RunInfo
 
 SECONDS = {"two": 0.4, "rk4": 0.2, "marine": 0.6, "engine": 0.1, "car": 0.03, "industrial": 0.6, "motorcycle": 0.2}
 """Simulated time [s]; the metrics are of the second half."""
@@ -54,11 +53,10 @@ def _started(drive: Drive, device: str, rounding: float) -> tuple[NDArray[np.flo
     """
     record = Record("none")
     schedules = schedules_of((drive,), 0.01, None, record, (0.0, 0.01))
-    share = Share(Members((drive,), schedules, stacks_of((drive,))), frame_of(()))
+    share = Share(Members((drive,), schedules, stacks_of((drive,)), np.arange(1)), frame_of(()))
     share.packed.rollers *= 1.0 + rounding * np.random.default_rng(1).standard_normal(len(share.packed.rollers))
-    recorder = share.recorder(RunInfo("", device, "float64"), Recording(record, "float64", MEMORY), 1)
-    outcome = share.run(How((device,), "float64", 1), recorder, lambda *_: None, StopRequest())
-    recorder.close()
+    recorder = share.recorder(Recording(record, "float64", MEMORY), 1)
+    outcome = share.run(How(device, "float64", 1), recorder, None, lambda *_: None, StopRequest())
     return share.packed.rollers, metrics_table(outcome.ended, outcome.blocks()).to_pylist()[0]
 
 

@@ -35,9 +35,11 @@ LINKS = (62, 94, 118, 158, 190, 254, 382, 510, 766, 1022, 2000, 4000)
 QUICK = {1, 1056, 16896, 118, 510, 1022, 4000}
 """Numbers of variants and lengths of chain that `--quick` keeps."""
 EACH = (DRIVES, PRECISIONS)
-HEADLINE = {"marine": 2.0, "smooth": 2.0, "car": 0.2, "harmonics": 0.2}
-"""Simulated seconds of `DESIGNS` drives."""
+HEADLINE = ("marine", "smooth", "car", "harmonics")
+LISTS = ("marine", "car", "industrial", "engine")
+"""Drives of which there are lists as of designs of experiments."""
 DESIGNS = 10_000
+"""Drives of a list; each is simulated for its own time."""
 MANY = list(product(*EACH, VARIANTS))
 NONE = Record(variants="none")
 Row = tuple[Any, ...]
@@ -154,9 +156,15 @@ def of_cuda(drive: Drive, precision: str, steps: int, variants: int, effort: Eff
     return math.nan if drive.valves else cuda_seconds(drive, precision, steps, variants, Path(effort.folder))
 
 
-def timed(drives: Sequence[Drive], **options: Any) -> tuple[Run, float]:
-    """A whole run without recordings, and its seconds from drives to table; its kernels are loaded before."""
+def warm_up(drives: Sequence[Drive], **options: Any) -> None:
+    """Loads the kernels of a run."""
     simulate(drives, **options | {"duration": 0.001, "window": None, "record": NONE})
+
+
+def timed(drives: Sequence[Drive], warm: bool = False, **options: Any) -> tuple[Run, float]:
+    """A whole run without recordings, and its seconds from drives to table; its kernels are loaded before."""
+    if not warm:
+        warm_up(drives, **options)
     begin = time.perf_counter()
     return simulate(drives, record=NONE, **options), time.perf_counter() - begin
 
@@ -188,8 +196,8 @@ def headline(name: str, precision: str, effort: Effort) -> Row:
     and table. Steps vary: the drive with most of them takes so many times as many as that with fewest.
     """
     drive = named(name)
-    many, length = designs(drive, name, DESIGNS), HEADLINE[name]
-    run, total = timed(many, device=DEVICE, precision=precision, duration=length)
+    many, length = designs(drive, name, DESIGNS), drive.run.duration
+    run, total = timed(many, device=DEVICE, precision=precision)
     steps = [length / resolve_step(each) for each in many]
     theirs = of_cuda(drive, precision, effort.steps, len(many), effort) / effort.steps * float(np.mean(steps))
     mean = float(np.mean(run.metrics["tension_mean"].to_numpy()))
@@ -209,14 +217,30 @@ def kinds(precision: str, effort: Effort) -> Row:
     return alike, mixed, mixed / alike, work
 
 
-@part("GPUs | run on one [s] | on all [s] | ratio | whole on one [s] | on all [s] | ratio")
-def gpus(effort: Effort) -> Row:
-    """16,896 marine designs a GPU, 0.2 s each, on one GPU and on all: the runs, and from drives to table [s]."""
-    count = wp.get_cuda_device_count()
-    many = designs(named("smooth").with_values({"run.settle": False}), "smooth", VARIANTS[-1] * count)
-    found = [timed(many, device=device, duration=0.2) for device in (DEVICE, "cuda")]
-    (one, every), (one_all, every_all) = (run.info.wall_time for run, _ in found), (total for _, total in found)
-    return count, one, every, one / every, one_all, every_all, one_all / every_all
+@part(
+    "list | precision | one GPU [s] | all [s] | of one | beside steps, one [s] | all [s] | columns that differ",
+    product(LISTS, PRECISIONS),
+)
+def gpus(name: str, precision: str, effort: Effort) -> Row:
+    """10,000 designs, each for its own time, from list to table, on one GPU and on all; and packing and table alone."""
+    if wp.get_cuda_device_count() < 2:
+        raise SystemExit("needs two GPUs")
+    many = designs(named(name), name, DESIGNS)
+    warm_up(many, device="cuda", precision=precision)
+    found: dict[str, tuple[Run, float]] = {}
+    for device in ("cuda", DEVICE) * max(1, effort.rounds - 1):  # in turns
+        run, total = timed(many, warm=True, device=device, precision=precision)
+        if device not in found or total < found[device][1]:
+            found[device] = run, total
+    (one, alone), (every, together) = found[DEVICE], found["cuda"]
+    beside = alone - one.info.wall_time, together - every.info.wall_time
+    return alone, together, together / alone, *beside, columns_that_differ(one, every)
+
+
+def columns_that_differ(one: Run, other: Run) -> int:
+    """Columns of two runs' tables that are not the same to the bit."""
+    held = [[of.metrics[name].combine_chunks() for name in one.metrics.column_names] for of in (one, other)]
+    return sum(a.buffers() != b.buffers() for a, b in zip(*held, strict=True))
 
 
 def rows_of(name: str, quick: bool) -> list[tuple[Any, ...]]:

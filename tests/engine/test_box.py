@@ -12,7 +12,6 @@ from warpchain import Record, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.bounds import ESCAPE_PITCHES, escape
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.devices import SeveralEngines
 from warpchain.engine.outcomes import causes_of
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import settle
@@ -79,7 +78,7 @@ def test_the_box_holds_the_settled_chain_and_what_its_slack_lets_it_do(gravity, 
     half = 0.5 * (chord + spare)
     assert margin == pytest.approx(half * math.sqrt(1.0 - (0.5 * chord / half) ** 2), rel=1e-3)
     before = packed.rows(0)[0:2].copy()
-    assert settle(packed, [drive], ["cpu"], 1, 10**6, lambda futures, _: not wait(futures).not_done)["settled"].all()
+    assert settle(packed, [drive], "cpu", 1, 10**6, lambda futures, _: not wait(futures).not_done)["settled"].all()
     after, (row,) = packed.rows(0)[0:2], packed.drives
     for place in (before, after):
         assert (place.min(axis=1) - margin >= row["low"]).all() and (place.max(axis=1) + margin <= row["high"]).all()
@@ -91,20 +90,15 @@ def test_short_drives_keep_their_ten_pitches():
 
 
 def moved(drives, change):
-    """Why the variants diverge, in one engine and in two, after `change` of the packed ensemble and one step."""
-    found = []
-    for several in (False, True):
-        packed = pack(drives, schedules_of(drives, None, None, NONE, None))
-        change(packed)
-        parts = [("a", 0, 1), ("b", 1, len(drives))]
-        engine = SeveralEngines(packed, parts, lambda part, _: CpuEngine(part, 1)) if several else CpuEngine(packed, 1)
-        for future in engine.advance(1, engine.frame_buffer(0)):
-            future.result()
-        gone = engine.progress()["diverged"] != 0
-        found.append((gone.tolist(), causes_of(engine, drives, gone)))
-        engine.close()
-    assert found[0] == found[1]
-    return found[0]
+    """Why the variants diverge, after `change` of the packed ensemble and one step."""
+    packed = pack(drives, schedules_of(drives, None, None, NONE, None))
+    change(packed)
+    engine = CpuEngine(packed, 1)
+    for future in engine.advance(1, engine.frame_buffer(0)):
+        future.result()
+    gone = engine.progress()["diverged"] != 0
+    engine.close()
+    return gone.tolist(), causes_of(engine, drives, gone)
 
 
 def test_the_cause_is_told_by_where_everything_is():

@@ -5,7 +5,7 @@ import pytest
 from drives import example, timing, two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.engine.checkpoint import STOPS, Kept, States, notes_from, stop_of, stops_of, takes_sums
+from warpchain.engine.checkpoint import STOPS, Keeper, Kept, States, notes_from, stop_of, stops_of, takes_sums
 from warpchain.engine.outcomes import PARTS, note_steps
 from warpchain.errors import SimulationError
 from warpchain.results.schedule import Schedule
@@ -114,7 +114,8 @@ def test_a_gpu_goes_on_with_the_same_window():
         ([kept, None], twice, [True, False]),
     ):
         states = States(begin=begin)
-        assert len(states.chosen([drive] * 2, [schedule] * 2, run)) == 2
+        states.prepare(2)
+        Keeper(states, [drive] * 2, [schedule] * 2, np.arange(2), run)
         assert states.used == used
 
 

@@ -190,7 +190,7 @@ def test_a_run_tells_why_it_ran_where_it_did(known, monkeypatch, tmp_path):
 def test_without_a_gpu_there_is_no_choice_and_nothing_is_estimated(monkeypatch):
     monkeypatch.setattr(devices, "_gpus", dict)
     monkeypatch.setattr(devices, "quickest", lambda *_: pytest.fail("estimated"))
-    assert devices.devices_for(None, ensemble(1), "float64", 4) == (("cpu",), None)
+    assert devices.devices_for(None, ensemble(1), "float64", 4, 1) == (("cpu",), None)
 
 
 def test_the_command_lists_and_measures(monkeypatch, tmp_path, capsys):

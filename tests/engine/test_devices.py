@@ -1,15 +1,14 @@
-"""Devices by name, and an ensemble cut into parts on several engines."""
+"""Devices by name, and the forms of blocks of threads on GPUs."""
 
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 import pytest
 import warp as wp
 from drives import assert_same_frames, example, timing, two_sprockets
-from raw import Frames
 
 from warpchain import Record, simulate
 from warpchain.assembly.timestep import resolve_step
@@ -28,80 +27,19 @@ from warpchain.engine.buckets import (
     room_for,
     rows_apart,
 )
-from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
+from warpchain.engine.devices import chosen_devices
 from warpchain.engine.gpu import GpuEngine, launch_steps, refusal
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.kind import DECLARED, EVEN, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.shared_memory import ORDERED, room
-from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
-
-STEPS = 200
 
 
 def mixed():
     """Three drives, unlike in links, sprockets and guide-bars."""
     marine = example("marine")
     return [two_sprockets(), marine, two_sprockets(teeth=24, links=64), marine, two_sprockets()]
-
-
-def packed_with_frames(drives):
-    every = [10, 0, 20, 10, 0]
-    packed = pack(
-        drives, [Schedule(resolve_step(drive), STEPS, 50, STEPS, k) for drive, k in zip(drives, every, strict=True)]
-    )
-    first = 0
-    for v, (drive, k) in enumerate(zip(drives, every, strict=True)):
-        if k:
-            packed.drives["first_value"][v] = first
-            first += frame_width(drive) * (STEPS // k + 1)
-    return packed, first
-
-
-def run_to_the_end(engine, values):
-    frames = engine.frame_buffer(values)
-    for future in engine.advance(STEPS + 1, frames):
-        future.result()
-    try:
-        return engine.rollers(), engine.progress(), engine.sums(), np.array(frames.numpy()[:values], copy=True)
-    finally:
-        engine.close()
-
-
-@pytest.mark.parametrize("cuts", [(0, 2, 5), (0, 1, 4, 5)])
-def test_parts_of_an_ensemble_give_what_the_whole_gives(cuts):
-    drives = mixed()
-    packed, values = packed_with_frames(drives)
-    whole = run_to_the_end(CpuEngine(packed, 1), values)
-    packed, values = packed_with_frames(drives)
-    parts = [("cpu", a, b) for a, b in pairwise(cuts)]
-    several = SeveralEngines(packed, parts, lambda part, name: Frames(part, 1))
-    cut = run_to_the_end(several, values)
-    np.testing.assert_array_equal(whole[0], cut[0])
-    np.testing.assert_array_equal(whole[1], cut[1])
-    none = {"arm", "tensioner", "shaft", "coupling", "gear", "valve"}
-    for name in set(whole[2]) - none:  # of which these drives have none
-        np.testing.assert_array_equal(whole[2][name], cut[2][name], err_msg=name)
-    np.testing.assert_array_equal(whole[3], cut[3])
-
-
-def test_gpus_share_the_work_evenly(monkeypatch):
-    monkeypatch.setattr("warpchain.engine.gpu.GpuEngine", lambda part, name: Frames(part, 1))
-
-    def variants_of_each(packed, count):
-        engine = engine_on([f"cuda:{k}" for k in range(count)], packed, 1)
-        engine.close()
-        return [part.packed.variants for part in getattr(engine, "engines", [engine])]
-
-    packed = pack([two_sprockets()] * 8, [Schedule(1e-5, 100, 0, 100, 0)] * 8)
-    assert variants_of_each(packed, 2) == [4, 4]
-    assert variants_of_each(packed, 4) == [2, 2, 2, 2]
-    assert variants_of_each(packed, 1) == [8]
-    assert variants_of_each(packed.part(0, 2), 3) == [1, 1]  # no engine without variants
-    packed.drives["steps"][0] = 7 * 101 - 1  # as much as all others
-    assert variants_of_each(packed, 2) == [1, 7]
 
 
 def test_launches_take_whole_units_of_steps_and_about_equal_time():

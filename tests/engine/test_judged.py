@@ -12,7 +12,6 @@ from warpchain import Limits, Record, read_archive, simulate
 from warpchain.assembly.timestep import automatic_step
 from warpchain.drive import Drive, dumps_drive, loads_drive
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.devices import SeveralEngines
 from warpchain.engine.outcomes import engaged
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import net_force
@@ -111,14 +110,6 @@ def test_a_chain_off_a_sprocket_is_seen_by_its_rollers():
         assert shares[2, 1] >= 1.0 if share is None else shares[2, 1] == share
     shares = [engaged_alone(drive) for drive in drives[:2]]
     assert [row.tolist() for row in shares] == [engaged_together(drives)[v].tolist() for v in range(2)]
-
-
-def test_engines_side_by_side_see_the_same():
-    drives = [two_sprockets(), two_sprockets(teeth=12, links=52), two_sprockets(torque=1.0)]
-    packed = pack(drives, schedules_of(drives, None, None, NONE, None))
-    several = SeveralEngines(packed, [("a", 0, 1), ("b", 1, 3)], lambda part, name: CpuEngine(part, 1))
-    assert engaged(several, drives).tolist() == engaged_together(drives).tolist()
-    several.close()
 
 
 def engaged_alone(drive):

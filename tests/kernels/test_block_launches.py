@@ -242,7 +242,8 @@ def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, many, pre
         return Blocks(replace(pack_for(variants, schedules, precision), frame=frame), kind)
 
     def kept(of, schedules, states, upto):
-        keeper = Keeper(states, variants, schedules, precision)
+        states.prepare(len(variants))
+        keeper = Keeper(states, variants, schedules, np.arange(len(variants)), precision)
         settled, left = np.zeros(2, dtype=Settling.numpy_dtype()), np.zeros(2)
         keeper.prepare(of.packed, settled, left)
         keeper.restore(of)

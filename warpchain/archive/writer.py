@@ -10,6 +10,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -94,6 +95,7 @@ class ArchiveWriter:
         self.options = options or ArchiveOptions()
         self._numbers = numbers_of(self.options, drives)
         self._position = {self._numbers[variant]: k for k, variant in enumerate(recorded)}
+        self._lock = Lock()
         self._tracks: dict[int, _Track] = {}
         self._waiting = 0
         self._ended = self._named = False
@@ -102,7 +104,7 @@ class ArchiveWriter:
         self._pipeline: Pipeline[_Job, tuple[_Job, list[Chunk]]] = Pipeline(self._encode, self._store, threads, ROOM)
 
     def append(self, variant: int, chunk: Trajectory) -> None:
-        """Appends consecutive frames of one variant; waits while too much is under way.
+        """Appends consecutive frames of one variant, from any thread; waits while too much is under way.
 
         The arrays are read later, in other threads: leave them as they are until `finish`.
 
@@ -112,7 +114,8 @@ class ArchiveWriter:
         if len(chunk.time) == 0:
             return
         try:
-            self._append(variant, chunk)
+            with self._lock:
+                self._append(variant, chunk)
         except ArchiveError as error:
             self._named = True
             raise self._parts.refusal(error) from None

@@ -66,8 +66,8 @@ class Assemblies(Sequence[Assembly]):
             yield places, state if whole else state.of(rows)
 
 
-def assemble_all(stacks: Sequence[Stack], first: int | Places = 0) -> Assemblies:
-    """Assembles the drives of stacks; `first` is what variant 0 is called, or what all are.
+def assemble_all(stacks: Sequence[Stack], numbers: Places | None = None) -> Assemblies:
+    """Assembles the drives of stacks; `numbers` is what they are called, None counts them from 0.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the first variant.
@@ -98,7 +98,7 @@ def assemble_all(stacks: Sequence[Stack], first: int | Places = 0) -> Assemblies
             block[stack.members[mine]], row[stack.members[mine]] = len(blocks), own[which][mine]
             blocks.append(assembly)
     if refused:
-        raise first_of(refused, first)
+        raise first_of(refused, numbers)
     return Assemblies(tuple(blocks), block, row)
 
 

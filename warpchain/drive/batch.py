@@ -65,32 +65,47 @@ class Stack:
     drive: Drive
 
 
-def stacks_of(drives: Sequence[Drive]) -> list[Stack]:
-    """Drives sorted into stacks, in the order of their first members."""
+def stacks_of(drives: Sequence[Drive], largest: int = LARGEST) -> list[Stack]:
+    """Drives sorted into stacks of at most `largest`, in the order of their first members."""
     bent = np.array(_bent(drives), dtype=bool)
     several = np.array([bool(drive.chains) for drive in drives])
     ways = ((faces, chains) for faces in (False, True) for chains in (False, True))
     groups = [(np.flatnonzero((bent == faces) & (several == chains)), faces) for faces, chains in ways]
-    found = [stack for members, faces in groups if len(members) for stack in _stacks(drives, members, faces)]
+    kinds = [stack for members, faces in groups if len(members) for stack in _kinds(drives, members, faces)]
+    found = (part for stack in kinds for part in stack_parts(stack, largest))
     return sorted(found, key=lambda stack: int(stack.members[0]))
 
 
-def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], faces: bool) -> Iterator[Stack]:
-    """Stacks of some drives: as if they were of a kind; then, where they are not, of each kind."""
+def stack_parts(stack: Stack, largest: int = LARGEST) -> Iterator[Stack]:
+    """A stack as stacks of at most `largest` variants, one after the other."""
+    count = len(stack.members)
+    for part in (slice(begin, begin + largest) for begin in range(0, count, largest)):
+        yield stack if count <= largest else Stack(stack.members[part], picked(stack.drive, part))
+
+
+def stack_among(stack: Stack, chosen: NDArray[np.bool_]) -> Stack:
+    """Those of a stack's variants that are chosen, (V,) of all drives, numbered among the chosen ones."""
+    places = np.flatnonzero(chosen[stack.members])
+    numbers = np.cumsum(chosen) - 1
+    whole = len(places) == len(stack.members)
+    drive = stack.drive if whole or not len(places) else picked(stack.drive, places)
+    return Stack(numbers[stack.members[places]], drive)
+
+
+def _kinds(drives: Sequence[Drive], members: NDArray[np.int64], faces: bool) -> Iterator[Stack]:
+    """A stack of each kind of some drives: as if they were of one; then, where they are not, of each."""
     columns = _Columns(faces)
     drive = columns.of([drives[v] for v in members.tolist()])
     if not columns.kinds and many(drive.run.phase) and _turns_tables(drive):
         columns.kinds.append([drives[v].run.phase for v in members.tolist()])
     if not columns.kinds:
-        for begin in range(0, len(members), LARGEST):
-            part = slice(begin, begin + LARGEST)
-            yield Stack(members[part], drive if len(members) <= LARGEST else picked(drive, part))
+        yield Stack(members, drive)
         return
     kinds: dict[Hashable, list[int]] = {}
     for v, key in zip(members.tolist(), zip(*columns.kinds, strict=True), strict=True):
         kinds.setdefault(key, []).append(v)
     for alike in kinds.values():
-        yield from _stacks(drives, np.array(alike, dtype=np.int64), faces)
+        yield from _kinds(drives, np.array(alike, dtype=np.int64), faces)
 
 
 def _turns_tables(drive: Drive) -> bool:
@@ -277,12 +292,12 @@ def first_refused(stack: Stack, attempt: Callable[[Drive], object]) -> tuple[int
     return int(stack.members[begin]), error
 
 
-def first_of(refused: Sequence[tuple[int, DriveError]], first: int | NDArray[np.int64] = 0) -> DriveError:
+def first_of(refused: Sequence[tuple[int, DriveError]], numbers: NDArray[np.int64] | None = None) -> DriveError:
     """The error to raise of refused variants: that of the first, which it names.
 
     Args:
-        refused: numbers and errors.
-        first: the number that variant 0 has, or those that all have.
+        refused: variants and errors.
+        numbers: what all variants are called; None counts them from 0.
     """
     v, error = min(refused, key=lambda pair: pair[0])
-    return DriveError(f"variant {first + v if isinstance(first, int) else int(first[v])}: {error}")
+    return DriveError(f"variant {v if numbers is None else int(numbers[v])}: {error}")

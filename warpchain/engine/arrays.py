@@ -332,7 +332,7 @@ class Buffer(Protocol):
 
 
 class Engine(ABC):
-    """An engine that steps an ensemble: `cpu.CpuEngine`, `gpu.GpuEngine`, or several of them as one (`devices`).
+    """An engine that steps an ensemble: `cpu.CpuEngine` or `gpu.GpuEngine`.
 
     Its arrays that change as variants run have the groups and names of `TABLE`.
     """

@@ -65,9 +65,9 @@ class Rows:
         """Values of variants, row by row."""
         return values if self.alone else [values[v] for v in self.owner.tolist()]
 
-    def called(self, first: int) -> int | NDArray[np.int64]:
-        """Names of rows, after their variants; `first` is what variant 0 is called."""
-        return first if self.alone else self.owner + first
+    def called(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(rows,) what each is called, after its variant; `numbers` is what these are called."""
+        return numbers if self.alone else numbers[self.owner]
 
     def layouts(self, layouts: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:
         """Faults of the variants' layouts, from those of rows."""
@@ -93,8 +93,8 @@ class Rows:
             stacks=stacks,
         )
 
-    def couple(self, packed: Packed, first: int = 0) -> None:
-        """Ties the bodies of each shaft of an ensemble packed row by row, in float64; variant 0 is called `first`.
+    def couple(self, packed: Packed, numbers: NDArray[np.int64] | None = None) -> None:
+        """Ties the bodies of each shaft of an ensemble packed row by row, in float64; variants are called `numbers`.
 
         Raises:
             DriveError: chains that cross in one plane.
@@ -106,7 +106,7 @@ class Rows:
                 try:
                     check_planes(self.variants[v], [packed.assemblies[r].path for r in range(a, b)])
                 except DriveError as error:
-                    raise first_of([(v, error)], first) from None
+                    raise first_of([(v, error)], numbers) from None
                 self._couple(packed, v, a, b)
         fill_steps(packed)
 

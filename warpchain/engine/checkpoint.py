@@ -91,21 +91,15 @@ class States:
     kept: list[Kept | None] = field(default_factory=list)
     used: list[bool] = field(default_factory=list)
 
-    def chosen(self, drives: Sequence[Drive], schedules: Sequence[Schedule], run: str) -> list[Kept | None]:
-        """The states that this run can take over; `run` is the precision and the kind of device.
+    def prepare(self, count: int) -> None:
+        """Makes room for a run of so many variants.
 
         Raises:
-            SimulationError: not one state a variant.
+            SimulationError: not one state a variant to begin with.
         """
-        begin = list(self.begin) or [None] * len(drives)
-        if len(begin) != len(drives):
-            raise SimulationError(f"states.begin: there are {len(begin)} for {len(drives)} variants; give one each")
-        found = [
-            kept if kept is not None and schedule.sample_every == 0 and _fits(kept, drive, schedule, run) else None
-            for kept, drive, schedule in zip(begin, drives, schedules, strict=True)
-        ]
-        self.used = [kept is not None for kept in found]
-        return found
+        if self.begin and len(self.begin) != count:
+            raise SimulationError(f"states.begin: there are {len(self.begin)} for {count} variants; give one each")
+        self.kept, self.used = [None] * count, [False] * count
 
 
 def _identity(drive: Drive) -> str:
@@ -175,22 +169,33 @@ def stops_of(schedules: Sequence[Schedule]) -> NDArray[np.int64]:
 
 
 class Keeper:
-    """Keeps the states of one run, and gives it those that it begins with.
+    """Keeps the states of some variants of a run, and gives them those that they begin with.
 
     Args:
-        states: what is asked for; it is filled.
+        states: what is asked for, prepared for the run; it is filled.
         drives, schedules: the variants.
+        numbers: (V,) what they are called in the run.
         run: precision and kind of device.
-
-    Raises:
-        SimulationError: not one state a variant.
     """
 
-    def __init__(self, states: States, drives: Sequence[Drive], schedules: Sequence[Schedule], run: str) -> None:
+    def __init__(
+        self,
+        states: States,
+        drives: Sequence[Drive],
+        schedules: Sequence[Schedule],
+        numbers: NDArray[np.int64],
+        run: str,
+    ) -> None:
         self._drives, self._schedules, self._run = drives, schedules, run
-        self.begin = states.chosen(drives, schedules, run)
+        self._states, self._numbers = states, numbers.tolist()
+        begin = [states.begin[number] for number in self._numbers] if states.begin else [None] * len(drives)
+        self.begin = [
+            kept if kept is not None and schedule.sample_every == 0 and _fits(kept, drive, schedule, run) else None
+            for kept, drive, schedule in zip(begin, drives, schedules, strict=True)
+        ]
+        for number, kept in zip(self._numbers, self.begin, strict=True):
+            states.used[number] = kept is not None
         self._stops = stops_of(schedules) if states.keep else np.zeros(len(drives), dtype=np.int64)
-        self._kept = states.kept = [None] * len(drives)
         self._ends: dict[int, dict[str, Any]] = {}
 
     def unsettled(self) -> list[Drive]:
@@ -238,7 +243,7 @@ class Keeper:
         if due.any():
             arrays, places = _fetched(engine), _places(engine.packed)
             for v in np.flatnonzero(due).tolist():
-                self._kept[v] = self._of(v, _bytes(arrays, places, v))
+                self._states.kept[self._numbers[v]] = self._of(v, _bytes(arrays, places, v))
 
     def _of(self, v: int, data: bytes) -> Kept:
         schedule = self._schedules[v]

@@ -298,7 +298,7 @@ def _compile_seconds(device: str, precision: str, cores: int) -> float:
     if device != "cpu":
         from warpchain.engine.gpu import compile_lacking
 
-        compile_lacking([(device, packed)], precision, False, cores, lambda *_: None, StopRequest())
+        compile_lacking(device, packed, precision, False, cores, lambda *_: None, StopRequest())
     for module, threads in modules_of(device, packed, precision):
         wp.load_module(module, device=device, block_dim=threads)
     return time.perf_counter() - begin

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from itertools import pairwise
 from threading import Lock
@@ -29,10 +29,10 @@ from warpchain.engine.arrays import (
     upload_state,
 )
 from warpchain.engine.buckets import COLLECTING, ROOMS, Bucket, GpuKernels, rows_apart
-from warpchain.engine.compiling import Job, compile_in_processes, jobs_of
+from warpchain.engine.compiling import compile_in_processes, jobs_of
 from warpchain.engine.launches import PARTS, UNIT, Launch, groups, launches_of, measured_from, steps_left
 from warpchain.engine.packed import Packed
-from warpchain.errors import SimulationError
+from warpchain.errors import DeviceError, SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.kind import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
@@ -72,8 +72,8 @@ def launch_steps(rollers: float, wanted: int) -> int:
     return max(UNIT, steps // UNIT * UNIT) if wanted >= UNIT else wanted
 
 
-def refusal(packed: Packed, first: int = 0) -> str | None:
-    """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
+def refusal(packed: Packed, numbers: NDArray[np.int64] | None = None) -> str | None:
+    """Why a GPU cannot run this ensemble, None if it can; `numbers` is what variants are called, None from 0."""
     drives, begins = packed.drives, packed.begins
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
@@ -82,64 +82,69 @@ def refusal(packed: Packed, first: int = 0) -> str | None:
         whole = np.add.reduceat(count, begins)
         for v in np.flatnonzero(whole > most):
             words = words if drives["rings"][begins[v]] == 1 else words.replace("chain.links =", "links of all chains:")
-            return f'variant {first + v}: {words.format(whole[v])}: a GPU takes up to {most}; use device="cpu"'
+            number = v if numbers is None else numbers[v]
+            return f'variant {number}: {words.format(whole[v])}: a GPU takes up to {most}; use device="cpu"'
     return None
 
 
 @contextmanager
-def _memory_named(device: str, packed: Packed) -> Iterator[None]:
-    """Turns an exhausted GPU memory into one line that says what to do."""
+def name_failures(device: str, variants: int) -> Iterator[None]:
+    """Tells in one line that a GPU does not answer any more, or has no memory for so many variants.
+
+    Raises:
+        DeviceError: the GPU failed.
+        SimulationError: its memory is exhausted.
+    """
     try:
         yield
     except RuntimeError as error:
+        try:
+            wp.synchronize_device(device)
+            free = wp.get_device(device).free_memory / 2**30
+        except RuntimeError as failure:
+            line = str(failure).partition(" (in function")[0]
+            raise DeviceError(f"device {device} failed, see nvidia-smi: {line}") from error
         if "alloc" not in str(error).lower() and "out of memory" not in str(error).lower():
             raise
-        free = wp.get_device(device).free_memory / 2**30
         raise SimulationError(
-            f"device {device}: out of memory with {packed.variants} variants ({free:.3g} GiB are free); simulate fewer "
+            f"device {device}: out of memory with {variants} variants ({free:.3g} GiB are free); simulate fewer "
             'variants at a time, lower memory=, or use precision="float32"'
         ) from error
 
 
 def compile_lacking(
-    parts: Sequence[tuple[str, Packed]],
-    precision: str,
-    settles: bool,
-    cores: int,
-    report: ProgressReport,
-    stop: StopRequest,
+    device: str, packed: Packed, precision: str, settles: bool, cores: int, report: ProgressReport, stop: StopRequest
 ) -> None:
     """Compiles what Warp's cache lacks of the kernels that a run needs: of steps and, in float64, of settling.
 
     Args:
-        parts: GPUs, and what runs on each.
+        device: a GPU.
+        packed: what runs on it.
         precision: of the steps.
         settles: whether any variant is to be settled.
         cores, report, stop: as in `compiling.compile_in_processes`.
     """
     with LOADING:
-        jobs: list[Job] = []
-        for device, packed in parts:
-            wanted = GpuKernels(replace(packed, precision=precision), device).wanted()
-            if settles:
-                wanted += GpuKernels(packed, device).wanted("relax")
-            jobs += jobs_of(wanted, device)
-        compile_in_processes(jobs, cores, report, stop)
+        wanted = GpuKernels(replace(packed, precision=precision), device).wanted()
+        if settles:
+            wanted += GpuKernels(packed, device).wanted("relax")
+        compile_in_processes(list(jobs_of(wanted, device)), cores, report, stop)
 
 
 class FrameBuffer:
     """A launch's frames: on the device, and in the host's memory once `numpy` is called."""
 
-    def __init__(self, values: int, real: type, device: str) -> None:
-        self.values = values
-        self.device: wp.array = wp.empty(max(values, 1), dtype=real, device=device)
-        self.host: wp.array = wp.empty(max(values, 1), dtype=real, device="cpu", pinned=True)
+    def __init__(self, values: int, packed: Packed, device: str) -> None:
+        self.values, self._of = values, (device, packed.variants)
+        self.device: wp.array = wp.empty(max(values, 1), dtype=packed.real, device=device)
+        self.host: wp.array = wp.empty(max(values, 1), dtype=packed.real, device="cpu", pinned=True)
         self.copied: Any = None
 
     def numpy(self) -> NDArray[np.floating]:
         """The frames; waits until they have come over."""
         if self.copied is not None:
-            wp.synchronize_event(self.copied)
+            with name_failures(*self._of):
+                wp.synchronize_event(self.copied)
         return self.host.numpy()
 
 
@@ -159,7 +164,7 @@ class GpuEngine(GpuKernels, Engine):
     def __init__(self, packed: Packed, device: str) -> None:
         self._loaded: set[tuple[str, ...]] = set()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
-        with _memory_named(device, packed):
+        with name_failures(device, packed.variants):
             self.stream, self.copies, *self._others = (wp.Stream(device) for _ in range(STREAMS + 1))
             with wp.ScopedStream(self.stream):
                 super().__init__(packed, device)
@@ -174,11 +179,14 @@ class GpuEngine(GpuKernels, Engine):
         self._apart = [any(rows_apart([bucket])) for bucket in self.buckets]
         self._settling_now: NDArray[Any] = np.zeros(0)
 
+    def _name_failures(self) -> AbstractContextManager[None]:
+        return name_failures(self.device, self.packed.variants)
+
     def _load(self, *names: str) -> None:
         """Loads the kernels of these names, by default of those that take steps, once; compiles what is missing."""
         if names in self._loaded:
             return
-        with LOADING, ThreadPoolExecutor(8) as pool:
+        with self._name_failures(), LOADING, ThreadPoolExecutor(8) as pool:
             wanted = self.wanted(*names)
             load = [pool.submit(wp.load_module, of.module, device=self.device, block_dim=of.threads) for of in wanted]
             for loading in load:
@@ -210,7 +218,7 @@ class GpuEngine(GpuKernels, Engine):
         self._load()
 
         def work() -> None:
-            with _memory_named(self.device, self.packed):
+            with self._name_failures():
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
                 lanes = self._lanes(np.minimum(steps, steps_left(self.packed.drives, self._progress)))
@@ -246,7 +254,7 @@ class GpuEngine(GpuKernels, Engine):
         return iter([[column[a:b] for column in columns] for a, b in pairwise(cuts)])
 
     def start_settling(self, settling: NDArray[Any]) -> None:
-        with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
+        with self._name_failures(), wp.ScopedStream(self.stream):
             self._settling = wp.array(settling, dtype=relaxation.Settling, device=self.device)
             self._settling_now = settling.copy()
 
@@ -254,7 +262,7 @@ class GpuEngine(GpuKernels, Engine):
         self._load("relax")
 
         def work() -> None:
-            with _memory_named(self.device, self.packed):
+            with self._name_failures():
                 for bucket in self.buckets_of("relax"):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, steps]
                     self._launch("relax", bucket, bucket.order, inputs, self.stream)
@@ -271,7 +279,7 @@ class GpuEngine(GpuKernels, Engine):
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """The window's sums, by name as in `kernels.structs.Sums`."""
-        with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
+        with self._name_failures(), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device, blocks=True)
             for name in TABLE["sums"]:
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
@@ -284,19 +292,21 @@ class GpuEngine(GpuKernels, Engine):
         return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
 
     def fetch(self, group: str, name: str) -> NDArray[Any]:
-        with wp.ScopedStream(self.stream, sync_enter=False):
+        with self._name_failures(), wp.ScopedStream(self.stream, sync_enter=False):
             return rows_of(getattr(self.held()[group], name), group, name, self.packed.real)
 
     def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        with wp.ScopedStream(self.stream):
-            assign_rows(getattr(self.held()[group], name), values)
-        wp.synchronize_stream(self.stream)
+        with self._name_failures():
+            with wp.ScopedStream(self.stream):
+                assign_rows(getattr(self.held()[group], name), values)
+            wp.synchronize_stream(self.stream)
         self._progress = self.fetch("state", "progress")
 
     def frame_buffer(self, values: int) -> FrameBuffer:
-        with _memory_named(self.device, self.packed):
-            return FrameBuffer(values, self.packed.real, self.device)
+        with self._name_failures():
+            return FrameBuffer(values, self.packed, self.device)
 
     def close(self) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
-        wp.synchronize_device(self.device)
+        with self._name_failures():
+            wp.synchronize_device(self.device)

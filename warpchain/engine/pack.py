@@ -70,7 +70,7 @@ def pack(
     drives: Sequence[Drive],
     schedules: Sequence[Schedule],
     stacks: Sequence[Stack] | None = None,
-    first: int | NDArray[np.int64] = 0,
+    numbers: NDArray[np.int64] | None = None,
 ) -> Packed:
     """Packs drives in float64, each in its assembled initial state: those of a kind all at once.
 
@@ -78,13 +78,13 @@ def pack(
         drives: the drives.
         schedules: their steps.
         stacks: the drives sorted into kinds, where they are.
-        first: what the first of them is called, or what all are.
+        numbers: what they are called; None counts them from 0.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the variant.
     """
     stacks = stacks_of(drives) if stacks is None else stacks
-    assemblies = assemble_all(stacks, first)
+    assemblies = assemble_all(stacks, numbers)
     rows = np.zeros(len(drives), dtype=dtype_of(structs.Drive))
     for part, assembly in _parts(stacks, assemblies):
         row = np.zeros(len(part.members), dtype=rows.dtype)

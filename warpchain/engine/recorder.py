@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from warpchain.archive.options import ArchiveOptions
+    from warpchain.archive.writer import ArchiveWriter
     from warpchain.engine.chains import Rows
     from warpchain.engine.packed import Packed
 
@@ -48,6 +50,26 @@ class Recording:
     options: ArchiveOptions | None = None
     overwrite: bool = False
 
+    def writer(self, drives: Sequence[Drive], info: RunInfo) -> AbstractContextManager[ArchiveWriter | None]:
+        """Begins the archive of a run of these drives; gives None where there is to be none."""
+        if self.archive is None:
+            return nullcontext()
+        from warpchain.archive import ArchiveWriter
+
+        indices = self.record.indices(len(drives))
+        return ArchiveWriter(self.archive, drives, indices, info, self.options, self.overwrite, salvage=True)
+
+    def trajectories(
+        self, writer: ArchiveWriter | None, metrics: pa.Table, info: RunInfo, frames: Mapping[int, Trajectory]
+    ) -> Mapping[int, Trajectory]:
+        """The frames of a run that has ended, in memory, or in the archive, which is finished."""
+        if self.archive is None or writer is None:
+            return frames
+        from warpchain.archive import read_archive
+
+        writer.finish(metrics, info)
+        return read_archive(self.archive).trajectories
+
 
 def _beside_statistics(packed: Packed, memory: int) -> int:
     """The part of a budget that an ensemble's sums and statistics leave [bytes]; a SimulationError below 0."""
@@ -63,7 +85,16 @@ def _beside_statistics(packed: Packed, memory: int) -> int:
 
 
 class Recorder:
-    """Lays out the frame buffers, and keeps or writes what they bring.
+    """Lays out the frame buffers of some variants of a run, and keeps or writes what they bring.
+
+    Args:
+        schedules: (V,) theirs.
+        numbers: (V,) what they are called in the run.
+        packed: they, packed.
+        recording: of the run; of its memory they have their part.
+        rows: their chains.
+        count: number of the run's variants.
+        archive: where frames go; None keeps them in memory.
 
     Raises:
         SimulationError: if the trajectories, or a single frame of each variant, exceed the memory budget.
@@ -71,17 +102,21 @@ class Recorder:
 
     def __init__(
         self,
-        drives: Sequence[Drive],
         schedules: Sequence[Schedule],
+        numbers: NDArray[np.int64],
         packed: Packed,
-        info: RunInfo,
         recording: Recording,
         rows: Rows,
+        count: int,
+        archive: ArchiveWriter | None = None,
     ) -> None:
-        record, memory = recording.record, _beside_statistics(packed, recording.memory)
-        self.drives, self.schedules, self.packed = drives, schedules, packed
-        self.channels = tuple(record.channels)
-        self.indices = record.indices(len(drives))
+        memory = _beside_statistics(packed, recording.memory * len(numbers) // count)
+        self.drives, self.schedules, self.numbers, self.packed = rows.variants, schedules, numbers.tolist(), packed
+        self.channels = tuple(recording.record.channels)
+        recorded = recording.record.indices(count)
+        self.indices = np.flatnonzero(np.isin(numbers, recorded)).tolist()
+        if self.indices:  # of what statistics leave in all, by the variants that are recorded
+            memory = memory * count * len(self.indices) // (len(numbers) * len(recorded))
         self.rows, self.begins = rows, rows.first
         self.owners = [v for v in self.indices for _ in range(self.begins[v], self.begins[v + 1])]
         self.written = [r for v in self.indices for r in range(self.begins[v], self.begins[v + 1])]
@@ -89,8 +124,7 @@ class Recorder:
         self.every = np.array([schedules[v].sample_every for v in self.owners], dtype=np.int64)
         self.bytes_per_value = np.dtype(recording.precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
-        self._archive: Any = None
-        self.archive_path = Path(recording.archive) if recording.archive is not None else None
+        self._archive = archive
         self._budget = recording.memory
         self._buffer_values = int(BUFFER_SHARE * memory) // (2 * self.bytes_per_value)
         if self.widths.sum() > min(self._buffer_values, 2**31 - 1):
@@ -98,14 +132,8 @@ class Recorder:
                 f"record: one frame of {len(self.indices)} variants takes more than a quarter of the memory budget of "
                 f"{self._budget / 2**30:.3g} GiB; record fewer variants or raise memory="
             )
-        if self.archive_path is None:
+        if archive is None:
             self._check_memory(memory)
-        else:
-            from warpchain.archive import ArchiveWriter
-
-            self._archive = ArchiveWriter(
-                self.archive_path, drives, self.indices, info, recording.options, recording.overwrite, salvage=True
-            )
 
     def _check_memory(self, memory: int) -> None:
         """Refuses trajectories that would not fit in memory."""
@@ -159,20 +187,13 @@ class Recorder:
 
     def _keep(self, v: int, chunk: Trajectory) -> None:
         if self._archive is not None:
-            self._archive.append(v, chunk)
+            self._archive.append(self.numbers[v], chunk)
         else:
             self._kept[v].append(chunk)
 
-    def finish(self, metrics: pa.Table, info: RunInfo) -> Mapping[int, Trajectory]:
-        """Ends the record; returns the trajectories, read from the archive if there is one."""
-        if self._archive is not None:
-            from warpchain.archive import read_archive
-
-            assert self.archive_path is not None
-            self._archive.finish(metrics, info)
-            self._archive = None
-            return read_archive(self.archive_path).trajectories
-        return {v: self._joined(v) for v in self.indices}
+    def trajectories(self) -> Mapping[int, Trajectory]:
+        """The trajectories kept in memory, by their variants' numbers in the run; hands them over."""
+        return {} if self._archive is not None else {self.numbers[v]: self._joined(v) for v in self.indices}
 
     def _joined(self, v: int) -> Trajectory:
         """A variant's chunks as one trajectory."""
@@ -188,9 +209,3 @@ class Recorder:
         names = channels_of(chunks[0].drive, self.channels)
         joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in names}
         return Trajectory(chunks[0].drive, time, **joined)
-
-    def close(self) -> None:
-        """Drops an archive that was not finished."""
-        if self._archive is not None:
-            self._archive.abort()
-            self._archive = None

@@ -97,7 +97,7 @@ def quickened(packed: Packed, stacks: Sequence[Stack]) -> None:
 def settle(
     packed: Packed,
     drives: Sequence[Drive],
-    devices: Sequence[str],
+    device: str,
     cores: int,
     steps: int,
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
@@ -107,7 +107,7 @@ def settle(
 
     Args:
         packed: the ensemble in float64.
-        devices: where to settle, as from `devices.chosen_devices`.
+        device: where to settle.
         cores: CPU threads.
         steps: of one launch.
         run: waits for launches, given a function that tells (done, total) in drives, by their steps; False ends it.
@@ -129,7 +129,7 @@ def settle(
     still = elastic(packed)
     cushion(still)
     quickened(still, stacks)
-    engine = engine_on(devices, still, cores)
+    engine = engine_on(device, still, cores)
 
     def done() -> tuple[float, float]:
         now = engine.settling()

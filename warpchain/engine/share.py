@@ -1,4 +1,4 @@
-"""Variants of a run that go through it together: packed, settled, stepped, and what they came to.
+"""Variants of a run that go through it together on one device: packed, settled, stepped, and what they came to.
 
 A run is one share, or several where some can be stepped while others are packed (`engine.pipeline`).
 """
@@ -6,7 +6,7 @@ A run is one share, or several where some can be stepped while others are packed
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assemble_batch import layouts_of
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, picked
+from warpchain.drive.batch import Stack, stack_among, stack_parts
 from warpchain.engine.arrays import Engine
 from warpchain.engine.chains import Rows
 from warpchain.engine.devices import engine_on, frame_bytes, launch_steps, loading
@@ -32,11 +32,12 @@ from warpchain.engine.settling import net_force, settle
 from warpchain.progress import ProgressReport, StopRequest
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, Part, metrics_blocks
-from warpchain.results.run import RunInfo
+from warpchain.results.run import Trajectory
 from warpchain.results.schedule import MOST_STEPS, Schedule
 
 if TYPE_CHECKING:
-    from warpchain.engine.checkpoint import Keeper
+    from warpchain.archive.writer import ArchiveWriter
+    from warpchain.engine.checkpoint import Keeper, States
 
 LAUNCH_WORK = 20_000_000
 """Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
@@ -47,18 +48,18 @@ PERTURBATION = 1e-9
 
 @dataclass(frozen=True)
 class Members:
-    """Variants of a run, one after the other.
+    """Variants of a run.
 
     Attributes:
         drives, schedules: theirs.
         stacks: the drives sorted into kinds, numbered from 0.
-        first: what the first of them is called in the run.
+        numbers: (V,) what they are called in the run, ascending.
     """
 
     drives: Sequence[Drive]
     schedules: Sequence[Schedule]
     stacks: Sequence[Stack]
-    first: int = 0
+    numbers: NDArray[np.int64]
 
     @cached_property
     def work(self) -> NDArray[np.float64]:
@@ -68,29 +69,26 @@ class Members:
             rollers[stack.members] = stack.drive.links
         return rollers * (np.array([schedule.steps for schedule in self.schedules]) + 1.0)
 
-    def part(self, begin: int, end: int) -> Members:
-        """Those from `begin` to `end` - 1."""
-        stacks = []
-        for stack in self.stacks:
-            a, b = np.searchsorted(stack.members, [begin, end]).tolist()
-            if b > a:
-                whole = b - a == len(stack.members)
-                drive = stack.drive if whole else picked(stack.drive, slice(a, b))
-                stacks.append(Stack(stack.members[a:b] - begin, drive))
-        return Members(self.drives[begin:end], self.schedules[begin:end], stacks, self.first + begin)
+    def part(self, chosen: NDArray[np.bool_]) -> Members:
+        """Those that are chosen, (V,), in stacks that stay in the processor's caches."""
+        kinds = (stack_among(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
+        stacks = [part for stack in kinds for part in stack_parts(stack)]
+        places = np.flatnonzero(chosen).tolist()
+        drives, schedules = [self.drives[v] for v in places], [self.schedules[v] for v in places]
+        return Members(drives, schedules, stacks, self.numbers[chosen])
 
 
 @dataclass(frozen=True)
 class How:
-    """Devices, precision and threads on which shares run.
+    """The device, precision and threads on which a share runs.
 
     Attributes:
-        devices: where, as from `devices.devices_for`.
+        device: "cpu" or such as "cuda:0".
         precision: "float64" or "float32".
         cores: CPU threads.
     """
 
-    devices: Sequence[str]
+    device: str
     precision: str
     cores: int
 
@@ -102,11 +100,13 @@ class Outcome:
     Attributes:
         ended: how each ended.
         blocks: forms their metrics, numbered as in the run.
+        frames: those recorded in memory, by their numbers in the run.
         at: when the last step was done, by `time.monotonic`.
     """
 
     ended: Ended
     blocks: Callable[[], Blocks]
+    frames: Mapping[int, Trajectory]
     at: float
 
 
@@ -124,24 +124,32 @@ class Share:
     def __init__(self, members: Members, frame: FrameLayout) -> None:
         self.members = members
         self.rows = rows = Rows(members.drives, members.stacks)
-        packed = pack(rows.drives, rows.spread(members.schedules), rows.stacks, rows.called(members.first))
-        rows.couple(packed, members.first)
+        packed = pack(rows.drives, rows.spread(members.schedules), rows.stacks, rows.called(members.numbers))
+        rows.couple(packed, members.numbers)
         self.packed = replace(packed, frame=frame)
         self.row_layouts = layouts_of(rows.drives, self.packed.assemblies, rows.stacks)
         self.layouts = rows.layouts(self.row_layouts)
 
-    def recorder(self, info: RunInfo, recording: Recording, count: int) -> Recorder:
-        """Takes their frames; of the memory of `count` variants they have their part."""
-        drives, schedules = self.members.drives, self.members.schedules
-        recording = replace(recording, memory=recording.memory * len(drives) // count)
-        return Recorder(drives, schedules, self.packed, info, recording, self.rows)
+    def recorder(self, recording: Recording, count: int, archive: ArchiveWriter | None = None) -> Recorder:
+        """Takes their frames, to memory or to an archive; of the memory of `count` variants they have their part."""
+        members = self.members
+        return Recorder(members.schedules, members.numbers, self.packed, recording, self.rows, count, archive)
+
+    def keeper(self, states: States | None, how: How) -> Keeper | None:
+        """Keeps their states, and gives them those that they begin with; None where none are asked for."""
+        if states is None:
+            return None
+        from warpchain.engine.checkpoint import Keeper
+
+        members, kind = self.members, f"{how.precision} {how.device.partition(':')[0]}"
+        return Keeper(states, members.drives, members.schedules, members.numbers, kind)
 
     def run(
-        self, how: How, recorder: Recorder, report: ProgressReport, stop: StopRequest, keeper: Keeper | None = None
+        self, how: How, recorder: Recorder, keeper: Keeper | None, report: ProgressReport, stop: StopRequest
     ) -> Outcome:
         """Settles the variants, steps them to their ends or until a stop is asked for, and tells what they came to."""
         drives, stacks, packed = self.rows.drives, self.rows.stacks, self.packed
-        steps = launch_steps(how.devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
+        steps = launch_steps(how.device, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
         settling, of = (drives, stacks) if keeper is None else (keeper.unsettled(), None)
 
         def settle_on(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
@@ -149,16 +157,16 @@ class Share:
             return not stop.asked
 
         settles = any(drive.run.settle for drive in settling)
-        with loading(how.devices, packed, how.precision, settles, how.cores, report, stop):
+        with loading(how.device, packed, how.precision, settles, how.cores, report, stop):
             lay_in_gaps(packed, drives)
-            settled = settle(packed, settling, how.devices, how.cores, steps, settle_on, of)
+            settled = settle(packed, settling, how.device, how.cores, steps, settle_on, of)
         left = net_force(packed, settled["residual"])
         perturb(packed, drives)
         if keeper is not None:
             keeper.prepare(packed, settled, left)
-        steps = launch_steps(how.devices, packed, recorder.launch_steps(steps, frame_bytes(how.devices)))
+        steps = launch_steps(how.device, packed, recorder.launch_steps(steps, frame_bytes(how.device)))
         buffer_values = recorder.layout(steps)
-        engine = engine_on(how.devices, packed.at_precision(how.precision), how.cores)
+        engine = engine_on(how.device, packed.at_precision(how.precision), how.cores)
         try:
             if keeper is not None:
                 keeper.restore(engine)
@@ -180,23 +188,27 @@ class Share:
             )
             ended = self.rows.ended(rows, self.members.schedules, self.members.stacks)
             sums = engine.sums()
-            blocks = partial(_blocks, ended, rows, self.rows.first, (sums, engine.packed), self.members.first)
-            return Outcome(ended, blocks, at)
+            blocks = partial(_blocks, ended, rows, self.rows.first, (sums, engine.packed), self.members.numbers)
+            return Outcome(ended, blocks, recorder.trajectories(), at)
         finally:
             engine.close()
 
 
 def _blocks(
-    ended: Ended, rows: Ended, begins: NDArray[np.int64], sums: tuple[dict[str, NDArray[Any]], Packed], first: int
+    ended: Ended,
+    rows: Ended,
+    begins: NDArray[np.int64],
+    sums: tuple[dict[str, NDArray[Any]], Packed],
+    numbers: NDArray[np.int64],
 ) -> Blocks:
-    """The metrics of variants from the sums of their rows, which begin at `begins`; variant 0 is called `first`."""
+    """The metrics of variants, which are called `numbers`, from the sums of their rows, which begin at `begins`."""
     chains = np.diff(begins)
 
     def parts_of(variants: NDArray[np.intp]) -> list[Part]:
         found = [begins[variants] + c for c in range(int(chains[variants[0]]))]
         return [(rows.of(mine), split_sums(*sums, mine)) for mine in found]
 
-    return [(first + variants, columns) for variants, columns in metrics_blocks(ended, parts_of)]
+    return [(numbers[variants], columns) for variants, columns in metrics_blocks(ended, parts_of)]
 
 
 def _await(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], None]) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -25,7 +25,7 @@ from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
 from warpchain.drive.batch_math import largest
 from warpchain.drive.replicates import WAYS, Copies, Replicates, each_copy
 from warpchain.drive.rings import rings_of
-from warpchain.engine.recorder import Recording
+from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import Progress, interruptible_work, progress_reporter
@@ -38,7 +38,7 @@ from warpchain.version import installed_version
 
 if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
-    from warpchain.engine.checkpoint import States
+    from warpchain.engine.checkpoint import Keeper, States
 
 MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
@@ -120,9 +120,8 @@ def simulate(
     """
     from warpchain.assembly.assemble_batch import layout_line
     from warpchain.engine import start_warp
-    from warpchain.engine.checkpoint import Keeper
     from warpchain.engine.packed import real_of
-    from warpchain.engine.pipeline import Shares, begun
+    from warpchain.engine.pipeline import MOST, Shares, begun
     from warpchain.engine.share import How, Members, Share
     from warpchain.kernels.structs import types
     from warpchain.results.channels import frame_of
@@ -134,47 +133,44 @@ def simulate(
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
     recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
-    stacks = stacks_of(chosen)
+    stacks = stacks_of(chosen, len(chosen))
     schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
     types(real_of(precision))  # an unknown precision ends here; made before threads of shares ask for them
-    members, frame = Members(chosen, schedules, stacks), frame_of(recording.record.channels)
-    whole = states is not None or archive is not None or bool(recording.record.indices(len(chosen)))
-    parts, share, (devices, why) = begun(members, frame, device, (precision, cores), whole)
-    if len(parts) == 1:
-        _warn(LayoutWarning, layout_line(share.layouts))
-    how = How(devices, precision, cores)
+    members, frame = Members(chosen, schedules, stacks, np.arange(len(chosen))), frame_of(recording.record.channels)
+    most = MOST if archive is None else 1  # of a share each to be written at a time, so that files follow the time
+    parts, first, (devices, why) = begun(members, frame, device, (precision, cores), most)
+    rest: Iterable[Share] = (Share(part, frame) for part in parts[1:])
+    if archive is not None:
+        rest = list(rest)  # what does not fit leaves no file
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     common = schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None
     info = RunInfo(installed_version(), ",".join(devices), precision, created=created, step=common, choice=why)
-    kind = f"{precision} {devices[0].partition(':')[0]}"
-    keeper = None
-    if states is not None and any(drive.chains for drive in chosen):
-        states.kept, states.used = [None] * len(chosen), [False] * len(chosen)
-    elif states is not None:
-        keeper = Keeper(states, chosen, schedules, kind)
-    begin = time.monotonic()
-    recorder = share.recorder(info, recording, len(chosen))
-    try:
+    if states is not None:
+        states.prepare(len(chosen))
+    kept = None if any(drive.chains for drive in chosen) else states
+    how, begin = How(devices[0], precision, cores), time.monotonic()
+    with recording.writer(chosen, info) as writer:
+
+        def recorders(share: Share) -> tuple[Recorder, Keeper | None]:
+            return share.recorder(recording, len(chosen), writer), share.keeper(kept, how)
+
         with progress_reporter(progress) as report, interruptible_work() as stop:
             if len(parts) == 1:
-                outcome = share.run(how, recorder, report, stop, keeper)
+                _warn(LayoutWarning, layout_line(first.layouts))
+                outcome = first.run(how, *recorders(first), report, stop)
             else:
-                with Shares(how, sum(of.steps * of.step for of in schedules), report, stop) as shares:
-                    shares.add(share, recorder)
-                    layouts = share.layouts
-                    for part in parts[1:]:
-                        share = Share(part, frame)
-                        shares.add(share, share.recorder(info, recording, len(chosen)))
-                        layouts = [*layouts, *share.layouts]
-                    _warn(LayoutWarning, layout_line(layouts))
+                total = sum(of.steps * of.step for of in schedules)
+                with Shares(how, devices, recorders, writer is None, total, report, stop) as shares:
+                    shares.add(first)
+                    for share in rest:
+                        shares.add(share)
+                    _warn(LayoutWarning, layout_line(shares.layouts))
                     outcome = shares.outcome()
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=outcome.at - begin)
         metrics = with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
         _warn(SuspectWarning, warning_text(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
-        return Run(chosen, metrics, recorder.finish(metrics, info), info)
-    finally:
-        recorder.close()
+        return Run(chosen, metrics, recording.trajectories(writer, metrics, info, outcome.frames), info)
 
 
 def available_cores() -> int:

@@ -132,20 +132,27 @@ class Ended:
         return schedule_columns(self.schedules)
 
 
-def joined(ends: Sequence[Ended]) -> Ended:
-    """Variants of several groups, one group after the other, without what only the metrics of each are formed of.
+def joined(ends: Sequence[Ended], numbers: Sequence[NDArray[np.int64]]) -> Ended:
+    """Variants of several groups as all of a run, without what only the metrics of each group are formed of.
 
     Args:
         ends: groups of which `layouts` and `causes` are known.
+        numbers: what the variants of each are called in the run.
     """
+    order = np.argsort(np.concatenate(numbers))
+
+    def in_order(each: Sequence[Sequence[Any]]) -> list[Any]:
+        values = [value for some in each for value in some]
+        return [values[v] for v in order.tolist()]
+
     return Ended(
-        [drive for ended in ends for drive in ended.drives],
-        [schedule for ended in ends for schedule in ended.schedules],
-        np.concatenate([ended.steps for ended in ends]),
-        np.concatenate([ended.diverged for ended in ends]),
-        np.concatenate([ended.settled for ended in ends]),
-        layouts=[layout for ended in ends for layout in ended.layouts or ()],
-        causes=[cause for ended in ends for cause in ended.causes or ()],
+        in_order([ended.drives for ended in ends]),
+        in_order([ended.schedules for ended in ends]),
+        np.concatenate([ended.steps for ended in ends])[order],
+        np.concatenate([ended.diverged for ended in ends])[order],
+        np.concatenate([ended.settled for ended in ends])[order],
+        layouts=in_order([ended.layouts or () for ended in ends]),
+        causes=in_order([ended.causes or () for ended in ends]),
     )
 
 
