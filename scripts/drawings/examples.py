@@ -32,8 +32,7 @@ def examples(asked: argparse.Namespace) -> Iterator[Line]:
         chains = [f"{chain.name}." for chain in drive.chains] or [""]
         least, most = ([row[f"{chain}tension_{end}"] for chain in chains] for end in ("min", "max"))
         tensions = (min(strands), max(strands), min(least), max(most))
-        file = f"[{name}](../warpchain/drive/examples/{name}.toml)"
-        yield (file, drive.links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
+        yield (f"`{name}`", drive.links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
         drive_figure(run[0]).savefig(asked.output / f"{name.replace('_', '-')}-drive.png", dpi=90)
 
 

@@ -99,8 +99,8 @@ def draw(axes: Any, trajectory: Trajectory, title: str) -> None:
 
 
 def means() -> tuple[float, float]:
-    """Mean tension of the links with and without friction [kN], of eight builds: from docs/examples.md."""
-    page = (ROOT / "docs" / "examples.md").read_text()
+    """Mean tension of the links with and without friction [kN], of eight builds: from docs/friction.md."""
+    page = (ROOT / "docs" / "friction.md").read_text()
     found = [re.search(rf"^\| marine{more} \| ([\d.]+) ", page, re.M) for more in ("", ", without friction")]
     assert found[0] is not None and found[1] is not None
     return float(found[0][1]), float(found[1][1])

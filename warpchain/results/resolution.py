@@ -20,7 +20,7 @@ the tension
 and sprockets pass it on to slack strands, which have little of their own. It falls with the square of the step.
 
 The energy balance tells of none of these. What half the step changes of means, quantiles and losses (`python
-scripts/bench.py resolution`, docs/judged-runs.md): of four examples up to 1.8 % with 46 steps and more in (b), up to
+scripts/bench.py resolution`, docs/steps.md): of four examples up to 1.8 % with 46 steps and more in (b), up to
 38 % with 29 and fewer; of `marine` 8 % with 95. How often (c) tells: `python scripts/bench.py gives`.
 """
 
