@@ -1,4 +1,4 @@
-"""Pieces of a self-contained HTML page: tables, figures as data in the page, style. Nothing is fetched."""
+"""Pieces of a self-contained HTML page: sections, tables, numbers, figures as data. Nothing is fetched."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ th, td { border-bottom: 1px solid #e4e8ec; padding: 0.25rem 0.7rem; text-align: 
 th { background: #f1f4f7; font-weight: 600; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
 """
-"""Style that pages of a run and of a study share."""
+"""CSS that pages of a run and of a study share."""
 PRINT_STYLE = """
 img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
 @media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
 """
-"""Of a page without a script of its own."""
+"""CSS of a page without a script of its own."""
 
 
 class PageSection(NamedTuple):
-    """A part of the page with an anchor."""
+    """A section of an HTML page: its anchor, its title, and its parts as HTML."""
 
     name: str
     title: str
@@ -62,7 +62,7 @@ class PageSection(NamedTuple):
 
 
 def page_html(title: str, sections: Sequence[PageSection], style: str = PRINT_STYLE, end: str = "") -> str:
-    """A whole HTML document: heading, links to the sections, sections, and further elements at the body's `end`."""
+    """A whole HTML document of sections, with links to them; `end` goes at the body's end."""
     links = " ".join(f'<a href="#{escape(s.name)}">{escape(s.title)}</a>' for s in sections)
     body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.section_html() for s in sections)])
     return (
@@ -74,27 +74,27 @@ def page_html(title: str, sections: Sequence[PageSection], style: str = PRINT_ST
 
 
 def page_section(name: str, title: str, *parts: str) -> PageSection:
-    """A section of these parts; empty ones are left out."""
+    """A section of an HTML page from anchor, title and parts; empty parts are left out."""
     return PageSection(name, title, parts)
 
 
 def heading_html(words: str) -> str:
-    """A heading inside a section."""
+    """A heading inside a section, as HTML."""
     return f"<h3>{escape(words)}</h3>"
 
 
 def paragraph_html(words: str, muted: bool = False) -> str:
-    """A paragraph."""
+    """A paragraph as HTML."""
     return f'<p class="muted">{escape(words)}</p>' if muted else f"<p>{escape(words)}</p>"
 
 
 def bullets_html(lines: Iterable[str]) -> str:
-    """A list."""
+    """A bulleted list as HTML."""
     return "<ul>\n" + "\n".join(f"<li>{escape(line)}</li>" for line in lines) + "\n</ul>"
 
 
 def engineering_number(value: float, digits: int = 5) -> str:
-    """A number as engineers write it: plain from 0.001 to a million, with a power of ten beyond."""
+    """A number as text: plain from 0.001 to a million, with a power of ten beyond."""
     if value != value:
         return "\N{EN DASH}"
     size = abs(value)
@@ -106,7 +106,7 @@ def engineering_number(value: float, digits: int = 5) -> str:
 
 
 def column_number(value: float, decimals: int) -> str:
-    """A number of a column that has so many decimals (see `units.decimals`), small ones with two digits at least."""
+    """A number as text with its column's decimals, a small one with two digits at least."""
     return (
         engineering_number(value, significant_digits(value, decimals))
         if math.isfinite(value)
@@ -115,11 +115,12 @@ def column_number(value: float, decimals: int) -> str:
 
 
 def significant_digits(value: float, decimals: int) -> int:
-    """Digits that a finite number has with so many decimals; from 2 to 15."""
+    """Significant digits (2 to 15) of a number that is written with so many decimals."""
     return max(2, min(15, decimals + 1 + math.floor(math.log10(abs(value))))) if value else 2
 
 
 def _cell_text(value: Any) -> str:
+    """A table cell's value as text, a dash for None."""
     if value is None:
         return "\N{EN DASH}"
     return engineering_number(value) if isinstance(value, float) else str(value)
@@ -129,17 +130,17 @@ _NUMBER_PATTERN = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?|\N{EN DASH}")
 
 
 def _is_number_cell(value: Any) -> bool:
-    """Whether a cell is a number, written already or not, or there is none."""
+    """Whether a table cell is a number, as text too, or is empty."""
     return isinstance(value, int | float) or bool(_NUMBER_PATTERN.fullmatch(_cell_text(value)))
 
 
 def _breakable_name(word: str) -> str:
-    """A column's name that may be broken behind its dots and underscores."""
+    """A column's name as HTML that may be broken behind its dots and underscores."""
     return re.sub(r"([._])", r"\1<wbr>", escape(word))
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table; columns of numbers are set to the right."""
+    """A table as HTML; columns of numbers are set to the right."""
     rows = [list(row) for row in rows]
     right = [bool(rows) and all(_is_number_cell(row[k]) for row in rows) for k in range(len(heads))]
     kinds = [' class="n"' if r else "" for r in right]
@@ -153,7 +154,7 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def picture_html(figure: Figure, words: str, kind: str = "svg+xml") -> str:
-    """A figure as data in the page, SVG or "png"; `words` is what it is called by those who cannot see it."""
+    """A figure as an HTML image, SVG or PNG data; `words` is its description."""
     import matplotlib
 
     buffer = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Drives, runs and trajectories as notebooks show them: a picture beside tables with units and status."""
+"""HTML that notebooks show of drives, runs and trajectories: a picture beside tables."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from warpchain.view.html import picture_html
 PICTURE_SIZE = 4.0
 """Longer side of a drive in a picture [in]."""
 SHOWN_ROWS = 20
-"""Most variants of a run, or rows of a table, that are shown."""
+"""Most rows of a table that a notebook shows."""
 STATUS_COLORS = {OK: "#2e9e4f", SUSPECT: "#d08700", DIVERGED: "#d1394b"}
 
 
 class Markup(str):
-    """A text that is HTML already."""
+    """A text that is HTML already, which `notebook_table` does not escape."""
 
 
 def notebook_html(thing: Any) -> str:
-    """A drive, run or trajectory as HTML.
+    """A drive, run or trajectory as HTML for notebooks.
 
     Raises:
         TypeError: anything else.
@@ -45,7 +45,7 @@ def notebook_html(thing: Any) -> str:
 
 
 def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
-    """A table; cells are escaped, but for those that are `Markup`."""
+    """A table as HTML for notebooks; cells are escaped, but for those that are `Markup`."""
 
     def line(cells: Sequence[str], tag: str) -> str:
         words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
@@ -59,12 +59,12 @@ def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: 
 
 
 def status_html(status: str) -> Markup:
-    """A status in its color."""
+    """A variant's status as HTML in its color."""
     return Markup(f'<b style="color:{STATUS_COLORS.get(status, "inherit")}">{escape(status)}</b>')
 
 
 def value_with_unit(value: Any, unit: str) -> str:
-    """A value with a unit that fits its size: 42.2 kN."""
+    """A value [SI] as text with a fitting unit, such as 42.2 kN; "-" for None."""
     if value is None:
         return "-"
     bare = isinstance(value, bool | str) or not math.isfinite(value)
@@ -72,10 +72,12 @@ def value_with_unit(value: Any, unit: str) -> str:
 
 
 def _side_by_side_html(left: str, right: str) -> str:
+    """HTML of two elements beside each other."""
     return f'<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">{left}<div>{right}</div></div>'
 
 
 def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
+    """A drive's picture as HTML, or the error's words where it cannot be drawn."""
     try:
         return picture_html(drive_figure(of, frame, size=PICTURE_SIZE), "the drive", "png")
     except WarpchainError as error:
@@ -83,6 +85,7 @@ def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
 
 
 def _drive_html(drive: Drive) -> str:
+    """A drive as HTML: picture, sprockets, chain and run settings."""
     if drive.chains:
         return "".join(f"<p>{escape(ring.name)}</p>{_drive_html(ring.drive)}" for ring in rings_of(drive))
     chain = drive.chain
@@ -107,7 +110,7 @@ def _drive_html(drive: Drive) -> str:
 
 
 def _notebook_metrics(drive: Drive) -> list[str]:
-    """The metrics to show first."""
+    """Names of the metrics that a notebook shows of a run."""
     chains = [f"{chain.name}." for chain in drive.chains] or [""]
     names = [*(f"{chain}tension_{of}" for chain in chains for of in ("mean", "max")), "efficiency"]
     for sprocket in drive.sprockets:
@@ -117,6 +120,7 @@ def _notebook_metrics(drive: Drive) -> list[str]:
 
 
 def _run_html(run: Run) -> str:
+    """A run as HTML: picture, and metrics or a row a variant."""
     rows, names = run.metrics.to_pylist(), run.metrics.column_names
     info = f"{len(rows)} variants" if len(rows) != 1 else "1 variant"
     about = f"{info}, {len(run)} recorded; {run.info.device}, {run.info.precision}, {run.info.wall_time:.1f} s"
@@ -145,6 +149,7 @@ def _run_html(run: Run) -> str:
 
 
 def _trajectory_html(trajectory: Trajectory) -> str:
+    """A trajectory as HTML: picture, and its channels with unit and shape."""
     frames = len(trajectory.time)
     spell = f"{trajectory.time[0]:g} to {trajectory.time[-1]:g} s" if frames else "empty"
     rows = [

@@ -1,4 +1,4 @@
-"""Colors of pictures: of curves and dots, and the tension's scale with the tension at its red end."""
+"""Colors of pictures: of curves and dots, and the scale of link tension from blue (0 N) to red."""
 
 from __future__ import annotations
 
@@ -25,35 +25,32 @@ CURVE_PALETTE: tuple[Color, ...] = (
     *((90, 170, 240), (250, 165, 100), (125, 210, 125), (220, 110, 200), (230, 220, 90), (120, 225, 225)),
     *((240, 130, 125), (170, 145, 250), (185, 150, 115), (165, 230, 50), (150, 190, 165), (245, 180, 225)),
 )
-"""Colors of curves in Rerun, and of variants that are compared: distinct on its dark ground."""
+"""Colors of curves in Rerun, and of compared variants: distinct on a dark ground."""
 EXTREME_COLORS: dict[str, Color] = {"largest": (255, 75, 75), "mean": (240, 240, 240), "smallest": (95, 120, 255)}
-"""Colors of curves that are of the whole chain."""
+"""Colors of the curves of the largest, mean and smallest tension."""
 SHOWN_DOT, RECORDED_DOT, BEST_DOT, OTHER_DOT = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
-"""Dots of variants in Rerun: played, recorded but not played, on the Pareto front, all others."""
+"""Colors of variants' dots: played, recorded, on the Pareto front, all others."""
 BREAKING_LOAD = "breaking"
 """Word for the chain's breaking load."""
 QUANTILE_FRAMES = 500
-"""Frames that the quantile is taken of, about."""
+"""Frames that the tension quantile is taken of, about."""
 ScaleTop = float | str | None
-"""A tension [N], `BREAKING_LOAD`, or None for the quantile."""
+"""Upper end of the tension scale: a tension [N], `BREAKING_LOAD`, or None for a quantile."""
 
 
 def variant_shades(color: Color) -> tuple[Color, ...]:
-    """A variant's color, lighter ones for further curves of it, and a darker one that a dark ground still shows."""
+    """Four shades of a variant's color for its curves."""
     return (color, _mixed_color(color, 0.38, 255), _mixed_color(color, 0.66, 255), _mixed_color(color, 0.15, 0))
 
 
 def _mixed_color(color: Color, share: float, gray: int) -> Color:
+    """A color mixed by a share with a gray."""
     red, green, blue = (round(part + share * (gray - part)) for part in color)
     return red, green, blue
 
 
 def curve_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
-    """The color of everything that curves are of, by name: one a part and strand wherever it is shown.
-
-    Args:
-        variant: the variant's color among others, whose curves then differ by shade; None where it is alone.
-    """
+    """Color of every curve by its part's name; shades of the variant's color where there is one."""
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     others = [part.name for parts in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(drive, parts)]
     if variant is None:
@@ -69,12 +66,12 @@ def curve_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]
 
 @lru_cache(maxsize=1)
 def tension_color_table() -> NDArray[np.uint8]:
-    """The color scale of tension in 256 steps (256, 4)."""
+    """Colors (256, 4) of the tension scale."""
     return tension_color(np.arange(256.0), 255.0)
 
 
 def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
-    """Tensions [N] as steps 0 to 255 of the color scale that ends at `top` [N]; not finite: 0."""
+    """Tensions [N] as steps 0 to 255 of the color scale up to `top` [N]; not finite: 0."""
     share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
     share += np.float32(0.5)
     np.clip(share, 0.0, 255.0, out=share)
@@ -82,27 +79,27 @@ def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np
 
 
 def packed_tension_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Colors of steps of the scale, as Rerun packs them."""
+    """Colors of steps of the tension scale as Rerun's integers."""
     return _packed_color_table()[steps]
 
 
 @lru_cache(maxsize=1)
 def _packed_color_table() -> NDArray[np.uint32]:
+    """Colors (256,) of the tension scale as Rerun's integers."""
     return tension_color_table().view(">u4")[:, 0].astype(np.uint32)
 
 
 def tension_colormap() -> ListedColormap:
-    """The scale for matplotlib."""
+    """The tension scale as a matplotlib color map."""
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(tension_color_table() / 255.0)
 
 
 def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = None) -> float:
-    """Tension at the red end of the scale that some recordings share [N].
+    """Tension at the red end of the color scale of recordings [N].
 
-    By itself it is `tension_colors.PERCENTILE` of all links' tensions in the latter half of a recording, the largest
-    of the recordings': neither the pull of a start nor a single impact sets it.
+    None takes `tension_colors.PERCENTILE` of all links' tensions in the latter half, the largest of the recordings'.
 
     Raises:
         SimulationError: a limit that is no positive number, or the breaking load of a chain without a size.
@@ -127,6 +124,7 @@ def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = Non
 
 
 def _tension_quantile(trajectory: Trajectory) -> float:
+    """Percentile of a recording's link tensions [N]."""
     (tension,) = need(trajectory, "tension")
     part = tension[latter_half(trajectory)]
     return full_scale(part[:: max(len(part) // QUANTILE_FRAMES, 1)])

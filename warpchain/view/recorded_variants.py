@@ -1,4 +1,4 @@
-"""Recorded variants as pictures need them: found in runs and archives, their channels checked, labeled."""
+"""Recorded variants for pictures, found in runs and archives, checked and labeled."""
 
 from __future__ import annotations
 
@@ -22,21 +22,14 @@ DRIVE_CHANNELS = (
     "sprocket_angle",
     "sprocket_center",
 )
-"""Channels that pictures of the drive are drawn from."""
+"""Channels that a picture of the drive in motion needs."""
 
 RunSource = Run | str | Path
 
 
 @dataclass(frozen=True)
 class RecordedVariant:
-    """A recorded variant to be drawn.
-
-    Attributes:
-        run: the run that it is of.
-        index: its number in the run.
-        trajectory: its motion.
-        label: what it is called beside others.
-    """
+    """A recorded variant to draw: its run, number, trajectory, and label beside others."""
 
     run: Run
     index: int
@@ -45,7 +38,7 @@ class RecordedVariant:
 
 
 def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[str] = DRIVE_CHANNELS) -> RecordedVariant:
-    """One recorded variant, the first one where none is named.
+    """A recorded variant of a run or archive, the first one where none is named.
 
     Raises:
         ArchiveError: an archive that cannot be read.
@@ -64,7 +57,7 @@ def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[st
 
 
 def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
-    """A variant's chains, each as a variant of its own; of one chain, the variant itself."""
+    """A recorded variant's chains, each as a variant of its own."""
     if not one.trajectory.drive.chains:
         return [one]
     chains = chain_trajectories(one.trajectory).items()
@@ -72,7 +65,7 @@ def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
 
 
 def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Trajectory:
-    """The trajectory at some of its frames."""
+    """A trajectory at some of its frames."""
     return trajectory.at(frames)
 
 
@@ -82,13 +75,11 @@ def compared_variants(
     others: Sequence[str | int | Run | Path],
     needed: Sequence[str] = DRIVE_CHANNELS,
 ) -> list[RecordedVariant]:
-    """The variants to be compared, each once, with labels that differ.
+    """The recorded variants to compare, each once, with labels that differ.
 
     Args:
-        source: a run, or an archive's path.
         variant: the first of them, of `source`; None is the first recorded.
-        others: each a variant's number in `source`, another run or archive (its first recorded variant), or
-            "ARCHIVE:NUMBER".
+        others: each a variant's number in `source`, another run or archive, or "ARCHIVE:NUMBER".
 
     Raises:
         ArchiveError, SimulationError: as `recorded_variant`.
@@ -126,7 +117,7 @@ def compared_variants(
 
 
 def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None]:
-    """Where a compared variant is: (None: the same run, or a run or path), and its number."""
+    """Run or path (None: the same run) and number of a compared variant."""
     if isinstance(word, int):
         return None, word
     if isinstance(word, Run):
@@ -141,7 +132,7 @@ def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, in
 
 
 def varied_inputs(run: Run) -> dict[str, np.ndarray]:
-    """Numbers of the drive that differ between the variants of a run: (V,) values by key path, NaN where absent."""
+    """Numbers of the drive that differ between a run's variants: (V,) values by key path."""
     flat = [_numbers_by_path(drive.as_read.model_dump()) for drive in run.drives]
     names: dict[str, None] = {}
     for values in flat:
@@ -151,7 +142,7 @@ def varied_inputs(run: Run) -> dict[str, np.ndarray]:
 
 
 def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
-    """The numbers in nested tables and lists, by key path; elements of a list by their name, where they have one."""
+    """Numbers in nested tables and lists by key path, elements of lists by their names."""
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return {}
     if isinstance(node, (int, float)):

@@ -1,4 +1,4 @@
-"""Figures of the chain: those after the paper's Figures 8 to 12, all links' tension, order spectra, contact angles."""
+"""Figures of a chain over a run: displacement, tension, contact forces, order spectra (the paper's Figures 8 to 12)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def hardest_pressed_roller(trajectory: Trajectory) -> int:
 
 
 def strand_displacement_figure(trajectory: Trajectory) -> Figure:
-    """Transverse displacement of every strand at mid-span over time (the paper's Figures 9 and 10)."""
+    """Figure of every strand's transverse displacement over time (the paper's Figures 9 and 10)."""
     names = trajectory.drive.strand_names
     title = "Transverse displacement of each strand at mid-span"
     figure, axes = panel_column(len(names), 2.2 * len(names) + 0.9, title, trajectory)
@@ -68,7 +68,7 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
 
 
 def guide_force_figure(trajectory: Trajectory) -> Figure:
-    """Force of every guide-bar on the chain over time, and how many rollers it presses."""
+    """Figure of every guide-bar's force and rollers in contact over time."""
     drive, forces = trajectory.drive, guide_forces(trajectory)
     figure, axes = panel_column(
         2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory
@@ -89,7 +89,7 @@ def guide_force_figure(trajectory: Trajectory) -> Figure:
 
 
 def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
-    """Tension of one link over the chain's last round, with the spells on each sprocket shaded (Figure 11)."""
+    """Figure of one link's tension over the chain's last round (the paper's Figure 11)."""
     whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
     (tension,) = need(trajectory, "tension")
     figure, (axis,) = panel_column(1, 4.4, f"Tension of link {link} over the chain's last round", whole)
@@ -103,7 +103,7 @@ def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
 
 
 def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
-    """Contact forces on one roller over the chain's last round: of sprockets above, of guide-bars below (Figure 12)."""
+    """Figure of the contact forces on one roller over the chain's last round (the paper's Figure 12)."""
     whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
     sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
     figure, (above, below) = panel_column(
@@ -120,7 +120,7 @@ def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
 
 
 def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> None:
-    """Shades the spells that a roller is on each sprocket, with a legend."""
+    """Shades the spells of a panel in which a roller is on each sprocket."""
     on = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
     named: set[int] = set()
     frame = 0
@@ -137,11 +137,7 @@ def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> No
 
 
 def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
-    """Tension of every link over time, time running down: each row the maximum in a time bin.
-
-    Args:
-        top: tension at the red end of the color scale [N]; None takes `tension_scale_top`.
-    """
+    """Figure of every link's tension over time as an image; `top` is the color scale's red end [N]."""
     (tension,) = need(trajectory, "tension")
     figure, (axis,) = panel_column(1, 7.0, "Tension of all links over time", trajectory)
     _, rows = peaks_over_time(tension, WATERFALL_ROWS)
@@ -158,7 +154,7 @@ def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -
 
 
 def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
-    """Order spectra of strand tensions and transmission errors, tooth-passing orders marked; None where none can be."""
+    """Figure of order spectra of strand tensions and transmission errors; None where there are none."""
     groups = order_spectra(trajectory)
     if not groups:
         return None
@@ -182,7 +178,7 @@ def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
 
 
 def contact_angle_figure(trajectory: Trajectory) -> Figure:
-    """Contact force on the rollers against the angle since they reached each sprocket, latter half of the run."""
+    """Figure of contact forces over the angle since rollers reached each sprocket."""
     drive = trajectory.drive
     count = len(drive.sprockets)
     title = "Contact force against angle on the sprocket, latter half of the run"

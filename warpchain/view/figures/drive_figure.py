@@ -1,4 +1,4 @@
-"""The picture of a drive: sprockets, chain, guides, arms, tensioners where they stand, and the forces on the chain."""
+"""The picture of a drive: sprockets, chain, guides, arms and tensioners in place, and forces on the chain."""
 
 from __future__ import annotations
 
@@ -51,11 +51,9 @@ PART_STYLES: dict[str, dict[str, Any]] = {
 def drive_figure(
     of: Drive | Trajectory, frame: int | None = None, top: float | None = None, size: float = 8.5
 ) -> Figure:
-    """A drive as it begins, or a trajectory's at one instant, the chain colored by tension and with the contact forces
-    on it (Figure 8), as far as these were recorded.
+    """Picture of a drive at its start, or of a trajectory at one instant with its tensions and contact forces.
 
     Args:
-        of: the drive, or the trajectory.
         frame: which; None is three quarters through.
         top: tension at the red end of the color scale [N]; None takes `tension_scale_top`.
         size: of the drive's longer side [in].
@@ -119,7 +117,7 @@ TITLE_LETTERS = 9.0
 
 
 class _PosedChain(NamedTuple):
-    """A chain of a drive, as a drive of its own, how it stands and the rollers' centers [m]."""
+    """A chain to draw: its drive, the pose of its bodies, and the rollers' centers [m]."""
 
     drive: Drive
     pose: Pose
@@ -127,13 +125,13 @@ class _PosedChain(NamedTuple):
 
 
 def _chain_at_start(drive: Drive) -> _PosedChain:
-    """A chain as it is laid."""
+    """A drive's chain along its path, bodies as drawn in the drive file."""
     path = chain_path(drive)
     return _PosedChain(drive, pose_at_start(drive, path), chain_line(drive, path))
 
 
 def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: float) -> None:
-    """Draws parts of a drive, with names of sprockets, guides, tensioners; `factor` units of the axes are a meter."""
+    """Draws a drive's parts with their names into a picture, `factor` axis units a meter."""
     from matplotlib.patheffects import withStroke
 
     halo: Any = {"path_effects": [withStroke(linewidth=2.0, foreground="white")], "zorder": 5}
@@ -156,7 +154,7 @@ def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: f
 
 
 def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
-    """Draws links of chains in the color of their tension, with the scale of colors up to `top` [N]."""
+    """Draws chains' links in the color of their tension, the scale up to `top` [N]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
@@ -169,7 +167,7 @@ def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: floa
 
 
 def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
-    """Draws contact forces of sprockets and guide-bars on rollers, `reach` meters to a newton."""
+    """Draws contact forces on rollers as arrows into a picture, `reach` meters a newton."""
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
     straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002, "zorder": 4}
     for force, (color, label) in zip(arrows, kinds, strict=True):
@@ -180,7 +178,7 @@ def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: 
 
 
 def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
-    """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars, and the largest [N]; none where not recorded."""
+    """Contact forces (N, 2) [N] at a frame of sprockets and of guide-bars, and the largest; [] if not recorded."""
     needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
     if any(getattr(chain, channel) is None for chain in chains for channel in needed):
         return [], 0.0
@@ -190,7 +188,7 @@ def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array]
 
 
 def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
-    """Lower left and upper right corner [m] of all that is drawn, with room around."""
+    """Lower left and upper right corner [m] of a picture around lines, with a margin."""
     points = np.concatenate(lines)
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -199,26 +197,18 @@ def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
 
 
 def _figure_size(tall: float, size: float) -> tuple[float, float]:
-    """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
+    """Width and height [in] of a figure around a drawing `tall` times as high as wide."""
     wide = float(np.clip(size / max(tall, 1e-9), 3.2, size + 0.5))
     return wide + 1.7, min(wide * tall, size + 1.0) + (1.9 if tall > 1.0 else 1.4)
 
 
 TEXT_SPACE = 17.0
-"""Space that a text at a sprocket takes [pt]."""
+"""Height that a text at a sprocket takes [pt]."""
 TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
 
 
 def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], factor: float) -> None:
-    """Writes what a drawing states beside the names, and draws arms where they stand on their stops, in dashes.
-
-    Args:
-        axis: of the picture.
-        drive: a drive of one chain.
-        pose: where its bodies stand.
-        travel: lines of `arm_stop_lines`.
-        factor: units of the axes in a meter.
-    """
+    """Writes teeth, radii, wrap angles, links and arm angles into a picture, `factor` axis units a meter."""
     from matplotlib.patheffects import withStroke
 
     path = chain_path(drive)
@@ -257,7 +247,7 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
 
 
 def arm_stop_lines(drive: Drive, pose: Pose) -> list[Array]:
-    """Lines of the arms and of the guides on them, on either stop [m]."""
+    """Lines [m] of each arm and its guides, turned to either stop."""
     lines: list[Array] = []
     for a, arm in enumerate(drive.arms):
         own = {arm.name, *(drive.guides[g].name for g in drive.guides_of(a))}
@@ -270,12 +260,12 @@ def arm_stop_lines(drive: Drive, pose: Pose) -> list[Array]:
 
 
 def text_count_at(axis: Any, point: Any) -> int:
-    """Number of texts that stand at a point of a picture: sprockets of several chains may have one center."""
+    """Number of texts that a picture has at a point."""
     return sum(np.allclose(text.xy, point) for text in axis.texts)
 
 
 def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
-    """Links of each strand; its length in pitches where the chain does not fit."""
+    """Words for each strand's number of links, or its pitches where the chain does not fit."""
     try:
         return [f"{links} links" for links in assemble(drive).strand_links]
     except DriveError:
@@ -283,6 +273,6 @@ def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
 
 
 def _length_text(meters: float) -> str:
-    """A length with its unit, to four figures."""
+    """A length [m] as text with a fitting unit."""
     unit, factor = shown("m", meters)
     return f"{factor * meters:.4g} {unit}"

@@ -1,4 +1,4 @@
-"""Style of figures: size, titles with what was run, colors, peaks kept in long curves, files."""
+"""Style of all figures: panels, titles with what was run, line colors, curves thinned to their peaks, files."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ LINE_COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "
 _STEADY = 0.01
 """Relative: of the top speed, within which a mean is that."""
 CURVE_SPELLS = 4000
-"""Spells that a curve is thinned out to, smallest and largest values kept."""
+"""Spells that a curve is thinned to, the smallest and largest value of each kept."""
 
 
 def strand_label(name: str) -> str:
-    """A strand's name with a proper arrow."""
+    """A strand's name with an arrow sign for "->"."""
     return name.replace("->", " \N{RIGHTWARDS ARROW} ")
 
 
 def run_line(of: Drive | Trajectory) -> str:
-    """A line on what was run, or is to be."""
+    """Title line of a drive or run: links, pitch, the driver's speed, temperature."""
     drive = of if isinstance(of, Drive) else of.drive
     rings = rings_of(drive.as_read)
     pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(ring.drive.chain.pitch for ring in rings))
@@ -49,7 +49,7 @@ def run_line(of: Drive | Trajectory) -> str:
 
 
 def driver_speed_text(of: Drive | Trajectory) -> str:
-    """The driver and its speed: of a run the mean in the window, which is named where that is not the top speed."""
+    """The driver's name and speed in words; of a run its mean, named where it is not the top speed."""
     drive = of if isinstance(of, Drive) else of.drive
     name, top = drive.sprockets[drive.driver].name, drive.driver_speed
     if isinstance(of, Drive):
@@ -64,20 +64,14 @@ def driver_speed_text(of: Drive | Trajectory) -> str:
 
 
 def rpm_of_speed(speed: float) -> float:
-    """An angular speed [rad/s] in revolutions a minute."""
+    """Revolutions a minute of an angular speed [rad/s]."""
     return speed * 30.0 / np.pi
 
 
 def panel_column(
     rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True
 ) -> tuple[Figure, list[Any]]:
-    """A figure of panels below each other with a common horizontal axis.
-
-    Args:
-        height: of the figure [in].
-        title: none where it is empty.
-        of: what was run, for the line below the title.
-    """
+    """An empty figure, `height` inches high, of panels below each other; its title names what was run."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     figure = PlainFigure(figsize=(10.0, height), layout="constrained")
@@ -91,21 +85,21 @@ def panel_column(
 
 
 def draw_legend(axis: Any) -> None:
-    """The legend of a panel, beside the data; none where nothing is named."""
+    """Draws a panel's legend on its right; none where no curve has a name."""
     if axis.get_legend_handles_labels()[0]:
         beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.005, 1.0), "borderaxespad": 0.0}
         axis.legend(fontsize=8, frameon=False, handlelength=1.4, **beside)
 
 
 def draw_tooth_orders(axis: Any, teeth: int) -> None:
-    """Marks the tooth-passing orders of a driver."""
+    """Draws dotted lines at a driver's tooth-passing orders into a spectrum."""
     for k in range(1, TOOTH_PASSINGS + 1):
         label = f"tooth passing, multiples of {teeth}" if k == 1 else None
         axis.axvline(k * teeth, color="black", lw=0.8, ls=":", label=label)
 
 
 def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
-    """A figure of panels in rows of `columns`, each of a size [in]."""
+    """An empty figure of panels in rows of `columns`, each `width` by `height` [in]."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     columns = min(columns, count)
@@ -120,13 +114,13 @@ def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[F
 
 
 def draw_curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
-    """Draws a curve; of a long one the smallest and largest values of `CURVE_SPELLS` spells."""
+    """Draws a curve into a panel, a long one thinned to its peaks."""
     kept = peak_frames(y, CURVE_SPELLS)
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Writes a figure as the path's ending says; it appears under its name only when whole.
+    """Writes a figure as its path's ending says; the file appears only when whole.
 
     Raises:
         ArchiveError: a file that cannot be written.
@@ -136,10 +130,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:
-    """Writes figures; each appears under its name only when whole.
-
-    Args:
-        kinds: "png", "svg", or both; text in SVG stays text.
+    """Writes figures to a folder as NAME.png or NAME.svg and returns the paths.
 
     Raises:
         ArchiveError: a folder that cannot be written.

@@ -1,4 +1,4 @@
-"""Labels of a picture, moved to where they cover nothing."""
+"""Placement of a picture's labels where they cover neither parts nor each other."""
 
 from __future__ import annotations
 
@@ -10,19 +10,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LABEL_DISTANCES, LABEL_DIRECTIONS = (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0), 24
-"""How far from its point a label may stand [pt], and in how many directions."""
+"""Distances of a label from its point that are tried [pt], and the number of directions."""
 TEXT_COST, MOVE_COST = 20.0, 2.0
-"""Cost of a pixel of another label that is covered, and of each point [pt] that a label moves; of a part's pixel: 1."""
+"""Cost of a covered pixel of another label, and of a point that a label moves; a part's covered pixel costs 1."""
 
 
 def move_labels(axis: Any, fixed: Array) -> None:
-    """Moves labels, one after the other, the widest first, to where they cover least beside their point.
-
-    The picture is drawn without its texts; what is not white then is covered by what lies over it, and so are texts.
+    """Moves a picture's labels, the widest first, to where they cover least beside their point.
 
     Args:
-        axis: of the picture, its limits set.
-        fixed: (n, 2) points whose texts stay. All texts are annotations at offsets in points.
+        axis: of the picture, its limits set; all texts are annotations at offsets in points.
+        fixed: (n, 2) points whose texts stay.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -53,7 +51,7 @@ def move_labels(axis: Any, fixed: Array) -> None:
 
 
 def _label_moves(box: Array, point: Array, scale: float) -> Array:
-    """Ways (n, 2) [px] that a box (left, bottom, right, top) [px] may go: none, or to all sides of a point."""
+    """Moves (n, 2) [px] to try for a label's box: none, and to all sides of a point."""
     half, middle = 0.5 * (box[2:] - box[:2]), 0.5 * (box[2:] + box[:2])
     angle = np.arange(LABEL_DIRECTIONS) * (2.0 * np.pi / LABEL_DIRECTIONS)
     to = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -63,13 +61,13 @@ def _label_moves(box: Array, point: Array, scale: float) -> Array:
 
 
 def _box_pixels(box: Array) -> tuple[slice, slice]:
-    """Rows and columns of a box."""
+    """Rows and columns of a box's pixels."""
     left, bottom, right, top = np.maximum(box, 0.0).round().astype(int)
     return slice(bottom, top), slice(left, right)
 
 
 def _covering_cost(covered: Array, box: Array, inside: Array) -> float:
-    """Sum of the covered pixels in a box, infinite where it leaves the axes."""
+    """Sum of the covered pixels below a label's box; infinite where it leaves the axes."""
     if (box[:2] < inside[:2]).any() or (box[2:] > inside[2:]).any():
         return np.inf
     return float(covered[_box_pixels(box)].sum())

@@ -1,4 +1,4 @@
-"""Figures of what rubs and bears: guides over their length, friction power, wear of the joints, probes."""
+"""Figures of a report on parts: load of guides, friction power, wear of joints, bodies over time, probes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SPEED_SPELLS = 24
-"""Most spells of speed that friction power is averaged over."""
+"""Spells of time, sorted by speed, that friction power is averaged over."""
 STEADY_SPREAD = 0.2
 """Speeds that differ by less than this share of the largest are one speed."""
 
 
 def guide_load_figure(found: HandedIn, g: int) -> Figure:
-    """Load of a guide over the arc length of its face: force per length, largest roller force, p v."""
+    """Figure of a guide's load along its face: force per length, largest roller force, p v."""
     load: GuideLoad = found.guides[g]
     inside = load.mean > 0.0
     span = load.place[inside] if inside.any() else load.place
@@ -60,7 +60,7 @@ def guide_load_figure(found: HandedIn, g: int) -> Figure:
 
 
 def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
-    """Unit and factor of a value per meter, shown per millimeter; of others as they are shown."""
+    """Unit and factor for values of a unit; one per meter is shown per millimeter."""
     if not unit.endswith("/m"):
         return shown(unit, values)
     word, factor = shown(unit.removesuffix("/m"), 1e-3 * values)
@@ -68,7 +68,7 @@ def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
 
 
 def friction_power_figure(found: HandedIn) -> Figure | None:
-    """Friction power by group over the driver's speed, or over time where it keeps one; None where nothing rubs."""
+    """Figure of friction power by group over the driver's speed, or over time; None without friction."""
     groups = by_group(found.drive, found.power)
     if not groups:
         return None
@@ -96,14 +96,14 @@ def friction_power_figure(found: HandedIn) -> Figure | None:
 
 
 def draw_stacked_areas(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
-    """Values above each other, with a legend."""
+    """Draws rows of values as areas above each other, with a legend."""
     axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINE_COLORS, alpha=0.75, lw=0)
     axis.set_xlim(x[0], x[-1])
     axis.legend(loc="upper left", fontsize=8)
 
 
 def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
-    """Mean friction power [W] of variants by group over the driver's mean speed (V,) [rad/s], ascending."""
+    """Figure of variants' mean friction power [W] by group over the driver's speed (V,) [rad/s]."""
     figure, (axis,) = panel_column(1, 3.4, "", None)
     unit, factor = shown("W", np.sum(list(groups.values()), axis=0))
     draw_stacked_areas(axis, rpm_of_speed(1.0) * speed, {name: factor * values for name, values in groups.items()})
@@ -113,12 +113,12 @@ def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Ar
 
 
 def _spell_means(values: Array, spells: int) -> Array:
-    """Means over at most so many equal spells of time."""
+    """Means of values over at most `spells` equal spells of time."""
     return np.array([part.mean() for part in np.array_split(values, min(spells, len(values)))])
 
 
 def joint_wear_figure(found: HandedIn) -> Figure | None:
-    """Loaded sliding of every joint in the window, as a power; None without a pin radius."""
+    """Figure of every joint's force times sliding speed in the window; None without a pin radius."""
     if found.wear is None:
         return None
     rate = found.wear.loaded / found.wear.seconds
@@ -134,11 +134,11 @@ def joint_wear_figure(found: HandedIn) -> Figure | None:
 
 
 BODY_LISTS = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings", "valve": "valves"}
-"""Parts with channels of their own beside rollers, links and sprockets, with the drive's list of them."""
+"""Kinds of bodies with channels of their own, and the drive's list of each."""
 
 
 def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
-    """The recorded channels of a kind of `BODY_LISTS`: title, unit and values (F, how many there are)."""
+    """Recorded channels of a kind of body: title, unit and values (F, bodies)."""
     return {
         channel.description: (channel.unit, np.asarray(values, dtype=float))
         for channel in CHANNELS
@@ -149,7 +149,7 @@ def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Arr
 
 
 def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
-    """All that is recorded of a part of a kind of `BODY_LISTS` over time; None where nothing is."""
+    """Figure of all channels recorded of body k over time; None where there are none."""
     held = body_channels(found.whole, kind)
     if not held:
         return None
@@ -164,7 +164,7 @@ def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
 
 
 def probe_figure(found: HandedIn, name: str) -> Figure:
-    """A probe's readings over time: tension, speed along the chain, displacement to its left."""
+    """Figure of a probe's tension, speed along the chain and transverse displacement over time."""
     seen = found.probes[name]
     figure, axes = panel_column(3, 5.6, "", None)
     rows = (("tension", "N", seen.tension), ("speed", "m/s", seen.speed), ("displacement", "m", seen.displacement))

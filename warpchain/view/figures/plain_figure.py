@@ -1,4 +1,4 @@
-"""A figure whose texts mean themselves; imported where a figure is made, as it loads matplotlib."""
+"""A matplotlib figure that reads no formulas in texts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from matplotlib.text import Text
 
 
 class PlainFigure(Figure):
-    """A figure without formulas: names of parts may hold any character. Numbers at ticks keep their powers of ten."""
+    """A matplotlib figure whose texts may hold any character; ticks keep powers of ten."""
 
     def draw(self, renderer: Any) -> None:
-        """Draws it, also to lay it out, so that no text is read as a formula before it is drawn."""
+        """Draws the figure, all texts but ticks as plain text."""
         ticks = {
             text
             for axis in self.axes

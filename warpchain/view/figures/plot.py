@@ -1,4 +1,4 @@
-"""Figures of a run as files: one variant's after the paper and beyond, and sweeps over speed of several."""
+"""Figures of runs by name, drawn or written as files: those of one variant, and Campbell diagrams of several."""
 
 from __future__ import annotations
 
@@ -38,11 +38,10 @@ FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
     "order-spectrum": lambda t, *_: order_spectrum_figure(t),
     "contact-angle": lambda t, *_: contact_angle_figure(t),
 }
-"""Figures of a variant, a roller and the tension at the colors' red end [N], by name; None where there is nothing to
-draw: no guide-bar, or too short a run for orders."""
+"""Figures of a variant by name, from trajectory, roller and color limit [N]; None where there is nothing to draw."""
 
 RESONANCE_MULTIPLE = 8.0
-"""Multiple of the highest first transverse frequency up to which resonances are shown."""
+"""Multiple of the highest transverse frequency up to which a diagram shows resonances."""
 
 
 def draw_figures(
@@ -52,7 +51,7 @@ def draw_figures(
     roller: int | None = None,
     scale: ScaleTop = None,
 ) -> dict[str, Figure]:
-    """The figures of one variant by name, as notebooks show them; arguments and errors are those of `plot_figures`."""
+    """The figures of one variant by name; arguments and errors are those of `plot_figures`."""
     for name in only:
         if name not in FIGURES:
             raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
@@ -63,7 +62,7 @@ def draw_figures(
 
 
 def _figures_by_chain(whole: Trajectory, only: Sequence[str], roller: int | None, scale: ScaleTop) -> dict[str, Figure]:
-    """The figures of each chain, by its name and theirs; that of the drive has all chains."""
+    """Figures of a drive of several chains by "CHAIN NAME", the drive's picture once."""
     drawn: dict[str, Figure] = {}
     chosen = only or tuple(FIGURES)
     if "drive" in chosen:
@@ -78,7 +77,7 @@ def _figures_by_chain(whole: Trajectory, only: Sequence[str], roller: int | None
 def _figures_of_chain(
     trajectory: Trajectory, only: Sequence[str], roller: int | None, scale: ScaleTop
 ) -> dict[str, Figure]:
-    """The figures of a chain by name."""
+    """Figures of one chain's trajectory by name, those of `only` or all."""
     if roller is None:
         roller = hardest_pressed_roller(trajectory)
     if not 0 <= roller < trajectory.drive.chain.links:
@@ -97,7 +96,7 @@ def plot_figures(
     roller: int | None = None,
     scale: ScaleTop = None,
 ) -> list[Path]:
-    """Draws the figures of one variant.
+    """Writes the figures of one variant as image files and returns their paths.
 
     Args:
         source: a run, or an archive's path.
@@ -105,12 +104,8 @@ def plot_figures(
         variant: which variant; None is the first recorded.
         kind: file ending, "png" or "svg", or both.
         only: names of `FIGURES` to draw; () is all.
-        roller: whose contact forces and link's tension are drawn; None takes the one that guide-bars press hardest, or
-            else sprockets.
+        roller: whose contact forces and link's tension are drawn; None takes the hardest pressed one.
         scale: link tension at the red end of the color scale, as `warpchain.view.rerun.view` takes it.
-
-    Returns:
-        The files.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a folder that cannot be written.
@@ -122,7 +117,7 @@ def plot_figures(
 def plot_sweep(
     sources: Sequence[Run | str | Path], folder: str | Path, kind: str | Sequence[str] = "png"
 ) -> list[Path]:
-    """Writes the figures of `draw_sweep`; returns the files.
+    """Writes the Campbell diagrams of `draw_sweep` as image files and returns their paths.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a folder that cannot be written.
@@ -132,8 +127,7 @@ def plot_sweep(
 
 
 def draw_sweep(sources: Sequence[Run | str | Path]) -> dict[str, Figure]:
-    """Draws Campbell diagrams over all recorded variants of runs or archives: strand displacement, once more up to
-    `RESONANCE_MULTIPLE` times the first transverse frequency, and strand tension.
+    """Campbell diagrams by name, of strand displacement and tension over all recorded variants of runs.
 
     Raises:
         ArchiveError: an archive that cannot be read.

@@ -1,7 +1,4 @@
-"""Figures of rigs: a measured signal over the simulated one, and a tensioner's force over displacement and its sweeps.
-
-The tensioner's tables are those of `warpchain.engine.rig`, whose columns are in SI units.
-"""
+"""Figures of test rigs: a measured signal over the simulated one; a tensioner's force loops and sweeps."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ SHOWN_CYCLES = 2
 
 
 def measured_figure(trajectory: Trajectory, found: Comparison) -> Figure:
-    """Both signals over time where they overlap, or all of both, and below their order spectra."""
+    """Figure of a measured and a simulated signal over time, and of their order spectra."""
     measured = found.measured
     signals = [(found.time, found.simulated), (measured.time, measured.values)]
     first, last = max(time[0] for time, _ in signals), min(time[-1] for time, _ in signals)
@@ -59,6 +56,7 @@ def measured_figure(trajectory: Trajectory, found: Comparison) -> Figure:
 
 
 def _draw_order_spectra(axis: Any, drive: Drive, found: Comparison, factor: float) -> None:
+    """Draws the order spectra of a measured and a simulated signal into a panel."""
     driver = drive.sprockets[drive.driver]
     last = (TOOTH_PASSINGS + 0.5) * driver.teeth
     peak = 0.0
@@ -78,14 +76,15 @@ def _draw_order_spectra(axis: Any, drive: Drive, found: Comparison, factor: floa
 
 
 def _arrays_by_column(table: pa.Table) -> dict[str, NDArray[np.float64]]:
+    """A table's columns as arrays by name."""
     return {name: np.asarray(table[name]) for name in table.column_names}
 
 
 def tensioner_loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figure:
-    """Force over displacement in the last cycle, and pressure (without oil: force) and valve lift over the last two.
+    """Figure of a tensioner's force over displacement, with pressure and valve lift, in its last cycles.
 
     Args:
-        tables: samples of rides by their labels, a label for the legend.
+        tables: samples of rides by their labels.
         cycles: of each ride.
     """
     from warpchain.view.figures.plain_figure import PlainFigure
@@ -120,7 +119,7 @@ def tensioner_loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: st
 
 
 def _draw_loop_arrow(axis: Any, x: NDArray[np.float64], y: NDArray[np.float64], color: Any) -> None:
-    """Which way round a loop goes, in the middle of the way in."""
+    """Draws an arrow along a force loop at its steepest step."""
     at = int(np.argmax(np.abs(np.diff(y)))) + 1
     axis.annotate(
         "",
@@ -136,16 +135,15 @@ SWEEP_PANELS: tuple[tuple[str, str, Sequence[tuple[str, str]], float], ...] = (
     ("work", "energy [J/cycle]", (("work", "-"),), 1.0),
     ("leaked", "leaked [mm\N{SUPERSCRIPT THREE}/cycle]", (("leaked", "-"),), 1e9),
 )
-"""Panels of a sweep: what it is, its label, the columns with their line styles, and the unit's factor."""
+"""Panels of a tensioner's sweep: name, label, columns with line styles, the unit's factor."""
 
 
 def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, title: str) -> Figure:
-    """Extremes of force and pressure, work and leakage of the last cycle over what is swept.
+    """Figure of a tensioner's extreme forces and pressures, work and leakage over frequency or temperature.
 
     Args:
-        rides: tables of rides by their labels, a curve for each; their rows go with `x`.
-        x: what is swept, in the unit of `axis`.
-        axis: label of `x`; frequencies are drawn over decades.
+        rides: tables of rides by their labels, a curve each; their rows go with `x`.
+        axis: label of `x`.
     """
     from warpchain.view.figures.plain_figure import PlainFigure
 
@@ -176,7 +174,7 @@ def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], ax
 
 
 def _ride_colors(count: int) -> list[Any]:
-    """A color a curve: the palette's, or along a map where there are more."""
+    """A color for each of `count` curves."""
     if count <= len(LINE_COLORS):
         return list(LINE_COLORS[:count])
     from matplotlib import colormaps

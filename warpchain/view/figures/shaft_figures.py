@@ -1,4 +1,4 @@
-"""Figures of shafts: hub forces as hodographs, phase errors over time, by order, and over two turns of the driver."""
+"""Figures of a report on shafts: hub forces, phase errors, the cycle of two turns, tooth jump."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 HODOGRAPH_DOTS = 4000
 """Most dots of one hodograph."""
 STEADY_SPREAD = 0.2
-"""Speeds that differ by less than this share of the largest are one speed, whose cycles can be averaged."""
+"""Speeds that differ by less than this share of the largest are one speed."""
 
 
 def hub_force_figure(found: HandedIn) -> Figure:
-    """Force of the chain on every shaft: its tip at each frame of the window, its mean as an arrow."""
+    """Figure of the chain's force on every shaft as hodographs over the window."""
     drive, hubs = found.drive, found.hubs
     unit, factor = shown("N", hubs)
     figure, axes = panel_grid(len(drive.sprockets), 3, 3.6, 3.6)
@@ -48,7 +48,7 @@ def hub_force_figure(found: HandedIn) -> Figure:
 
 
 def phase_error_figure(found: HandedIn) -> Figure | None:
-    """Phase errors over time, in degrees of the driver; None with the driver alone."""
+    """Figure of shafts' phase errors over time, in degrees of the driver; None with the driver alone."""
     drive = found.drive
     driven = list(found.phases)
     if not driven:
@@ -68,7 +68,7 @@ def phase_error_figure(found: HandedIn) -> Figure | None:
 
 
 def phase_error_order_figure(found: HandedIn) -> Figure | None:
-    """Amplitudes of the phase errors by order of the driver; None without a whole cycle of it in the window."""
+    """Figure of phase errors' amplitudes by order; None without a whole cycle in the window."""
     phases = {s: phase for s, phase in found.phases.items() if phase.amplitude is not None}
     if not phases:
         return None
@@ -89,7 +89,7 @@ def phase_error_order_figure(found: HandedIn) -> Figure | None:
 
 
 def has_even_speed(found: HandedIn) -> bool:
-    """Whether the driver keeps about one speed in the window, so that its cycles are alike."""
+    """Whether the driver keeps about one speed in the window."""
     speed = found.part.sprocket_speed
     if speed is None:
         return False
@@ -98,7 +98,7 @@ def has_even_speed(found: HandedIn) -> bool:
 
 
 def driver_cycle_figure(found: HandedIn) -> Figure | None:
-    """Mean and envelope over two turns of the driver: strand tensions, hub forces, phase errors; None without them."""
+    """Figure of tensions, hub forces and phase errors over two driver turns; None where its speed varies."""
     if not has_even_speed(found):
         return None
     drive, part = found.drive, found.part
@@ -143,7 +143,7 @@ def least_finite(values: Array) -> float:
 
 
 def jump_margin_figure(found: HandedIn) -> Figure:
-    """Least margin to tooth jump of each sprocket over time, as a share of the climb from seat to tip."""
+    """Figure of each sprocket's least margin to tooth jump over time."""
     figure, (axis,) = panel_column(1, 3.0, "", None)
     for s, (sprocket, jump) in enumerate(zip(found.drive.sprockets, found.jumps, strict=True)):
         share = 100.0 * jump.margin / jump.height

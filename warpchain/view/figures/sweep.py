@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TOOTH_MULTIPLES = 3
-"""Multiples of the tooth-passing frequency that are marked."""
+"""Multiples of the tooth-passing frequency that a Campbell diagram marks."""
 COLOR_DECADES = 3.0
 """Decades of amplitude that the colors span."""
 
@@ -33,30 +33,29 @@ STRAND_SIGNALS: dict[str, tuple[str, Callable[[Trajectory, int], NDArray[np.floa
     "displacement": ("displacement at mid-span [mm]", lambda t, k: 1e3 * strand_displacement(t, k)),
     "tension": ("tension at mid-strand [N]", strand_tension),
 }
-"""Signals of a strand, with their titles."""
+"""Signals of a strand by name, with their labels."""
 FEWEST_BLOCKS = 6
 """Blocks that a run-up must have."""
 LEAST_RISE = 1.25
-"""Fastest over slowest block from which a run counts as one over speeds."""
+"""Fastest over slowest block from which a run counts as a run-up."""
 MOST_ORDERS = 6
-"""Orders that are cut."""
+"""Most orders that a run-up is cut at."""
 USUAL_ORDERS = (2.0, 4.0, 0.5, 1.0)
 """Orders that are cut where motions and loads excite fewer."""
 
 
 @dataclass(frozen=True)
 class SpeedSweep:
-    """Spectra of one signal over speeds.
+    """Spectra of one signal over speeds, for a Campbell diagram.
 
     Attributes:
-        name: of the strand, or of what else the signal is of.
+        name: of the strand.
         label: the signal with its unit.
         speed: (R,) mean speed of the driver [rpm], ascending.
-        frequency: R arrays of frequencies [Hz].
-        amplitude: R arrays of amplitudes.
+        frequency, amplitude: R arrays [Hz], [unit of the signal].
         teeth: of the driver.
-        natural: (R,) first transverse frequency of the strand at its mean tension [Hz]; None leaves it out.
-        excited: orders of the driver's revolution that motions and loads excite.
+        natural: (R,) first transverse frequency of the strand [Hz]; None leaves it out.
+        excited: orders that motions and loads excite.
     """
 
     name: str
@@ -70,9 +69,10 @@ class SpeedSweep:
 
 
 def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") -> list[SpeedSweep]:
-    """The spectra of every strand over the recorded variants of runs or archives that are ok, in the latter halves.
+    """Spectra of every strand over the speeds of recorded variants that are ok, a sweep a strand.
 
     Args:
+        sources: runs, or archives' paths.
         signal: one of `STRAND_SIGNALS`.
 
     Raises:
@@ -122,7 +122,7 @@ def _driver_rpm(trajectory: Trajectory) -> float:
 
 
 def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -> Figure:
-    """Spectra over speed, one panel a sweep: amplitude as color, tooth-passing and natural frequencies as lines.
+    """Figure of spectra over speed (Campbell diagram), a panel a sweep, with tooth-passing and natural frequencies.
 
     Args:
         highest: upper end of the frequency axis [Hz]; None shows `TOOTH_MULTIPLES` tooth passings at the highest speed.
@@ -176,7 +176,7 @@ def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -
 def _spectrum_on_grid(
     even: NDArray[np.float64], frequency: NDArray[np.float64], amplitude: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A spectrum on even frequencies: the largest line near each, between lines the nearest one."""
+    """A spectrum's amplitudes at even frequencies: the largest line near each, else the nearest."""
     step = even[1]
     at = np.rint(frequency / step).astype(int)
     inside = at < len(even)
@@ -189,7 +189,7 @@ def _spectrum_on_grid(
 
 
 def run_up_orders(drive: Drive) -> list[float]:
-    """Orders of the driver to be cut: what harmonics of motions and loads excite, tooth passing and its half."""
+    """Orders of the driver that a run-up is cut at: excited ones and tooth passing."""
     from warpchain.assembly.table_cells import shaft_ratio
 
     teeth = drive.sprockets[drive.driver].teeth
@@ -205,10 +205,7 @@ def run_up_orders(drive: Drive) -> list[float]:
 
 
 def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
-    """Order cuts by what they are of: shaft speeds, tensions, hub forces, with unit; {} where speeds hardly differ.
-
-    Taken over the whole recording, from where the driver turns forward for good.
-    """
+    """Order cuts of a run-up's speeds, tensions and hub forces by title, with unit; {} where speeds hardly differ."""
     drive, whole = found.drive, found.whole
     if any(getattr(whole, name) is None for name in ("sprocket_speed", "sprocket_angle", "position", "tension")):
         return {}
@@ -240,7 +237,7 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
 
 
 def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts]) -> Figure:
-    """One panel a shaft or strand: amplitude of each order over the driver's speed."""
+    """Figure of each order's amplitude over the driver's speed, a panel a shaft or strand."""
     figure, axes = panel_column(len(found), 1.9 * len(found) + 0.7, "", None)
     word, factor = shown(unit, *(cuts.amplitude for cuts in found.values()))
     for axis, (name, cuts) in zip(axes, found.items(), strict=True):

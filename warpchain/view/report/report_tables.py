@@ -1,4 +1,4 @@
-"""Tables of a run's page: metrics with engineering units, hub forces, guides, friction."""
+"""HTML tables of a run's engineering report: metrics, hub forces, phase errors, guides, friction."""
 
 from __future__ import annotations
 
@@ -18,31 +18,27 @@ from warpchain.results.units import shown_unit
 from warpchain.view.html import engineering_number, paragraph_html, table_html
 
 TABLE_DIGITS = 4
-"""Significant digits of numbers in tables."""
+"""Significant digits of numbers in the report's tables."""
 
 
 def quantity_cells(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
-    """A value [SI] as it is written, and its unit.
-
-    Args:
-        largest: picks the unit, so that the values of a row or table share it; the value itself if None.
-    """
+    """A value [SI] as two table cells, number and unit; `largest` picks the unit of a row."""
     word, factor = shown_unit(unit, value if largest is None else largest)
     return engineering_number(factor * value, TABLE_DIGITS), word
 
 
 def quantity_text(value: float, unit: str) -> str:
-    """A value [SI] with its unit in one text."""
+    """A value [SI] as text with a fitting unit."""
     return " ".join(quantity_cells(value, unit)).strip()
 
 
 def climb_share_text(margin: float) -> str:
-    """A margin to tooth jump over the whole climb; a roller pressed below its seat has no more than all of it."""
+    """A margin to tooth jump over the whole climb as text in percent."""
     return f"{100.0 * min(1.0, margin):.3g} %"
 
 
 def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
-    """The metrics whose names begin with a prefix, and have no further one, with their standard errors."""
+    """Table rows of the metrics that begin with a prefix: name, value, error, unit, title."""
     for name, value in row.items():
         own = name.removeprefix(prefix)
         column = column_of(name)
@@ -62,11 +58,7 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
 
 
 def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
-    """Tables of all metrics of a row by what they are of: the run, each strand, shaft, guide and probe.
-
-    Args:
-        alike: sprockets that turn as another part, in whose table their speed is.
-    """
+    """HTML tables of all metrics by the part they are of; the speed of sprockets in `alike` is another part's."""
     prefixes = [prefix for things in THINGS.values() for prefix in things(drive)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
@@ -80,7 +72,7 @@ def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]
 
 
 def hub_force_table(found: HandedIn, row: Mapping[str, Any]) -> str:
-    """Mean and largest force on each shaft: from the sums over every step where there are any, or else from frames."""
+    """HTML table of mean and largest force on each shaft, of every step where known, else of frames."""
     rows: list[list[Any]] = []
     for s, sprocket in enumerate(found.drive.sprockets):
         frames = found.hubs[:, s]
@@ -96,7 +88,7 @@ def hub_force_table(found: HandedIn, row: Mapping[str, Any]) -> str:
 
 
 def phase_error_table(found: HandedIn) -> str:
-    """Mean shift, range and orders of each shaft's phase error, in degrees of the driver."""
+    """HTML table of shafts' phase errors: mean shift, range and orders."""
     if not found.phases:
         return ""
     of = {found.drive.sprockets[s].name: phase for s, phase in found.phases.items()}
@@ -113,7 +105,7 @@ def phase_error_table(found: HandedIn) -> str:
 
 
 def guide_load_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
-    """Load of each guide; pressures where the contact's width is known."""
+    """HTML table of each guide's load, with pressures where the width is known."""
     rows = []
     for g, guide in enumerate(found.drive.guides):
         load, width = found.guides[g], found.drive.guide_contact(g).width
@@ -139,7 +131,7 @@ def guide_load_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping
 
 
 def body_motion_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
-    """Each channel (F, count) of body k in the window: extremes, mean, range; of motions the distance in a second."""
+    """HTML table of each channel (F, count) of body k: extremes, mean, range, distance."""
     rows = []
     for title, (unit, values) in channels.items():
         moved = stroke(found.part.time, values[:, k])
@@ -154,8 +146,7 @@ def body_motion_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], 
 
 
 def check_valve_text(found: HandedIn, k: int) -> str:
-    """Openings of the check valve of tensioner k in the window: where the chamber is below the supply by more than
-    the cracking pressure; "" without oil or without the chamber's pressure."""
+    """A sentence on the openings of tensioner k's check valve; "" without oil."""
     tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
     if pressure is None or tensioner.valve is None or tensioner.oil is None or tensioner.oil.supply_table is not None:
         return ""
@@ -168,7 +159,7 @@ def check_valve_text(found: HandedIn, k: int) -> str:
 
 
 def friction_power_table(found: HandedIn, row: Mapping[str, Any]) -> str:
-    """Mean friction power of everything that rubs in the window: of every step (metrics), and of the frames."""
+    """HTML table of mean friction powers, of every step and of the frames."""
     seconds = found.end - found.start
     inside = found.whole.time >= found.start - 1e-12
     means = {name: float(values[inside].mean()) for name, values in found.power.items()}

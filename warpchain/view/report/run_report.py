@@ -1,4 +1,4 @@
-"""The page of a run and its sections, each from what was recorded; what a recording lacks is said in its place."""
+"""The engineering report of a run as an HTML page, section by section."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ Row = Mapping[str, Any]
 
 
 def figure_html(figure: Figure | None, words: str) -> str:
-    """A figure in the page; nothing where there is none."""
+    """A figure as HTML; "" for None."""
     return "" if figure is None else html.picture_html(figure, words)
 
 
 def summary_section(found: HandedIn, row: Row, info: RunInfo) -> html.PageSection:
-    """The summary: drive, status, the most wanted numbers, the drive's picture."""
+    """The report's summary: status, key numbers, run settings, the drive's picture."""
     status = row.get("status") or "unknown"
     boxes = [("" if status == "unknown" else status, status, "status")]
     metrics = found.metrics()
@@ -67,6 +67,7 @@ def summary_section(found: HandedIn, row: Row, info: RunInfo) -> html.PageSectio
 
 
 def tension_parts(found: HandedIn, _: Row) -> Iterator[str]:
+    """HTML of the report's section on the chain: tension, displacement, spectra, contact angles."""
     yield html.paragraph_html(
         "Each row of the picture is the maximum tension of every link in a time bin; spectra are of the latter "
         "half, over orders of the driver's revolution."
@@ -78,6 +79,7 @@ def tension_parts(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def hub_force_parts(found: HandedIn, row: Row) -> Iterator[str]:
+    """HTML of the report's section on hub forces."""
     exact = all(row.get(f"{sprocket.name}.hub_force_max") is not None for sprocket in found.drive.sprockets)
     yield html.paragraph_html(
         "Force of the chain on each shaft. The table is of "
@@ -89,6 +91,7 @@ def hub_force_parts(found: HandedIn, row: Row) -> Iterator[str]:
 
 
 def timing_parts(found: HandedIn, _: Row) -> Iterator[str]:
+    """HTML of the report's section on timing: shafts' phase errors."""
     name = found.drive.sprockets[found.drive.driver].name
     yield html.paragraph_html(
         f"Where each shaft stands against where {name} and the teeth put it, from where it stood when the recording "
@@ -101,6 +104,7 @@ def timing_parts(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def cycle_parts(found: HandedIn, _: Row) -> Iterator[str]:
+    """HTML of the report's section on the driver's cycle of two turns."""
     figure = shaft_figures.driver_cycle_figure(found)
     yield figure_html(figure, "means and envelopes over two turns of the driver")
     if figure is None:
@@ -108,6 +112,7 @@ def cycle_parts(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def order_cut_parts(found: HandedIn, _: Row) -> Iterator[str]:
+    """HTML of the report's section on orders over a run-up's speeds."""
     cut = sweep.run_up_cuts(found)
     if not cut:
         yield html.paragraph_html(
@@ -123,6 +128,7 @@ def order_cut_parts(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def guide_parts(found: HandedIn, row: Row) -> Iterator[str]:
+    """HTML of the report's section on guides."""
     yield html.paragraph_html(
         "Mean normal force per length of the face, the largest force of one roller there, and force times sliding "
         "speed per length. Over the width of the contact these are a pressure and the p v of bearing tables; friction "
@@ -135,6 +141,7 @@ def guide_parts(found: HandedIn, row: Row) -> Iterator[str]:
 
 
 def friction_parts(found: HandedIn, row: Row) -> Iterator[str]:
+    """HTML of the report's section on friction power."""
     figure = part_figures.friction_power_figure(found)
     if figure is None:
         yield html.paragraph_html("Nothing rubs in this drive.", muted=True)
@@ -144,6 +151,7 @@ def friction_parts(found: HandedIn, row: Row) -> Iterator[str]:
 
 
 def safety_parts(found: HandedIn, row: Row) -> Iterator[str]:
+    """HTML of the report's section on tooth jump, slack strands and untouched guides."""
     yield html.paragraph_html(
         "What rollers inside the wraps still had to climb to where the flanks end (100 % in a seat, 0 % where the "
         "chain jumps), and for how long strands carry no tension in their middles and guides are not touched."
@@ -163,6 +171,7 @@ def safety_parts(found: HandedIn, row: Row) -> Iterator[str]:
 
 
 def wear_parts(found: HandedIn, _: Row) -> Iterator[str]:
+    """HTML of the report's section on wear of the joints."""
     if found.wear is None:
         yield html.paragraph_html(
             "The joints have no pin radius: give chain.size or chain.joint.pin_radius.", muted=True
@@ -195,7 +204,7 @@ def wear_parts(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def body_parts(found: HandedIn, row: Row) -> Iterator[str]:
-    """Arms, tensioners, shafts, couplings, valves: every channel recorded of them, and how it moves in the window."""
+    """HTML of the report's section on arms, tensioners, shafts, couplings and valves."""
     for kind, of in part_figures.BODY_LISTS.items():
         channels = part_figures.body_channels(found.part, kind)
         for k, part in enumerate(getattr(found.drive, of)):
@@ -217,6 +226,7 @@ def body_parts(found: HandedIn, row: Row) -> Iterator[str]:
 
 
 def probe_parts(found: HandedIn, _: Row) -> Iterator[str]:
+    """HTML of the report's section on probes."""
     for probe in found.drive.probes:
         yield html.heading_html(probe.name)
         radius = probe.radius or found.drive.chain.pitch
@@ -228,6 +238,7 @@ def probe_parts(found: HandedIn, _: Row) -> Iterator[str]:
 
 
 def metric_parts(found: HandedIn, row: Row) -> Iterator[str]:
+    """HTML of the report's section with all metrics."""
     yield html.paragraph_html(
         "Over the window at every step, and of the frames in it; docs/metrics.md says how each is formed."
     )
@@ -256,11 +267,11 @@ RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[HandedIn], bool]], .
     ("probes", "Probes", probe_parts, lambda found: bool(found.drive.probes)),
     ("metrics", "All metrics", metric_parts, lambda found: True),
 )
-"""The page's sections after the summary: anchor, title, what they are made of, whether a drive has them."""
+"""The report's sections: anchor, title, function that yields its HTML, whether a drive has it."""
 
 
 def variants_friction_html(run: Run) -> str:
-    """Friction power over the speeds of a run's variants; nothing where they have fewer than three."""
+    """HTML figure of friction power over the speeds of a run's variants; "" for fewer than three."""
     known = power_over_speed(run) if len(run.drives) > 2 else None
     return (
         ""
@@ -270,7 +281,7 @@ def variants_friction_html(run: Run) -> str:
 
 
 def run_sections(found: HandedIn, row: Row, run: Run) -> Iterator[html.PageSection]:
-    """The page's sections, one by one; one whose channels were not recorded names those that are missing."""
+    """The sections of a run's report, one by one, missing channels named."""
     yield summary_section(found, row, run.info)
     for name, title, parts, has in RUN_SECTIONS:
         if not has(found):
@@ -286,14 +297,14 @@ def run_sections(found: HandedIn, row: Row, run: Run) -> Iterator[html.PageSecti
 
 
 def run_heading(found: HandedIn) -> str:
-    """Heading of the page: the driver and its mean speed in the window."""
+    """Heading of a run's report: the driver and its mean speed."""
     return f"Chain drive, {driver_speed_text(found.whole)}"
 
 
 def run_report_html(
     source: Run | str | Path, variant: int | None = None, title: str | None = None, wear: Wear | None = None
 ) -> str:
-    """The page of a recorded variant, as text; `report` has the arguments."""
+    """The engineering report of a recorded variant as HTML; `report` has the arguments."""
     chosen = recorded_variant(source, variant)
     row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
     made: list[html.PageSection] = []
@@ -314,7 +325,7 @@ def report(
     title: str | None = None,
     wear: Wear | None = None,
 ) -> Path:
-    """Writes the engineering report of a recorded run as one HTML page that needs nothing else.
+    """Writes the engineering report of a recorded run as one HTML page; returns its path.
 
     Args:
         source: a run, or an archive's path.
@@ -322,9 +333,6 @@ def report(
         variant: which variant; None is the first recorded.
         title: heading of the page; None says what was run.
         wear: how the joints wear; None takes the defaults.
-
-    Returns:
-        The page's path.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a page that cannot be written.

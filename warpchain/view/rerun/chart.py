@@ -1,4 +1,4 @@
-"""Charts with axes of their own in Rerun's 2D views, for images, spectra and scatters, which do not run over time."""
+"""Charts with axes of their own in Rerun's 2D views: images, spectra, scatters."""
 
 from __future__ import annotations
 
@@ -18,24 +18,18 @@ if TYPE_CHECKING:
 
 INK_COLOR, GRID_COLOR = (200, 200, 200), (60, 60, 60)
 BACKGROUND_COLOR = (13, 14, 16)
-"""Of 2D views, in the viewer's light theme too: their colors are made for it."""
+"""Background of 2D views, in the viewer's light theme too."""
 WIDE_CHART = 3.6
-"""Width of charts that have a tab's whole width, over their height."""
+"""Width over height of charts that fill a tab."""
 MOST_INPUTS, MOST_METRICS = 3, 4
 """Most inputs and metrics that scatters are drawn for where none are named."""
 SCATTER_WIDTH = 1.1
-"""Width of a scatter over its height."""
+"""Width over height of a scatter."""
 
 
 @dataclass(frozen=True)
 class ChartAxis:
-    """One direction of a chart.
-
-    Attributes:
-        label: quantity and unit.
-        low, high: ends, low < high; above 0 where logarithmic.
-        logarithmic: whether equal lengths are equal ratios.
-    """
+    """One axis of a chart in Rerun: label with unit, ends low < high, linear or logarithmic."""
 
     label: str
     low: float
@@ -43,14 +37,14 @@ class ChartAxis:
     logarithmic: bool = False
 
     def axis_shares(self, values: Any) -> NDArray[np.float64]:
-        """Values as parts of the axis, 0 at its low end and 1 at its high end."""
+        """Values as shares of the axis, 0 at its low end and 1 at its high end."""
         scale: Callable[[Any], Any] = np.log10 if self.logarithmic else np.asarray
         low, high = scale(self.low), scale(self.high)
         held = np.maximum(values, self.low) if self.logarithmic else values
         return np.asarray((scale(held) - low) / (high - low), dtype=float)
 
     def tick_values(self, most: int) -> NDArray[np.float64]:
-        """Round values between the ends, about `most` of them."""
+        """Round values between the axis's ends, about `most` of them."""
         from matplotlib.ticker import LogLocator, MaxNLocator
 
         locator = LogLocator(numticks=8) if self.logarithmic else MaxNLocator(most)
@@ -60,7 +54,7 @@ class ChartAxis:
 
 
 def axis_around(values: Any, label: str) -> ChartAxis:
-    """A linear axis that holds all finite values with a little room."""
+    """A linear chart axis around all finite values."""
     finite = np.asarray(values, dtype=float)
     finite = finite[np.isfinite(finite)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
@@ -70,7 +64,7 @@ def axis_around(values: Any, label: str) -> ChartAxis:
 
 @dataclass(frozen=True)
 class Chart:
-    """A rectangle of width `width` and height 1 with ticks and labels, below one entity.
+    """A chart in a Rerun view: a rectangle of size `width` by 1 with ticks and labels, below one entity.
 
     Attributes:
         beside: room for a key on its right.
@@ -86,12 +80,13 @@ class Chart:
     few: bool = False
 
     def _chart_points(self, x: Any, y: Any) -> NDArray[np.float32]:
+        """Points (..., 2) of the Rerun view at values of both axes."""
         return np.stack(
             np.broadcast_arrays(self.width * self.x.axis_shares(x), 1.0 - self.y.axis_shares(y)), -1
         ).astype(np.float32)
 
     def log_frame(self, grid: bool = True) -> None:
-        """Draws border, ticks, labels, and lines from tick to tick if asked for."""
+        """Logs the chart's border, ticks, labels and grid to Rerun."""
         import rerun as rr
 
         across, up = self.x.tick_values(3 if self.few else 8), self.y.tick_values(4)
@@ -115,20 +110,21 @@ class Chart:
         self._log_words("labels", np.array([at for at, _ in named]), [label for _, label in named], INK_COLOR)
 
     def _log_words(self, name: str, at: Any, words: Sequence[str], color: tuple[int, int, int]) -> None:
+        """Logs words at points of the chart to Rerun."""
         import rerun as rr
 
         dots = rr.Points2D(at, labels=words, colors=[color], radii=rr.Radius.ui_points(0.0), show_labels=True)
         self.stream.log(entity_path(*self.path, name), dots, static=True)
 
     def log_line(self, name: str, x: Any, y: Any, color: tuple[int, int, int]) -> None:
-        """A curve."""
+        """Logs a curve of the chart to Rerun."""
         import rerun as rr
 
         curve = rr.LineStrips2D([self._chart_points(x, y)], colors=[color], radii=rr.Radius.ui_points(0.8))
         self.stream.log(entity_path(*self.path, name), curve, static=True)
 
     def log_verticals(self, name: str, x: Any, words: Sequence[str], color: tuple[int, int, int]) -> None:
-        """Upright lines with words at their tops."""
+        """Logs upright lines with words to the chart in Rerun."""
         import rerun as rr
 
         lines = [self._chart_points([v, v], [self.y.low, self.y.high]) for v in x]
@@ -137,14 +133,14 @@ class Chart:
         self._log_words(f"{name} names", self._chart_points(x, self.y.high) + np.array([0.0, 0.04]), words, color)
 
     def log_key(self, row: int, words: str, color: tuple[int, int, int]) -> None:
-        """Words in a curve's color, in rows on the right."""
+        """Logs a row of the chart's key to Rerun."""
         at = np.array([[self.width + 0.5 * self.beside, 0.05 + 0.07 * row]], dtype=np.float32)
         self._log_words(f"key {row}", at, [words], color)
 
     def log_dots(
         self, name: str, x: Any, y: Any, words: Sequence[str], color: tuple[int, int, int], size: float
     ) -> None:
-        """Points whose words show when they are selected."""
+        """Logs points with words to the chart in Rerun."""
         import rerun as rr
 
         at = self._chart_points(x, y)
@@ -152,7 +148,7 @@ class Chart:
         self.stream.log(entity_path(*self.path, name), points, static=True)
 
     def log_image(self, name: str, pixels: NDArray[np.uint8]) -> None:
-        """An image (rows, columns, 3) over the whole rectangle, its first row at the top."""
+        """Logs an image (rows, columns, 3) over the whole chart to Rerun."""
         import rerun as rr
 
         path = entity_path(*self.path, name)
@@ -160,7 +156,7 @@ class Chart:
         self.stream.log(path, scale, rr.Image(pixels, draw_order=-10.0), static=True)
 
     def log_cursor(self, name: str, time: NDArray[np.floating]) -> None:
-        """An upright line that runs along an axis of time with the playback."""
+        """Logs a line to Rerun that runs along the chart's time axis with the playback."""
         import rerun as rr
 
         line = self._chart_points(np.asarray(time)[:, None], np.array([self.y.low, self.y.high]))
@@ -175,7 +171,7 @@ class Chart:
         )
 
     def chart_view(self, name: str) -> rrb.Spatial2DView:
-        """The view that shows it all."""
+        """The Rerun view that shows the whole chart."""
         import rerun.blueprint as rrb
 
         bounds = rrb.VisualBounds2D(x_range=[-0.2, self.width + self.beside], y_range=[-0.1, 1.2])
@@ -186,13 +182,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class AxisQuantity:
-    """Quantity of an axis.
-
-    Attributes:
-        name: a factor or metric.
-        values: (R,) its values; dots are drawn where they are finite.
-        unit: its unit, "" for none.
-    """
+    """Quantity on an axis of a scatter: a factor or metric, its values (R,), its unit."""
 
     name: str
     values: NDArray[np.float64]
@@ -200,19 +190,13 @@ class AxisQuantity:
 
     @property
     def title(self) -> str:
-        """The name with its unit."""
+        """The quantity's name with its unit."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
 @dataclass(frozen=True)
 class DotGroup:
-    """Dots of one kind.
-
-    Attributes:
-        kind: what they are called.
-        color, size: of the dots; the size in pixels.
-        rows: (K,) which rows are drawn so.
-    """
+    """Dots of one kind in a scatter: name, color, size [px], and rows (K,)."""
 
     kind: str
     color: Color
@@ -229,11 +213,10 @@ def log_scatter(
     variants: NDArray[np.integer],
     ranged: NDArray[np.bool_] | None = None,
 ) -> Chart:
-    """Logs one scatter.
+    """Logs a scatter of two quantities to Rerun and returns its chart.
 
     Args:
         root: first part of its path.
-        x, y: what is drawn over each other.
         groups: the dots, the last ones on top.
         variants: (R,) number of each row's variant.
         ranged: (R,) rows that the vertical axis holds; None is all.

@@ -1,4 +1,4 @@
-"""The drive in motion for Rerun: chain colored by tension, turning sprockets, guide-bars, contact forces."""
+"""The drive in motion in Rerun: chain colored by tension, sprockets, guides, arms, contact forces."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     import rerun as rr
 
 ARROW_LENGTH = 0.12
-"""Length of the longest contact-force arrow, as a part of the drive's size."""
+"""Length of the longest contact-force arrow over the drive's size."""
 STEEL, PLATES = (150, 155, 165), (105, 105, 110)
 DRAWN_FIRST = 5.0
 """Draw order of what lies below the rollers, whose own is higher (Rerun's default for points is 30, for lines 20)."""
 
 
 def thinned_trajectory(trajectory: Trajectory, budget: int) -> Trajectory:
-    """The frames at which the drive is drawn: all, or evenly spaced ones within the budget with the first and last."""
+    """A trajectory at evenly spaced frames, no more than the budget."""
     count = len(trajectory.time)
     if count <= budget:
         return trajectory
@@ -44,11 +44,7 @@ def thinned_trajectory(trajectory: Trajectory, budget: int) -> Trajectory:
 def log_drive(
     stream: rr.RecordingStream, root: str, shown: Trajectory, top: float, colors: Mapping[str, Color] | None = None
 ) -> None:
-    """Logs everything of the drive view below `root`, at every frame given; colors end at a tension of `top` [N].
-
-    Args:
-        colors: of sprockets' spokes and names and of guide-bars, by name; None takes `curve_colors`.
-    """
+    """Logs the drive in motion to Rerun below `root`; colors end at a tension of `top` [N]."""
     (position,) = need(shown, "position")
     x = flipped_points(position)
     colors = curve_colors(shown.drive) if colors is None else colors
@@ -61,7 +57,7 @@ def log_drive(
 
 
 def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int]) -> None:
-    """Logs the chain as one thin line of one color, to be laid over others."""
+    """Logs the moving chain to Rerun as one thin line of one color."""
     import rerun as rr
 
     (position,) = need(shown, "position")
@@ -76,7 +72,7 @@ def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, 
 
 
 def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32], top: float) -> None:
-    """Rollers, each in the color of the link from it to the next, on a line that joins them."""
+    """Logs the chain to Rerun: rollers in the color of the next link's tension, on a line."""
     import pyarrow as pa
     import rerun as rr
 
@@ -104,11 +100,12 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
 
 
 def _closed_lines(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Lines (F, N + 1, 2) of rollers (F, N, 2), closed."""
     return np.concatenate([x, x[:, :1]], axis=1)
 
 
 def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
-    """Outlines once, and where and how far they are turned at each frame."""
+    """Logs sprockets to Rerun: outlines once, place and angle at each frame."""
     import rerun as rr
 
     sprocket_angle, sprocket_center = need(shown, "sprocket_angle", "sprocket_center")
@@ -124,6 +121,7 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, col
 
 
 def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
+    """Logs guide-bars to Rerun, those on arms with the arm's motion."""
     import rerun as rr
 
     for g, guide in enumerate(shown.drive.guides):
@@ -141,7 +139,7 @@ def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors
 
 
 def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
-    """Pivots, and from each a line to its guides' ends and to where tensioners push."""
+    """Logs arms to Rerun: pivots, and lines to guides' ends and to tensioners."""
     import rerun as rr
 
     if shown.arm_angle is None:
@@ -158,7 +156,7 @@ def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
 
 
 def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
-    """Housings, which are fixed, and plungers, which move with what they push."""
+    """Logs tensioners to Rerun: fixed housings, moving plungers."""
     import rerun as rr
 
     for k, tensioner in enumerate(shown.drive.tensioners):
@@ -182,7 +180,7 @@ def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) ->
 def _log_turning(
     stream: rr.RecordingStream, path: str, shown: Trajectory, pivot: NDArray[np.floating], angle: NDArray[np.floating]
 ) -> None:
-    """Turns what is at `path` about a pivot at each frame."""
+    """Logs to Rerun that an entity turns about a pivot."""
     import rerun as rr
 
     count, kind = len(shown.time), rr.Transform3D
@@ -200,7 +198,7 @@ def _log_turning(
 
 
 def _log_contact_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32]) -> None:
-    """Contact forces, only those above a hundredth of the longest arrow."""
+    """Logs contact forces to Rerun as arrows, the smallest left out."""
     import rerun as rr
 
     sprocket_force, guide_force = need(shown, "sprocket_force", "guide_force")

@@ -1,4 +1,4 @@
-"""The ensemble for Rerun: scatters of the inputs that vary against metrics, one dot a variant."""
+"""Scatters of a run's ensemble in Rerun: varied inputs against metrics, a dot a variant."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Values = dict[str, NDArray[np.float64]]
 
 
 def ensemble_metrics(drive: Drive) -> list[str]:
-    """Metrics to show first, most important first."""
+    """Names of the metrics that an ensemble's scatters show, the most important first."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
     chains = [f"{chain.name}." for chain in drive.chains] or [""]
     return [
@@ -37,13 +37,10 @@ def ensemble_metrics(drive: Drive) -> list[str]:
 
 
 def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -> tuple[list[Chart], int]:
-    """Logs the scatters of a run whose variants differ.
-
-    Args:
-        shown: variants that the recording plays; their dots are larger.
+    """Logs the scatters of a run's ensemble to Rerun; dots of variants in `shown` are larger.
 
     Returns:
-        The charts, row by row, an input each; and the number of columns: metrics. None and 0 where nothing varies.
+        The charts, a row an input, and the number of columns, a metric each; [] and 0 where nothing varies.
     """
     inputs = varied_inputs(run)
     metrics = _varied_metrics(run)
@@ -73,10 +70,12 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
 
 
 def _row_indices(rows: Collection[int]) -> NDArray[np.intp]:
+    """Sorted row numbers as an array."""
     return np.array(sorted(rows), dtype=np.intp)
 
 
 def _varied_metrics(run: Run) -> Values:
+    """Values (V,) of metrics that vary between a run's variants, by name."""
     found: Values = {}
     for name in ensemble_metrics(run.drives[0]):
         if name in run.metrics.column_names and len(found) < MOST_METRICS:
@@ -89,7 +88,7 @@ def _varied_metrics(run: Run) -> Values:
 
 
 def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
-    """The inputs that correlate most with any metric, in the drive's order."""
+    """Names of the inputs that correlate most with any metric."""
 
     def weight(values: NDArray[np.float64]) -> float:
         best = 0.0

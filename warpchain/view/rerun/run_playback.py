@@ -1,8 +1,6 @@
-"""Playback in Rerun: the drive in motion, tension along the chain, contact forces, speeds, spectra, the ensemble.
+"""Playback of runs in Rerun (docs/playback.md): drive in motion, curves, tension image, spectra, ensemble.
 
-docs/playback.md describes what is shown and how long recordings are thinned out. Rerun's 2D views have y pointing
-down; everything is logged with its y turned around, so that pictures have y up as engineers draw. Rerun's usage
-analytics are Rerun's own setting (`rerun analytics disable`); nothing here turns them on.
+Everything is logged with its y turned around, as Rerun's 2D views have y pointing down.
 """
 
 from __future__ import annotations
@@ -55,9 +53,7 @@ def playback_blueprint(
     top: float,
     tab: str | None = None,
 ) -> rrb.Blueprint:
-    """Tabs for the drive, the tension along the chain, contact, speeds, spectrum and the ensemble.
-
-    Several variants are side by side on the first tab and over each other on the second.
+    """Rerun's layout of a playback, in tabs.
 
     Args:
         images: each variant's tension along the chain.
@@ -139,7 +135,7 @@ def playback_blueprint(
 
 
 def playback_seconds(trajectory: Trajectory) -> float:
-    """Seconds that playback of a recording takes: `TURN_SECONDS` a revolution of the driver, within least and most."""
+    """Seconds that playback of a recording takes, by the driver's revolutions."""
     turns = 0.0
     if trajectory.sprocket_angle is not None:
         angle = forward(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
@@ -148,7 +144,7 @@ def playback_seconds(trajectory: Trajectory) -> float:
 
 
 def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
-    """Plays all of the longest recording, over and over, at a speed at which the driver can be seen to turn."""
+    """Rerun's time panel, which plays the longest recording in a loop."""
     import rerun.blueprint as rrb
 
     longest = max(shown, key=lambda trajectory: float(trajectory.time[-1]))
@@ -159,7 +155,7 @@ def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
 
 
 def _curve_axis(shown: Sequence[RecordedVariant], group: str) -> rrb.ScalarAxis | None:
-    """The vertical axis of a group of curves."""
+    """Rerun's vertical axis of a group of curves; None lets Rerun choose."""
     import rerun.blueprint as rrb
 
     ends = curve_axis_range([one.trajectory for one in shown], group)
@@ -167,7 +163,7 @@ def _curve_axis(shown: Sequence[RecordedVariant], group: str) -> rrb.ScalarAxis 
 
 
 def _drive_bounds(shown: Sequence[RecordedVariant]) -> rrb.VisualBounds2D:
-    """Bounds of every variant's sprockets and chain, y turned around."""
+    """Rerun's bounds of a view around every variant's sprockets and chain."""
     import rerun.blueprint as rrb
 
     corners = []
@@ -205,8 +201,8 @@ def view(
         source: a run, or an archive's path.
         variant: which variant; None is the first recorded.
         save: file (.rrd) to write instead of opening a viewer; it appears under this name only when whole.
-        compare: further variants to lay beside it and over it: numbers in `source`, other runs or archives (their
-            first recorded variant), or "ARCHIVE:NUMBER".
+        compare: further variants to lay beside it and over it: numbers in `source`, other runs or archives (their first
+            recorded variant), or "ARCHIVE:NUMBER".
         frames: budget of frames to draw; longer recordings are thinned out without losing peaks (docs/playback.md).
         web: serve the web viewer until interrupted, instead of the native one.
         bind: address that the viewer listens at.
@@ -217,8 +213,8 @@ def view(
 
     Raises:
         ArchiveError: an archive that cannot be read, or a recording that cannot be written.
-        SimulationError: a variant or channel that was not recorded, a budget below 2, an unknown tab or scale,
-            no viewer.
+        SimulationError: a variant or channel that was not recorded, a budget below 2, an unknown tab or scale, no
+            viewer.
     """
     if frames < 2:
         raise SimulationError(f"frames = {frames}: allowed is a whole number of at least 2")
@@ -244,7 +240,7 @@ def log_recording(
     scale: ScaleTop = None,
     measured: Sequence[Comparison] = (),
 ) -> rrb.Blueprint:
-    """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
+    """Logs variants, their comparison and their run's ensemble to Rerun; returns the layout."""
     shown = [chain for one in shown for chain in variants_by_chain(one)]
     several = len(shown) > 1
     top = tension_scale_top([one.trajectory for one in shown], scale)
@@ -270,13 +266,7 @@ def log_recording(
 def log_variant(
     stream: rr.RecordingStream, one: RecordedVariant, frames: int, top: float, color: Color | None = None
 ) -> Chart:
-    """Logs one variant below its label: drive, curves and tension image, whose chart is returned.
-
-    Args:
-        frames: the budget.
-        top: tension at which the color scale ends [N].
-        color: the variant's among others, None if it is alone.
-    """
+    """Logs one variant's drive, curves and tension image to Rerun; returns the image's chart."""
     drawn = thinned_trajectory(one.trajectory, frames)
     colors = curve_colors(one.trajectory.drive, color)
     log_drive(stream, one.label, drawn, top, colors)
@@ -285,6 +275,7 @@ def log_variant(
 
 
 def _new_stream() -> rr.RecordingStream:
+    """A new Rerun recording stream."""
     import rerun as rr
 
     return rr.RecordingStream("warpchain", recording_id=None)

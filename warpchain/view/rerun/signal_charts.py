@@ -1,4 +1,4 @@
-"""Signals over time for Rerun: curves, tension along the chain as an image, spectra."""
+"""Signals of a run in Rerun: curves over time, tension along the chain as image, order spectra."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ CURVE_GROUPS = {
     "pressure": "pressure in the tensioners' chambers [bar]",
     "valves": "torque of the valves against rotation [N m]",
 }
-"""Groups of curves, each a view, with their titles."""
+"""Groups of curves, each a Rerun view, with their titles."""
 DISPLAY_FACTORS = {"displacement": 1e3, "extension": 1e3, "pressure": 1e-5} | dict.fromkeys(
     ("error", "twist", "arm"), DEGREES
 )
-"""Factors from SI of groups that are shown in another unit."""
+"""Factors from SI for groups of curves that are shown in another unit."""
 MOST_COLUMNS = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
 
 
 def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
-    """Group, name and values (F,) of every curve that the recorded channels allow."""
+    """Group, name and values (F,) of every curve that a trajectory has."""
     (tension,) = need(trajectory, "tension")
     drive = trajectory.drive
     yield "tension", "largest", tension.max(axis=1)
@@ -94,11 +94,11 @@ def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[
 def log_curves(
     stream: rr.RecordingStream, root: str, trajectory: Trajectory, budget: int, colors: Mapping[str, Color], own: bool
 ) -> None:
-    """Logs every curve with no more than two points a frame of the budget, peaks kept (`peak_frames`).
+    """Logs every curve of a trajectory to Rerun, thinned to the budget with peaks kept.
 
     Args:
-        colors: of the curves by name (`thing_colors`), gray where there is none.
-        own: whether the colors are this variant's own among others, whose curves are then named after it.
+        colors: of the curves by name, gray where there is none.
+        own: whether curves are named after the variant.
     """
     import pyarrow as pa
     import rerun as rr
@@ -120,8 +120,7 @@ def log_curves(
 def log_measured_signals(
     stream: rr.RecordingStream, root: str, found: Sequence[Comparison], budget: int
 ) -> list[SpectrumLine]:
-    """Logs measured signals into the groups of the curves that they are compared with, in white; returns the lines of
-    their spectra that belong among those of strands' tensions."""
+    """Logs measured signals to Rerun beside simulated curves; returns spectrum lines of tensions."""
     import pyarrow as pa
     import rerun as rr
 
@@ -143,11 +142,7 @@ def log_measured_signals(
 
 
 def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
-    """Range of the vertical axis of a group of curves at first [its unit]; None is all.
-
-    Ratios and transmission errors: what they reach in the latter half, as they go far beyond while a driver starts from
-    rest, where they mean little.
-    """
+    """Range of a curve group's vertical axis, of ratios and errors in the latter half; None is all."""
     held = [np.zeros(0)]
     for trajectory in shown:
         drive, part = trajectory.drive, latter_half(trajectory)
@@ -168,10 +163,7 @@ def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, fl
 def log_tension_image(
     stream: rr.RecordingStream, root: str, trajectory: Trajectory, shown: Trajectory, budget: int, top: float
 ) -> Chart:
-    """Logs the tension along the chain over time: link index upward, time to the right, a cursor at the time shown.
-
-    Each column is the maximum tension of each link in a time bin, so that no peak is lost.
-    """
+    """Logs the tension of all links over time to Rerun as an image that keeps peaks; returns its chart."""
     (tension,) = need(trajectory, "tension")
     _, peaks = peaks_over_time(tension, min(budget, MOST_COLUMNS))
     packed = packed_tension_colors(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
@@ -188,7 +180,7 @@ def log_tension_image(
 
 
 class SpectrumLine(NamedTuple):
-    """A line of a spectrum chart."""
+    """A line of an order spectrum's chart: name, color, orders and amplitudes."""
 
     name: str
     color: Color
@@ -197,7 +189,7 @@ class SpectrumLine(NamedTuple):
 
 
 def spectrum_lines(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[str, list[SpectrumLine]]:
-    """The order spectra of a recording by the title of their chart, each with its color; {} where none can be."""
+    """Order spectra of a recording as colored lines by chart title; {} where there are none."""
     return {
         title: [SpectrumLine(one.name, colors.get(one.name, INK_COLOR), one.orders, one.amplitude) for one in found]
         for title, found in order_spectra(trajectory).items()
@@ -207,7 +199,7 @@ def spectrum_lines(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[
 def log_spectrum_charts(
     stream: rr.RecordingStream, found: dict[str, list[SpectrumLine]], teeth: Sequence[int]
 ) -> list[Chart]:
-    """Logs one chart for each title, its lines over each other, with the tooth-passing orders of the drivers marked."""
+    """Logs charts of order spectra to Rerun, tooth-passing orders marked; returns the charts."""
     charts = []
     for title, lines in found.items():
         peak = max(float(line.amplitude.max()) for line in lines)

@@ -1,7 +1,4 @@
-"""Rerun streams: columns from numpy arrays without a loop over frames, and recordings as whole files (.rrd).
-
-Rerun's archetypes build the same Arrow arrays through conversions of every element; these take numpy arrays as is.
-"""
+"""Rerun streams: columns sent from numpy arrays without a loop over frames, recordings as files (.rrd)."""
 
 from __future__ import annotations
 
@@ -25,17 +22,17 @@ TIMELINE = "sim_time"
 
 @dataclass(frozen=True)
 class ComponentValues:
-    """One component's values at every time of `send_columns`."""
+    """A Rerun component's values at every time of `send_columns`."""
 
     descriptor: Any
     array: pa.Array
 
     def component_descriptor(self) -> Any:
-        """The component that this is, as Rerun asks for it."""
+        """Rerun's descriptor of the component."""
         return self.descriptor
 
     def as_arrow_array(self) -> pa.Array:
-        """A list of the component's elements for every time, as Rerun asks for it."""
+        """An Arrow array of the component's elements, a list for each time."""
         return self.array
 
 
@@ -48,7 +45,7 @@ def flipped_points(points: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
-    """Elements as lists, one for each of `count` times: of one length, or of a length each."""
+    """An Arrow array of elements grouped into a list for each of `count` times."""
     import pyarrow as pa
 
     if isinstance(lengths, int):
@@ -60,7 +57,7 @@ def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int |
 
 
 def vector_array(values: NDArray[np.float32]) -> pa.Array:
-    """(..., D) floats as an Arrow array of vectors of D."""
+    """An Arrow array of vectors of D from (..., D) floats."""
     import pyarrow as pa
 
     kind = pa.list_(pa.field("item", pa.float32(), nullable=False), values.shape[-1])
@@ -68,7 +65,7 @@ def vector_array(values: NDArray[np.float32]) -> pa.Array:
 
 
 def line_strip_array(points: NDArray[np.float32]) -> pa.Array:
-    """(..., P, 2) points as an Arrow array of line strips of P points."""
+    """An Arrow array of line strips of P points from (..., P, 2) floats."""
     import pyarrow as pa
 
     inner = vector_array(points)
@@ -84,7 +81,7 @@ def send_columns(
     time: NDArray[np.floating],
     columns: Sequence[ComponentValues | rr.ComponentColumn],
 ) -> None:
-    """Sends columns at simulated times [s]."""
+    """Sends components' values at simulated times [s] to a Rerun stream."""
     import rerun as rr
 
     held: Any = list(columns)
@@ -92,7 +89,7 @@ def send_columns(
 
 
 def entity_path(*parts: str) -> str:
-    """An entity's path; names may hold blanks."""
+    """Rerun's path of an entity from its parts, which may hold blanks."""
     import rerun as rr
 
     return rr.new_entity_path(list(parts))
@@ -100,9 +97,7 @@ def entity_path(*parts: str) -> str:
 
 @contextmanager
 def stream_to_file(stream: rr.RecordingStream, target: Path, error: type[Exception]) -> Iterator[None]:
-    """Writes what is logged to a stream in a `with` block.
-
-    Rerun's own writer reports a full disk to the log only; so the recording's bytes are written here.
+    """Writes a Rerun recording (.rrd) of what is logged in a `with` block; it appears only when whole.
 
     Raises:
         error: another writer, or a folder or disk that refuses, in one line.

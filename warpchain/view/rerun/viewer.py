@@ -1,4 +1,4 @@
-"""Rerun's viewer as a process: native or in the browser, listening at a given address."""
+"""Rerun's viewer as a process: native, in the browser or headless, listening at a given address."""
 
 from __future__ import annotations
 
@@ -29,21 +29,20 @@ while viewer.poll() is None:
         os.killpg(0, signal.SIGTERM)
 sys.exit(viewer.returncode)
 """
-"""A process between this one and the viewer: it ends both when its standard input, which this one holds open, closes;
-whatever ends this process closes that."""
+"""Program that runs the viewer and ends it when this process ends in any way."""
 DATA_PORT, PAGE_PORT = 9876, 9090
 """Ports that are tried first: of the data, of the web page."""
 LISTEN_PATIENCE = 30.0
 """Seconds that the viewer may take to listen."""
 FLUSH_TIMEOUT = 0.5
-"""Seconds after which a viewer that still takes data is asked whether it runs."""
+"""Seconds between checks that a viewer that takes data still runs."""
 OPENING_SECONDS = 1.5
-"""Seconds in which a native viewer tells that it cannot open a window."""
+"""Seconds in which a native viewer that cannot open a window ends."""
 OTHER_WAYS = "use --web for a browser, --save OUT.rrd for a file, or a machine with a display"
 
 
 def viewer_program() -> str:
-    """The `rerun` program: the one beside this Python, or else of the search path.
+    """Path of the `rerun` program, beside this Python or on the search path.
 
     Raises:
         SimulationError: there is none.
@@ -56,7 +55,7 @@ def viewer_program() -> str:
 
 
 def free_port(address: str, wanted: int) -> int:
-    """`wanted`, or a free port where that is taken.
+    """The port `wanted`, or a free one where that is taken.
 
     Raises:
         SimulationError: an address that this machine does not have.
@@ -77,12 +76,11 @@ def has_display() -> bool:
 
 
 class Viewer:
-    """A viewer in a session of its own. At the end of a `with` block a native one stays open, the web viewer is served
-    until interrupted, and a headless one ends; those two end with this process, however that ends.
+    """Rerun's viewer as a process, within a `with` block; a native one stays open after it.
 
     Args:
         address: IP address to listen at, such as "127.0.0.1".
-        kind: "native", "web" or "headless" (without a screen, for pictures).
+        kind: "native", "web" (served until interrupted) or "headless" (for pictures).
 
     Attributes:
         data: URL that recordings are sent to.
@@ -121,6 +119,7 @@ class Viewer:
             self._wait_for_port(host, needed)
 
     def _wait_for_port(self, host: str, port: int) -> None:
+        """Waits until the viewer listens at a port; raises the error with which it ended."""
         end = time.monotonic() + LISTEN_PATIENCE
         while time.monotonic() < end and self._process.poll() is None:
             try:
@@ -132,7 +131,7 @@ class Viewer:
         raise self._viewer_error("the Rerun viewer does not open")
 
     def _viewer_error(self, what: str) -> SimulationError:
-        """The error of a viewer that has ended, with the reason it gave: its line of an error, or its last one."""
+        """The error of a viewer that has ended, with the reason it gave."""
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
         errors = [line for line in lines if "error" in line.lower()] or lines
@@ -141,10 +140,10 @@ class Viewer:
 
     @contextlib.contextmanager
     def connection(self, stream: rr.RecordingStream) -> Iterator[None]:
-        """Sends what is logged to a stream in a `with` block, and waits until the viewer has it.
+        """Sends what is logged to a stream in a `with` block to the viewer.
 
         Raises:
-            SimulationError: the viewer ended before.
+            SimulationError: the viewer ended before it had everything.
         """
         stream.connect_grpc(self.data)
         yield
@@ -169,7 +168,7 @@ class Viewer:
             self._process.wait()
 
     def close(self) -> None:
-        """Ends the viewer: the program named `rerun` starts another, which goes with it."""
+        """Ends the viewer and the process that it started."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGTERM)
         self._process.wait()
