@@ -47,7 +47,7 @@ from warpchain.errors import WarpchainError
 from warpchain.study.design import make_design
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, study_status
-from warpchain.study.run.recordings import recorded_variants
+from warpchain.study.run.recordings import recorded_trajectories
 from warpchain.study.spec import Study, check_base_drive, dumps_study, load_study, loads_study
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.study_tables import Design
@@ -277,7 +277,7 @@ class Fuzz:
         (folder / "home.toml").write_text(text.replace("[run]", '[run]\nshard = 2\ndevice = "cpu"'))
         run_study(folder / "home.toml", self.home, workers=1)
         self.results = read_results(self.home / "results.parquet")
-        self.recorded = recorded_variants(self.results, self.home)
+        self.recorded = recorded_trajectories(self.results, self.home)
 
     def drives(self, draw: Draw) -> None:
         path = self.folder / "case.toml"
@@ -352,7 +352,7 @@ class Fuzz:
         merge_study(home)
         results = read_results(home / "results.parquet")
         assert results.table.equals(self.results.table)
-        for variant, trajectory in recorded_variants(results, home).items():
+        for variant, trajectory in recorded_trajectories(results, home).items():
             assert np.array_equal(trajectory.channels()["position"], self.recorded[variant].channels()["position"])
 
     def compare(self, path: Path, whole: bool) -> None:

@@ -11,7 +11,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from warpchain.archive.archive_format import FORMAT_VERSION, RUN_METADATA
-from warpchain.study.run.shard_plan import FORMAT
+from warpchain.study.run.shard_plan import PLAN_FORMAT
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -34,7 +34,7 @@ def test_the_page_of_formats_tells_what_this_version_writes():
     text = (ROOT / "docs" / "formats.md").read_text()
     major = ".".join(VERSION.split(".")[:2])
     assert re.search(rf"^\| archive \(.*\| {FORMAT_VERSION} \| warpchain {major} \|", text, re.MULTILINE)
-    assert re.search(rf"^\| study folder \(.*\| {FORMAT} \| warpchain {major} \|", text, re.MULTILINE)
+    assert re.search(rf"^\| study folder \(.*\| {PLAN_FORMAT} \| warpchain {major} \|", text, re.MULTILINE)
     assert f"`{RUN_METADATA}`" in text
 
 

@@ -23,7 +23,7 @@ from warpchain.drive.batch import stacks_of
 from warpchain.drive.replace import Changes
 from warpchain.engine import pack as packing
 from warpchain.engine import share, simulation, start_warp
-from warpchain.study.run.row_drives import adjusted_all
+from warpchain.study.run.row_drives import adjusted_drives
 from warpchain.study.spec.study_tables import Adjust
 
 STAGES = ("made", "by changes", "adjusted", "sorted", "steps", "assembled", "packed", "layouts")
@@ -92,7 +92,7 @@ def stages(bases: list[Drive], unlike: str, count: int, rounds: int) -> dict[str
             for v, each in enumerate(values):
                 changes[v % len(bases)].drive(each)
         with spent(times, "adjusted", count):
-            adjusted_all(drives, [wanted], [{}] * count)
+            adjusted_drives(drives, [wanted], [{}] * count)
         with spent(times, "sorted", count):
             stacks = stacks_of(drives)
         with spent(times, "steps", count):
@@ -110,7 +110,7 @@ def stages(bases: list[Drive], unlike: str, count: int, rounds: int) -> dict[str
         with spent(times, "assembled alone", 1):
             assemble(drive)
         with spent(times, "fit alone", 1):
-            adjusted_all([drive], [wanted], [{}])
+            adjusted_drives([drive], [wanted], [{}])
     return times
 
 

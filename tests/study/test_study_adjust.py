@@ -10,7 +10,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.fitting import nearest_links
 from warpchain.errors import StudyError, WarpchainError
-from warpchain.study.run.row_drives import adjusted_all
+from warpchain.study.run.row_drives import adjusted_drives
 from warpchain.study.spec.study_tables import Adjust
 
 
@@ -20,7 +20,7 @@ def pair(span, teeth=12):
 
 
 def adjusted(drive, adjust, row):
-    (found,) = adjusted_all([drive], [adjust], [row])
+    (found,) = adjusted_drives([drive], [adjust], [row])
     if isinstance(found, Exception):
         raise found
     return found
@@ -103,7 +103,7 @@ def test_rows_adjusted_together_are_adjusted_as_if_alone(links):
     adjust = Adjust(sprocket="s1", direction=(1.0, 0.0), strain="x / y", travel=0.4 * PITCH, links=links)
     drives = [pair((16.0 + 0.15 * v) * PITCH) for v in range(10)] + [pair(1e-3)]
     rows = [{"x": 1e-4 * v, "y": float(v != 4)} for v in range(11)]
-    together = adjusted_all(drives, [adjust], rows)
+    together = adjusted_drives(drives, [adjust], rows)
     for drive, row, found in zip(drives, rows, together, strict=True):
         if isinstance(found, WarpchainError):
             with pytest.raises(type(found)) as caught:

@@ -15,8 +15,8 @@ from warpchain.study.optimize import open_study
 from warpchain.study.report.scatters import view_study
 from warpchain.study.results import export_table, read_results
 from warpchain.study.run import join_studies
-from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
-from warpchain.study.run.row_drives import adjusted_all, placed
+from warpchain.study.run.recordings import recorded_trajectories, results_with_objectives
+from warpchain.study.run.row_drives import adjusted_drives, drive_of_row
 from warpchain.study.spec import load_study
 
 RUN = """
@@ -54,7 +54,7 @@ def test_a_study_has_the_metrics_of_each_chain(tmp_path):
     wanted = alone.metrics.to_pylist()[0]
     for name in ("first.tension_max", "second.mid out->out.tension_mean", "out.speed_mean", "energy_residual"):
         assert rows[0][name] == wanted[name], name
-    judged = with_recorded_objectives(read_results(table), tmp_path / "out").table.to_pylist()
+    judged = results_with_objectives(read_results(table), tmp_path / "out").table.to_pylist()
     assert judged[0]["out.transmission_error_rms"] is not None
     assert [row["status"] for row in rows] == ["ok", "infeasible", "ok", "infeasible"], [row["reason"] for row in rows]
     assert rows[1]["reason"].startswith('chain "second": ')
@@ -96,7 +96,7 @@ def test_a_chain_is_adjusted_and_its_variants_play(tmp_path):
     rows = read_results(outcome.table).table.to_pylist()
     assert [row["status"] for row in rows] == ["ok", "ok", "ok"], [row["reason"] for row in rows]
     assert len({row["adjusted_links"] for row in rows}) == 3
-    made = adjusted_all([placed(study, base, row) for row in rows], study.adjust, rows)
+    made = adjusted_drives([drive_of_row(study, base, row) for row in rows], study.adjust, rows)
     for (drive, _), row in zip(made, rows, strict=True):
         first, second = rings_of(drive)
         assert first.drive.chain.links == base.chains[0].links
@@ -104,7 +104,7 @@ def test_a_chain_is_adjusted_and_its_variants_play(tmp_path):
         strain = 4000.0 / (second.drive.chain.mean_stiffness * second.drive.chain.pitch)
         assert assemble(second.drive).strain == pytest.approx(strain, abs=1e-7)
     results = read_results(outcome.table)
-    view_study(results, recorded_variants(results, tmp_path / "out", [0]), save=tmp_path / "study.rrd")
+    view_study(results, recorded_trajectories(results, tmp_path / "out", [0]), save=tmp_path / "study.rrd")
     assert (tmp_path / "study.rrd").stat().st_size > 10_000
 
 

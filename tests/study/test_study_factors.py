@@ -17,7 +17,7 @@ from warpchain.study.design import make_design
 from warpchain.study.design.factor_values import quadrature_nodes
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study
-from warpchain.study.run.row_drives import placed
+from warpchain.study.run.row_drives import drive_of_row
 from warpchain.study.spec import check_base_drive, dumps_study, loads_study
 from warpchain.study.spec.factor import Factor
 from warpchain.study.surrogate.indices import best_indices
@@ -45,7 +45,7 @@ def test_relative_and_offset_factors_go_by_the_drives_own_values():
         'name = "all"\npaths = ["sprockets.tightener.inertia", "chain.stiffness"]\nrelative = true\nlevels = [1.0, 1.1]',  # noqa: E501
     ])  # fmt: skip
     check_base_drive(study, drive, "s")
-    made = placed(study, drive, {"load": 2.0, "aside": 0.02, "more": -2, "all": 1.1})
+    made = drive_of_row(study, drive, {"load": 2.0, "aside": 0.02, "more": -2, "all": 1.1})
     for path, factor, offset in (
         ("sprockets.camshaft.load.torque", 2.0, 0.0),
         ("sprockets.tightener.center.0", 1.0, 0.02),
@@ -66,7 +66,7 @@ def test_a_bar_is_shifted_along_its_normal_as_one_factor():
         'name = "tighten"\nshift = "sprockets.tightener"\nalong = [0.0, -2.0]\nlevels = [0.0, 0.003]',
     ])  # fmt: skip
     check_base_drive(study, drive, "s")
-    made = placed(study, drive, {"press": 0.004, "slide": 0.01, "tighten": 0.003})
+    made = drive_of_row(study, drive, {"press": 0.004, "slide": 0.01, "tighten": 0.003})
     (x, y), (u, v) = bar.start, bar.end
     angle = math.atan2(v - y, u - x)
     moved = np.array([-math.sin(angle), math.cos(angle)]) * 0.004 + np.array([0.6, 0.8]) * 0.01

@@ -13,7 +13,7 @@ from study_helpers import STUDY, rows_of, write_study
 from warpchain.errors import StudyError
 from warpchain.study.design.design_table import extended_latin_hypercube
 from warpchain.study.run import run_study, study_status
-from warpchain.study.run.runner import partial_table
+from warpchain.study.run.runner import write_partial_table
 
 SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "KIND"\ncount = 4\nreplicates = 1')
 SAMPLED = SAMPLED.replace("points = {points}\n", "")
@@ -162,7 +162,7 @@ def test_what_is_no_growth_is_refused(tmp_path):
 
 def test_an_unfinished_study_has_a_table_and_a_report(tmp_path, capsys):
     _, out = begun(tmp_path, part=(0, 2), shard=3)
-    assert parquet.read_table(partial_table(out))["variant"].to_pylist() == [0, 1, 2, 6, 7, 8]
+    assert parquet.read_table(write_partial_table(out))["variant"].to_pylist() == [0, 1, 2, 6, 7, 8]
     status, _, err = run(capsys, "study", "report", out, "-o", tmp_path / "r.html")
     assert (status, err) == (0, [])
     assert not (out / "results.parquet").exists()

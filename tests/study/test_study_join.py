@@ -14,7 +14,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis import pure_error
 from warpchain.study.results import read_results
 from warpchain.study.run import join_studies, run_study, study_status
-from warpchain.study.run.recordings import recording_of
+from warpchain.study.run.recordings import recording_of_variant
 from warpchain.study.spec import load_study
 
 SOBOL = STUDY.replace('kind = "factorial"', 'kind = "sobol"\ncount = {points}\nseed = 1').replace(
@@ -81,11 +81,11 @@ def test_recordings_come_along_under_the_new_numbers(tmp_path):
             assert new.drive == kept.drive and (new.position == kept.position).all()
     assert recorded >= 6
     last = max(row["variant"] for row in table if row["archive"])
-    assert recording_of(tmp_path / "c", last)[1] == last
+    assert recording_of_variant(tmp_path / "c", last)[1] == last
     missing = next(row["variant"] for row in table if not row["archive"])
-    again = recording_of(tmp_path / "c", missing)
-    again.run()
-    assert recording_of(tmp_path / "c", missing) == (again.archive, missing)
+    again = recording_of_variant(tmp_path / "c", missing)
+    again.run_again()
+    assert recording_of_variant(tmp_path / "c", missing) == (again.archive, missing)
     assert read_archive(again.archive)[missing].drive.chain.links == table[missing]["links"]
 
 
@@ -140,7 +140,7 @@ def test_drives_that_begin_elsewhere_give_replicates(tmp_path):
     assert results.factors == ("torque", "links") and results.table["phase"].to_pylist() == [0.0] * 8 + [0.5] * 8
     assert rows_of(tmp_path / "c", "variant", "phase") == rows_of(a, "variant") + rows_of(b, "variant")
     assert pure_error(results, "tension_max").freedom == int((results.ok[:8] & results.ok[8:]).sum())
-    assert recording_of(tmp_path / "c", 9).drive.run.phase == 0.5
+    assert recording_of_variant(tmp_path / "c", 9).drive.run.phase == 0.5
 
 
 @pytest.mark.parametrize(

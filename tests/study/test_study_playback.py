@@ -15,7 +15,7 @@ from warpchain.results.fatigue import Woehler
 from warpchain.results.objectives import from_trajectory
 from warpchain.study.report.scatters import log_scatters, view_study
 from warpchain.study.results import export_table, read_results
-from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
+from warpchain.study.run.recordings import recorded_trajectories, results_with_objectives
 
 render = load_script("drawings.pictures")
 
@@ -87,25 +87,25 @@ def test_objectives_have_panels_whatever_else_is_shown(study):
 
 def test_recorded_variants_come_from_the_archives(study):
     results, folder = study
-    found = recorded_variants(results, folder)
+    found = recorded_trajectories(results, folder)
     assert list(found) == [1, 3]
     assert found[3].drive.sprockets[1].load.torque == 400.0
-    assert list(recorded_variants(results, folder, [3])) == [3]
+    assert list(recorded_trajectories(results, folder, [3])) == [3]
     with pytest.raises(StudyError, match=r"variant 2 was not recorded \(recorded: 1, 3\)"):
-        recorded_variants(results, folder, [2])
+        recorded_trajectories(results, folder, [2])
     bare = read_results(results.table.drop_columns(["archive"]), ["torque"])
     with pytest.raises(StudyError, match="recorded no variant"):
-        recorded_variants(bare, folder)
+        recorded_trajectories(bare, folder)
 
 
 def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys):
     results, folder = study
     curve = Woehler(5.0, 1e4, 1e6)
-    more = with_recorded_objectives(results, folder, curve)
+    more = results_with_objectives(results, folder, curve)
     column = more.table["damage_per_hour_max"].to_pylist()
     assert [value is not None for value in column] == [False, True, False, True, False]
     window = (more.values("window_start")[3], more.values("window_end")[3])
-    (trajectory,) = recorded_variants(results, folder, [3]).values()
+    (trajectory,) = recorded_trajectories(results, folder, [3]).values()
     assert column[3] == from_trajectory(trajectory, *window, curve)["damage_per_hour_max"]
     assert "driven.transmission_error_rms" in more.metrics
     assert more.column_unit("damage_per_hour_max") == "1/h"
@@ -120,7 +120,7 @@ def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys)
 
 def test_recording_is_whole_and_alone(study, tmp_path):
     results, folder = study
-    view_study(results, recorded_variants(results, folder, [1]), save=tmp_path / "s.rrd")
+    view_study(results, recorded_trajectories(results, folder, [1]), save=tmp_path / "s.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["s.rrd"]
     assert (tmp_path / "s.rrd").stat().st_size > 100_000
     with pytest.raises(StudyError, match="cannot be written"):
@@ -170,7 +170,7 @@ def test_command_saves_a_recording(study, tmp_path, capsys):
 @pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
 def test_the_viewer_shows_scatters_beside_a_variant(study, tmp_path):
     results, folder = study
-    view_study(results, recorded_variants(results, folder), save=tmp_path / "s.rrd")
+    view_study(results, recorded_trajectories(results, folder), save=tmp_path / "s.rrd")
     render.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
     pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)[60:-60]
     left, right = np.split(pixels, [int(0.6 * pixels.shape[1])], axis=1)

@@ -20,8 +20,8 @@ from waiting import wait_for
 from warpchain import cli
 from warpchain.errors import StudyError
 from warpchain.study.run import merge_study, run_study, runner, study_status
-from warpchain.study.run.folder import open_folder
-from warpchain.study.run.runner import runs_of
+from warpchain.study.run.runner import read_runs
+from warpchain.study.run.study_folder import open_folder
 
 RECORD = '[record]\nevery = 5\nworst = { metric = "tension_max", count = 2 }\n'
 SLOW = "[record]\nevery = 7\n"
@@ -110,9 +110,9 @@ def test_ctrl_c_while_a_study_is_merged_ends_it_between_two_parts(tmp_path, monk
     def interrupted(folder):
         signal.raise_signal(signal.SIGINT)
         went_on.append(folder)
-        return runs_of(folder)
+        return read_runs(folder)
 
-    monkeypatch.setattr(runner, "runs_of", interrupted)
+    monkeypatch.setattr(runner, "read_runs", interrupted)
     with pytest.raises(KeyboardInterrupt):
         merge_study(out)
     assert went_on
@@ -204,7 +204,7 @@ def test_a_dask_cluster_that_loses_a_worker_comes_to_the_same_bytes(tmp_path, mo
         killer.join()
         assert 2 <= seen[0] < 16  # it died in the middle
     run_study(source, tmp_path / "whole")
-    assert open_folder(out).shard == 2
+    assert open_folder(out).shard_size == 2
     assert whole_files(out) == whole_files(tmp_path / "whole")
 
 

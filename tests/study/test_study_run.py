@@ -27,10 +27,10 @@ from warpchain.results.metric_columns import column_of
 from warpchain.results.objectives import from_trajectory
 from warpchain.study.results import BOOKKEEPING_COLUMNS, read_results
 from warpchain.study.run import merge_study, run_study, study_status
-from warpchain.study.run.folder import Folder, open_folder
-from warpchain.study.run.prepare import prepare, shard_size
-from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
-from warpchain.study.run.shard_plan import Block, Part
+from warpchain.study.run.prepare import preferred_shard_size, prepare_folder
+from warpchain.study.run.recordings import recorded_trajectories, results_with_objectives
+from warpchain.study.run.shard_plan import RunBlock, ShardPlan
+from warpchain.study.run.study_folder import StudyFolder, open_folder
 from warpchain.study.spec import Study
 from warpchain.study.spec.factor import FORBIDDEN_NAMES
 from warpchain.study.spec.study_tables import Keep, Worst
@@ -236,8 +236,8 @@ def test_the_documented_study_is_one_that_can_be_run(tmp_path):
     page = Path(__file__).parents[2] / "docs" / "studies.md"
     source = tmp_path / "study.toml"
     source.write_text(re.search(r"```toml\n(.*?)```", page.read_text(), re.S)[1])
-    folder = prepare(source, tmp_path / "out", 1, 1, 2**30)
-    reasons = folder.design()["reason"].to_pylist()
+    folder = prepare_folder(source, tmp_path / "out", 1, 1, 2**30)
+    reasons = folder.read_design()["reason"].to_pylist()
     assert folder.rows == 64 and set(reasons) == {None, "constraint torque < 11e3 or teeth > 23 is not met"}
 
 
@@ -255,8 +255,8 @@ def test_a_study_without_a_feasible_row_ends_with_its_reasons(tmp_path, capsys):
 def test_of_processes_that_begin_at_once_the_first_decides(tmp_path):
     source = write_study(tmp_path, text=STUDY.replace("shard = {shard}", ""))
     with ThreadPoolExecutor(8) as pool:
-        begun = [pool.submit(prepare, source, tmp_path / "out", parts, 1, 2**30) for parts in range(1, 13)]
-        sizes = {future.result().shard for future in begun}
+        begun = [pool.submit(prepare_folder, source, tmp_path / "out", parts, 1, 2**30) for parts in range(1, 13)]
+        sizes = {future.result().shard_size for future in begun}
     assert len(sizes) == 1
     assert not list(tmp_path.glob("out/**/.*"))
 
@@ -265,7 +265,7 @@ def test_a_folder_belongs_to_one_study(tmp_path):
     out = tmp_path / "out"
     run_study(write_study(tmp_path), out)
     run_study(write_study(tmp_path, shard=5), out)  # another size of shards changes nothing
-    assert open_folder(out).shard == 2
+    assert open_folder(out).shard_size == 2
     with pytest.raises(StudyError, match="out: holds another study, which differs in factors; give another folder"):
         run_study(write_study(tmp_path, points=5), out)
     source = write_study(tmp_path)
@@ -275,11 +275,11 @@ def test_a_folder_belongs_to_one_study(tmp_path):
     rows = tmp_path / "rows.csv"
     rows.write_text(TABLE)
     source = write_study(tmp_path, text=ROWS)
-    prepare(source, tmp_path / "of_table", 1, 1, 2**30)
-    prepare(source, tmp_path / "of_table", 1, 1, 2**30)
+    prepare_folder(source, tmp_path / "of_table", 1, 1, 2**30)
+    prepare_folder(source, tmp_path / "of_table", 1, 1, 2**30)
     rows.write_text(TABLE.replace("13,44,1e-5,1.0", "13,44,1e-5,2.0"))
     with pytest.raises(StudyError, match="of_table: holds another study, which differs in its design table"):
-        prepare(source, tmp_path / "of_table", 1, 1, 2**30)
+        prepare_folder(source, tmp_path / "of_table", 1, 1, 2**30)
     (out / "plan.json").write_text("{")
     with pytest.raises(StudyError, match=r"plan.json: damaged"):
         study_status(out)
@@ -306,7 +306,7 @@ def study_of(seconds):
     ],
 )
 def test_shards_fill_the_device_and_fit_the_memory(seconds, rows, parts, memory, size):
-    assert shard_size(study_of(seconds), tiny_drive(), rows, parts, 2, memory) == size
+    assert preferred_shard_size(study_of(seconds), tiny_drive(), rows, parts, 2, memory) == size
 
 
 def test_a_shard_of_short_runs_is_half_a_minute_too():
@@ -314,23 +314,23 @@ def test_a_shard_of_short_runs_is_half_a_minute_too():
     of a core without settling, 152 ms with modes, and 51 ms for the marine drive of 162 links."""
     study, drive = study_of(5e-4), tiny_drive()
     still = drive.with_values({"run.settle": False})
-    assert shard_size(study, still, 10**9, 1, 2, 2**40) == 29_673  # 30 s / (1 ms + 1.1e-5 s)
+    assert preferred_shard_size(study, still, 10**9, 1, 2, 2**40) == 29_673  # 30 s / (1 ms + 1.1e-5 s)
     modes = study.model_copy(update={"metrics": Keep(modes=2)})
-    assert shard_size(modes, still, 10**9, 1, 2, 2**40) == 394  # 30 s / (76 ms + 1.1e-5 s)
-    assert 8 < 10_000 / shard_size(study, example("marine"), 10_000, 1, 2, 2**31) < 9
+    assert preferred_shard_size(modes, still, 10**9, 1, 2, 2**40) == 394  # 30 s / (76 ms + 1.1e-5 s)
+    assert 8 < 10_000 / preferred_shard_size(study, example("marine"), 10_000, 1, 2, 2**31) < 9
 
 
 @given(st.floats(1e-4, 10.0), st.integers(1, 500), st.integers(1, 64), st.integers(1, 64), st.integers(1, 10**9))
 def test_shards_hold_every_row_once(seconds, rows, parts, cores, memory):
-    size = shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
-    folder = Folder(Path("out"), rows, (Part((Block((0, rows)),), size),))
-    sizes = [folder.size(shard) for shard in folder.shards]
+    size = preferred_shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
+    folder = StudyFolder(Path("out"), rows, (ShardPlan((RunBlock((0, rows)),), size),))
+    sizes = [folder.shard_run_count(shard) for shard in folder.shard_numbers]
     assert sum(sizes) == rows and min(sizes) >= 1
     assert len(set(sizes[:-1])) <= 1 and sizes[-1] <= sizes[0]  # alike, but for what is left for the last one
     assert (sizes[0] - 1) * parts < rows  # no more than an equal share for each part
     assert sizes[0] == 1 or 44 * 500 * sizes[0] < memory  # 500 bytes a roller
-    assert size == shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
-    assert size <= shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, 2 * memory)
+    assert size == preferred_shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
+    assert size <= preferred_shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, 2 * memory)
 
 
 def test_commands_of_a_job_array(tmp_path, capsys):
@@ -384,10 +384,10 @@ def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
     damage = results.table["damage_per_hour_max"].to_pylist()
     assert [value is not None for value in damage] == [True, False, False, True]
     assert "s1.transmission_error_rms" in results.metrics
-    (trajectory,) = recorded_variants(results, tmp_path / "out", [3]).values()
+    (trajectory,) = recorded_trajectories(results, tmp_path / "out", [3]).values()
     window = results.values("window_start")[3], results.values("window_end")[3]
     assert damage[3] == from_trajectory(trajectory, *window, Woehler(5.0, 100.0))["damage_per_hour_max"] > 0.0
-    again = with_recorded_objectives(results, tmp_path / "out", Woehler(5.0, 50.0))
+    again = results_with_objectives(results, tmp_path / "out", Woehler(5.0, 50.0))
     assert sorted(again.table.column_names) == sorted(results.table.column_names)
     assert again.table["damage_per_hour_max"][3].as_py() == pytest.approx(32.0 * damage[3])  # (100 / 50)^5
 
@@ -468,11 +468,11 @@ def test_the_worst_recorded_variant_is_the_first_to_be_shown(tmp_path):
     source = write_study(tmp_path, '[record]\nevery = 3\nworst = { metric = "tension_max", count = 2 }\n')
     results = read_results(run_study(source, tmp_path / "out").table)
     worst = Worst(metric="tension_max", count=2)
-    shown = list(recorded_variants(results, tmp_path / "out", worst=worst))
+    shown = list(recorded_trajectories(results, tmp_path / "out", worst=worst))
     tension = results.values("tension_max")
     assert shown[0] == int(tension.argmax())
     assert list(tension[shown]) == sorted(tension[shown], reverse=True)
-    assert list(recorded_variants(results, tmp_path / "out")) == sorted(shown) or len(shown) == 4
+    assert list(recorded_trajectories(results, tmp_path / "out")) == sorted(shown) or len(shown) == 4
 
 
 ALL = """

@@ -68,7 +68,7 @@ def test_a_status_loads_nothing_that_only_runs_need(folder):
     *told, loaded = done.stdout.splitlines()
     assert told[0].endswith("variants: 0 ok, 4 suspect, 0 diverged, 0 infeasible")
     assert told[1].startswith("  4 variants, e.g. energy residual")
-    assert "warpchain.study.run.folder" in loaded.split() and not heavy.intersection(loaded.split())
+    assert "warpchain.study.run.study_folder" in loaded.split() and not heavy.intersection(loaded.split())
 
 
 def test_folders_without_such_notes_stand_the_same(folder):

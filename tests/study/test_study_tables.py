@@ -15,8 +15,8 @@ from warpchain.errors import StudyError, WarpchainError
 from warpchain.files import WholeFile
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, run_study, study_status
-from warpchain.study.run.folder import open_folder
-from warpchain.study.run.recordings import recorded_variants
+from warpchain.study.run.recordings import recorded_trajectories
+from warpchain.study.run.study_folder import open_folder
 from warpchain.study.store import read_table, table_digest, write_table
 
 
@@ -50,11 +50,11 @@ def flips(path, count, seed):
 def test_a_flipped_bit_of_a_table_is_told_or_means_nothing(folder, name):
     path, opened = folder / name, open_folder(folder)
     whole = read_table(path)
-    read = {"results.parquet": lambda: read_table(path), "design.parquet": opened.design}
+    read = {"results.parquet": lambda: read_table(path), "design.parquet": opened.read_design}
     told = 0
     for _ in flips(path, 300, 1):
         try:
-            table = read.get(name, lambda: opened.table(1))()
+            table = read.get(name, lambda: opened.read_shard(1))()
         except StudyError as error:
             assert "\n" not in str(error)
             told += 1
@@ -87,10 +87,10 @@ def test_a_copied_archive_of_a_shard_is_told(folder):
     archives = sorted((folder / "shards").glob("*.mcap"))
     assert [path.name for path in archives] == ["00000.mcap", "00002.mcap"]
     results = read_results(folder / "results.parquet")
-    own = {variant: one.position for variant, one in recorded_variants(results, folder).items()}
+    own = {variant: one.position for variant, one in recorded_trajectories(results, folder).items()}
     assert sorted(own) == [0, 5] and study_status(folder).table == folder / "results.parquet"
     shutil.copy(*archives)
-    for read in (lambda: merge_study(folder), lambda: recorded_variants(results, folder)):
+    for read in (lambda: merge_study(folder), lambda: recorded_trajectories(results, folder)):
         with pytest.raises(StudyError, match=r"00002\.mcap: is the archive of another shard"):
             read()
     archives[1].unlink()  # as from a cluster that keeps its recordings

@@ -287,10 +287,10 @@ def study_report_command(arguments: argparse.Namespace) -> int:
     notes = study_notes(path.parent)
     if arguments.recorded or arguments.fatigue is not None:
         from warpchain.results.fatigue import Woehler
-        from warpchain.study.run.recordings import with_recorded_objectives
+        from warpchain.study.run.recordings import results_with_objectives
 
         curve = None if arguments.fatigue is None else Woehler(*arguments.fatigue)
-        results = with_recorded_objectives(results, path.parent, curve)
+        results = results_with_objectives(results, path.parent, curve)
     title = arguments.title or notes.pop("name", None) or arguments.study.resolve().stem
     files = write_report(
         results,
@@ -326,13 +326,13 @@ def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
 def study_view_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study view`."""
     from warpchain.study.report.scatters import view_study
-    from warpchain.study.run.recordings import recorded_variants
+    from warpchain.study.run.recordings import recorded_trajectories
 
     path, results = _read_study_table(arguments)
     recorded, study = None, _study_of_folder(path.parent)
     if arguments.variant is not None or "archive" in results.table.column_names:
         worst = None if study is None else study.record.worst
-        recorded = recorded_variants(results, path.parent, arguments.variant, worst)
+        recorded = recorded_trajectories(results, path.parent, arguments.variant, worst)
     objectives = _asked_objectives(arguments)
     if (
         objectives is None
@@ -393,9 +393,9 @@ def study_table_path(source: Path) -> Path:
         if (source / name).is_file():
             return source / name
     if (source / "plan.json").is_file():
-        from warpchain.study.run.runner import partial_table
+        from warpchain.study.run.runner import write_partial_table
 
-        return partial_table(source)
+        return write_partial_table(source)
     raise StudyError(f"{source}: holds no {TABLE_NAMES[0]} yet; make it with: warpchain study merge {source}")
 
 
@@ -434,17 +434,17 @@ def add_play_command(commands: Any) -> None:
 
 
 def study_play_command(arguments: argparse.Namespace) -> int:
-    from warpchain.study.run.recordings import Rerun, recording_of
+    from warpchain.study.run.recordings import RepeatedRun, recording_of_variant
 
-    found = recording_of(arguments.folder, arguments.variant)
-    if isinstance(found, Rerun):
-        print(f"not recorded; this runs it again, bitwise the same:\n{found.command()}", flush=True)
+    found = recording_of_variant(arguments.folder, arguments.variant)
+    if isinstance(found, RepeatedRun):
+        print(f"not recorded; this runs it again, bitwise the same:\n{found.write_command()}", flush=True)
         if arguments.print_only:
             return DONE
         from warpchain.engine import start_warp
 
         start_warp(precompiled=False)
-        found.run(workers=arguments.workers, progress=not arguments.quiet and sys.stderr.isatty())
+        found.run_again(workers=arguments.workers, progress=not arguments.quiet and sys.stderr.isatty())
         found = found.archive, found.variant
     archive, number = found
     print(f"{archive}, variant {number}")

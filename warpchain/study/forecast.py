@@ -26,8 +26,8 @@ from warpchain.progress import duration_text
 from warpchain.results.statuses import common_reasons, reason_words
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
-from warpchain.study.run.prepare import gpus_of, read_study, seconds_besides, shard_size, stored_rate
-from warpchain.study.run.row_drives import Variant, try_out
+from warpchain.study.run.prepare import gpu_count, overhead_seconds, preferred_shard_size, read_study, stored_step_rate
+from warpchain.study.run.row_drives import Variant, build_and_check_drives
 from warpchain.study.spec import Study
 
 MOST_BUILT_ROWS = 200
@@ -155,7 +155,7 @@ def forecast_study(
     count = share * len(open_rows) * study.design.copies
     record = study.record
     every = set(range(0, len(rows), record.every)) if record.every else set()
-    size = study.run.shard or shard_size(study, drive, len(rows) * study.design.copies, 1, cores, memory)
+    size = study.run.shard or preferred_shard_size(study, drive, len(rows) * study.design.copies, 1, cores, memory)
     earlier, window = _earlier_scatter(like, metrics)
     return Forecast(
         rows=len(rows),
@@ -178,20 +178,20 @@ def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> 
     variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try_out(study, base, variants)
+        build_and_check_drives(study, base, variants)
     drives = [variant.drive for variant in variants if variant.drive is not None]
     return drives, [variant.reason or "no reason given" for variant in variants if variant.drive is None]
 
 
 def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> RunCost:
     """Cost of `count` runs of such drives, with measured or stored rates."""
-    gpus = gpus_of(study.run.device)
+    gpus = gpu_count(study.run.device)
     if not drives:
         return RunCost(0.0, 0.0, 0.0, 0.0, False)
     steps = [(study.run.duration or drive.run.duration) / resolve_step(drive, study.run.step) for drive in drives]
     work = count * float(np.mean([n * drive.links for n, drive in zip(steps, drives, strict=True)]))
-    rate = stored_rate(gpus, cores)
-    each = float(np.mean([seconds_besides(study, drive, gpus, cores) for drive in drives]))
+    rate = stored_step_rate(gpus, cores)
+    each = float(np.mean([overhead_seconds(study, drive, gpus, cores) for drive in drives]))
     if calibrate:
         rate, each = _measured_rate(
             study, drives, 1000 * PROBES_PER_CORE * gpus if gpus else PROBES_PER_CORE * cores, min(steps), cores

@@ -20,9 +20,9 @@ from warpchain.errors import StudyError
 from warpchain.progress import Progress
 from warpchain.study.analysis.effects import main_effects
 from warpchain.study.results import Results, read_results
-from warpchain.study.run.folder import Folder, open_folder
-from warpchain.study.run.prepare import grown, shard_size
+from warpchain.study.run.prepare import grow_folder, preferred_shard_size
 from warpchain.study.run.runner import run_folder
+from warpchain.study.run.study_folder import StudyFolder, open_folder
 from warpchain.study.spec.study_tables import SAMPLED_DESIGNS
 
 _CONDITION = re.compile(r"\s*se\(\s*main effects(?:\s+of\s+(.+?))?\s*\)\s*<\s*([-+.\deE]+)\s*(%?)\s*")
@@ -142,7 +142,7 @@ def grow_until(
         )
     while True:
         run_folder(folder, workers=workers, memory=memory, progress=progress)
-        results = read_results(folder.results)
+        results = read_results(folder.results_path)
         metrics = (until.metric,) if until.metric is not None else _judged_metrics(folder, results)
         error, metric, factor = largest_effect_error(results, metrics, until.relative)
         count = folder.study.design.count or 0
@@ -154,11 +154,13 @@ def grow_until(
         design = folder.study.design.model_copy(update={"count": 2 * count})
         study = folder.study.model_copy(update={"design": design})
         runs = 2 * folder.rows * design.copies
-        size = study.run.shard or shard_size(study, folder.drive, runs, 1, workers or available_cores(), memory)
-        folder = grown(folder, study, folder.path / "study.toml", size)
+        size = study.run.shard or preferred_shard_size(
+            study, folder.base_drive, runs, 1, workers or available_cores(), memory
+        )
+        folder = grow_folder(folder, study, folder.path / "study.toml", size)
 
 
-def _judged_metrics(folder: Folder, results: Results) -> tuple[str, ...]:
+def _judged_metrics(folder: StudyFolder, results: Results) -> tuple[str, ...]:
     """Metrics that the study's objectives and limits name, or else the most telling ones."""
     from warpchain.study.report.study_sections import telling_metrics
 

@@ -25,10 +25,10 @@ from warpchain.study.design import make_design
 from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
 from warpchain.study.results import ARCHIVE_COLUMNS, ROUND_COLUMN, SEARCH_TARGET_KEY, Results, read_results
-from warpchain.study.run.folder import Folder, make_folder
-from warpchain.study.run.prepare import drive_file, read_study, shard_size
-from warpchain.study.run.row_drives import Variant, build
+from warpchain.study.run.prepare import base_drive_file, preferred_shard_size, read_study
+from warpchain.study.run.row_drives import Variant, build_drives
 from warpchain.study.run.runner import run_folder
+from warpchain.study.run.study_folder import StudyFolder, make_folder
 from warpchain.study.spec import Study, load_study
 from warpchain.study.store import read_table, write_table
 from warpchain.study.surrogate import Surrogate, fit_surrogate
@@ -109,7 +109,7 @@ class Bench:
     ) -> None:
         self.source = Path(source)
         self.study, self.drive, _ = read_study(source, drive)
-        self.drive_text = text_alone(drive_file(self.study, source, drive))
+        self.drive_text = text_alone(base_drive_file(self.study, source, drive))
         self.folder = None if folder is None else Path(folder)
         self._workers, self._memory, self._search_target = workers, memory, search_target
         self._known: dict[str, tuple[pa.Table, int]] = {}
@@ -136,7 +136,7 @@ class Bench:
 
     def _variants(self, design: pa.Table) -> list[Variant]:
         variants = [Variant(row, reason=row["reason"]) for row in design.to_pylist()]
-        build(self.study, self.drive, variants)
+        build_drives(self.study, self.drive, variants)
         return variants
 
     @check_arguments(StudyError)
@@ -228,7 +228,7 @@ class Bench:
 
     def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Progress) -> pa.Table:
         folder = self.run_folder_of(self.study, place, design)
-        if folder.design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
+        if folder.read_design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
         table = self.run_table(folder, progress)
         if self.study.record.every == 1:
@@ -239,14 +239,14 @@ class Bench:
         return table
 
     @check_arguments(StudyError)
-    def run_folder_of(self, study: Study, place: Path, design: pa.Table) -> Folder:
+    def run_folder_of(self, study: Study, place: Path, design: pa.Table) -> StudyFolder:
         """A folder for rows of a study like this one, such as one that records them."""
         runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
-        size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
+        size = study.run.shard or preferred_shard_size(study, self.drive, runs, 1, cores, self._memory)
         return make_folder(place, study, self.drive, design, size)
 
     @check_arguments(StudyError)
-    def run_table(self, folder: Folder, progress: Progress = False) -> pa.Table:
+    def run_table(self, folder: StudyFolder, progress: Progress = False) -> pa.Table:
         """Runs what is left of a folder; returns its table."""
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
         assert outcome.table is not None  # all shards are done
@@ -254,12 +254,12 @@ class Bench:
 
     def _with_recorded(self, table: pa.Table, place: Path) -> pa.Table:
         """The table with the objectives that only recorded variants have, where the study wants one."""
-        from warpchain.study.run.recordings import with_recorded_objectives
+        from warpchain.study.run.recordings import results_with_objectives
 
         if all(name in table.column_names or name in self.factors for name in self.study.named_metrics):
             return table
         results = read_results(table, self.factors)
-        return with_recorded_objectives(results, place).table if results.ok.any() else table
+        return results_with_objectives(results, place).table if results.ok.any() else table
 
     @check_arguments(StudyError)
     def learn(self, folder: str | os.PathLike[str]) -> int:

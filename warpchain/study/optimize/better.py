@@ -32,8 +32,8 @@ from warpchain.study.design.noise_rows import noise_dimensions, noise_rows_of_no
 from warpchain.study.optimize.bench import Bench, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
-from warpchain.study.run.row_drives import placed
-from warpchain.study.run.shards import kept_patterns
+from warpchain.study.run.row_drives import drive_of_row
+from warpchain.study.run.shards import kept_metric_patterns
 from warpchain.study.spec import Study
 from warpchain.study.spec.noise_table import Noise, metric_from_name, statistic_from_name
 from warpchain.study.store import write_table
@@ -243,7 +243,7 @@ def _wanted(benches: Sequence[Bench], by: Comparison) -> tuple[str, str]:
         names = [*metric_names(bench.drive), *(name for name in study.named_metrics if name not in bench.factors)]
         if metric not in names:
             raise StudyError(f"metric = {metric!r}: no such metric; {nearest(metric, names, 8)}")
-    if not any(fnmatchcase(metric, pattern) for pattern in kept_patterns(study)):
+    if not any(fnmatchcase(metric, pattern) for pattern in kept_metric_patterns(study)):
         raise StudyError(f"metric = {metric!r}: metrics.keep of the study leaves it out")
     named = [o for o in study.objectives if metric_from_name(o.metric) == metric and not o.metric.startswith("std(")]
     return metric, by.sense or (named[0].sense if named else "min")
@@ -276,6 +276,6 @@ def _held(bench: Bench, drive: Any) -> dict[str, Any]:
 def _leaves(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
     """Whether values of a study's factors leave a drive as it is."""
     try:
-        return placed(study, drive, row) == drive
+        return drive_of_row(study, drive, row) == drive
     except WarpchainError:
         return False

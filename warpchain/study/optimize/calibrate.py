@@ -43,7 +43,7 @@ from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, no
 from warpchain.study.optimize.bench import Bench, round_name, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import NOISE, Array, Results, read_results
-from warpchain.study.run.recordings import recorded_variants
+from warpchain.study.run.recordings import recorded_trajectories
 from warpchain.study.spec import Study
 from warpchain.study.spec.calibration_tables import Calibrate, Measurement
 from warpchain.study.spec.study_tables import Recording
@@ -314,7 +314,7 @@ class Runs:
             trajectory = None
             if self.rig.signals and self.results.ok[row]:
                 number = int(self.results.variants[row])
-                (trajectory,) = recorded_variants(self.results, self.folder, [number]).values()
+                (trajectory,) = recorded_trajectories(self.results, self.folder, [number]).values()
                 self.turns.append(turns_of(trajectory, _window(self.results, row, trajectory)))
             self._numbers.append(self.rig.of_run(self.results, row, trajectory))
         self.normals = np.vstack([self.normals, u])

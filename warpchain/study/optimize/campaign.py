@@ -34,7 +34,7 @@ from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.optimize.bench import Bench, round_file, together
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.results import ARCHIVE_COLUMNS, Results, read_results
-from warpchain.study.run.folder import DRIVE_TEXT
+from warpchain.study.run.study_folder import DRIVE_TEXT_FILE
 from warpchain.study.spec import Study, dumps_study, load_study
 from warpchain.study.spec.study_tables import Recording, Search
 from warpchain.study.store import read_table, write_study_text, write_table
@@ -140,7 +140,7 @@ def made_folder(path: Path, bench: Bench) -> Path:
     remove_leftovers(leftover_files(path))
     fixed = bench.study.model_copy(update={"study": bench.study.study.model_copy(update={"drive": "drive.toml"})})
     write_study_text(path / "drive.toml", dumps_drive(bench.drive), keep=True)
-    write_study_text(path / DRIVE_TEXT, bench.drive_text, keep=True)
+    write_study_text(path / DRIVE_TEXT_FILE, bench.drive_text, keep=True)
     write_study_text(path / "study.toml", dumps_study(fixed), keep=True)
     held, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
     differing = [name for name in Study.model_fields if _fixed(held, name) != _fixed(fixed, name)]

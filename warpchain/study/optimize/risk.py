@@ -39,7 +39,7 @@ from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, no
 from warpchain.study.optimize.bench import Bench, together
 from warpchain.study.optimize.campaign import made_folder
 from warpchain.study.results import Array, Results, read_results
-from warpchain.study.run.recordings import Rerun, recording_of
+from warpchain.study.run.recordings import RepeatedRun, recording_of_variant
 from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Risk
 from warpchain.study.store import write_study_text, write_table
@@ -202,9 +202,9 @@ def estimate_risk(
     finally:
         if margins.rounds:
             write_table(folder / "results.parquet", together(folder, margins.rounds))
-    again = recording_of(folder, found["variant"])
-    if isinstance(again, Rerun):
-        again.run(workers=workers, memory=memory)
+    again = recording_of_variant(folder, found["variant"])
+    if isinstance(again, RepeatedRun):
+        again.run_again(workers=workers, memory=memory)
     write_study_text(folder / SUMMARY, json.dumps(found, indent=1))
     return read_risk(folder)
 
@@ -293,6 +293,6 @@ def read_risk(folder: str | os.PathLike[str]) -> Risked:
     assert isinstance(subset, Estimate)
     shown = [factor.name for factor in study.factors if not factor.hidden]
     results = read_results(path / "results.parquet", shown)
-    again = recording_of(path, variant)
-    archive = again.archive if isinstance(again, Rerun) else again[0]
+    again = recording_of_variant(path, variant)
+    archive = again.archive if isinstance(again, RepeatedRun) else again[0]
     return Risked(path, study, results, joint, subset, sampled, points, search_runs, shares, variant, distance, archive)

@@ -17,7 +17,7 @@ from warpchain.study.analysis.surface import TRUSTED
 from warpchain.study.optimize.calibrate import Calibrated
 from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, chart, report_page, rounded
 from warpchain.study.results import Array
-from warpchain.study.run.recordings import recorded_variants
+from warpchain.study.run.recordings import recorded_trajectories
 from warpchain.study.store import write_study_text
 from warpchain.view import html
 
@@ -203,7 +203,7 @@ def _signals(found: Calibrated) -> list[html.PageSection]:
         return []
     results = found.results
     last = [row for row in range(len(results.status) - found.checks, len(results.status)) if results.ok[row]]
-    played = recorded_variants(results, found.folder, [int(results.variants[row]) for row in last])
+    played = recorded_trajectories(results, found.folder, [int(results.variants[row]) for row in last])
     windows = [[float(results.values(name)[row]) for name in ("window_start", "window_end")] for row in last]
     figures = []
     for name, measured in found.signals.items():

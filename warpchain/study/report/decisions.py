@@ -21,8 +21,8 @@ from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
 from warpchain.study.results import ARCHIVE_COLUMNS, Results
-from warpchain.study.run.folder import DRIVE_TEXT
-from warpchain.study.run.row_drives import Variant, build
+from warpchain.study.run.row_drives import Variant, build_drives
+from warpchain.study.run.study_folder import DRIVE_TEXT_FILE
 from warpchain.study.spec import load_study
 from warpchain.study.spec.noise_table import metric_from_name
 from warpchain.study.spec.study_tables import Bound, Objective
@@ -368,8 +368,8 @@ def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Seque
     path = Path(folder)
     study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
     made = [Variant(row) for row in rows_of(study, drive, designs, chosen)]
-    build(study, drive, made)
-    given = path / DRIVE_TEXT
+    build_drives(study, drive, made)
+    given = path / DRIVE_TEXT_FILE
     text = read_drive_text(given if given.exists() else path / "drive.toml")
     files = []
     for letter, one, variant in zip(LETTERS, chosen, made, strict=False):

@@ -4,11 +4,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpchain.study.run.folder import study_status
     from warpchain.study.run.join import join_studies
     from warpchain.study.run.runner import merge_study, run_study
+    from warpchain.study.run.study_folder import study_status
 
-_HOME = {"join_studies": "join", "merge_study": "runner", "run_study": "runner", "study_status": "folder"}
+_HOME = {"join_studies": "join", "merge_study": "runner", "run_study": "runner", "study_status": "study_folder"}
 
 __all__ = ["join_studies", "merge_study", "run_study", "study_status"]
 

@@ -1,11 +1,8 @@
-"""Before a study runs: its file is read and checked against its drive, its rows are made, its folder is made or grown.
+"""Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder.
 
-Growing adds more points of the design, more replicates or other windows; nothing that was run is lost. It adds a plan
-of its own, with shards that follow those that are there. More rows and more copies only add runs. Another duration or
-window runs all rows once more: from the states at which the runs before ended, if these were kept (`run.keep_states`,
-`engine.checkpoint`), else from the beginning; the tables before stay, as `results.before-K.parquet`. A Latin hypercube
-of n points grows to k n: each old point lies in a stratum of its own among the k n, and new points fill the others, so
-that it is one again.
+Growing adds a plan; nothing that was run is lost. More points or replicates only add runs. Another duration or window
+runs all rows once more, from the states at the end of the runs before if these were kept; the tables before stay, as
+`results.before-K.parquet`. A Latin hypercube of n points grows to k n, with new points in the free strata.
 """
 
 from __future__ import annotations
@@ -27,17 +24,17 @@ from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text_file, refusals_as_errors, whole_file
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
-from warpchain.study.run.folder import (
-    DRIVE_TEXT,
-    REPLICATES,
-    Folder,
-    differences,
+from warpchain.study.run.shard_plan import RunBlock
+from warpchain.study.run.study_folder import (
+    DRIVE_TEXT_FILE,
+    REPLICATES_FILE,
+    StudyFolder,
+    differing_tables,
     make_folder,
     open_folder,
-    plan_file,
+    plan_file_name,
     write_plan,
 )
-from warpchain.study.run.shard_plan import Block
 from warpchain.study.spec import Study, check_base_drive, dumps_study, load_study
 from warpchain.study.spec.calibration_tables import Calibrate, Measurement
 from warpchain.study.spec.factor import Factor
@@ -60,63 +57,63 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SHARD_SECONDS = 30.0
-"""Work that a shard should hold, so that little is lost when a run is killed."""
+"""Time that a shard should take [s], so that little is lost when a run is killed."""
 CORE_RATE, GPU_RATE = 1e8, 2e10
-"""Roller-steps a second to size shards by."""
+"""Assumed roller-steps a second of a core and of a GPU."""
 SETTLE_STEPS = 30_000
-"""Steps at these rates that take about as long as settling: 10,000 to 40,000 for most of the example drives."""
+"""Steps that take about as long as settling, 10,000 to 40,000 for most of the example drives."""
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
-"""Time of a core for a row's assembly, packing and table, and for its modes where they are followed [s]."""
-FEWEST, GPU_FEWEST = 8, 4224
-"""Variants that a core, and a GPU, should have at once."""
+"""Time of a core for a row's assembly, packing and table, and for its modes [s]."""
+CORE_VARIANTS, GPU_VARIANTS = 8, 4224
+"""Fewest variants that a core and a GPU should have at once."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
-"""Memory that a roller and a variant take while a shard is simulated, roughly; so that their frames, too, find room."""
+"""Approximate memory of a roller and of a variant while a shard is simulated."""
 
 
-def prepare(
+def prepare_folder(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
     parts: int,
     workers: int | None,
     memory: int,
     grow: bool = False,
-) -> Folder:
-    """Reads and checks a study, and makes or opens its folder; see `run_study`."""
+) -> StudyFolder:
+    """Reads and checks a study, and makes, grows or opens its folder; arguments as in `run_study`."""
     study, drive, design = read_study(source)
     runs = design.num_rows * study.design.copies
-    size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
+    size = study.run.shard or preferred_shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     if not grow or not (Path(out) / "plan.json").exists():
         folder = make_folder(Path(out), study, drive, design, size)
-        write_study_text(folder.path / DRIVE_TEXT, text_alone(drive_file(study, source)), keep=True)
+        write_study_text(folder.path / DRIVE_TEXT_FILE, text_alone(base_drive_file(study, source)), keep=True)
         return folder
     folder = open_folder(Path(out))
     fixed = study.model_copy(update={"study": folder.study.study.model_copy(update={"name": study.study.name})})
-    if folder.drive == drive and differences(folder.study, fixed) and growable(folder.study, fixed):
-        return grown(folder, study, Path(source), size)
+    if folder.base_drive == drive and differing_tables(folder.study, fixed) and is_growable(folder.study, fixed):
+        return grow_folder(folder, study, Path(source), size)
     return make_folder(Path(out), study, drive, design, size)
 
 
 def read_study(
     source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None
 ) -> tuple[Study, Drive, pa.Table]:
-    """A study, its base drive and its rows, checked.
+    """Reads a study, its base drive and its design table, checked against each other.
 
     Args:
         source: the study file.
         base: file of another base drive, or the name of an example; None is the study's own.
 
     Raises:
-        StudyError: one line for each error.
+        StudyError: a line for each error.
     """
     try:
         study, wrong = load_study(source), ""
     except StudyError as error:
-        readable, wrong = _readable_part(source), str(error)
+        readable, wrong = _readable_study(source), str(error)
         if readable is None:
             raise
         study = readable
     try:
-        drive = load_drive(drive_file(study, source, base))
+        drive = load_drive(base_drive_file(study, source, base))
     except DriveError as error:
         lines = [
             f'{source}: study.drive = "{study.study.drive if base is None else base}": {line}' for line in error.errors
@@ -124,7 +121,7 @@ def read_study(
         raise StudyError("\n".join([*wrong.splitlines(), *lines])) from None
     if study.run.start is not None:
         drive = drive.with_values({"run.start": study.run.start})
-    lines = [*wrong.splitlines(), *_mistakes(study, drive, source)]
+    lines = [*wrong.splitlines(), *_drive_mistakes(study, drive, source)]
     if lines:
         raise StudyError("\n".join(dict.fromkeys(lines)))
     if study.fatigue is not None:
@@ -138,8 +135,8 @@ def read_study(
     return study, drive, design
 
 
-def drive_file(study: Study, source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None) -> Path:
-    """The file of a study's base drive; arguments as those of `read_study`.
+def base_drive_file(study: Study, source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None) -> Path:
+    """Path of a study's base drive; arguments as in `read_study`.
 
     Raises:
         DriveError: neither a drive file nor an example.
@@ -149,10 +146,10 @@ def drive_file(study: Study, source: str | os.PathLike[str], base: str | os.Path
     return beside if beside.exists() or beside.suffix == ".toml" else drive_path(word)
 
 
-def _mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> list[str]:
-    """Names in a study that its drive does not have, a line each."""
+def _drive_mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> list[str]:
+    """Errors of a study against its drive, a line each."""
     lines: list[str] = []
-    for check in (check_base_drive, check_names):
+    for check in (check_base_drive, check_metric_names):
         try:
             check(study, drive, str(source))
         except StudyError as error:
@@ -160,11 +157,8 @@ def _mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> lis
     return lines
 
 
-def _readable_part(source: str | os.PathLike[str]) -> Study | None:
-    """The part of a study file with mistakes that can be checked against its drive; None where there is none.
-
-    So all mistakes of a file are reported at once.
-    """
+def _readable_study(source: str | os.PathLike[str]) -> Study | None:
+    """The valid parts of a study file with errors, to check against its drive; None if there are none."""
     import tomllib
 
     try:
@@ -174,7 +168,9 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
     subject = valid(Subject, values.get("study"))
     if subject is None or factor_count_complaint(values):
         return None
-    factors = [valid(Factor, factor) or valid(Factor, _place_only(factor)) for factor in elements(values, "factors")]
+    factors = [
+        valid(Factor, factor) or valid(Factor, _factor_without_values(factor)) for factor in elements(values, "factors")
+    ]
     adjusts = [valid(Adjust, adjust) for adjust in elements(values, "adjust")]
     held: dict[str, Any] = {
         "run": valid(RunOptions, values.get("run")) or RunOptions(),
@@ -189,18 +185,17 @@ def _readable_part(source: str | os.PathLike[str]) -> Study | None:
     return Study.model_construct(study=subject, factors=tuple(f for f in factors if f is not None), **held)
 
 
-def _place_only(factor: Any) -> dict[str, Any]:
-    """A factor of the same place in the drive, whose own values hold a mistake."""
+def _factor_without_values(factor: Any) -> dict[str, Any]:
+    """Values of a mapping's keys that say which place in the drive a factor sets, with some range."""
     keys = ("name", "path", "paths", "shift", "along", "relative", "offset")
     held = {key: factor[key] for key in keys if key in factor} if isinstance(factor, dict) else {}
     return {**held, "range": [0.0, 1.0]}
 
 
-def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
-    """Rows of a shard: about half a minute's work, steps and all else, enough to fill the device, within the memory.
+def preferred_shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
+    """Number of runs of a shard: about 30 s of work, enough to fill the device, within memory and rows / parts.
 
     Args:
-        parts: a shard has at most rows / parts rows, rounded up.
         cores: CPU threads of a shard.
         memory: budget of a shard [bytes].
     """
@@ -210,26 +205,26 @@ def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, me
         step = resolve_step(drive, study.run.step)
     except DriveError:
         step = 1e-5
-    gpus = gpus_of(study.run.device)
+    gpus = gpu_count(study.run.device)
     work = links * (study.run.duration or drive.run.duration) / step
-    seconds = work / stored_rate(gpus, cores) + seconds_besides(study, drive, gpus, cores)
-    wanted = max(int(SHARD_SECONDS / seconds), GPU_FEWEST * gpus or FEWEST * cores)
+    seconds = work / stored_step_rate(gpus, cores) + overhead_seconds(study, drive, gpus, cores)
+    wanted = max(int(SHARD_SECONDS / seconds), GPU_VARIANTS * gpus or CORE_VARIANTS * cores)
     return max(1, min(wanted, fits, -(-rows // parts)))
 
 
-def stored_rate(gpus: int, cores: int) -> float:
-    """Roller-steps a second of so many GPUs, or of so many cores where there is none."""
+def stored_step_rate(gpus: int, cores: int) -> float:
+    """Assumed roller-steps a second of GPUs, or of cores if there is none."""
     return GPU_RATE * gpus or CORE_RATE * cores
 
 
-def seconds_besides(study: Study, drive: Drive, gpus: int, cores: int) -> float:
-    """About the time that a run of a drive takes apart from its steps, where many run at once [s]."""
-    settling = drive.links * SETTLE_STEPS / stored_rate(gpus, cores) if drive.run.settle else 0.0
+def overhead_seconds(study: Study, drive: Drive, gpus: int, cores: int) -> float:
+    """Approximate time of a run apart from its steps: settling, packing, modes [s]."""
+    settling = drive.links * SETTLE_STEPS / stored_step_rate(gpus, cores) if drive.run.settle else 0.0
     return settling + (HOST_SECONDS + (MODES_SECONDS if study.metrics.modes is not None else 0.0)) / cores
 
 
-def gpus_of(device: str | None) -> int:
-    """Number of GPUs that a device names: all there are for None and "cuda"."""
+def gpu_count(device: str | None) -> int:
+    """Number of GPUs that a device names; all there are for None and "cuda"."""
     if device in (None, "cuda"):
         import warp as wp
 
@@ -237,11 +232,11 @@ def gpus_of(device: str | None) -> int:
     return int(str(device).startswith("cuda:"))
 
 
-def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> None:
-    """Checks what a study says of metrics.
+def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> None:
+    """Checks the names of metrics and signals in a study against its drive.
 
     Raises:
-        StudyError: one line for each error.
+        StudyError: a line for each error.
     """
     from warpchain.results.metric_columns import OF_MODES, metric_names
 
@@ -261,7 +256,7 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
     worst = study.record.worst
     if worst is not None and worst.metric not in names:
         lines.append(f'record.worst.metric = "{worst.metric}": no such metric; {nearest(worst.metric, names, 8)}')
-    lines += _wanted_lines(study, drive, names)
+    lines += _unknown_metric_lines(study, drive, names)
     for factor in study.factors:
         if factor.name in names:
             lines.append(f'factors.{factor.name}.name = "{factor.name}": must not be the name of a metric')
@@ -269,8 +264,8 @@ def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> N
         raise StudyError("\n".join(f"{source}: {line}" for line in lines))
 
 
-def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
-    """Mistakes in the metrics that objectives, limits and a calibration name."""
+def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
+    """Errors in names of metrics of objectives, limits and a calibration, a line each."""
     from warpchain.results.measured import signal_units
     from warpchain.results.metric_columns import RECORDED, of_drive
 
@@ -303,9 +298,9 @@ def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[
             yield f'{place(("calibrate", "predict", i))} = "{name}": no such metric; {nearest(name, names, 8)}'
 
 
-def growable(known: Study, other: Study) -> bool:
-    """Whether a study is another one grown."""
-    if not set(differences(known, other)) <= {"design", "run"}:
+def is_growable(known: Study, other: Study) -> bool:
+    """Whether the folder of the study `known` can grow to become that of `other`."""
+    if not set(differing_tables(known, other)) <= {"design", "run"}:
         return False
     design, run = known.design, known.run
     alike = design.model_copy(update={"count": other.design.count, "replicates": other.design.replicates,
@@ -325,24 +320,23 @@ def growable(known: Study, other: Study) -> bool:
     )
 
 
-def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
-    """The folder with a further plan.
+def grow_folder(folder: StudyFolder, study: Study, source: Path, shard: int) -> StudyFolder:
+    """Adds a plan to a study's folder for more points, more replicates, or another duration or window.
 
     Args:
-        folder: what is there.
-        study: the study that `growable` lets pass.
-        source: its file.
+        study: a study for which `is_growable` is true.
+        source: file of the study.
         shard: number of runs of a new shard.
 
     Raises:
-        StudyError: a design whose first rows would be others, or a folder that cannot be written.
+        StudyError: a design with other first rows, or a folder that cannot be written.
     """
-    path, number = folder.path, folder.plans
-    files = [folder.path / plan_file("study.toml", earlier) for earlier in range(folder.plans)]
+    path, number = folder.path, folder.plan_count
+    files = [folder.path / plan_file_name("study.toml", earlier) for earlier in range(folder.plan_count)]
     before = tuple(dict.fromkeys(load_study(file).design.count or 0 for file in files))  # points, at each growth
     design = make_design(study, source, before if study.design.kind == "latin-hypercube" else ())
     names = [factor.name for factor in study.factors]
-    if not design.select(names).slice(0, folder.rows).equals(folder.design().select(names)):
+    if not design.select(names).slice(0, folder.rows).equals(folder.read_design().select(names)):
         raise StudyError(
             f"{source}: design.count = {value_text(study.design.count)}: the first {folder.rows} rows would be others; "
             "give another folder"
@@ -350,8 +344,8 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
     rows, copies = design.num_rows, study.design.copies
     same = {name: getattr(folder.study.run, name) for name in ("shard", "keep_states")}
     restart = study.run.model_copy(update=same) != folder.study.run
-    blocks = [Block((0, rows), (0, copies))] if restart else [
-        Block((0, folder.rows), (folder.copies, copies)), Block((folder.rows, rows), (0, copies))]  # fmt: skip
+    blocks = [RunBlock((0, rows), (0, copies))] if restart else [
+        RunBlock((0, folder.rows), (folder.copies, copies)), RunBlock((folder.rows, rows), (0, copies))]  # fmt: skip
     facts: dict[str, Any] = {
         "rows": rows,
         "shard": shard,
@@ -360,12 +354,12 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
     }
     fixed = study.model_copy(update={"study": study.study.model_copy(update={"drive": "drive.toml"})})
     if restart:
-        for table in (folder.results, folder.path / REPLICATES):
+        for table in (folder.results_path, folder.path / REPLICATES_FILE):
             other = table.with_name(f"{table.stem}.before-{number}.parquet")  # a name that nothing writes to
             if table.exists() and not other.exists():
                 with refusals_as_errors(other, StudyError), whole_file(other) as file:
                     file.write(table.read_bytes())
-    write_study_text(path / plan_file("study.toml", number), dumps_study(fixed))
-    write_table(path / plan_file("design.parquet", number), design)
+    write_study_text(path / plan_file_name("study.toml", number), dumps_study(fixed))
+    write_table(path / plan_file_name("design.parquet", number), design)
     write_plan(path, number, {**facts, "restart": True} if restart else facts)
     return open_folder(path)

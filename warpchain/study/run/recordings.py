@@ -1,4 +1,4 @@
-"""Recorded variants of a study: their trajectories, their objectives, and a recording to play of any variant."""
+"""Recorded variants of a study: their trajectories and objectives, and a recording to play of any variant."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from warpchain.progress import Progress
 from warpchain.results.fatigue import Woehler
 from warpchain.results.run import Trajectory
 from warpchain.study.results import ARCHIVE_COLUMNS, Results, read_results
-from warpchain.study.run.folder import open_folder
-from warpchain.study.run.row_drives import Variant, build
+from warpchain.study.run.row_drives import Variant, build_drives
+from warpchain.study.run.study_folder import open_folder
 from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Worst
 from warpchain.study.store import write_study_text
 from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
-SHOWN = 4
-"""Most recorded variants that are taken where none are named."""
+MOST_RECORDINGS = 4
+"""Most recorded variants that are taken if none are named."""
 
 
-def places(results: Results) -> dict[int, tuple[str, int]]:
+def recording_places(results: Results) -> dict[int, tuple[str, int]]:
     """Archive (file in the study's folder) and number in it of each recorded variant.
 
     Raises:
@@ -41,25 +41,24 @@ def places(results: Results) -> dict[int, tuple[str, int]]:
     return {variant: (archive, int(number)) for variant, archive, number in rows if archive is not None}
 
 
-def recorded_variants(
+def recorded_trajectories(
     results: Results, folder: str | Path, variants: Sequence[int] | None = None, worst: Worst | None = None
 ) -> dict[int, Trajectory]:
-    """Trajectories by variant of a study.
+    """Trajectories of recorded variants, by variant.
 
     Args:
-        results: the study's results.
         folder: the study's.
-        variants: which; None takes the first `SHOWN` that were recorded, or the worst ones first.
-        worst: what the study calls worst; None if it does not say.
+        variants: which; None takes the first `MOST_RECORDINGS` recorded ones, or the worst ones first.
+        worst: what the study calls worst, if it says so.
 
     Raises:
-        StudyError: a variant that was not recorded, an archive that is not this study's or not this shard's.
+        StudyError: a variant that was not recorded, an archive of another study or shard.
         ArchiveError: an archive that cannot be read.
     """
     from warpchain.archive import read_archive
 
-    held = places(results)
-    chosen = by_rank(results, list(held), worst)[:SHOWN] if variants is None else list(variants)
+    held = recording_places(results)
+    chosen = worst_first_variants(results, list(held), worst)[:MOST_RECORDINGS] if variants is None else list(variants)
     for variant in chosen:
         if variant not in held:
             known = ", ".join(map(str, list(held)[:20])) or "none"
@@ -73,7 +72,7 @@ def recorded_variants(
     return {variant: archives[held[variant][0]][held[variant][1]] for variant in chosen}
 
 
-def by_rank(results: Results, variants: Sequence[int], worst: Worst | None) -> list[int]:
+def worst_first_variants(results: Results, variants: Sequence[int], worst: Worst | None) -> list[int]:
     """Variants with the worst first, if the study says what that is."""
     if worst is None or worst.metric not in results.table.column_names:
         return list(variants)
@@ -83,13 +82,10 @@ def by_rank(results: Results, variants: Sequence[int], worst: Worst | None) -> l
     return sorted(variants, key=lambda variant: (np.isnan(value[variant]), value[variant]))
 
 
-def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woehler | None = None) -> Results:
-    """The results with the objectives of `results.objectives` as further metrics; null where nothing was recorded.
-
-    A study that records every variant (`record.every = 1`) has them for all.
+def results_with_objectives(results: Results, folder: str | Path, woehler: Woehler | None = None) -> Results:
+    """The results with the objectives of recorded variants (`results.objectives`) as further metrics, else null.
 
     Args:
-        results: the study's results, with the window of its metrics in `window_start` and `window_end`.
         folder: the study's.
         woehler: Woehler curve of a link; None leaves fatigue out.
 
@@ -105,10 +101,10 @@ def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woeh
 
     starts, ends = results.values("window_start"), results.values("window_end")
     found: dict[int, dict[str, float]] = {}
-    held = places(results)
+    held = recording_places(results)
     for row, variant in enumerate(results.variants.tolist()):
         if variant in held and results.ok[row]:
-            (trajectory,) = recorded_variants(results, folder, [variant]).values()
+            (trajectory,) = recorded_trajectories(results, folder, [variant]).values()
             found[row] = from_trajectory(trajectory, float(starts[row]), float(ends[row]), woehler)
     names = list(dict.fromkeys(name for values in found.values() for name in values))
     table = results.table.drop_columns([name for name in names if name in results.table.column_names])
@@ -121,13 +117,13 @@ def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woeh
 
 
 @dataclass(frozen=True)
-class Rerun:
-    """A variant to be run again with its study's settings, bitwise the same where version, device and precision are.
+class RepeatedRun:
+    """A variant to run again with its study's settings, for a recording to play.
 
     Attributes:
-        drive: as it was run.
-        study: whose settings it was run with.
-        variant: its number.
+        drive: the variant's drive.
+        study: study whose settings it was run with.
+        variant: the variant's number.
         archive: file of its recording.
     """
 
@@ -136,8 +132,8 @@ class Rerun:
     variant: int
     archive: Path
 
-    def command(self) -> str:
-        """The command that runs it again, of a drive file that is written beside the recording."""
+    def write_command(self) -> str:
+        """Writes the variant's drive file beside its recording; returns the command that runs it again."""
         file = self.archive.with_suffix(".toml")
         self.archive.parent.mkdir(exist_ok=True)
         write_study_text(file, dumps_drive(self.drive))
@@ -152,8 +148,8 @@ class Rerun:
         words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value}")]
         return shlex.join(words)
 
-    def run(self, *, workers: int | None = None, memory: int = MEMORY, progress: Progress = False) -> None:
-        """Runs it, into its archive.
+    def run_again(self, *, workers: int | None = None, memory: int = MEMORY, progress: Progress = False) -> None:
+        """Runs the variant again, into its archive.
 
         Raises:
             SimulationError, DriveError, ArchiveError: as in `simulate`.
@@ -181,8 +177,8 @@ class Rerun:
         )
 
 
-def recording_of(folder: str | Path, variant: int) -> tuple[Path, int] | Rerun:
-    """The archive of a variant and its number in it, or of one without a recording to play, how to run it again.
+def recording_of_variant(folder: str | Path, variant: int) -> tuple[Path, int] | RepeatedRun:
+    """Archive of a variant and its number in it, or how to run one without a recording to play again.
 
     Args:
         folder: of a study, or of a search.
@@ -203,7 +199,7 @@ def recording_of(folder: str | Path, variant: int) -> tuple[Path, int] | Rerun:
             f"variant {variant}: not in {path / 'results.parquet'}, which has {len(results.status)} variants"
         )
     whole = set(DRIVE_CHANNELS) <= set(study.record.channels)
-    held = places(results) if whole and "archive" in results.table.column_names else {}
+    held = recording_places(results) if whole and "archive" in results.table.column_names else {}
     if variant in held:
         name, number = held[variant]
         return path / name, number
@@ -212,7 +208,7 @@ def recording_of(folder: str | Path, variant: int) -> tuple[Path, int] | Rerun:
         return archive, read_archive(archive).numbers[0]  # 0 where an earlier version or the command played it
     row = {factor.name: results.table[factor.name][rows[0]].as_py() for factor in study.factors}
     made = Variant(row)
-    build(study, drive, [made])
+    build_drives(study, drive, [made])
     if made.drive is None:
         raise StudyError(f"variant {variant}: {made.reason}")
-    return Rerun(made.drive, study, variant, archive)
+    return RepeatedRun(made.drive, study, variant, archive)

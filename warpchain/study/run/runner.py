@@ -1,9 +1,8 @@
-"""Runs a study: the folder, the shards that are left, the second pass for the worst variants, the whole table.
+"""Runs a study: the shards that are left, the second pass for the worst variants, the whole table.
 
-Shards run one after the other in this process, each on all cores or the device, or on any executor of
-`concurrent.futures`, such as that of a Dask scheduler (extra `dask`). Dask runs the shard of a worker that died again
-on another one, up to its `distributed.scheduler.allowed-failures`. Whatever ends a run, the same call goes on from
-where it was.
+Shards run one after the other in this process, or on any executor of `concurrent.futures`, such as a Dask scheduler's
+(extra `dask`). Dask runs the shard of a worker that died again, up to its `distributed.scheduler.allowed-failures`.
+After any end, the same call goes on from where it was.
 """
 
 from __future__ import annotations
@@ -40,10 +39,10 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.results.fatigue import Woehler
 from warpchain.results.replicate_metrics import COPY, summary
 from warpchain.study.results import ARCHIVE_COLUMNS, read_results
-from warpchain.study.run.folder import REPLICATES, Folder, Outcome, open_folder, study_status
-from warpchain.study.run.prepare import prepare
-from warpchain.study.run.recordings import with_recorded_objectives
-from warpchain.study.run.shards import run_shard, run_worst
+from warpchain.study.run.prepare import prepare_folder
+from warpchain.study.run.recordings import results_with_objectives
+from warpchain.study.run.shards import record_worst_variants, run_shard
+from warpchain.study.run.study_folder import REPLICATES_FILE, StudyFolder, StudyStatus, open_folder, study_status
 from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
@@ -51,19 +50,19 @@ if TYPE_CHECKING:
 
     from warpchain.study.spec import Study
 
-__all__ = ["Outcome", "merge_study", "run_study", "study_status"]
+__all__ = ["StudyStatus", "merge_study", "run_study", "study_status"]
 
-REACH = 5.0
-"""Seconds in which its machine has to take a connection."""
-TIMEOUT = 30.0
-"""Seconds that a scheduler has to answer."""
-PARTIAL = "partial.parquet"
-"""The table of an unfinished study, as far as it is."""
+CONNECT_SECONDS = 5.0
+"""Time that a scheduler's machine has to accept a connection [s]."""
+SCHEDULER_SECONDS = 30.0
+"""Time that a scheduler has to answer [s]."""
+PARTIAL_FILE = "partial.parquet"
+"""File of the table of an unfinished study."""
 
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
-    """The executor of a Dask scheduler, and how many workers it has now.
+    """The executor of a Dask scheduler, and its number of workers.
 
     Args:
         address: such as "tcp://10.0.0.1:8786".
@@ -74,111 +73,116 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     require_extra("dask", "--scheduler", StudyError)
     from distributed import Client, KilledWorker
 
-    _check_listens(address)
+    _check_listener(address)
     try:
-        client = Client(address, timeout=TIMEOUT)
+        client = Client(address, timeout=SCHEDULER_SECONDS)
     except (OSError, ValueError) as error:
-        raise StudyError(f"--scheduler {address}: no Dask scheduler answers ({_one_line(error)})") from None
+        raise StudyError(f"--scheduler {address}: no Dask scheduler answers ({_error_line(error)})") from None
     try:
         workers = len(client.nthreads())
         if not workers:
             warn_caller(f"--scheduler {address}: has no workers yet; shards wait for them")
         yield client.get_executor(pure=False), workers
     except KilledWorker as error:
-        raise StudyError(f"--scheduler {address}: {_one_line(error)}; run again to go on") from None
+        raise StudyError(f"--scheduler {address}: {_error_line(error)}; run again to go on") from None
     finally:
         client.close()
 
 
-def _check_listens(address: str) -> None:
-    """Refuses an address of TCP that nobody listens at, which Dask tries again and again until its time is up."""
+def _check_listener(address: str) -> None:
+    """Refuses a TCP address where nobody listens, which Dask would try until its time is up."""
     scheme, _, place = address.rpartition("://")
     host, _, port = place.strip("/").rpartition(":")
     if scheme not in ("", "tcp", "tls") or not (host and port.isdecimal()):
         return
     try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=REACH).close()
+        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_SECONDS).close()
     except (OSError, OverflowError) as error:
-        raise StudyError(f"--scheduler {address}: no Dask scheduler answers ({_one_line(error)})") from None
+        raise StudyError(f"--scheduler {address}: no Dask scheduler answers ({_error_line(error)})") from None
 
 
-def _one_line(error: Exception) -> str:
+def _error_line(error: Exception) -> str:
+    """First line of an error's message, or its type."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 @interruptible_work()
-def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> Outcome:
-    """Makes the whole table of a study whose shards are all done; records the worst variants first, if that is wanted.
+def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> StudyStatus:
+    """Makes the whole table of a study whose shards are done, after recording its worst variants if these are wanted.
 
     Raises:
         StudyError: shards are missing.
     """
     folder = open_folder(Path(out))
-    missing = [shard for shard in folder.shards if not folder.done(shard)]
+    missing = [shard for shard in folder.shard_numbers if not folder.is_done(shard)]
     if missing:
         some = ", ".join(map(str, missing[:8])) + (", ..." if len(missing) > 8 else "")
         raise StudyError(
-            f"{folder.path}: {len(missing)} of {len(folder.shards)} shards are missing ({some}); finish with: "
+            f"{folder.path}: {len(missing)} of {len(folder.shard_numbers)} shards are missing ({some}); finish with: "
             "warpchain study run"
         )
-    return finish(folder, None, {"workers": workers, "memory": memory})
+    return finish_study(folder, None, {"workers": workers, "memory": memory})
 
 
-def finish(
-    folder: Folder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
-) -> Outcome:
-    """The second pass, and the whole table; what ended processes have left is swept away."""
-    table = runs_of(folder)
+def finish_study(
+    folder: StudyFolder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
+) -> StudyStatus:
+    """Records the worst variants, writes the whole table, and removes what ended processes have left."""
+    table = read_runs(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
-        if not folder.done(folder.worst):
+        if not folder.is_done(folder.worst_shard):
             if executor is None:
                 count = float(len(chosen))
-                run_worst(folder.path, chosen, options, partial_report(report, RECORDING, 0.0, count, count))
+                record_worst_variants(
+                    folder.path, chosen, options, partial_report(report, RECORDING, 0.0, count, count)
+                )
             else:
-                with workers_named(folder):
-                    (future,) = completed_futures([executor.submit(run_worst, folder.path.resolve(), chosen, options)])
+                with lost_workers_as_study_errors(folder):
+                    (future,) = completed_futures(
+                        [executor.submit(record_worst_variants, folder.path.resolve(), chosen, options)]
+                    )
                     future.result()
-            table = _with_archives(table, folder.table(folder.worst))
-    for name in _archives(table):
+            table = _table_with_archives(table, folder.read_shard(folder.worst_shard))
+    for name in _archive_names(table):
         raise_if_stopped()
         folder.check_archive(name)
     if folder.copies > 1:
-        folder.write(folder.path / REPLICATES, table)
-        table = summarized(table)
+        folder.write_table(folder.path / REPLICATES_FILE, table)
+        table = means_of_replicates(table)
     fatigue = folder.study.fatigue
     if fatigue is not None:
         curve = Woehler(fatigue.exponent, fatigue.range, fatigue.cycles)
-        table = with_recorded_objectives(read_results(table), folder.path, curve).table
+        table = results_with_objectives(read_results(table), folder.path, curve).table
     raise_if_stopped()
-    folder.write(folder.results, table)
+    folder.write_table(folder.results_path, table)
     remove_leftovers(leftover_files(folder.path))
     return study_status(folder.path)
 
 
-def runs_of(folder: Folder) -> pa.Table:
-    """All runs of the shards that are done, with the places of what was recorded of them, also in a second pass."""
-    table = _shards_together(folder, [shard for shard in folder.shards if folder.done(shard)])
-    for name, identity in folder.worst_before:
-        if folder.done(name):
-            table = _with_archives(table, read_table(folder.table_path(name), study=identity))
-    if folder.done(folder.worst):
-        table = _with_archives(table, folder.table(folder.worst))
+def read_runs(folder: StudyFolder) -> pa.Table:
+    """Reads the table of all runs of the shards that are done, with the places of all recordings."""
+    table = _concatenated_shards(folder, [shard for shard in folder.shard_numbers if folder.is_done(shard)])
+    for name, identity in folder.earlier_worst_shards:
+        if folder.is_done(name):
+            table = _table_with_archives(table, read_table(folder.table_path(name), study=identity))
+    if folder.is_done(folder.worst_shard):
+        table = _table_with_archives(table, folder.read_shard(folder.worst_shard))
     return table
 
 
-def _archives(table: pa.Table) -> list[str]:
-    """The archives that hold a table's recorded variants."""
+def _archive_names(table: pa.Table) -> list[str]:
+    """Archives with a table's recorded variants."""
     name, _ = ARCHIVE_COLUMNS
     return sorted(set(table[name].to_pylist()) - {None}) if name in table.column_names else []
 
 
-def _shards_together(folder: Folder, shards: Sequence[int]) -> pa.Table:
-    """The tables of shards, by variants and their copies."""
+def _concatenated_shards(folder: StudyFolder, shards: Sequence[int]) -> pa.Table:
+    """Table of the runs of several shards, sorted by variant and copy."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    tables = [folder.table(shard) for shard in shards]
+    tables = [folder.read_shard(shard) for shard in shards]
     table = pa.concat_tables(tables, promote_options="default").combine_chunks()
     if folder.copies > 1 and COPY not in table.column_names:
         table = table.add_column(1, COPY, pa.array(np.zeros(table.num_rows, dtype=np.int64)))
@@ -187,41 +191,38 @@ def _shards_together(folder: Folder, shards: Sequence[int]) -> pa.Table:
         place = table.column_names.index(COPY)
         table = table.set_column(place, COPY, copies)
         table = table.select(["variant", COPY, *(name for name in table.column_names if name not in ("variant", COPY))])
-    if len(folder.parts) > 1:
+    if len(folder.plans) > 1:
         keys = [("variant", "ascending"), *([(COPY, "ascending")] if folder.copies > 1 else [])]
         table = table.take(pc.sort_indices(table, sort_keys=keys)).combine_chunks()
     return table
 
 
-def partial_table(out: str | os.PathLike[str]) -> Path:
+def write_partial_table(out: str | os.PathLike[str]) -> Path:
     """Writes `partial.parquet`, the table of the shards that are done; returns its path.
-
-    Of a row that is run several times, it has the mean of the copies that are done.
 
     Raises:
         StudyError: no such folder, or none of its shards is done.
     """
     folder = open_folder(Path(out))
-    done = [shard for shard in folder.shards if folder.done(shard)]
+    done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]
     if not done:
         raise StudyError(f"{folder.path}: no shard is done yet; run it with: warpchain study run")
-    table = _shards_together(folder, done)
-    path = folder.path / PARTIAL
-    folder.write(path, summarized(table) if folder.copies > 1 else table)
+    table = _concatenated_shards(folder, done)
+    path = folder.path / PARTIAL_FILE
+    folder.write_table(path, means_of_replicates(table) if folder.copies > 1 else table)
     return path
 
 
-def summarized(table: pa.Table) -> pa.Table:
-    """A row for each variant of a table with a row for each of its copies."""
+def means_of_replicates(table: pa.Table) -> pa.Table:
+    """Table of a row a variant, from a table with a row for each copy."""
     first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
     return summary(table, "variant", first)
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """The variants (number, copy) that are recorded in a second pass, without those recorded already.
+    """Variants (number, copy) to record in a second pass: the most extreme ones that are not recorded yet.
 
-    They are the most extreme ones; of a row that was run several times, in the mean, and of its copies the most extreme
-    one.
+    Rows are ranked by the mean of their copies; of the copies, the most extreme one is recorded.
     """
     worst = study.record.worst
     assert worst is not None  # asked for
@@ -244,8 +245,8 @@ def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
     return sorted((n, min(values[n])[1]) for n in chosen if n not in recorded)
 
 
-def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
-    """The table with the places of the variants that the second pass recorded."""
+def _table_with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
+    """The table with the places of recordings of a second pass."""
     import pyarrow as pa
 
     keys = ["variant", COPY] if COPY in table.column_names else ["variant"]
@@ -261,8 +262,8 @@ def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
 
 
 @contextmanager
-def workers_named(folder: Folder) -> Iterator[None]:
-    """Reports the loss of an executor's workers in one line."""
+def lost_workers_as_study_errors(folder: StudyFolder) -> Iterator[None]:
+    """Context in which the loss of an executor's worker becomes a StudyError."""
     try:
         yield
     except (BrokenExecutor, CancelledError) as error:
@@ -283,7 +284,7 @@ def run_study(
     memory: Count = MEMORY,
     progress: Progress = False,
     grow: bool = False,
-) -> Outcome:
+) -> StudyStatus:
     """Runs a study, or what is left of it.
 
     Args:
@@ -292,12 +293,12 @@ def run_study(
         executor: runs the shards; its workers must see the folder under the same name. None runs them here.
         part: (i, n) runs only the shards k with k mod n = i, 0 <= i < n, and leaves the second pass and the whole table
             to `merge_study`.
-        parts: workers to keep busy: in a new folder, unless the study states `run.shard`, no shard has more than
-            rows / parts rows, rounded up (10 rows in 6 parts make 5 shards of 2).
+        parts: workers to keep busy: unless the study states `run.shard`, no shard of a new folder has more than
+            rows / parts rows, rounded up.
         workers: CPU threads of a shard; None takes all cores.
         memory: budget of a shard [bytes].
-        grow: let a folder grow that holds the same study with fewer points of its design, fewer replicates, or another
-            duration or window (`study.run.prepare`).
+        grow: let a folder grow that holds the same study with fewer points, fewer replicates, or another duration or
+            window (`study.run.prepare`).
         progress: True shows a bar; a function is called with (phase, done, total): "compiling", in kernels; "running"
             and, for the second pass of `record.worst`, "recording", in variants.
 
@@ -311,50 +312,52 @@ def run_study(
     """
     if part is not None and not 0 <= part[0] < part[1]:
         raise StudyError(f"--shard {part[0]}/{part[1]}: must be i/n with 0 <= i < n")
-    folder = prepare(source, out, max(parts, part[1] if part else 1), workers, memory, grow)
+    folder = prepare_folder(source, out, max(parts, part[1] if part else 1), workers, memory, grow)
     return run_folder(folder, executor=executor, part=part, workers=workers, memory=memory, progress=progress)
 
 
 @rare_collections()
 @interruptible_work()
 def run_folder(
-    folder: Folder,
+    folder: StudyFolder,
     *,
     executor: Executor | None = None,
     part: tuple[int, int] | None = None,
     workers: int | None = None,
     memory: int = MEMORY,
     progress: Progress = False,
-) -> Outcome:
-    """Runs what is left of a study's folder; see `run_study`."""
+) -> StudyStatus:
+    """Runs what is left of a study's folder; arguments as in `run_study`."""
     options = {"workers": workers, "memory": memory}
-    mine = [shard for shard in folder.shards if part is None or shard % part[1] == part[0]]
-    left = [shard for shard in mine if not folder.done(shard)]
-    total, rest = (float(sum(map(folder.size, shards))) for shards in (mine, left))
+    mine = [shard for shard in folder.shard_numbers if part is None or shard % part[1] == part[0]]
+    left = [shard for shard in mine if not folder.is_done(shard)]
+    total, rest = (float(sum(map(folder.shard_run_count, shards))) for shards in (mine, left))
     bar = {"name": folder.study.study.name or "study", "initial": total - rest}
     with progress_reporter(progress, **{RUNNING: bar}) as report:
         run = partial_report(report, RUNNING, total - rest, total, total)
         if executor is None:
-            _run_here(folder, left, options, run)
+            _run_shards_here(folder, left, options, run)
         else:
-            _run_there(folder, left, executor, options, run)
+            _run_shards_on_executor(folder, left, executor, options, run)
         if part is not None:
             return study_status(folder.path)
-        return finish(folder, executor, options, report)
+        return finish_study(folder, executor, options, report)
 
 
-def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: ProgressReport) -> None:
+def _run_shards_here(
+    folder: StudyFolder, shards: Sequence[int], options: Mapping[str, Any], report: ProgressReport
+) -> None:
     """Runs shards one after the other in this process."""
-    done, total = 0, float(sum(map(folder.size, shards)))
+    done, total = 0, float(sum(map(folder.shard_run_count, shards)))
     for shard in shards:
         raise_if_stopped()
-        begin, done = done, done + folder.size(shard)
+        begin, done = done, done + folder.shard_run_count(shard)
         run_shard(folder.path, shard, options, partial_report(report, RUNNING, begin, done, total))
         report(RUNNING, done, total)
 
 
-def _run_there(
-    folder: Folder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: ProgressReport
+def _run_shards_on_executor(
+    folder: StudyFolder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
     """Runs shards on an executor.
 
@@ -362,14 +365,14 @@ def _run_there(
         StudyError: a worker of the executor died, and the executor does not run its shard again.
     """
     futures: dict[Future[int], int] = {}
-    done, total = 0, float(sum(map(folder.size, shards)))
+    done, total = 0, float(sum(map(folder.shard_run_count, shards)))
     try:
-        with workers_named(folder):
+        with lost_workers_as_study_errors(folder):
             for shard in shards:
                 futures[executor.submit(run_shard, folder.path.resolve(), shard, options)] = shard
             for future in completed_futures(futures):
                 future.result()
-                done += folder.size(futures[future])
+                done += folder.shard_run_count(futures[future])
                 report(RUNNING, done, total)
     finally:
         for future in futures:

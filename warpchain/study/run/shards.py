@@ -1,8 +1,6 @@
-"""One shard of a study: its rows become drives, the drives are simulated together, inputs and metrics become a table.
+"""Simulates one shard of a study: rows become drives, drives are simulated together, results become a table.
 
-A variant's results do not depend on the others (`warpchain.simulate`), so neither the cut into shards nor a restart
-changes a bit of them. A row that gives no drive, or a drive that cannot be assembled or stepped, is a row with its
-reason.
+A variant's results do not depend on the others, so neither the cut into shards nor a restart changes a bit of them.
 """
 
 from __future__ import annotations
@@ -25,9 +23,9 @@ from warpchain.progress import RUNNING, ProgressReport, ignore_progress, partial
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicate_metrics import COPY
 from warpchain.study.results import ADJUSTMENT_COLUMNS, ARCHIVE_COLUMNS, RUN_COLUMNS
-from warpchain.study.run.checkpoints import begin_with, write_states
-from warpchain.study.run.folder import Folder, open_folder
-from warpchain.study.run.row_drives import Variant, build, try_alone
+from warpchain.study.run.row_drives import Variant, build_drives, check_variant
+from warpchain.study.run.run_states import assign_initial_states, write_run_states
+from warpchain.study.run.study_folder import StudyFolder, open_folder
 from warpchain.study.spec.study_tables import named_adjustments
 from warpchain.study.store import OUTCOME_COLUMNS, check_no_symlink
 
@@ -36,7 +34,7 @@ if TYPE_CHECKING:
 
     from warpchain.archive.options import ArchiveOptions
     from warpchain.drive import Drive
-    from warpchain.study.run.shard_plan import Numbers
+    from warpchain.study.run.shard_plan import Indices
     from warpchain.study.spec import Study
 
 
@@ -48,15 +46,13 @@ def simulate_variants(
     options: Mapping[str, Any],
     report: ProgressReport,
 ) -> None:
-    """Makes the variants' drives, simulates them, and archives those to be recorded.
+    """Makes the drives of variants, simulates them, and archives those to be recorded.
 
-    Recorded variants are simulated with the others and held until the end, if they find room in half of the memory;
-    else in a call of their own, which writes while it runs.
+    Recorded variants are held until the end if their trajectories fit into half of the memory; else they are simulated
+    in a call of their own, which writes while it runs.
 
     Args:
-        study: what to do.
-        base: the base drive.
-        variants: the rows; they are filled.
+        variants: the runs; their results are filled in.
         archive: file of the recorded variants.
         options: `memory`, `workers` and `archive_options` of `simulate`.
         report: called as the work goes on.
@@ -66,44 +62,45 @@ def simulate_variants(
         ArchiveError: the archive cannot be written.
         KeyboardInterrupt: the user stopped it.
     """
-    on = [variant for variant in variants if variant.begin is not None]
+    on = [variant for variant in variants if variant.initial_state is not None]
     if on and len(on) < len(variants):  # a GPU takes those that go on by themselves
-        anew = [variant for variant in variants if variant.begin is None]
+        anew = [variant for variant in variants if variant.initial_state is None]
         share = len(anew) / len(variants)
         simulate_variants(study, base, anew, archive, options, partial_report(report, RUNNING, 0.0, share))
         simulate_variants(study, base, on, archive, options, partial_report(report, RUNNING, share, 1.0))
         return
-    _build_all(study, base, variants)
+    _build_copies(study, base, variants)
     runs = 1.0 if study.metrics.modes is None else 0.5  # of the whole, roughly
     of_runs = partial_report(report, RUNNING, 0.0, runs)
 
-    def follow() -> None:
-        _follow_modes(study, base, variants, options.get("workers"), partial_report(report, RUNNING, runs, 1.0))
+    def add_modes() -> None:
+        """Adds the base drive's modes to the variants' metrics, in the second part of the progress."""
+        _add_mode_metrics(study, base, variants, options.get("workers"), partial_report(report, RUNNING, runs, 1.0))
 
-    if _held(study, variants, options.get("memory", MEMORY)):
-        _simulate(study, variants, None, options, of_runs)
-        _archive(variants, archive, options.get("archive_options"))
-        follow()
+    if _has_room_for_recordings(study, variants, options.get("memory", MEMORY)):
+        _simulate_feasible(study, variants, None, options, of_runs)
+        _archive_recordings(variants, archive, options.get("archive_options"))
+        add_modes()
         return
     streamed = [variant for variant in variants if variant.recorded]
     plain = [variant for variant in variants if not variant.recorded]
     share = len(plain) / len(variants)
-    _simulate(study, plain, None, options, partial_report(of_runs, RUNNING, 0.0, share))
-    _simulate(study, streamed, archive, options, partial_report(of_runs, RUNNING, share, 1.0))
-    follow()
+    _simulate_feasible(study, plain, None, options, partial_report(of_runs, RUNNING, 0.0, share))
+    _simulate_feasible(study, streamed, archive, options, partial_report(of_runs, RUNNING, share, 1.0))
+    add_modes()
 
 
-def _follow_modes(
+def _add_mode_metrics(
     study: Study, base: Drive, variants: Sequence[Variant], workers: int | None, report: ProgressReport
 ) -> None:
-    """Adds the base drive's modes to the metrics of the variants, where the study asks for them."""
+    """Adds the base drive's modes to the metrics of variants, if the study asks for them."""
     if study.metrics.modes is None:
         return
     from warpchain.engine.processes import each
     from warpchain.modal.campbell import base_drive_modes, mode_metrics
 
     work = partial(mode_metrics, base_drive_modes(base, study.metrics.modes))
-    settled = [variant for variant in variants if variant.drive is not None and variant.measured is not None]
+    settled = [variant for variant in variants if variant.drive is not None and variant.metrics_row is not None]
     drives = [variant.drive for variant in settled]
     answers = each(work, drives, workers or available_cores(), "modes", report)
     for variant, found in zip(settled, answers, strict=True):
@@ -112,12 +109,12 @@ def _follow_modes(
         variant.modes = found
 
 
-def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Makes the drives of all rows, each once, and the copies that are run of them."""
+def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
+    """Makes the drive of each row once, and the copies that variants run."""
     made: dict[int, Variant] = {}
     for variant in variants:
         made.setdefault(variant.row["variant"], variant)
-    build(study, base, list(made.values()))
+    build_drives(study, base, list(made.values()))
     for variant in variants:
         first = made[variant.row["variant"]]
         variant.drive, variant.reason, variant.adjusted = first.drive, first.reason, first.adjusted
@@ -128,21 +125,17 @@ def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
         variant.drive = drive
 
 
-def _simulate(
+def _simulate_feasible(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Simulates the variants that have a drive; those that are refused fail alone.
-
-    A drive that cannot be assembled or stepped ends the whole call, so then each is tried alone. What else is refused
-    is halved until it is known which variants are to blame; a refusal of every variant is the study's own.
-    """
+    """Simulates the variants that have a drive, and marks those infeasible that are refused, found by halving."""
     feasible = [variant for variant in variants if variant.drive is not None]
-    refused = _attempt(study, feasible, archive, options, report)
+    refused = _attempt_simulation(study, feasible, archive, options, report)
     if isinstance(refused, DriveError):
         for variant in feasible:
-            try_alone(study, variant)
+            check_variant(study, variant)
         feasible = [variant for variant in feasible if variant.drive is not None]
-        refused = _attempt(study, feasible, archive, options, report)
+        refused = _attempt_simulation(study, feasible, archive, options, report)
     if refused is None:
         return
     if archive is not None:
@@ -155,19 +148,19 @@ def _simulate(
             blamed.append((group[0], error))
             continue
         for half in (group[: len(group) // 2], group[len(group) // 2 :]):
-            again = _attempt(study, half, None, options, report)
+            again = _attempt_simulation(study, half, None, options, report)
             if again is not None:
                 groups.append((half, again))
     if len(blamed) == len(feasible) and isinstance(refused, SimulationError):
         raise refused
     for variant, error in blamed:
-        variant.fail(error)
+        variant.mark_infeasible(error)
 
 
-def _attempt(
+def _attempt_simulation(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> WarpchainError | None:
-    """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
+    """Simulates variants in one call; returns the error of a refusal, or None."""
     from warpchain.engine.checkpoint import States
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
@@ -180,10 +173,10 @@ def _attempt(
         return None
     recorded = [i for i, variant in enumerate(variants) if variant.recorded]
     if archive is not None:
-        options = {**options, "archive_options": _numbered(variants, options.get("archive_options"))}
+        options = {**options, "archive_options": _archive_options(variants, options.get("archive_options"))}
     states = None
-    if study.run.keep_states or any(variant.begin is not None for variant in variants):
-        states = States(study.run.keep_states, [variant.begin for variant in variants])
+    if study.run.keep_states or any(variant.initial_state is not None for variant in variants):
+        states = States(study.run.keep_states, [variant.initial_state for variant in variants])
     try:
         run = simulate(
             [variant.drive for variant in variants if variant.drive is not None],
@@ -208,9 +201,9 @@ def _attempt(
         raise KeyboardInterrupt
     metrics = run.metrics.combine_chunks()
     for i, variant in enumerate(variants):
-        variant.measured = metrics, i
+        variant.metrics_row = metrics, i
         if states is not None:
-            variant.kept, variant.gone_on = states.kept[i], states.used[i]
+            variant.final_state, variant.resumed = states.kept[i], states.used[i]
         if archive is not None:
             variant.archive = (archive.name, variant.row["variant"])
         elif variant.recorded:
@@ -218,8 +211,8 @@ def _attempt(
     return None
 
 
-def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
-    """Whether the trajectories of the recorded variants find room in half of the memory."""
+def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: int) -> bool:
+    """Whether the trajectories of the recorded variants fit into half of the memory."""
     from warpchain.engine.simulation import schedules_of
     from warpchain.results.channels import frame_of, frame_width
     from warpchain.results.run import Record
@@ -237,15 +230,15 @@ def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
     return 2 * size <= memory
 
 
-def _numbered(variants: Sequence[Variant], options: ArchiveOptions | None) -> ArchiveOptions:
-    """Options of an archive that calls its variants by their numbers in the study."""
+def _archive_options(variants: Sequence[Variant], options: ArchiveOptions | None) -> ArchiveOptions:
+    """Options of an archive that numbers its variants as the study does."""
     from warpchain.archive.options import ArchiveOptions
 
     return replace(options or ArchiveOptions(), numbers=[variant.row["variant"] for variant in variants])
 
 
-def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | None) -> None:
-    """Writes the trajectories that are held, as an archive of their variants alone, by their numbers in the study."""
+def _archive_recordings(variants: Sequence[Variant], path: Path, options: ArchiveOptions | None) -> None:
+    """Writes the trajectories that variants hold into an archive, numbered as in the study."""
     from warpchain.archive import write_archive
     from warpchain.results.metrics import table_of
     from warpchain.results.run import Run
@@ -257,7 +250,7 @@ def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | 
     metrics = table_of([variant.metrics for variant in held])
     trajectories = {i: v.trajectory for i, v in enumerate(held) if v.trajectory is not None}
     assert held[0].info is not None  # comes with the trajectory
-    write_archive(Run(drives, metrics, trajectories, held[0].info), path, True, _numbered(held, options))
+    write_archive(Run(drives, metrics, trajectories, held[0].info), path, True, _archive_options(held, options))
     for variant in held:
         variant.archive, variant.trajectory = (path.name, variant.row["variant"]), None
 
@@ -266,89 +259,86 @@ def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | 
 def run_shard(
     folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: ProgressReport = ignore_progress
 ) -> int:
-    """Simulates one shard and writes its results; does nothing if they are there.
+    """Simulates one shard and writes its results, unless they are there; returns the number of its runs.
 
     Args:
         folder: the study's folder, on a disk that the caller shares.
-        shard: its number.
+        shard: number of the shard.
         options: `memory` and `workers` of `simulate`.
         report: called as the work goes on.
 
-    Returns:
-        The number of its rows.
-
     Raises:
-        WarpchainError: what no single variant is to blame for, such as an unknown device or a full disk.
+        WarpchainError: an error that is not of single variants, such as an unknown device or a full disk.
         KeyboardInterrupt: the user stopped it; nothing is written.
     """
     opened = open_folder(Path(folder))
-    if not opened.done(shard):
-        numbers, copies = opened.tasks(shard)
-        recorded = opened.recorded()
+    if not opened.is_done(shard):
+        numbers, copies = opened.shard_runs(shard)
+        recorded = opened.directly_recorded()
         tasks = zip(numbers.tolist(), copies.tolist(), strict=True)
         chosen = {i for i, (row, copy) in enumerate(tasks) if copy == 0 and row in recorded}
-        _write(opened, shard, _rows(opened, numbers, copies), chosen, options or {}, report)
-    return opened.size(shard)
+        _simulate_and_write(opened, shard, _design_rows(opened, numbers, copies), chosen, options or {}, report)
+    return opened.shard_run_count(shard)
 
 
-def run_worst(
+def record_worst_variants(
     folder: Path,
     variants: Sequence[tuple[int, int]],
     options: Mapping[str, Any] | None = None,
     report: ProgressReport = ignore_progress,
 ) -> None:
-    """Simulates variants (number, copy) a second time to record them; see `run_shard`."""
+    """Simulates variants (number, copy) a second time to record them; arguments as in `run_shard`."""
     opened = open_folder(folder)
-    place = {variant: row for row, variant in enumerate(opened.design()["variant"].to_pylist())}
+    place = {variant: row for row, variant in enumerate(opened.read_design()["variant"].to_pylist())}
     numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
     copies = np.array([copy for _, copy in variants], dtype=np.int64)
-    rows = _rows(opened, numbers, copies)
-    _write(opened, opened.worst, rows, set(range(len(variants))), options or {}, report)
+    rows = _design_rows(opened, numbers, copies)
+    _simulate_and_write(opened, opened.worst_shard, rows, set(range(len(variants))), options or {}, report)
 
 
-def _rows(folder: Folder, numbers: Numbers, copies: Numbers) -> pa.Table:
-    """Rows of the design, with the number of the copy where rows are run several times."""
+def _design_rows(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.Table:
+    """Rows of the design table, with a column for the copy if rows are run several times."""
     import pyarrow as pa
 
-    rows = folder.design().take(pa.array(numbers, pa.int64()))
+    rows = folder.read_design().take(pa.array(numbers, pa.int64()))
     return rows.add_column(1, COPY, pa.array(copies, pa.int64())) if folder.copies > 1 else rows
 
 
-def _write(
-    folder: Folder,
+def _simulate_and_write(
+    folder: StudyFolder,
     shard: int | str,
     rows: pa.Table,
     recorded: set[int],
     options: Mapping[str, Any],
     report: ProgressReport,
 ) -> None:
-    """Simulates rows; the archive lands first, then the table, which says that the shard is done."""
+    """Simulates rows and writes the archive, then the table, with which the shard is done."""
     from warpchain.archive.options import ArchiveOptions
 
     study = folder.study
-    options = {**options, "archive_options": ArchiveOptions(attachments=folder.mark(shard))}
+    options = {**options, "archive_options": ArchiveOptions(attachments=folder.archive_mark(shard))}
     found = enumerate(rows.to_pylist())
     variants = [Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY, 0)) for i, row in found]
     if isinstance(shard, int):
-        begin_with(folder, variants)
+        assign_initial_states(folder, variants)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
         check_no_symlink(folder.archive_path(shard))
-        simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
-    table = results_table(study, rows, variants)
-    if isinstance(shard, int) and (study.run.keep_states or any(variant.gone_on for variant in variants)):
-        write_states(folder, shard, variants)
-    folder.write(folder.table_path(shard), table, shard if isinstance(shard, int) else None)
+        simulate_variants(study, folder.base_drive, variants, folder.archive_path(shard), options, report)
+    table = shard_table(study, rows, variants)
+    if isinstance(shard, int) and (study.run.keep_states or any(variant.resumed for variant in variants)):
+        write_run_states(folder, shard, variants)
+    folder.write_table(folder.table_path(shard), table, shard if isinstance(shard, int) else None)
 
 
-def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
-    """Inputs and metrics of variants: a row a variant, fields marked role = "factor" and "metric", with their units."""
+def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
+    """Table of inputs and metrics of variants, a row each; fields have role "factor" or "metric" and a unit."""
     import pyarrow as pa
 
     status, reason = OUTCOME_COLUMNS
     extra: dict[str, tuple[Any, list[Any], str]] = {
         status: (pa.string(), [variant.status for variant in variants], ""),
-        reason: (pa.string(), [variant.outcome() for variant in variants], ""),
+        reason: (pa.string(), [variant.outcome_reason() for variant in variants], ""),
     }
     for _, before, adjust in named_adjustments(study.adjust):
         count, travel = (before + name for name in ADJUSTMENT_COLUMNS)
@@ -367,7 +357,7 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     for name, (kind, values, unit) in extra.items():
         columns.append(pa.array(values, kind))
         fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
-    metrics = _metrics(study, variants)
+    metrics = _kept_metrics(study, variants)
     for field_, column in zip(metrics.schema, metrics.columns, strict=True):
         if field_.name != "variant":
             role = {} if field_.name in RUN_COLUMNS else {"role": "metric"}
@@ -376,24 +366,27 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
-def _metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
-    """The metrics that the study keeps, a row a variant; as they came, where all came of one run."""
-    patterns, dropped = kept_patterns(study), {"variant", "diverged", *OUTCOME_COLUMNS}
+def _kept_metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
+    """Table of the metrics that the study keeps, a row a variant."""
+    patterns, dropped = kept_metric_patterns(study), {"variant", "diverged", *OUTCOME_COLUMNS}
 
     @cache
-    def kept(name: str) -> bool:
+    def is_kept(name: str) -> bool:
+        """Whether the study keeps a metric."""
         return name not in dropped and any(fnmatchcase(name, pattern) for pattern in patterns)
 
-    tables = {id(variant.measured[0]): variant.measured[0] for variant in variants if variant.measured is not None}
+    tables = {
+        id(variant.metrics_row[0]): variant.metrics_row[0] for variant in variants if variant.metrics_row is not None
+    }
     if len(tables) == 1 and not any(variant.modes for variant in variants):
         (table,) = tables.values()
-        return gathered(table, [variant.measured and variant.measured[1] for variant in variants], kept)
+        return gathered(table, [variant.metrics_row and variant.metrics_row[1] for variant in variants], is_kept)
     rows = [variant.metrics for variant in variants]
-    return table_of([{name: value for name, value in row.items() if kept(name)} for row in rows])
+    return table_of([{name: value for name, value in row.items() if is_kept(name)} for row in rows])
 
 
-def kept_patterns(study: Study) -> tuple[str, ...]:
-    """The patterns of the metrics that are kept: those asked for, the one of `record.worst`, and those wanted."""
+def kept_metric_patterns(study: Study) -> tuple[str, ...]:
+    """Patterns of the metrics that a study keeps, those of its worst variants and goals included."""
     worst = study.record.worst
     wanted = [name for metric in study.named_metrics for name in (metric, f"{metric}_se")]
     return (*study.metrics.keep, *wanted, *(() if worst is None else (worst.metric,)))

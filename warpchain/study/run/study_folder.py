@@ -1,0 +1,404 @@
+"""A study's folder: what is to be run, which shards are done, and how their rows ended.
+
+    study.toml  drive.toml   the study and its base drive, as they were when the folder was made
+    drive-text.toml          text of the drive's file, with its comments, for drive files of designs
+    design.parquet           a row a variant
+    plan.json                how rows are cut into shards, and digests of the files above and of itself
+    shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
+    shards/NNNNN.mcap        its recorded variants
+    shards/NNNNN.states.parquet  states of its runs at the end of their windows, if these are kept
+    results.parquet          the whole table, once all shards are done
+    replicates.parquet       a row for each run, of a study that runs rows several times
+
+Growing adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ..., and shards with the numbers that follow.
+Every file appears whole, so that any process can end at any time, and several may work in one folder. Nothing here
+loads drives or tables without need, as a status is asked for often.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from warpchain.errors import StudyError
+from warpchain.results.statuses import alike_reasons, by_frequency
+from warpchain.study.run.shard_plan import Indices, ShardPlan, check_plan_file, plan_file_name, read_plan, write_plan
+from warpchain.study.store import (
+    REMEDY_RERUN,
+    ROW_STATUSES,
+    RowOutcomes,
+    check_archive_name,
+    read_row_outcomes,
+    read_table,
+    write_study_text,
+    write_table,
+)
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from warpchain.drive import Drive
+    from warpchain.study.spec import Study
+
+ARCHIVE_MARK = "study.json"
+"""Name of the attachment that says which study and shard an archive belongs to."""
+DRIVE_TEXT_FILE = "drive-text.toml"
+"""File with the text of the base drive as the user wrote it; drive.toml is what is run."""
+REPLICATES_FILE = "replicates.parquet"
+"""File of the table of all runs, of a study that runs rows several times."""
+RESUMED_COLUMN = "gone_on"
+"""Column of a table of states: whether a run went on from an earlier run's state."""
+WORST_SHARD = "worst"
+"""Name of the shard that records the worst variants in a second pass."""
+RATE_SHARDS = 20
+"""Number of latest shards that give a study's rate."""
+STATUS_REASONS = 3
+"""Most reasons of a study's status."""
+
+
+@dataclass(frozen=True)
+class StudyFolder:
+    """A study's folder, with its plans.
+
+    Attributes:
+        path: path of the folder.
+        rows: number of rows of the design.
+        plans: the plans since the study last began anew.
+        plan_count: number of all plans.
+        earlier_plans: the plans before the study began anew, with another duration or window.
+    """
+
+    path: Path
+    rows: int
+    plans: tuple[ShardPlan, ...]
+    plan_count: int = 1
+    earlier_plans: tuple[ShardPlan, ...] = ()
+
+    @cached_property
+    def study(self) -> Study:
+        """The study, from its file in the folder.
+
+        Raises:
+            StudyError: its file is damaged.
+        """
+        from warpchain.study.spec import load_study
+
+        return load_study(self.path / plan_file_name("study.toml", self.plan_count - 1))
+
+    @cached_property
+    def base_drive(self) -> Drive:
+        """The study's base drive, from its file in the folder.
+
+        Raises:
+            DriveError: its file is damaged.
+        """
+        from warpchain.drive import load_drive
+
+        return load_drive(self.path / "drive.toml")
+
+    @property
+    def shard_size(self) -> int:
+        """Number of runs of a shard of the last plan; the last one may have fewer."""
+        return self.plans[-1].shard_size
+
+    @property
+    def identity(self) -> str:
+        """Digest of the last plan, which the study's tables bear; "" in folders of earlier versions."""
+        return self.plans[-1].identity
+
+    @property
+    def shard_numbers(self) -> Sequence[int]:
+        """Numbers of all shards of the folder."""
+        return [shard for part in self.plans for shard in part.shard_numbers]
+
+    @property
+    def run_count(self) -> int:
+        """Number of runs of all shards."""
+        return sum(part.run_count for part in self.plans)
+
+    @property
+    def copies(self) -> int:
+        """Number of runs of each row."""
+        return self.study.design.copies
+
+    def plan_of_shard(self, shard: int) -> ShardPlan:
+        """The plan that a shard belongs to."""
+        return next(part for part in self.plans if shard in part.shard_numbers)
+
+    @property
+    def results_path(self) -> Path:
+        """Path of the table of the whole study."""
+        return self.path / "results.parquet"
+
+    def table_path(self, shard: int | str) -> Path:
+        """Path of a shard's table, which is there when the shard is done."""
+        return self.path / "shards" / f"{shard_name(shard)}.parquet"
+
+    def archive_path(self, shard: int | str) -> Path:
+        """Path of the archive of a shard's recorded variants."""
+        return self.path / "shards" / f"{shard_name(shard)}.mcap"
+
+    @property
+    def worst_shard(self) -> str:
+        """Name of the shard that records the worst variants of the last plan."""
+        return WORST_SHARD if self.plan_count == 1 else f"{WORST_SHARD}.{self.plan_count - 1}"
+
+    @property
+    def earlier_worst_shards(self) -> list[tuple[str, str]]:
+        """Names and identities of the shards that recorded the worst variants of earlier plans."""
+        first = self.plan_count - len(self.plans)
+        numbers = range(first, self.plan_count - 1)
+        names = [f"{WORST_SHARD}.{number}" if number else WORST_SHARD for number in numbers]
+        return [(name, part.identity) for name, part in zip(names, self.plans, strict=False)]
+
+    def states_path(self, shard: int) -> Path:
+        """Path of the table of states of a shard's runs."""
+        return self.path / "shards" / f"{shard_name(shard)}.states.parquet"
+
+    def is_done(self, shard: int | str) -> bool:
+        """Whether a shard's table is there."""
+        return self.table_path(shard).exists()
+
+    def shard_run_count(self, shard: int) -> int:
+        """Number of runs of a shard."""
+        return self.plan_of_shard(shard).shard_run_count(shard)
+
+    def shard_runs(self, shard: int) -> tuple[Indices, Indices]:
+        """Rows and copies of a shard's runs, as two arrays."""
+        return self.plan_of_shard(shard).shard_runs(shard)
+
+    def read_design(self) -> pa.Table:
+        """Reads the design table of the folder.
+
+        Raises:
+            StudyError: it is missing, damaged, or has another number of rows.
+        """
+        name = plan_file_name("design.parquet", self.plan_count - 1)
+        check_plan_file(self.path, self.plans[-1].digests, name)
+        table = read_table(self.path / name)
+        if table.num_rows != self.rows:
+            raise StudyError(f"{self.path / name}: has {table.num_rows} rows, the plan {self.rows}")
+        return table
+
+    def read_shard(self, shard: int | str, columns: list[str] | None = None) -> pa.Table:
+        """Reads a shard's table, or chosen columns of it.
+
+        Raises:
+            StudyError: it is missing, damaged, or of another study or shard.
+        """
+        path = self.table_path(shard)
+        identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
+        table = read_table(path, columns, identity or None)
+        if isinstance(shard, int) and table.num_rows != self.shard_run_count(shard):
+            raise StudyError(f"{path}: has {table.num_rows} rows, its shard {self.shard_run_count(shard)}")
+        return table
+
+    def read_outcomes(self, shard: int) -> RowOutcomes:
+        """Reads the statuses and reasons of the runs of a shard that is done.
+
+        Raises:
+            StudyError: its table is missing, damaged, or of another study or shard.
+        """
+        return read_row_outcomes(
+            self.table_path(shard), self.plan_of_shard(shard).identity, self.shard_run_count(shard)
+        )
+
+    def write_table(self, path: Path, table: pa.Table, shard: int | None = None) -> None:
+        """Writes one of the study's tables, or a shard's.
+
+        Raises:
+            StudyError: a symbolic link in its place, or a folder or disk that refuses.
+        """
+        if shard is None:
+            write_table(path, table, study=self.identity)
+        else:
+            write_table(
+                path, table, study=self.plan_of_shard(shard).identity, note_outcomes=path == self.table_path(shard)
+            )
+
+    def archive_mark(self, shard: int | str) -> dict[str, bytes]:
+        """Attachment of a shard's archive that says which study and shard it belongs to."""
+        identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
+        return {ARCHIVE_MARK: json.dumps({"study": identity, "shard": shard_name(shard)}).encode()}
+
+    def _expected_mark(self, stem: str) -> dict[str, str]:
+        """Mark that an archive of this name must have, whichever plan its shard is of."""
+        identities = dict(self.earlier_worst_shards) | {
+            shard_name(shard): self.plan_of_shard(shard).identity for shard in self.shard_numbers
+        }
+        return {"study": identities.get(stem, self.identity), "shard": shard_name(stem)}
+
+    def check_archive(self, name: str) -> None:
+        """Checks that an archive in the folder is its own, if the archive is there and marked.
+
+        Args:
+            name: path in the folder, as in the column `archive`.
+
+        Raises:
+            StudyError: it lies elsewhere, or belongs to another shard or study.
+            ArchiveError: it cannot be read.
+        """
+        from warpchain.archive import read_archive
+
+        check_archive_name(name)
+        path = self.path / name
+        if not self.identity or not path.exists():
+            return
+        archive = read_archive(path)
+        if ARCHIVE_MARK in archive.attachments and json.loads(archive.attachment(ARCHIVE_MARK)) != self._expected_mark(
+            path.stem
+        ):
+            raise StudyError(
+                f"{path}: is the archive of another shard, or of another study; {REMEDY_RERUN} without its table"
+            )
+
+    def directly_recorded(self) -> frozenset[int]:
+        """Variants that are recorded when they are first simulated."""
+        record = self.study.record
+        every = range(0, self.rows, record.every) if record.every is not None else ()
+        return frozenset(every) | frozenset(record.variants)
+
+
+def shard_name(shard: int | str) -> str:
+    """Name of a shard's files without ending."""
+    return f"{shard:05d}" if isinstance(shard, int) else shard
+
+
+def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard: int) -> StudyFolder:
+    """Makes a study's folder, or opens the one that holds the same study.
+
+    Args:
+        shard: number of runs of a shard in a new folder; of several processes, the first decides.
+
+    Raises:
+        StudyError: the folder holds another study, or cannot be written.
+    """
+    from warpchain.drive import dumps_drive
+    from warpchain.study.spec import dumps_study
+
+    try:
+        (path / "shards").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be made ({error.strerror or error})") from None
+    fixed = study.model_copy(update={"study": study.study.model_copy(update={"drive": "drive.toml"})})
+    if not (path / "plan.json").exists():
+        write_study_text(path / "study.toml", dumps_study(fixed), keep=True)
+        write_study_text(path / "drive.toml", dumps_drive(drive), keep=True)
+        write_table(path / "design.parquet", design, keep=True)
+        more = {"blocks": [[0, design.num_rows, 0, study.design.copies]]} if study.design.copies > 1 else {}
+        write_plan(path, 0, {"rows": design.num_rows, "shard": shard, **more})
+    folder = open_folder(path)
+    differing = differing_tables(folder.study, fixed)
+    if folder.base_drive != drive:
+        differing.append("its base drive")
+    if study.design.kind == "table" and not differing and folder.read_design() != design:
+        differing.append("its design table")
+    if differing:
+        raise StudyError(f"{path}: holds another study, which differs in {', '.join(differing)}; give another folder, "
+                         "or --grow where it is the same with more points, replicates or another window")  # fmt: skip
+    return folder
+
+
+def differing_tables(known: Study, other: Study) -> list[str]:
+    """Names of the tables in which two studies differ, apart from the size of shards."""
+    differing = [name for name in type(known).model_fields if getattr(known, name) != getattr(other, name)]
+    if "run" in differing and known.run.model_copy(update={"shard": other.run.shard}) == other.run:
+        differing.remove("run")  # the size of shards is decided already
+    return differing
+
+
+def open_folder(path: Path) -> StudyFolder:
+    """Opens a study's folder.
+
+    Raises:
+        StudyError: there is none, or it is damaged.
+    """
+    parts: list[ShardPlan] = []
+    before: list[ShardPlan] = []
+    number = 0
+    while not number or (path / plan_file_name("plan.json", number)).exists():
+        rows, part, restart = read_plan(path, number, parts)
+        before = parts if restart else before
+        parts = [part] if restart else [*parts, part]
+        number += 1
+    for name in (plan_file_name("study.toml", number - 1), "drive.toml"):
+        check_plan_file(path, part.digests, name)
+    return StudyFolder(path, rows, tuple(parts), number, tuple(before))
+
+
+@dataclass(frozen=True)
+class StudyStatus:
+    """Status of a study's folder.
+
+    Attributes:
+        folder: path of the folder.
+        counts: number of runs by status, of the shards that are done.
+        reasons: the most frequent (reason, number) of runs that are not ok; reasons alike but for numbers count as one.
+        shards: (done, all).
+        left: number of runs of the shards that are not done.
+        rate: runs a second of the latest shards; None if these are too few.
+        table: file of the whole table, once there is one.
+        went_on: numbers of runs that went on from an earlier run's end and that began anew, after a change of duration
+            or window; None of other studies.
+    """
+
+    folder: Path
+    counts: Mapping[str, int]
+    reasons: tuple[tuple[str, int], ...]
+    shards: tuple[int, int]
+    left: int
+    rate: float | None
+    table: Path | None
+    went_on: tuple[int, int] | None = None
+
+
+def study_status(out: str | os.PathLike[str]) -> StudyStatus:
+    """Status of a study's folder: counts of its runs, the shards that are done, the rate.
+
+    Raises:
+        StudyError: no such folder, or a damaged one.
+    """
+    folder = open_folder(Path(out))
+    done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]
+    counts = Counter(dict.fromkeys(ROW_STATUSES, 0))
+    reasons: list[tuple[str, str, int]] = []
+    for shard in done:
+        ended = folder.read_outcomes(shard)
+        counts.update(ended.counts)
+        reasons += ended.reasons
+    table = folder.results_path if folder.results_path.exists() else None
+    often = tuple((reason, number) for _, reason, number in by_frequency(alike_reasons(reasons))[:STATUS_REASONS])
+    left = folder.run_count - sum(folder.shard_run_count(shard) for shard in done)
+    shards = len(done), len(folder.shard_numbers)
+    return StudyStatus(
+        folder.path, dict(counts), often, shards, left, _variant_rate(folder, done), table, _resumed_counts(folder)
+    )
+
+
+def _variant_rate(folder: StudyFolder, done: Sequence[int]) -> float | None:
+    """Runs a second of the latest shards, by the times of their files; None if these are too few."""
+    landed = sorted((folder.table_path(shard).stat().st_mtime, folder.shard_run_count(shard)) for shard in done)[
+        -RATE_SHARDS:
+    ]
+    if len(landed) < 3 or landed[-1][0] <= landed[0][0]:
+        return None
+    return sum(size for _, size in landed[1:]) / (landed[-1][0] - landed[0][0])
+
+
+def _resumed_counts(folder: StudyFolder) -> tuple[int, int] | None:
+    """Numbers of runs that went on from a stored state, and that began anew; None if none could go on."""
+    if not folder.earlier_plans:
+        return None
+    done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]
+    flags: list[bool | None] = []
+    for shard in done:
+        if folder.states_path(shard).exists():
+            flags += read_table(folder.states_path(shard), [RESUMED_COLUMN]).column(0).to_pylist()
+    runs = sum(folder.shard_run_count(shard) for shard in done)
+    return sum(map(bool, flags)), runs - sum(map(bool, flags))
