@@ -1,17 +1,15 @@
 r"""Modes followed over the drive's speed (Campbell diagram) and over the variants of a study.
 
-Modes of neighboring speeds are the same where their shapes agree best: by the modal assurance criterion
-|a* M b|^2 / (a* M a)(b* M b), one to one.
+Modes of neighboring speeds are the same where their shapes agree best, by the modal assurance criterion |a* M b|^2 /
+(a* M a)(b* M b), one to one.
 
-A chain's tension swings with every tooth, at the tooth frequency f_t; a strand whose tension swings by the share e is a
-Mathieu oscillator x'' + 2 zeta omega x' + omega^2 (1 + e cos(2 pi f_t t)) x = 0. Near f_t = 2 f_n it runs away where
+A strand whose tension swings by the share e at the tooth frequency f_t is a Mathieu oscillator, x'' + 2 zeta omega x' +
+omega^2 (1 + e cos(2 pi f_t t)) x = 0. Near f_t = 2 f_n it runs away where
 
     e > 4 zeta,    |f_t / (2 f_n) - 1| < sqrt(e^2 / 16 - zeta^2)     (to first order in e and zeta).
 
-A drive that runs is at all phases of a tooth's engagement in turn. Where a roller is about to seat, a strand is a link
-longer or shorter than where it just has, and the rollers of an arc carry otherwise. So the modes of a drive at rest
-depend on the phase at which it stands, those of short strands and of turning sprockets by some percent. What a run
-shows is in the middle: the root of the mean of omega^2 (`over_a_pitch`).
+Modes of a drive at rest depend on the phase of a tooth's engagement at which it stands, those of short strands and of
+turning sprockets by some percent. A run shows the root of the mean of omega^2 (`over_a_pitch`).
 """
 
 from __future__ import annotations
@@ -35,18 +33,18 @@ from warpchain.modal.small_motion import DriveMotion, drive_motion
 from warpchain.progress import Progress, progress_reporter
 
 SPARE_MODES = 10
-"""Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
+"""Modes beyond those asked for that are found at each speed, so that all can be followed."""
 LEAST_ASSURANCE = 0.35
 """Least modal assurance with which a mode is followed from one speed to the next."""
 
 MOST_PHASES, MOST_POINTS = 1000, 10_000
-"""Phases that a diagram is a mean of, and its speeds where they are counted, at most."""
+"""Most phases that a diagram is a mean of, and most speeds of a diagram."""
 PhaseCount = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
 
 
 @dataclass(frozen=True)
 class OrderCrossing:
-    """A speed at which a mode crosses an order."""
+    """A speed at which a mode's frequency crosses an order of the driver."""
 
     mode: str
     order: Order
@@ -57,7 +55,7 @@ class OrderCrossing:
 
 @dataclass(frozen=True)
 class InstabilityTongue:
-    """A speed at which the tooth frequency is twice a mode's: an instability of the mode grows there for e > 4 zeta."""
+    """A speed at which the tooth frequency is twice a mode's, which is unstable there for e > 4 zeta."""
 
     mode: str
     speed: float  # of the driver [rad/s]
@@ -67,10 +65,9 @@ class InstabilityTongue:
 
 @dataclass(frozen=True)
 class Campbell:
-    """Modes over speed.
+    """Campbell diagram: modes of a drive over its speed.
 
     Attributes:
-        drive: the drive.
         speed: (P,) of the driver [rad/s], ascending.
         names: (K,) of the modes, as at the lowest speed.
         frequency: (P, K) undamped natural frequencies [Hz]; NaN where a mode could not be followed.
@@ -96,7 +93,7 @@ class Campbell:
         return sorted(found, key=lambda crossing: crossing.speed)
 
     def tongues(self) -> list[InstabilityTongue]:
-        """Where the tooth frequency is twice that of a mode, by speed; of several chains that of a strand's own."""
+        """Speeds at which the tooth frequency is twice a mode's, in order."""
         found = [
             InstabilityTongue(self.names[k], s, f, 4.0 * r)
             for chain, teeth in tooth_orders(self.drive).items()
@@ -106,7 +103,7 @@ class Campbell:
         return sorted(found, key=lambda tongue: tongue.speed)
 
     def _crossings_of_order(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
-        """Modes whose frequency times `multiple` crosses an order: mode, speed, frequency, damping ratio."""
+        """Mode, speed, frequency and damping ratio where `multiple` times a frequency crosses an order."""
         gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
         result = []
         for p, k in zip(*np.nonzero((gap[:-1] > 0.0) != (gap[1:] > 0.0)), strict=True):
@@ -126,7 +123,7 @@ def campbell(
     *,
     progress: Progress = False,
 ) -> Campbell:
-    """The modes of a drive over speed.
+    """The modes of a drive over speed, as a Campbell diagram.
 
     Args:
         speeds: of the driver [rad/s], at least two, ascending from 0 or more.
@@ -161,7 +158,7 @@ def campbell(
 
 
 def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: DriveMotion) -> NDArray[np.int64]:
-    """The modes `after` that those of indices `which` (-1: lost) became; -1 where none is alike."""
+    """Indices of the modes at the next speed that the modes `which` became; -1 where lost."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
     result[kept] = matched_modes(before.chosen(which[kept]), after, at)
@@ -169,8 +166,7 @@ def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: Dr
 
 
 def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int64]:
-    """(K,) which of `those` modes each of `these` is, one to one, by the largest sum of assurance; -1 where none is
-    alike."""
+    """(K,) index of the mode of `those` that each of `these` is most alike to, one to one; -1 where none is."""
     alike = modal_assurance(these, those, at)
     rows, columns = linear_sum_assignment(-alike)
     result = np.full(len(these), -1)
@@ -195,15 +191,14 @@ METRIC_PREFIX = "modes."
 
 @lru_cache(maxsize=4)
 def base_drive_modes(drive: Drive, count: int) -> Modes:
-    """The lowest modes of a study's base drive, at rest."""
+    """The lowest modes at rest of a study's base drive."""
     return lowest_modes(drive_motion(drive), count)
 
 
 def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
-    """`modes.NAME.frequency` [Hz] and `.damping_ratio` of a variant, NAME a mode of the base drive.
+    """Metrics `modes.NAME.frequency` [Hz] and `.damping_ratio` of a variant, NAME a mode of the base drive.
 
-    Modes are the same where their shapes agree best, one to one; with another number of links, where they have the same
-    name. One that is not found again is left out, all are if the variant does not settle at rest.
+    Modes are matched by shape; with another number of links, by name. One that is not found is left out.
     """
     try:
         found = drive_motion(drive)
@@ -231,13 +226,12 @@ def over_a_pitch(
     *,
     progress: Progress = False,
 ) -> tuple[Campbell, Array]:
-    """Modes over speed, their frequencies and damping ratios averaged over a tooth pitch.
+    """Modes over speed, frequencies and damping ratios averaged over a tooth pitch.
 
     Args:
         speeds: of the driver [rad/s], at least two, ascending from 0 or more.
         count: modes, the lowest at the first speed.
-        phases: in equal steps, `MOST_PHASES` at most; modes of the others are those of phase 0 whose shapes they are
-            most alike to.
+        phases: in equal steps; modes of the others are matched to those of phase 0 by shape.
         progress: True shows a bar; a function is called with ("phases", done, total).
 
     Returns:

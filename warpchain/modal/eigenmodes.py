@@ -2,15 +2,14 @@ r"""Modes of a drive: frequency, damping ratio, what takes part in each, and its
 
     (s^2 M + s (C + G) + K) x = 0,    s = -zeta omega +- i omega sqrt(1 - zeta^2),
 
-K the stiffness, that of a running chain with the bending that its running takes off (`assembly.potential`, (b)),
-C the damping, and G what makes strands travel: a roller that hangs at a place of its own moves on to the next f times a
-second, so its acceleration has the part 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x that is in K. With T the
-tension, m_l the mass of a length and v the speed the whole is a travelling string's m_l w'' + 2 v m_l D1 w' - (T - m_l
-v^2) D2 w at the chain's own spacing. On sprockets rollers keep their places.
+K the stiffness, that of a running chain with the bending that its running takes off (`assembly.potential`, (b)), C the
+damping, and G what makes strands travel: a roller that hangs moves on to the next place f times a second, so its
+acceleration has the part 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x that is in K. With T the tension, m_l the
+mass of a length and v the speed that is a travelling string's m_l w'' + 2 v m_l D1 w' - (T - m_l v^2) D2 w at the
+chain's own spacing.
 
-Small pencils are solved whole; of large ones the eigenvalues nearest to zero, by Arnoldi's method on the inverse, whose
-matrix is banded but for the bodies' columns. Coordinates without mass (oil in tensioners) have one finite eigenvalue
-each and one at infinity, which is left out.
+Small pencils are solved whole; of large ones the eigenvalues nearest to zero, by Arnoldi's method on the inverse.
+Coordinates without mass (oil in tensioners) have an eigenvalue at infinity, which is left out.
 """
 
 from __future__ import annotations
@@ -42,23 +41,20 @@ from warpchain.progress import Progress, interruptible_work, progress_reporter
 
 PartEnergy = tuple[str, Array]
 SMALL_PENCIL = 120
-"""Coordinates up to which a pencil is solved whole."""
+"""Most coordinates of a pencil that is solved whole."""
 EIGENVALUE_SHIFT = 1e-2
-"""Where eigenvalues are sought nearest to, of the unit of time; not at zero, which may be one of them."""
+"""Point nearest to which eigenvalues are sought, of the unit of time; not zero, which may be one of them."""
 INFINITE_EIGENVALUE = 1e-9
-"""Its inverse is an eigenvalue, of the unit of time, that is none: rounding makes it of one at infinity."""
+"""Inverse of an eigenvalue, of the unit of time, below which rounding makes it of one at infinity."""
 
 
 def eigenpairs(
     mass: sp.csc_array, damping: sp.csc_array, stiffness: sp.csc_array, wanted: int, unit: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """The `wanted` eigenvalues nearest to zero with Im s >= 0, and more if they come, by size.
+    """The `wanted` eigenvalues of a pencil nearest to zero with Im s >= 0, (K,) [1/s], and their vectors (n, K).
 
     Args:
         unit: a frequency of the size of those sought [rad/s]; it scales the time.
-
-    Returns:
-        (K,) s [1/s], and (n, K) their vectors.
     """
     n = mass.shape[0]
     m, c, k = mass, damping / unit, stiffness / unit**2
@@ -77,7 +73,7 @@ def eigenpairs(
 
 
 def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
-    """Eigenvalues of the linearized pencil nearest to the shift."""
+    """Eigenvalues of the linearized pencil nearest to the shift, and their vectors."""
     n = m.shape[0]
     factor = splu((k + EIGENVALUE_SHIFT * c + EIGENVALUE_SHIFT**2 * m).tocsc())
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
@@ -94,18 +90,17 @@ def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count
 
 
 ZERO_FREQUENCY = 1e-5
-"""A mode slower than this much of sqrt(k / m) has no restoring force: rounding gives it that."""
+"""Frequency over sqrt(k / m) below which a mode has no restoring force but rounding."""
 RESTORING_STIFFNESS = 1e-7
-"""Of a link's stiffness: more than what rounding gives to a motion that nothing restores."""
+"""Stiffness of a motion over a link's above which something restores it."""
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a drive of N rollers, S sprockets, B bodies (sprockets, shafts, arms) and T tensioners about a standing
-    or steadily running state. Rollers are those of one chain after the other.
+    """Modes of a drive of N rollers, B bodies (sprockets, shafts, arms) and T tensioners about a steady state.
 
     Attributes:
-        drive: the drive.
+        drive: the drive; rollers are those of one chain after the other.
         speed: of the driver [rad/s]; 0 is at rest.
         eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
         names: (K,) the part that moves most, and the number of the mode among its own, such as "motor->conveyor 2".
@@ -123,11 +118,10 @@ class Modes:
         position: (N, 2) where the rollers stand [m].
         placed: (B, 3) where the bodies stand.
         tension: (N,) of the links there [N].
-        rotations: how many groups of bodies and chains turn freely, as rigid ones at 0 Hz; they are not among the K.
-        zeros: how many other independent motions have no restoring force; they are not among the K.
+        rotations: groups of bodies and chains that turn freely at 0 Hz; not among the K.
+        zeros: other independent motions without a restoring force; not among the K.
         growing: (U,) growth rates of motions that run away without swinging [1/s]: the state is not a stable one.
-        creeping: (O,) decay rates of motions that come back without swinging [1/s]; of those faster than the modes, not
-            all.
+        creeping: (O,) decay rates of motions that come back without swinging [1/s], not all of the fast ones.
         standing: how arms and tensioners stand, a line each.
     """
 
@@ -160,7 +154,7 @@ class Modes:
 
     @property
     def damping_ratio(self) -> Array:
-        """(K,) zeta."""
+        """(K,) damping ratios zeta."""
         return -self.eigenvalue.real / np.abs(self.eigenvalue)
 
     def __len__(self) -> int:
@@ -168,7 +162,7 @@ class Modes:
 
     @check_arguments(SimulationError)
     def first(self, count: Count) -> Modes:
-        """The first of the modes."""
+        """The first `count` of the modes."""
         return self.chosen(np.arange(min(count, len(self))))
 
     @check_arguments(SimulationError)
@@ -176,7 +170,7 @@ class Modes:
         """The modes of these indices.
 
         Raises:
-            SimulationError: one that there is not.
+            SimulationError: an index past the last mode.
         """
         which = np.asarray(which, dtype=np.int64)
         if len(which) and not which.max() < len(self):
@@ -185,7 +179,7 @@ class Modes:
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
     def of_chains(self) -> tuple[Modes, ...]:
-        """The modes as each chain has them, for a drive of its own; of one chain, themselves."""
+        """The modes of each chain, as of a drive of its own; of one chain, the modes themselves."""
         if not self.drive.chains:
             return (self,)
         found, first = [], 0
@@ -200,7 +194,7 @@ class Modes:
         return tuple(found)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All arrays by name, with `frequency` and `damping_ratio`."""
+        """All arrays of the modes by name, with `frequency` and `damping_ratio`."""
         others = ("parts", "position", "placed", "tension", "growing", "creeping")
         tensioned = MODE_FIELDS if self.drive.tensioners else MOTION_FIELDS
         result = {name: np.asarray(getattr(self, name)) for name in (*tensioned, *others)}
@@ -254,14 +248,13 @@ def modes(
         count: how many modes that swing, from the lowest frequency up.
         speed: of the driver [rad/s]: 0 is at rest under the constant parts of the loads; else the chain runs steadily,
             and loads are those at this speed.
-        valve: check valves of hydraulic tensioners "shut", as for motion that anyone sees, or "open" as they are at
-            rest, for motion that changes the pressure by some hundred pascals at most.
+        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest, for motion that changes the
+            pressure by some hundred pascals at most.
         workers: processes that take many drives, each on a core; None is all cores.
         progress: True shows a bar; a function is called with ("modes", done, total), in drives.
 
     Returns:
-        Of one drive its modes; of many a list, in their order, each entry what the drive alone gives: its modes, or the
-        error, where that is one of those below.
+        Of one drive its modes; of many a list, in their order, of the modes of each or the error below.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -282,11 +275,12 @@ def modes(
 
 
 def _modes_at_speed(drive: Drive, count: int, speed: float, valve: str) -> Modes:
+    """The lowest modes of a drive at a speed of its driver [rad/s]."""
     return lowest_modes(drive_motion(drive, speed, valve=valve), count)
 
 
 def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
-    """Moves arms on arms, and the centers of sprockets on arms, with these, in bodies (K, B, 3)."""
+    """Moves arms on arms, and centers of sprockets on arms, along with these, in bodies (K, B, 3)."""
     drive, placed = found.drive, found.state.bodies[0]
     first = drive.first_arm_body
     on = {first + a: drive.parent(a) for a in range(len(drive.arms))}
@@ -298,7 +292,7 @@ def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
 
 
 def lowest_modes(found: DriveMotion, count: int) -> Modes:
-    """The lowest modes of small motion."""
+    """The `count` lowest modes of a drive's small motion."""
     stiff = max(float(part.packed.chains["stiffness"][0]) / part.at.mass for part in found.parts)
     unit, wanted = np.sqrt(stiff) / max(part.at.rollers for part in found.parts), count
     every, groups = found.mass.shape[0], free_rotations(found)
@@ -342,7 +336,7 @@ def lowest_modes(found: DriveMotion, count: int) -> Modes:
 def _chain_motions(
     found: DriveMotion, vector: NDArray[np.complex128]
 ) -> list[tuple[ChainMotion, NDArray[np.complex128], PlungerMotion]]:
-    """The chains of a drive, each with its part of modes (n_c, K), and what these do to its tensioners."""
+    """Each chain's small motion, its part of modes (n_c, K), and the motion of its plungers."""
     works = (found.stiffness, found.damping)
     stiff, drag = (np.einsum("ij,ij->j", vector.conj(), matrix @ vector).real for matrix in works)
     own = [tie @ vector if len(found.parts) > 1 else vector for tie in found.ties]
@@ -350,7 +344,7 @@ def _chain_motions(
 
 
 def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str, Any]:
-    """Of modes (n, K) the fields of `Modes` that have rollers, bodies or tensioners of all chains."""
+    """Fields of `Modes` with motion of rollers, bodies and tensioners, from eigenvectors (n, K)."""
     drive, shapes = found.drive, []
     placed = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
@@ -374,15 +368,14 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
 
 
 def _has_restoring_stiffness(found: DriveMotion, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """(K,) whether motions are slow because dampers hold them, not because nothing restores them: K does work on
-    them."""
+    """(K,) whether stiffness acts on a slow motion, so that dampers hold it."""
     held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
     stiffest = max(float(part.packed.chains["stiffness"][0]) for part in found.parts)
     return np.asarray(held > RESTORING_STIFFNESS * stiffest * (np.abs(vector) ** 2).sum(axis=0))
 
 
 def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
-    """Vectors of unit modal mass x* M x, each turned in phase so that its real part is as large as can be."""
+    """Eigenvectors of unit modal mass x* M x, in the phase whose real part is largest."""
     vector = vector / np.sqrt(np.einsum("ij,ij->j", vector.conj(), mass @ vector).real)
     square = np.einsum("ij,ij->j", vector, mass @ vector)
     return vector * np.exp(-0.5j * np.angle(square))
@@ -423,7 +416,7 @@ def _part_energies(
     Args:
         energy: (K, n) kinetic energies of the coordinates.
         plunger: (K, T) of the tensioners' plungers.
-        before: what strands' names begin with.
+        before: prefix of strands' names.
         shafts: names of those that turn sprockets of several chains, by the sprocket that has their inertia.
     """
     drive, at, places = found.drive, found.at, found.layout
@@ -454,7 +447,7 @@ def _part_energies(
 
 
 def _mode_names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:
-    """Each mode by the part that moves most, numbered from the lowest."""
+    """Names of modes: the part that moves most, numbered from the lowest."""
     most, seen, names = np.argmax(share, axis=1) if len(share) else [], dict.fromkeys(parts, 0), []
     for part in (parts[k] for k in most):
         seen[part] += 1

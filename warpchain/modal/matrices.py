@@ -1,28 +1,18 @@
-r"""Free coordinates of a drive, and its mass, stiffness and damping by them.
+r"""Matrices of a drive's small motion: its free coordinates, and mass, stiffness, damping and travel by them.
 
-Displacements, velocities and forces are (n,) vectors of these; states are `engine.probe.States`.
-
-The oil in the chamber of a hydraulic tensioner is a spring, what leaks a damper in series with it (a Maxwell element).
-Its coordinate u is that damper's stroke [m]: A u is the volume that has leaked. With the pressure's excess
-p = P - P_rest over the one at rest, G the conductance of the gap, E and V modulus and volume of the chamber,
+The oil in a tensioner's chamber is a spring, what leaks a damper in series with it (a Maxwell element), whose stroke is
+the coordinate u [m]. With p the pressure over that at rest, A the plunger's area, G the conductance of the gap, E and V
+modulus and volume of the chamber, and d x' the oil that the plunger drags through the gap,
 
     A p = -(E A^2 / V) (x + u),    (A^2 / G) u' = A p + (A d / G) x'                                    (a)
 
-at the pressure at which the valve brings in what leaks; d x' is the oil that the plunger drags through the gap. The
-force on u is A p, its damping A^2 / G, and it has no mass.
-
-With f(q, v) the generalized forces, d and e small steps:
+while the valve feeds what leaks. The force on u is A p, its damping A^2 / G, and it has no mass. Leakage comes from the
+tensioner's numbers: forces do not show flows. All else is from generalized forces f(q, v), by small steps d and e,
 
     K_ij = -(f_i(q + d e_j, 0) - f_i(q - d e_j, 0)) / 2 d,    C_ij = -(f_i(q, e e_j) - f_i(q, -e e_j)) / 2 e.
 
-A roller feels its two neighbors and the bodies only. So rollers three or more apart are moved in one copy, which takes
-6 to 10 columns' worth of copies however long the chain is; each body's coordinate takes a copy of its own. What a
-moved roller does to the bodies is the transpose of what a moved body does to the roller: the forces between them are
-opposite and equal, elastic ones have a potential, and those of dampers a dissipation function.
-
-Steps are powers of two, so that places are moved by exactly them.
-
-What leaks out of a chamber, eq. (a), comes from the tensioner's own numbers: forces do not show flows.
+A roller feels its two neighbors and the bodies only. So rollers three or more apart are moved in one copy of the state,
+and each body's coordinate in one of its own. What a moved roller does to bodies is the transpose of what they do to it.
 """
 
 from __future__ import annotations
@@ -42,8 +32,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The n = 2 N + m + w free coordinates of a drive of N rollers and B bodies, of which m coordinates are free, and w
-    chambers of oil.
+    """The n = 2 N + m + w free coordinates of a drive of N rollers: m of its B bodies, and w of chambers of oil.
 
     Attributes:
         rollers: N.
@@ -73,16 +62,16 @@ class Coordinates:
 
     @property
     def coordinate_count(self) -> int:
-        """n."""
+        """Number n of all free coordinates."""
         return self.oil_start + len(self.chambers)
 
     @property
     def oil_start(self) -> int:
-        """2 N + m: where the coordinates of oil begin."""
+        """First coordinate of oil: 2 N + m."""
         return 2 * self.rollers + len(self.owner)
 
     def turning_coordinate(self, b: int) -> tuple[int, float] | None:
-        """The coordinate that turns body b, and by how much of it that turns; None where its angle is led."""
+        """The coordinate that turns body b, and the body's turn by a unit of it; None where its angle is led."""
         turns = np.where(self.turning, self.basis[3 * b + 2], 0.0)
         found = np.flatnonzero(turns)
         return (2 * self.rollers + int(found[0]), float(turns[found[0]])) if len(found) else None
@@ -97,7 +86,7 @@ class Coordinates:
         return sp.csc_array(sp.block_diag(blocks))
 
     def displaced_states(self, base: States, displacement: Array) -> States:
-        """Copies of one state, displaced by (copies, n)."""
+        """Copies of a state, displaced by (copies, n)."""
         straight, turned = self.roller_and_body_parts(displacement)
         oil = np.repeat(base.oil, len(displacement), axis=0)
         oil[:, self.chambers] += self.content_rate * displacement[:, self.oil_start :]
@@ -110,7 +99,7 @@ class Coordinates:
         )
 
     def accelerated_states(self, base: States, velocity: Array) -> States:
-        """Copies of one state, their velocities changed by (copies, n)."""
+        """Copies of a state, velocities changed by (copies, n)."""
         straight, turned = self.roller_and_body_parts(velocity)
         return States(
             np.zeros_like(straight) + base.position,
@@ -121,7 +110,7 @@ class Coordinates:
         )
 
     def generalized_forces(self, probe: Probe, states: States) -> Array:
-        """Generalized forces of states at rest, (copies, n): mass matrix times accelerations."""
+        """Generalized forces (copies, n) of states at rest: mass matrix times accelerations."""
         straight, turned, pressure = probe(states)
         copies = len(straight)
         own = (turned.reshape(copies, -1) @ self.basis) @ self.inertia
@@ -129,12 +118,12 @@ class Coordinates:
         return np.hstack([self.mass * straight.reshape(copies, -1), own, oil])
 
     def coordinate_vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
-        """Vectors (copies, n) of displacements of rollers (copies, N, 2) and bodies (copies, B, 3), 0 for oil."""
+        """Vectors (copies, n) from displacements of rollers (copies, N, 2) and bodies (copies, B, 3), 0 for oil."""
         own = turned.reshape(len(turned), -1) @ np.linalg.pinv(self.basis).T
         return np.hstack([straight.reshape(len(straight), -1), own, np.zeros((len(own), len(self.chambers)))])
 
     def roller_and_body_parts(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Rollers' (copies, N, 2) and bodies' (copies, B, 3) parts of vectors (copies, n)."""
+        """Displacements of rollers (copies, N, 2) and bodies (copies, B, 3) from vectors (copies, n)."""
         own = 2 * self.rollers
         straight = vector[:, :own].reshape(len(vector), self.rollers, 2)
         turned = vector[:, own : self.oil_start] @ self.basis.T
@@ -179,8 +168,7 @@ def free_coordinates(probe: Probe, states: States) -> Coordinates:
 
 
 def tensioner_strokes(probe: Probe, states: States) -> tuple[Array, Array]:
-    """(T,) extension of each tensioner in the first of the states [m], and (T, 3 B) its derivative by the bodies'
-    (x, y, theta)."""
+    """(T,) extensions of tensioners in the first state [m], and (T, 3 B) derivatives by the bodies' (x, y, theta)."""
     of = probe.base.tensioners[: probe.tensioners]
     body = states.bodies[0, of["body"]]
     cosine, sine, point = np.cos(body[:, 2]), np.sin(body[:, 2]), of["point"]
@@ -194,21 +182,20 @@ def tensioner_strokes(probe: Probe, states: States) -> tuple[Array, Array]:
 
 
 DISPLACEMENT_STEP = 1e-7
-"""Displacement, of a pitch: rounding leaves 1e-9 of a link's stiffness, and contacts stay as closed or open as they are
-but for those that 1e-9 m or so would open."""
+"""Displacement over a pitch for differences: contacts stay as closed or open as they are."""
 MOST_VELOCITY_STEP = 2.0**-17
-"""Velocity step [m/s] at most (`velocity_step`)."""
+"""Most velocity for differences [m/s] (`velocity_step`)."""
 
 
 def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
-    """Sets of rollers of a closed chain, any two of a set at least three apart; together all rollers once."""
+    """Sets of rollers of a closed chain, any two of a set at least three apart; together all once."""
     whole = rollers - rollers % 3
     sets = [np.arange(first, whole, 3) for first in range(3)]
     return sets + [np.array([i]) for i in range(whole, rollers)]
 
 
 def stiffness_matrix(probe: Probe, at: Coordinates, base: States, pitch: float) -> sp.csc_array:
-    """(n, n) K [N/m, N/rad, N m/rad] about a state at rest."""
+    """(n, n) stiffness matrix K [N/m, N/rad, N m/rad] of a drive about a state at rest."""
     return _force_derivative(
         probe,
         at,
@@ -218,10 +205,9 @@ def stiffness_matrix(probe: Probe, at: Coordinates, base: States, pitch: float) 
 
 
 def damping_matrix(probe: Probe, at: Coordinates, base: States, conductance: Array | None = None) -> sp.csc_array:
-    """(n, n) damping matrix C [N s/m, ...] of a drive about a state at rest, of dampers, mounts and contacts.
+    """(n, n) damping matrix C [N s/m, ...] of a drive about a state at rest.
 
-    Contacts are taken at the floor of their impact speed; joints and what slides have no damping. With `conductance`
-    the oil that leaks from chambers counts too (`leakage_matrix`).
+    Contacts are taken at the floor of their impact speed; friction has none. Oil that leaks counts with `conductance`.
     """
     steps = _coordinate_steps(probe, at, velocity_step(probe))
     own = _force_derivative(probe, at, steps, lambda change: at.accelerated_states(base, change))
@@ -229,8 +215,11 @@ def damping_matrix(probe: Probe, at: Coordinates, base: States, conductance: Arr
 
 
 def velocity_step(probe: Probe) -> float:
-    """Speed [m/s] at which contacts still damp linearly: hysteretic ones do up to v_min, and while they do not pull, up
-    to v_min / d; half of that leaves room for what turns faster than the widest sprocket's rim."""
+    """Velocity for differences [m/s] at which contacts still damp linearly.
+
+    Hysteretic contacts do up to v_min, and up to v_min / d while they do not pull; half of that leaves room for fast
+    rims.
+    """
     counts, step = probe.base.drives[0], MOST_VELOCITY_STEP
     for parts, count in ((probe.base.sprockets, counts["sprockets"]), (probe.base.guides, counts["guides"])):
         law = parts["law"][:count]
@@ -240,7 +229,7 @@ def velocity_step(probe: Probe) -> float:
 
 
 def leakage_matrix(probe: Probe, at: Coordinates, conductance: Array) -> sp.csc_array:
-    """(n, n) what the oil that leaves the chambers of hydraulic tensioners adds to C: A^2 / G, and -(A d / G) x'.
+    """(n, n) part of C of the oil that leaves tensioners' chambers: A^2 / G, and -(A d / G) x'.
 
     Args:
         conductance: (w,) G of each chamber [m^3/(s Pa)].
@@ -255,12 +244,7 @@ def leakage_matrix(probe: Probe, at: Coordinates, conductance: Array) -> sp.csc_
 
 
 def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool_], count: int) -> sp.csc_array:
-    """(n, n) G [N s/m] of a chain that passes `rate` rollers a second, on these links (N,); skew.
-
-    Args:
-        mass: of a roller [kg].
-        count: n.
-    """
+    """(n, n) skew matrix G [N s/m] of a chain that passes `rate` rollers a second, on these links (N,)."""
     i = np.flatnonzero(links)
     j = (i + 1) % rollers
     value = np.full(len(i), mass * rate)
@@ -270,13 +254,9 @@ def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool
 
 
 def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp.csc_array:
-    """(n, n) what the centrifugal force of a chain that passes `rate` rollers a second takes from K [N/m].
+    """(n, n) part that the centrifugal force of a chain that passes `rate` rollers a second takes from K [N/m].
 
     A link of length L pushes its rollers apart by m f^2 L (`warpchain.assembly.potential`).
-
-    Args:
-        mass: of a roller [kg].
-        count: n.
     """
     i = np.arange(rollers)
     j = (i + 1) % rollers
@@ -288,7 +268,7 @@ def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp
 
 
 def _coordinate_steps(probe: Probe, at: Coordinates, step: float) -> Array:
-    """(n,) steps of the coordinates, powers of two: at most `step`, of angles at the widest sprocket's rim."""
+    """(n,) steps of coordinates for differences, powers of two: at most `step`, of angles at the widest rim."""
     widest = float(probe.base.sprockets["exact_radius"].max(initial=probe.base.chains["length"][0]))
     steps = np.full(at.coordinate_count, step)
     steps[2 * at.rollers : at.oil_start][at.turning] /= widest
@@ -296,7 +276,7 @@ def _coordinate_steps(probe: Probe, at: Coordinates, step: float) -> Array:
 
 
 def _force_derivative(probe, at: Coordinates, steps: Array, states) -> sp.csc_array:  # type: ignore[no-untyped-def]
-    """Minus the derivative of the forces by central differences; symmetric."""
+    """Minus the derivative of the forces by central differences, symmetric."""
     own, n = 2 * at.rollers, at.coordinate_count
     sets = [2 * some + axis for some in separate_roller_sets(at.rollers) for axis in (0, 1)]
     sets += [np.array([k]) for k in range(own, n)]

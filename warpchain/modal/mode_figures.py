@@ -1,4 +1,4 @@
-"""Figures of modes: shapes on the drive, and the Campbell diagram."""
+"""Figures of modes: shapes on the drive, and the Campbell diagram of modes over speed."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ if TYPE_CHECKING:
 
 
 def closed_chain_line(rollers: Array) -> Array:
-    """Rollers (N, 2) of a chain, and the first again."""
+    """Rollers (N, 2) of a chain as a closed line."""
     return np.append(rollers, rollers[:1], axis=0)
 
 
 def carried_part_lines(drive: Drive, bodies: Array) -> list[Array]:
-    """Lines (P, 2) [m] of arms, the guides on them, and tensioners' plungers where bodies (B, 3) stand: as many at
-    each time."""
+    """Lines (P, 2) [m] of arms, guides on them and plungers where bodies (B, 3) stand."""
     return [part.points for part in _drive_parts(drive, bodies) if part.carried]
 
 
@@ -38,19 +37,19 @@ def fixed_part_lines(drive: Drive) -> list[Array]:
 
 
 def _drive_parts(drive: Drive, bodies: Array) -> list[Part]:
+    """Parts of a drive as lines, where bodies (B, 3) stand."""
     count = len(drive.sprockets)
     return parts_at(drive, Pose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2]))
 
 
 SWING_SIZE = 0.06
-"""Largest displacement drawn, of the drive's size."""
+"""Largest displacement of a drawn mode, over the drive's size."""
 SHAPE_COLUMNS, MOST_SHAPES = 4, 12
-"""Panels of the figure of shapes in a row, and at most."""
+"""Panels in a row of the figure of mode shapes, and at most."""
 
 
 def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
-    """Of each chain its modes, and rollers (N, 2) and bodies (B, 3) of mode k at a phase [rad], as large as drawings
-    take it."""
+    """Each chain's modes, rollers (N, 2) and bodies (B, 3) of mode k at a phase [rad], enlarged for drawings."""
     size = SWING_SIZE * float(np.ptp(modes.position, axis=0).max())
     scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
     turn = scale * np.exp(1j * phase)
@@ -64,7 +63,7 @@ def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[
 
 
 def mode_shapes_figure(modes: Modes) -> Figure:
-    """The first modes, each at both ends of its swing, with how far each sprocket and arm turns."""
+    """Figure of the first modes' shapes, each at both ends of its swing."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     count = min(len(modes), MOST_SHAPES)
@@ -86,6 +85,7 @@ def mode_shapes_figure(modes: Modes) -> Figure:
 
 
 def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
+    """Draws mode k of a drive into a panel."""
     ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
     for own in modes.of_chains():
         for line in fixed_part_lines(own.drive):
@@ -107,7 +107,7 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
 
 
 def mode_campbell_figure(found: Campbell) -> Figure:
-    """Frequencies of the modes over the driver's speed, with the orders that excite the drive and the tongues."""
+    """Figure of modes' frequencies over the driver's speed, with orders, crossings and instability tongues."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     figure = PlainFigure(figsize=(11.0, 7.0), layout="constrained")
@@ -143,7 +143,7 @@ def mode_campbell_figure(found: Campbell) -> Figure:
 
 
 def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Places moved up, where need be, to lie at least so far apart."""
+    """Heights moved up to lie at least so far apart."""
     result = places.copy()
     rank = np.argsort(places)
     for below, above in itertools.pairwise(rank):
@@ -152,7 +152,7 @@ def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.floa
 
 
 def _draw_order_line(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
-    """A line of an order, with its name where it leaves the diagram: on its right at a height `place`."""
+    """Draws an order's line into a Campbell diagram, its name where the line leaves it."""
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"

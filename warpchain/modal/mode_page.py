@@ -1,4 +1,4 @@
-"""Modes as lines of text, and as one HTML page that needs nothing else."""
+"""Modes as lines of text, and as one HTML page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 LEAST_SHARE = 0.005
 """Shares of the kinetic energy below this are not listed."""
 MOST_PARTS = 4
-"""Parts listed for a mode at most, by their shares."""
+"""Most parts listed for a mode."""
 DAMPING_REMARKS = (
     "damping is that of links, mounts, arms, tensioners with their oil, loads, and contacts (hysteretic ones at the "
     "floor of their impact speed)",
@@ -28,7 +28,7 @@ DAMPING_REMARKS = (
 
 
 def mode_lines(modes: Modes) -> list[str]:
-    """The mode table, and what else there is to say of the state, line by line."""
+    """Lines of text of a table of modes and of remarks on their state."""
     state = "at rest, loads at their constant parts" if modes.speed == 0.0 else f"driver at {modes.speed:g} rad/s"
     tension = modes.tension
     result = [
@@ -51,7 +51,7 @@ def mode_lines(modes: Modes) -> list[str]:
 
 
 def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
-    """Shares of mode k's stiffness and damping of each tensioner that holds any of it worth mentioning."""
+    """Words on each tensioner's shares of mode k's stiffness and damping."""
     return [
         f"{tensioner.name} holds {modes.stored[k, t]:.0%}, damps {modes.lost[k, t]:.0%}"
         for t, tensioner in enumerate(modes.drive.tensioners)
@@ -60,8 +60,7 @@ def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
 
 
 def state_remarks(modes: Modes) -> list[str]:
-    """Lines on the states of arms and tensioners, on what damps, and on motions that are no modes, where there are
-    any."""
+    """Lines on arms and tensioners at rest, on what damps, and on motions that are no modes."""
     result = [*modes.standing, *DAMPING_REMARKS]
     if modes.rotations:
         many = "" if modes.rotations == 1 else f", of {modes.rotations} groups"
@@ -84,7 +83,7 @@ def state_remarks(modes: Modes) -> list[str]:
 
 
 def campbell_lines(found: Campbell) -> list[str]:
-    """Crossings of orders and modes, and where the tooth frequency is twice that of a mode, line by line."""
+    """Lines of text of a Campbell diagram's crossings and instability tongues."""
     width = max(4, *map(len, found.names))
     result = ["", f"{'meets':<{width}}  {'rad/s':>8}  {'Hz':>8}  {'damping':>8}  {'order':>8}  cause"]
     for c in found.crossings():
@@ -102,7 +101,7 @@ def campbell_lines(found: Campbell) -> list[str]:
 
 
 def modes_page(modes: Modes, found: Campbell | None = None) -> str:
-    """The page's text."""
+    """The HTML page of modes, with their Campbell diagram if there is one."""
     drive = modes.drive
     where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm_of_speed(modes.speed):.4g} rpm"
     rings = [ring.drive for ring in rings_of(drive)]
@@ -135,6 +134,7 @@ def modes_page(modes: Modes, found: Campbell | None = None) -> str:
 
 
 def _modes_table(modes: Modes) -> str:
+    """HTML table of modes: frequency, damping, shares of the parts."""
     shown = [p for p in range(len(modes.parts)) if len(modes) and modes.participation[:, p].max() >= LEAST_SHARE]
     head = ["mode", "Hz", "damping", "across", *(modes.parts[p] for p in shown)]
     tensioned = bool(modes.drive.tensioners)
@@ -150,6 +150,7 @@ def _modes_table(modes: Modes) -> str:
 
 
 def _crossings_table(found: Campbell) -> str:
+    """HTML table of the crossings of orders and modes."""
     rows = [
         [c.mode, f"{rpm_of_speed(c.speed):.4g}", f"{c.speed:.4g}", f"{c.frequency:.4g}",
          f"{100.0 * c.damping_ratio:.2g} %", f"{c.order.value:.4g}", c.order.cause]
@@ -159,6 +160,7 @@ def _crossings_table(found: Campbell) -> str:
 
 
 def _tongues_table(found: Campbell) -> str:
+    """HTML table of instability tongues."""
     rows = [
         [t.mode, f"{rpm_of_speed(t.speed):.4g}", f"{t.speed:.4g}", f"{t.frequency:.4g}", f"{t.threshold:.2g}"]
         for t in found.tongues()

@@ -1,4 +1,4 @@
-"""Modes in Rerun: each swings in a tab and an entity of its own, large enough to be seen."""
+"""Modes in Rerun, each swinging in a tab of its own."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 CYCLE_FRAMES = 48
-"""Of a cycle."""
+"""Frames of a cycle."""
 CYCLES = 4
 CYCLE_SECONDS = 2.0
-"""That a cycle takes, whatever the mode's frequency."""
+"""Seconds that a cycle takes, whatever the mode's frequency."""
 CHAIN, STEEL, RUBBER, REST = (90, 160, 255), (150, 155, 165), (190, 120, 60), (90, 90, 95)
 
 
 def write_mode_recording(modes: Modes, path: str | Path) -> Path:
-    """Writes modes as a Rerun recording, which appears under its name only when whole.
+    """Writes modes as a Rerun recording and returns its path.
 
     Raises:
         ArchiveError: a file that cannot be written.
@@ -46,17 +46,17 @@ def write_mode_recording(modes: Modes, path: str | Path) -> Path:
 
 
 def mode_entity(modes: Modes, k: int) -> str:
-    """Where mode k is logged."""
+    """Rerun's path of mode k."""
     return f"modes/{k + 1:02d}"
 
 
 def mode_title(modes: Modes, k: int) -> str:
-    """The title of mode k."""
+    """Title of mode k's tab: number, frequency, name."""
     return f"{k + 1}: {modes.frequency[k]:.4g} Hz {modes.names[k]}"
 
 
 def mode_blueprint(modes: Modes) -> rrb.Blueprint:
-    """A tab for each mode."""
+    """Rerun's layout of modes: a tab for each."""
     import rerun.blueprint as rrb
 
     low, high = flipped_points(modes.position).min(axis=0), flipped_points(modes.position).max(axis=0)
@@ -80,7 +80,7 @@ def mode_blueprint(modes: Modes) -> rrb.Blueprint:
 
 
 def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
-    """Logs the drive at rest, and each mode over some cycles."""
+    """Logs the drive at rest and some cycles of each mode to Rerun."""
     import rerun as rr
 
     chains = modes.of_chains()
@@ -107,7 +107,7 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
 
 
 def _sprocket_rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
-    """Rims of a chain's sprockets, each with a spoke, where bodies (B, 3) stand."""
+    """Rims of a chain's sprockets with a spoke as Rerun's lines, where bodies (B, 3) stand."""
     strips, ring = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
     for s in range(len(modes.drive.sprockets)):
         x, y, angle = bodies[s]

@@ -1,8 +1,8 @@
-"""Rigid rotation of what turns freely: bodies and chains that nothing prescribes, in the ratios of their teeth.
+"""Rigid rotation of bodies and chains that turn freely, in the ratios of their teeth, taken out of the stiffness.
 
 Nothing restores it: over a tooth pitch its stiffness has the mean 0. At one phase of engagement the polygon of the
-chain gives it one of either sign, by which it would swing slowly or run away. With r the rotation, all else at rest on
-it, g = K r, and w the angles of r that sprockets have,
+chain gives it one of either sign. With r the rotation, all else at rest on it, g = K r, and w the angles of r that
+sprockets have,
 
     K' = K - (g w' + w g') / (w' r) + (g' r) w w' / (w' r)^2                                                (a)
 
@@ -25,10 +25,9 @@ from warpchain.modal.small_motion import DriveMotion
 
 
 def free_rotations(found: DriveMotion) -> list[list[float]]:
-    """Of each group of bodies and chains that turns freely, revolutions of all bodies, counter-clockwise, then rollers
-    of all chains that pass; 0 for those of others.
+    """Revolutions of all bodies and passing rollers of all chains, for each group that turns freely; 0 for others.
 
-    Groups with balance wheels, which hang, do not turn freely.
+    Groups with balance wheels do not turn freely.
     """
     drive = found.drive
     tied, _ = with_chain(drive)
@@ -44,11 +43,11 @@ def free_rotations(found: DriveMotion) -> list[list[float]]:
 
 
 def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], small: float) -> sp.csc_array:
-    """The stiffness of a drive without that of rigid rotation, (a).
+    """The stiffness matrix of a drive without that of rigid rotation, (a).
 
     Args:
         groups: of `free_rotations`.
-        small: stiffness over mass [1/s^2] that holds what nothing else does, so that all else has one place of rest.
+        small: stiffness over mass [1/s^2] that holds what nothing else does.
     """
     stiffness = found.stiffness
     for turns in groups:
@@ -67,8 +66,7 @@ def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], sm
 
 
 def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Array]:
-    """(n,) the motion of all coordinates, rollers along the chain, and which of them are angles of bodies that turn: 1
-    for those that sprockets have, -1 for others, else 0."""
+    """(n,) rigid rotation of all coordinates, and (n,) angles in it: 1 of sprockets, -1 of other bodies, else 0."""
     drive, size = found.drive, found.mass.shape[0]
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
     passing = turns[len(drive.sprockets) + len(drive.shafts) :]

@@ -1,10 +1,10 @@
 """Small motion of a drive about the state in which it rests or steadily runs: the state, and its matrices.
 
-The state is that of `warpchain.assembly.statics`, where the potential of all steady forces is least. It is packed
-without what hangs on time, and the kernels' forces about it give the matrices.
+The state is that of `warpchain.assembly.statics`, packed without what hangs on time; the kernels' forces about it give
+the matrices.
 
-Each chain of several is taken so, as a drive of its own about the state in which all rest together. With P_c the rows
-of chain c's coordinates by those of the whole drive, of which a shaft is one, M = sum P_c^T M_c P_c, and so C, G and K.
+Each chain of several is taken as a drive of its own about the state in which all rest together. With P_c the rows of
+chain c's coordinates by those of the whole drive, M = sum P_c^T M_c P_c, and so C, G and K.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ from warpchain.results.schedule import Schedule
 
 @dataclass(frozen=True)
 class RollerPlaces:
-    """Parts of a chain of N rollers around S sprockets.
+    """Where the N rollers of a chain lie.
 
     Attributes:
         arc: (N,) the sprocket on which a roller lies, from the first that touches its teeth to the last; else -1.
         strand: (N,) the strand in which it hangs, else -1.
-        free_links: (N,) whether a link is one of a strand's: one of its ends at least hangs.
+        free_links: (N,) whether one of a link's ends at least hangs.
     """
 
     arc: NDArray[np.int64]
@@ -58,12 +58,7 @@ class RollerPlaces:
 
 
 def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlaces:
-    """The parts of a chain.
-
-    Args:
-        assembly: how it was laid around its sprockets.
-        touching: (S, N) which rollers touch which sprocket.
-    """
+    """The sprocket or strand of each roller, from the rollers (S, N) that touch sprockets."""
     count = touching.shape[1]
     sprockets = len(assembly.strand_first)
     arc = np.full(count, -1)
@@ -88,7 +83,7 @@ def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlac
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """Small motion of a drive of one chain about a state: its matrices, and that state.
+    """Small motion of a drive of one chain about a state.
 
     Attributes:
         packed: the drive in that state.
@@ -117,7 +112,7 @@ class ChainMotion:
     travel: sp.csc_array
 
     def without_inertia_of(self, place: int) -> ChainMotion:
-        """The same without the inertia of a coordinate."""
+        """The small motion without the inertia of a coordinate."""
         mass = self.mass.tolil()
         mass[place, place] = 0.0
         return replace(self, mass=sp.csc_array(mass))
@@ -128,11 +123,10 @@ PRESSURE_STEP = 1.0
 
 
 def oil_conductances(drive: Drive, valve: str) -> Array:
-    """(w,) G of the chambers of oil about their rest [m^3/(s Pa)]: of gaps, relief valves, vents, and check valves that
-    are open.
+    """(w,) conductances G of chambers of oil about their rest [m^3/(s Pa)]: gaps, vents, relief and open check valves.
 
-    At rest a valve is open as far as lets in what leaks, some micrometers, and shuts when the pressure rises by some
-    hundred pascals to kilopascals. Within that it passes more than the gap by a factor of tens or hundreds.
+    At rest a check valve is open by some micrometers and passes tens or hundreds of times what the gap does; some
+    hundred pascals shut it.
     """
     found = []
     for tensioner in drive.tensioners:
@@ -178,9 +172,7 @@ class DriveMotion:
 
 
 def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, int]]]:
-    """Sprockets of the chains, and shafts that stand for them, as (chain, body), that turn as one; in order, without
-    those that turn alone.
-    """
+    """Groups of sprockets and shafts of several chains, as (chain, body), that turn as one."""
     if is_geared(drive):
         return [list(pair) for pair in joined(drive, rings)]
     groups: dict[str, list[tuple[int, int]]] = {}
@@ -193,15 +185,13 @@ def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, i
 def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[Packed] | None = None
 ) -> list[tuple[Ring, float, Packed, Array]]:
-    """Each chain of a drive in static equilibrium under the means of all loads, the speed of its driver [rad/s], as it
-    stands in float64, and the tensions of its links (N,) [N].
+    """Each chain of a drive in static equilibrium at a speed of its driver [rad/s], and its link tensions (N,) [N].
 
-    Prescribed motions stand, loads have their mean, valves no springs, whose torque has the mean 0, nothing rubs,
-    couplings have taken up their lash and do not slip, motors are how their moments fall with the speed, and tensioners
-    are at rest. A tension is what stretches a link, and of a running chain what bends it around the sprockets too.
+    Motions stand, loads have their mean, valves no springs, nothing rubs, couplings have taken up their lash, motors
+    have the slope of their moments. A tension is what stretches a link, and of a running chain what bends it around the
+    sprockets too.
 
     Args:
-        speed: of the driver [rad/s], at which loads are taken and by which the chains' steady running counts.
         start: the chains as they stand at a speed nearby.
 
     Raises:
@@ -224,7 +214,7 @@ def standing_chains(
 
 
 def _standing_coordinates(drive: Drive, packed: Packed) -> Array:
-    """The coordinates of a chain that stands, as `warpchain.assembly.potential` counts them."""
+    """A standing chain's coordinates, in the order of `warpchain.assembly.potential`."""
     centers = packed.bodies["center"][: len(drive.sprockets)]
     hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
     angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]
@@ -232,7 +222,7 @@ def _standing_coordinates(drive: Drive, packed: Packed) -> Array:
 
 
 def _lay_in_equilibrium(still: Packed, potential: Potential, x: Array, speed: float) -> None:
-    """Makes a chain as packed stand in an equilibrium; see `standing_chains`."""
+    """Writes a chain's equilibrium into its packed arrays, without what hangs on time."""
     drive = potential.drive
     sprockets = len(drive.sprockets)
     position, centers, _ = potential.split(x)
@@ -275,7 +265,7 @@ def drive_motion(
 
     Args:
         start: that of the drive at a speed nearby.
-        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest (see `oil_conductances`).
+        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -296,14 +286,14 @@ def drive_motion(
 
 
 def _sum_over_chains(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:
-    """The matrix of a drive from those of its chains."""
+    """A drive's matrix (n, n) from those of its chains."""
     if len(matrices) == 1:
         return matrices[0]
     return sp.csc_array(sum(tie.T @ own @ tie for tie, own in zip(ties, matrices, strict=True)))
 
 
 def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMotion], list[sp.csc_array]]:
-    """The chains, shafts' inertias with their first sprockets only, and their P_c."""
+    """The chains' small motions, shafts' inertias in their first sprockets only, and the chains' P_c."""
     counts = [part.at.coordinate_count for part in parts]
     places = [first + np.arange(n) for first, n in zip(np.cumsum([0, *counts]), counts, strict=False)]
     kept, parts, share = np.ones(sum(counts), dtype=np.bool_), list(parts), [np.ones(n) for n in counts]
@@ -324,7 +314,7 @@ def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMot
 
 
 def _chain_motion(drive: Drive, speed: float, packed: Packed, tension: Array, valve: str) -> ChainMotion:
-    """Small motion of a chain that stands."""
+    """Small motion of a chain that stands, from its packed arrays."""
     probe = Probe(packed)
     try:
         state = probe.start()

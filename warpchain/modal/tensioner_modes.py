@@ -1,4 +1,4 @@
-"""Arms and tensioners in modes: their states, and the part of tensioners in a mode's stiffness and damping."""
+"""Arms and tensioners in modes: how they stand, and tensioners' parts of a mode's stiffness and damping."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from warpchain.modal.small_motion import ChainMotion
 
 LEAST_DAMPING = 1e-9
-"""A mode whose damping force is less than this part of its stiffness has no damping to share."""
+"""Damping over stiffness of a mode below which it has no damping to share."""
 
 
 @dataclass(frozen=True)
 class PlungerMotion:
-    """Motion and energy of the T tensioners of a drive in K modes of unit modal mass.
+    """Motion and energy of T tensioners in K modes of unit modal mass.
 
     Attributes:
         stroke: (K, T) complex extension [m].
         pressure: (K, T) complex pressure of the oil [Pa]; 0 without oil.
         kinetic: (K, T) kinetic energy of the plungers, of the mode's.
-        stored: (K, T) share of the mode's stiffness x* K x that spring, oil and stops of the tensioner hold.
-        lost: (K, T) share of the mode's damping x* C x that is in its dampers and in the gap of its plunger.
+        stored: (K, T) share of the mode's stiffness x* K x in spring, oil and stops.
+        lost: (K, T) share of the mode's damping x* C x in dampers and the plunger's gap.
     """
 
     stroke: NDArray[np.complex128]
@@ -37,11 +37,11 @@ class PlungerMotion:
 
 @dataclass(frozen=True)
 class TensionerElements:
-    """The linear elements of T tensioners where they stand.
+    """The linear elements of T standing tensioners.
 
     Attributes:
         force: (T,) with which each pushes [N].
-        stiffness: (T,) of the spring and of what it stands on beside the oil [N/m].
+        stiffness: (T,) of spring and stops [N/m].
         damping: (T,) [N s/m].
         on_stop: (T,) whether the plunger stands on its ratchet or on the chamber's bottom.
         oil: (T,) E A^2 / V [N/m]; 0 without oil.
@@ -57,7 +57,7 @@ class TensionerElements:
 
 
 def tensioner_elements(found: ChainMotion) -> TensionerElements:
-    """The linear elements of the tensioners of a drive at rest."""
+    """The linear elements of a drive's standing tensioners."""
     of, x = _tensioner_rows(found), found.extension
     push = of["preload"] - of["stiffness"] * x
     pressing = np.where(of["hydraulic"] == 1, push + (of["rest"] - of["ambient"]) * of["area"], push)
@@ -80,10 +80,9 @@ def tensioner_elements(found: ChainMotion) -> TensionerElements:
 
 
 def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> PlungerMotion:
-    """Motion and energy of the tensioners of a chain in modes of the drive.
+    """Motion and energy of a chain's tensioners in modes (n, K) of unit modal mass.
 
     Args:
-        vector: (n, K) of unit modal mass.
         stiff, drag: (K,) x* K x and x* C x of the drive.
     """
     at, of, linear = found.at, _tensioner_rows(found), tensioner_elements(found)
@@ -112,11 +111,12 @@ def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Ar
 
 
 def _tensioner_rows(found: ChainMotion) -> Any:
+    """Packed rows of a chain's tensioners."""
     return found.packed.tensioners[: len(found.drive.tensioners)]
 
 
 def standing_lines(found: ChainMotion) -> tuple[str, ...]:
-    """States of arms and tensioners about which modes are, a line each."""
+    """Lines on how a chain's arms and tensioners stand."""
     drive, said = found.drive, []
     for a, arm in enumerate(drive.arms):
         angles, row, carrier = found.state.bodies[0, drive.first_arm_body :, 2], found.packed.arms[a], drive.parent(a)
