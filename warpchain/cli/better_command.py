@@ -1,4 +1,4 @@
-"""The command `warpchain better`: which of two drives is better under noise, by how much, at what cost in runs."""
+"""The command `warpchain better`: which of two drives is better under noise, with confidence."""
 
 from __future__ import annotations
 
@@ -41,10 +41,11 @@ BETTER_OPTIONS: OptionSettings = {
     },
     "--json": {"action": "store_true", "help": "as JSON, in SI units"},
 }
+"""Arguments of `warpchain better`, as `add_argument` takes them."""
 
 
 def add_better(commands: Any) -> None:
-    """Adds the command to the parser's subparsers."""
+    """Adds `warpchain better` to the command line."""
     text = "which of two drives is better under noise, with confidence"
     words = "STUDY.toml today.toml proposed.toml --metric tension_q999"
     add_search_command(commands, better_command, text, "noise factors", words, BETTER_OPTIONS)
@@ -52,6 +53,7 @@ def add_better(commands: Any) -> None:
 
 @resumable_command("what is done is")
 def better_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain better`: compares two drives and prints the answer; returns the exit status."""
     from warpchain.study.optimize.better import Comparison, find_better
 
     by = Comparison(*(getattr(arguments, name) for name in ("metric", "sense", "level", "budget", "batch", "event")))
@@ -67,11 +69,12 @@ def better_command(arguments: argparse.Namespace) -> int:
 
 
 def _progress_text(found: Better) -> str:
-    """The difference so far in one line."""
+    """The difference of two drives so far, in one line."""
     return f"{found.found.pairs} pairs: B less A {_difference_text(found)}"
 
 
 def _difference_text(found: Better) -> str:
+    """The mean difference of two drives with its confidence interval, in words."""
     from warpchain.results.units import quantity
 
     of = found.found
@@ -82,7 +85,7 @@ def _difference_text(found: Better) -> str:
 
 
 def _better_lines(found: Better, drives: list[str]) -> list[str]:
-    """The answer in words."""
+    """The answer of `warpchain better` as lines to print."""
     from warpchain.results.units import quantity
 
     of, left_out = found.found, len(found.differences) - found.found.pairs
@@ -113,7 +116,7 @@ def _better_lines(found: Better, drives: list[str]) -> list[str]:
 
 
 def _decision_text(found: Better) -> str:
-    """A line on what would decide it."""
+    """A sentence on what would decide which drive is better."""
     from warpchain.results.units import quantity
 
     of = found.found
@@ -129,7 +132,7 @@ def _decision_text(found: Better) -> str:
 
 
 def _rare_event_text(found: Better) -> str:
-    """A line on the rare events that the pairs may have missed, and on those that are reckoned with."""
+    """A sentence on rare events that the compared pairs may have missed."""
     from warpchain.results.units import quantity
 
     of = found.found
@@ -142,7 +145,7 @@ def _rare_event_text(found: Better) -> str:
 
 
 def _better_json(found: Better) -> dict[str, Any]:
-    """The answer as JSON."""
+    """The answer of `warpchain better` for JSON, in SI units."""
     of = found.found
     drives = {
         name: {

@@ -1,4 +1,4 @@
-"""Bodies of the commands: each takes the parsed arguments and returns the exit status."""
+"""Bodies of the commands on one drive or archive: each takes the parsed arguments and returns the exit status."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ if TYPE_CHECKING:
     from warpchain.engine.device_choice import Speed
 
 DONE, UNFINISHED, WRONG, NOT_OK = 0, 1, 2, 3
-"""Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's; with
-`run --strict`, a suspect run."""
+"""Exit statuses: done; diverged, no row ok, or interrupted; a user's mistake; suspect with `run --strict`."""
 
 
 def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
-    """Makes a command start Warp first, and say that it goes on where Ctrl-C has stopped it.
+    """Makes a command start Warp first, and print on Ctrl-C that it can be run again to go on.
 
     Args:
         kept: what is kept then, with its verb.
@@ -47,14 +46,14 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
 
 
 def _print_lines(lines: Iterable[str]) -> int:
-    """Prints lines as they come; the status of a command that is done."""
+    """Prints lines as they come; returns the exit status of a command that is done."""
     for line in lines:
         print(line)
     return DONE
 
 
 def _value_from_word(word: str) -> Any:
-    """A value as TOML reads it; a word that is not TOML is a text."""
+    """A value of the command line as TOML reads it; a word that is not TOML is a text."""
     import tomllib
 
     try:
@@ -65,6 +64,7 @@ def _value_from_word(word: str) -> Any:
 
 
 def _load_drive(arguments: argparse.Namespace) -> Any:
+    """The drive that the arguments name, with the changes of --set."""
     from warpchain.drive import load_drive
     from warpchain.drive.examples import drive_path
 
@@ -79,6 +79,7 @@ def _load_drive(arguments: argparse.Namespace) -> Any:
 
 
 def check_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain check`: prints what follows from a drive before it runs."""
     from warpchain.assembly.summary import derive, report
 
     drive = _load_drive(arguments)
@@ -97,6 +98,7 @@ def check_command(arguments: argparse.Namespace) -> int:
 
 
 def draw_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain draw`: draws a drive, once or at every save."""
     from warpchain.cli.draw_command import draw_lines, watch_drive_file
 
     if arguments.watch:
@@ -106,12 +108,14 @@ def draw_command(arguments: argparse.Namespace) -> int:
 
 
 def new_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain new`: writes a drive file."""
     from warpchain.cli.new_command import new_drive_file
 
     return _print_lines(new_drive_file(arguments))
 
 
 def metrics_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain metrics`: lists the metrics of a drive's runs."""
     from warpchain.results.metric_columns import column_of, table_names
 
     columns = {name: column_of(name) for name in table_names(_load_drive(arguments))}
@@ -128,6 +132,7 @@ def metrics_command(arguments: argparse.Namespace) -> int:
 
 
 def schema_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain schema`: prints the JSON schema of drive or study files."""
     from warpchain.drive.json_schema import drive_schema, schema_text
     from warpchain.study.spec import study_schema
 
@@ -136,6 +141,7 @@ def schema_command(arguments: argparse.Namespace) -> int:
 
 
 def chains_command(_: argparse.Namespace) -> int:
+    """Body of `warpchain chains`: lists the catalog of chains."""
     from warpchain.drive.catalogue import listing
 
     print(listing())
@@ -143,6 +149,7 @@ def chains_command(_: argparse.Namespace) -> int:
 
 
 def devices_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain devices`: lists processor and GPUs with their measured speeds."""
     from warpchain.engine import start_warp
     from warpchain.engine.device_choice import machine, measured, processor, store, stored
     from warpchain.engine.devices import usable_gpus
@@ -169,7 +176,7 @@ def devices_command(arguments: argparse.Namespace) -> int:
 
 
 def _device_speed_text(speed: Speed, of_cpu: bool) -> str:
-    """The numbers of a device at a precision."""
+    """The measured speed of a device in words."""
     about = f"{speed.rate / 1e6:.4g} million roller-steps a second"
     if of_cpu:
         about += f" a core, {speed.cores:.3g} times that on all"
@@ -179,12 +186,14 @@ def _device_speed_text(speed: Speed, of_cpu: bool) -> str:
 
 
 def fit_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain fit`: fits a drive file."""
     from warpchain.cli.fit_command import fit_drive_file
 
     return _print_lines(fit_drive_file(arguments))
 
 
 def modes_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain modes`: prints and writes modes."""
     from warpchain.cli.modes_command import mode_command_lines
     from warpchain.engine import start_warp
 
@@ -193,6 +202,7 @@ def modes_command(arguments: argparse.Namespace) -> int:
 
 
 def tensioner_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain tensioner`: rides a tensioner on its test rig."""
     from warpchain.cli.tensioner_command import tensioner_lines
     from warpchain.engine import start_warp
 
@@ -201,6 +211,7 @@ def tensioner_command(arguments: argparse.Namespace) -> int:
 
 
 def jump_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain jump`: prints the load or wear at which a chain jumps a tooth."""
     from warpchain.cli.jump_command import jump_command_lines
     from warpchain.engine import start_warp
 
@@ -209,6 +220,7 @@ def jump_command(arguments: argparse.Namespace) -> int:
 
 
 def run_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain run`: simulates a drive, writes its archive, prints a summary."""
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine import start_warp
     from warpchain.engine.simulation import simulate
@@ -263,7 +275,7 @@ def _channels_from_words(words: list[str]) -> tuple[str, ...]:
 
 
 def _limits_from_words(words: list[str]) -> Any:
-    """The limits that a run is judged by, of words KEY=VALUE."""
+    """The limits that a run is judged by, from words KEY=VALUE."""
     from warpchain.results.judgement import Limits
 
     changes = {}
@@ -279,7 +291,7 @@ def _limits_from_words(words: list[str]) -> Any:
 
 
 def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
-    """Results of a run in a few lines."""
+    """Lines to print on a run: tension, sprockets, energy, losses, status."""
     from warpchain.results.judgement import STARTS
     from warpchain.results.losses import losses
     from warpchain.results.units import quantity
@@ -327,7 +339,7 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 
 
 def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
-    """Losses of the drive by group: power, and share of the input."""
+    """A line on a run's losses by group: power, and share of the input."""
     from warpchain.results.losses import losses
     from warpchain.results.units import quantity
 
@@ -346,12 +358,13 @@ def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
 
 
 def _run_status_lines(row: dict[str, Any]) -> list[str]:
-    """Status of a run; where it is not ok, why, and what to do about it: a line for each reason."""
+    """Lines on a run's status, one for each reason why it is not ok."""
     first, *further = row["reason"].split("; ")
     return [f"status: {row['status']}" + (f": {first}" if first else ""), *(f"  and: {reason}" for reason in further)]
 
 
 def view_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain view`: shows an archive in Rerun."""
     from warpchain.view.rerun.run_playback import FRAME_BUDGET, view
 
     view(
@@ -369,6 +382,7 @@ def view_command(arguments: argparse.Namespace) -> int:
 
 
 def plot_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain plot`: writes figures of an archive."""
     from warpchain.view.figures.plot import plot_figures, plot_sweep
 
     if arguments.sweep is not None:
@@ -382,6 +396,7 @@ def plot_command(arguments: argparse.Namespace) -> int:
 
 
 def report_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain report`: writes a run's engineering report."""
     from warpchain.results.engineering_report import Wear
     from warpchain.results.joint_wear import WEAR_COEFFICIENT
     from warpchain.view.report import report
@@ -393,6 +408,7 @@ def report_command(arguments: argparse.Namespace) -> int:
 
 
 def export_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain export`: writes an archive for other programs."""
     from warpchain.archive.export import export, export_metrics, export_orders
 
     if arguments.metrics and arguments.orders:
@@ -408,12 +424,14 @@ def export_command(arguments: argparse.Namespace) -> int:
 
 
 def import_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain import`: compares a measured signal with a run."""
     from warpchain.cli.signal_command import compare_signal
 
     return _print_lines(compare_signal(arguments))
 
 
 def recover_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain recover`: restores a damaged archive."""
     from warpchain.archive.recover import recover_archive
 
     recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)

@@ -1,4 +1,4 @@
-"""The command `warpchain draw`: the picture of a drive, what `check` finds beside it, and both again at every save."""
+"""The command `warpchain draw`: the picture of a drive and what `check` finds, once or at every save."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 WATCH_INTERVAL = 0.25
-"""Seconds between two looks at the drive file."""
+"""Seconds between two looks at a watched drive file."""
 
 
 def draw_drive(drive: Drive, path: Path) -> None:
@@ -31,7 +31,7 @@ def draw_drive(drive: Drive, path: Path) -> None:
 
 
 def check_picture_ending(path: Path) -> None:
-    """Refuses a picture's name that ends in neither .png nor .svg."""
+    """Raises an error for a picture's name that ends in neither .png nor .svg."""
     from warpchain.view.figures.figure_style import FIGURE_KINDS
 
     if path.suffix[1:] not in FIGURE_KINDS:
@@ -39,7 +39,7 @@ def check_picture_ending(path: Path) -> None:
 
 
 def draw_lines(drive: Drive, path: Path) -> list[str]:
-    """Draws a drive; returns how its chain fits and what `check` finds, and the picture's name.
+    """Draws a drive; returns lines on its fit, what `check` finds, and the picture's name.
 
     Raises:
         WarpchainError: as `draw_drive` and `warpchain.assembly.summary.derive`.
@@ -51,7 +51,7 @@ def draw_lines(drive: Drive, path: Path) -> list[str]:
 
 
 def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
-    """Draws at once and whenever the drive file changes, until Ctrl-C; says what is wrong and goes on looking.
+    """Draws a drive at once and whenever its file changes, until Ctrl-C; prints what is wrong and goes on.
 
     Args:
         load: reads the drive.
@@ -77,7 +77,7 @@ def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
 
 
 def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
-    """Lines on the drive as it now stands; errors are lines as well."""
+    """Lines on a watched drive as it now stands, errors as lines too."""
     try:
         return draw_lines(load(), path)
     except WarpchainError as error:
@@ -85,7 +85,7 @@ def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
 
 
 def _file_state(file: Path) -> tuple[int, int, int] | None:
-    """A file's state, another after each save; None while an editor has it away."""
+    """A watched file's state, another after each save; None while an editor has it away."""
     try:
         now = file.stat()
     except OSError:

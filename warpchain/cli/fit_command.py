@@ -1,4 +1,4 @@
-"""The command `warpchain fit`: solves, and writes the drive file back with its comments and its order."""
+"""The command `warpchain fit`: fits a drive, and writes its file back with its comments."""
 
 from __future__ import annotations
 
@@ -22,17 +22,13 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 FIT_DIGITS = 15
-"""Significant digits of centers in the file: all that fitting leaves of them, which is 1e-10 m."""
+"""Significant digits of fitted centers in the file."""
 ANGLE_TOLERANCE = 1.0
-"""Of a wanted angle of an arm [degrees]: nearer is as near as wanted."""
+"""Difference from a wanted arm angle that is not told [degrees]."""
 
 
 def fit_drive_file(arguments: Namespace) -> list[str]:
-    """Runs the command; returns the lines to print.
-
-    Args:
-        arguments: drive, links, odd, chain, sprocket, along, strain, preload, sag, strand, angle, arm and output, as
-            the parser has them.
+    """Fits a drive file as asked and writes it; returns the lines to print.
 
     Raises:
         DriveError: a drive that is wrong, a wish that cannot be met or a file that cannot be written.
@@ -85,7 +81,7 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
 
 
 def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
-    """The wanted angle of an arm by its name [degrees]."""
+    """The wanted angle of an arm by its name [degrees]; None where none is asked for."""
     if arguments.angle is None:
         if arguments.arm is not None:
             raise DriveError("--arm: needs --angle")
@@ -96,6 +92,7 @@ def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | 
 
 
 def _direction_from_word(word: str) -> list[float]:
+    """The direction (x, y) of --along DX,DY."""
     try:
         direction = [float(part) for part in word.split(",")]
     except ValueError:
@@ -106,6 +103,7 @@ def _direction_from_word(word: str) -> list[float]:
 
 
 def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
+    """Lines on the links and centers that a fit changed."""
     lines = []
     for old_ring, ring in zip(rings_of(before), rings_of(after), strict=True):
         links, was = ring.drive.chain.links, old_ring.drive.chain.links
@@ -118,7 +116,7 @@ def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
 
 
 def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
-    """A line on each arm that does not stand where it was wanted [degrees]."""
+    """A line on each arm that does not stand at its wanted angle [degrees] after a fit."""
     lines = []
     for ring in rings_of(drive):
         mine = [(a, arm.name) for a, arm in enumerate(ring.drive.arms) if arm.name in wanted]
@@ -133,7 +131,7 @@ def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
 
 
 def _fit_state_lines(drive: Drive) -> list[str]:
-    """Strain, preload and sags of the drive's chains after the fit; of several also which one does not fit."""
+    """Lines on strain, preload and sags of a fitted drive's chains."""
     if not drive.chains:
         return _chain_fit_lines(drive)
     lines = []
@@ -146,7 +144,7 @@ def _fit_state_lines(drive: Drive) -> list[str]:
 
 
 def _chain_fit_lines(drive: Drive) -> list[str]:
-    """`_fit_state_lines` of a chain."""
+    """Lines on strain, preload, sags and findings of one fitted chain."""
     assembly = assemble(drive)
     state = "taut" if assembly.strain >= 0.0 else "slack"
     preload = max(0.0, drive.chain.mean_stiffness * drive.chain.pitch * assembly.strain)

@@ -1,4 +1,4 @@
-"""The command `warpchain jump`: the load or the wear at which a chain jumps a tooth, printed or as JSON."""
+"""The command `warpchain jump`: the load or the wear at which a chain jumps a tooth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from warpchain.engine.jump import BOTH, UNITS, Jump, find_jumps
 
 
 def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Searches as asked, and returns the lines to print."""
+    """Searches the jump of a tooth as asked; returns the lines to print."""
     quiet = arguments.quiet
     found = find_jumps(
         drive,
@@ -37,19 +37,22 @@ def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
 
 
 def jump_margin(jump: Jump, by: str) -> float | None:
-    """The torque that holds over the drive's own, or the wear that holds less its own; None if it has no torque."""
+    """The torque that holds over the drive's own, or the wear that holds less its own; None without a torque."""
     if by == "wear":
         return jump.holds - jump.own
     return jump.holds / abs(jump.own) if jump.own else None
 
 
 def _jump_json(jump: Jump, by: str) -> dict[str, object]:
+    """A search's result for JSON, in SI units."""
     values = {key: value for key, value in asdict(jump).items() if key != "direction"}
     known = {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
     return known | {"margin": jump_margin(jump, by)}
 
 
 def _jump_lines(jump: Jump, by: str) -> list[str]:
+    """Lines on the load or wear at which a chain jumps in one direction."""
+
     def said(value: float) -> str:
         return f"{value:.4g} N m on {jump.on}" if by == "torque" else f"{100.0 * value:.3g} % of wear{chain}"
 
@@ -70,7 +73,7 @@ def _jump_lines(jump: Jump, by: str) -> list[str]:
 
 
 def _own_load_text(jump: Jump, by: str) -> str:
-    """The drive's own value, and the margin to it."""
+    """The drive's own load or wear in words, with the margin to a jump."""
     far = jump_margin(jump, by)
     if by == "wear":
         return f"its own is {100.0 * jump.own:.3g} %"

@@ -17,7 +17,7 @@ MODE_ENDINGS = (".html", ".png", ".svg", ".rrd", ".npz")
 
 
 def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Finds the modes, writes what was asked for, and returns the lines to print."""
+    """Finds a drive's modes, writes what was asked for, and returns the lines to print."""
     from warpchain.modal.campbell import MOST_PHASES, MOST_POINTS
     from warpchain.modal.eigenmodes import modes
     from warpchain.modal.mode_page import campbell_lines, mode_lines
@@ -49,7 +49,7 @@ def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
 
 
 def _campbell_diagram(drive: Drive, speeds: list[float], points: int, count: int, phases: int) -> Campbell:
-    """A Campbell diagram, with a bar while it is made."""
+    """A drive's Campbell diagram, with a progress bar."""
     import numpy as np
 
     from warpchain.modal.campbell import campbell, over_a_pitch
@@ -61,7 +61,7 @@ def _campbell_diagram(drive: Drive, speeds: list[float], points: int, count: int
 
 
 def _write_modes(path: Path, result: Modes, found: Campbell | None) -> None:
-    """Writes modes, or a Campbell diagram, as the path's ending says."""
+    """Writes modes or a Campbell diagram as page, figure, recording or arrays, by the path's ending."""
     from warpchain.errors import ArchiveError
     from warpchain.files import refusals_as_errors, whole_file, write_text_file
     from warpchain.modal import mode_figures

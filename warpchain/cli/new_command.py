@@ -38,7 +38,7 @@ LOOSENESS, BUSH = 0.004, 5.0e9
 
 @dataclass(frozen=True)
 class DriveRequest:
-    """A drive that is asked for, and the values that follow.
+    """A drive that `warpchain new` is asked for, and the values that follow.
 
     Attributes:
         chain: row of the catalog.
@@ -59,13 +59,13 @@ class DriveRequest:
 
     @property
     def sprocket_names(self) -> list[str]:
-        """A name for each sprocket."""
+        """Names of the sprockets: driver, idlers, driven."""
         idlers = [f"idler {k}" if len(self.teeth) > 3 else "idler" for k in range(1, len(self.teeth) - 1)]
         return ["driver", *idlers, "driven"]
 
     @property
     def wrap_senses(self) -> list[str]:
-        """Senses in which the chain goes around: that of the polygon of centers, the other one at its notches."""
+        """Senses in which the chain goes around each sprocket: the polygon's, the other one at its notches."""
         at = np.array(self.centers)
         before, after = at - np.roll(at, 1, axis=0), np.roll(at, -1, axis=0) - at
         turns = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
@@ -73,10 +73,7 @@ class DriveRequest:
 
 
 def new_drive_file(arguments: Namespace) -> list[str]:
-    """Runs the command, which also writes the schema that the file's first line names; returns the lines to print.
-
-    Args:
-        arguments: output, size, teeth, centers, speed, torque, keep_centers and overwrite, as the parser has them.
+    """Writes a new drive file and its schema; returns the lines to print.
 
     Raises:
         DriveError: an unknown size, too few sprockets or centers, a chain without a path, or a file that is there.
@@ -101,10 +98,10 @@ def new_drive_file(arguments: Namespace) -> list[str]:
 
 
 def _drive_request(arguments: Namespace) -> DriveRequest:
-    """The drive that the arguments ask for.
+    """The drive that `warpchain new`'s arguments ask for.
 
     Raises:
-        DriveError: what of them is wrong.
+        DriveError: an unknown size, or too few teeth or centers.
     """
     size, teeth, flat = arguments.size, tuple(arguments.teeth), arguments.centers
     if size not in CHAINS:
@@ -127,23 +124,24 @@ def _drive_request(arguments: Namespace) -> DriveRequest:
 
 
 def _choice_lines(asked: DriveRequest, drive: Drive, moved: float) -> list[str]:
-    """Links and the last center as chosen."""
+    """A line on the links and the last center that were chosen for a new drive."""
     last = f"{asked.sprocket_names[-1]} moved by {1e3 * moved:.3g} mm"
     place = "" if moved == 0.0 else f"; {last} to [{_center_text(drive.sprockets[-1].center)}]"
     return [f"{drive.chain.links} links{place}"]
 
 
 def _two_figures(value: float) -> float:
-    """A value to two figures."""
+    """A value rounded to two figures."""
     return float(f"{value:.2g}")
 
 
 def _center_text(center: Point) -> str:
+    """A center as a drive file has it."""
     return ", ".join(repr(float(x)) for x in center)
 
 
 def _drive_file_text(asked: DriveRequest) -> str:
-    """The drive file."""
+    """Text of a new drive file, with its comments."""
     chain, size = asked.chain, asked.chain.size
     radii = [0.5 * chain.pitch / math.sin(math.pi / z) for z in asked.teeth]
     round_time, tooth = asked.links * chain.pitch / (asked.speed * radii[0]), asked.speed * asked.teeth[0] / math.tau
@@ -204,7 +202,7 @@ def _drive_file_text(asked: DriveRequest) -> str:
 
 
 def _sprocket_lines(asked: DriveRequest, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
-    """Lines of the table of sprocket s, and what is said of them."""
+    """Lines and comments of sprocket s in a new drive file."""
     last, ramp = len(asked.teeth) - 1, f"ramp_time = {_two_figures(ramp_time):g}"
     mass = STEEL * math.pi * radius**2 * TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands
     moved = f"moved by {1e3 * asked.moved:.3g} mm, so that {asked.links} links fit" if asked.moved and s == last else ""

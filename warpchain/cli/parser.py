@@ -1,7 +1,6 @@
-"""The command line: `warpchain new | check | draw | metrics | fit | modes | tensioner | run | view | plot | ...`.
+"""The command line's parser and its start: `warpchain new | check | draw | run | view | study | ...`.
 
-Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
-user's or a refusal of the machine's, said in one line each. 3: a suspect run, with `run --strict`.
+Exit statuses: see `warpchain.cli.commands`; mistakes of the user and refusals of the machine are one line each.
 """
 
 from __future__ import annotations
@@ -54,18 +53,20 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 class _OneLineParser(argparse.ArgumentParser):
-    """A parser that says a mistake in one line, without the usage before it."""
+    """An argument parser that prints a mistake in one line, without the usage."""
 
     def error(self, message: str) -> NoReturn:
+        """Ends the program with a mistake in one line."""
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
 def _add_function_command(commands: Any, run: CommandBody, text: str, example: str) -> Any:
-    """Adds the command that a function does, whose name begins with the command's; returns its parser."""
+    """Adds a command whose name begins its body's; returns its parser."""
     return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
 def _add_new(commands: Any) -> None:
+    """Adds `warpchain new` to the command line."""
     example = "warpchain new drive.toml --size 16B --teeth 19 57 --centers 0 0 1.0 0 --speed 300rpm --torque 900"
     parser = _add_function_command(
         commands, do.new_command, "write a commented drive file from a size, teeth and centers", example
@@ -87,6 +88,7 @@ def _add_new(commands: Any) -> None:
 
 
 def _add_check(commands: Any) -> None:
+    """Adds `warpchain check` to the command line."""
     parser = _add_function_command(
         commands, do.check_command, "check a drive without running it", "warpchain check marine"
     )
@@ -96,6 +98,7 @@ def _add_check(commands: Any) -> None:
 
 
 def _add_draw(commands: Any) -> None:
+    """Adds `warpchain draw` to the command line."""
     parser = _add_function_command(
         commands,
         do.draw_command,
@@ -110,6 +113,7 @@ def _add_draw(commands: Any) -> None:
 
 
 def _add_chains(commands: Any) -> None:
+    """Adds `warpchain chains` to the command line."""
     _add_function_command(
         commands,
         do.chains_command,
@@ -119,6 +123,7 @@ def _add_chains(commands: Any) -> None:
 
 
 def _add_metrics(commands: Any) -> None:
+    """Adds `warpchain metrics` to the command line."""
     text = "list the metrics that a run of a drive gives, with units and words"
     parser = _add_function_command(commands, do.metrics_command, text, "warpchain metrics car | grep tension")
     add_shared_options(parser, "drive", "--set")
@@ -126,18 +131,21 @@ def _add_metrics(commands: Any) -> None:
 
 
 def _add_schema(commands: Any) -> None:
+    """Adds `warpchain schema` to the command line."""
     text = "print the JSON schema of drive files or study files, from which editors complete and check keys"
     parser = _add_function_command(commands, do.schema_command, text, "warpchain schema drive > drive.schema.json")
     parser.add_argument("of", choices=["drive", "study"], help="which files")
 
 
 def _add_devices(commands: Any) -> None:
+    """Adds `warpchain devices` to the command line."""
     text = "list the devices that runs can take, and how fast they were measured to be"
     parser = _add_function_command(commands, do.devices_command, text, "warpchain devices --calibrate")
     parser.add_argument("--calibrate", action="store_true", help="measure them now, as runs do once where it pays")
 
 
 def _add_fit(commands: Any) -> None:
+    """Adds `warpchain fit` to the command line."""
     parser = _add_function_command(
         commands,
         do.fit_command,
@@ -162,6 +170,7 @@ def _add_fit(commands: Any) -> None:
 
 
 def _add_modes(commands: Any) -> None:
+    """Adds `warpchain modes` to the command line."""
     parser = _add_function_command(
         commands,
         do.modes_command,
@@ -194,6 +203,7 @@ def _add_modes(commands: Any) -> None:
 
 
 def _add_tensioner(commands: Any) -> None:
+    """Adds `warpchain tensioner` to the command line."""
     parser = _add_function_command(
         commands,
         do.tensioner_command,
@@ -247,6 +257,7 @@ def _add_tensioner(commands: Any) -> None:
 
 
 def _add_jump(commands: Any) -> None:
+    """Adds `warpchain jump` to the command line."""
     text = "find the torque, or the wear, at which the chain jumps a tooth, forward and in reverse"
     parser = _add_function_command(
         commands, do.jump_command, text, "warpchain jump industrial --by wear --direction forward"
@@ -273,6 +284,7 @@ def _add_jump(commands: Any) -> None:
 
 
 def _add_run(commands: Any) -> None:
+    """Adds `warpchain run` to the command line."""
     parser = _add_function_command(
         commands,
         do.run_command,
@@ -339,6 +351,7 @@ def _add_run(commands: Any) -> None:
 
 
 def _add_view(commands: Any) -> None:
+    """Adds `warpchain view` to the command line."""
     parser = _add_function_command(
         commands, do.view_command, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd"
     )
@@ -362,6 +375,7 @@ def _add_view(commands: Any) -> None:
 
 
 def _add_plot(commands: Any) -> None:
+    """Adds `warpchain plot` to the command line."""
     parser = _add_function_command(
         commands, do.plot_command, "draw an archive's figures", "warpchain plot marine.mcap -o plots"
     )
@@ -384,6 +398,7 @@ def _add_plot(commands: Any) -> None:
 
 
 def _add_report(commands: Any) -> None:
+    """Adds `warpchain report` to the command line."""
     parser = _add_function_command(
         commands,
         do.report_command,
@@ -408,6 +423,7 @@ def _add_report(commands: Any) -> None:
 
 
 def _add_export(commands: Any) -> None:
+    """Adds `warpchain export` to the command line."""
     parser = _add_function_command(
         commands,
         do.export_command,
@@ -426,6 +442,7 @@ def _add_export(commands: Any) -> None:
 
 
 def _add_import(commands: Any) -> None:
+    """Adds `warpchain import` to the command line."""
     parser = _add_function_command(
         commands,
         do.import_command,
@@ -454,6 +471,7 @@ def _add_import(commands: Any) -> None:
 
 
 def _add_recover(commands: Any) -> None:
+    """Adds `warpchain recover` to the command line."""
     parser = _add_function_command(
         commands,
         do.recover_command,
@@ -470,6 +488,7 @@ def _add_recover(commands: Any) -> None:
 
 
 def _add_study(commands: Any) -> None:
+    """Adds `warpchain study` with its commands to the command line."""
     text = "run and analyze a design of experiments"
     parser = add_command(commands, "study", None, text, "warpchain study run STUDY.toml -o DIR")
     studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
@@ -507,7 +526,7 @@ COMMAND_ADDERS = (
 
 
 def command_line_parser() -> argparse.ArgumentParser:
-    """The command line's parser."""
+    """The parser of the whole command line."""
     top = _OneLineParser(
         prog="warpchain",
         description="Dynamics of roller-chain drives, many variants at once.",
@@ -524,7 +543,7 @@ def command_line_parser() -> argparse.ArgumentParser:
 
 
 def run_command_line(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line; returns the exit status."""
+    """Runs the command line and returns the exit status; errors are printed in one line each."""
     warnings.showwarning = _print_warning
     with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
         faulthandler.enable()
@@ -555,6 +574,7 @@ def run_command_line(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_parsed_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
+    """Runs the command that was parsed; errors name its options."""
     if arguments.version:
         from importlib.metadata import version
 
@@ -587,12 +607,12 @@ def _discard_output() -> None:
 
 
 def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """A warning as one line."""
+    """Prints a warning as one line on standard error."""
     _print_error_line(f"warning: {message}")
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The script, by shtab, that makes a shell complete a parser's commands, options and file names without Python.
+    """The script, by shtab, with which a shell completes commands, options and file names.
 
     Raises:
         WarpchainError: without the package shtab.
@@ -607,7 +627,7 @@ def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
 
 
 def _mark_file_arguments(parser: argparse.ArgumentParser, folders: dict[str, object], file: object) -> None:
-    """Marks the arguments of a parser and of those below it that are files or folders."""
+    """Marks a parser's arguments that are files or folders, for completion."""
     for action in parser._actions:
         if isinstance(action.choices, dict):
             for inner in action.choices.values():

@@ -20,10 +20,10 @@ from warpchain.cli.shared_options import (
 def add_search_command(
     commands: Any, run: CommandBody, text: str, needs: str, words: str = "STUDY.toml", own: OptionSettings | None = None
 ) -> None:
-    """Adds a command that runs a study in rounds, of a function's name, to subparsers.
+    """Adds a command that runs a study in rounds to the command line; its name begins its body's.
 
     Args:
-        text: what it does.
+        text: its help.
         needs: what its study file has.
         words: its arguments before the folder.
         own: its further arguments, as `add_argument` takes them.
@@ -38,7 +38,7 @@ def add_search_command(
 
 
 def add_optimize(commands: Any) -> None:
-    """Adds the command to the parser's subparsers."""
+    """Adds `warpchain optimize` to the command line."""
     text = "look for the designs that a study's objectives and limits want"
     known = {"metavar": "DIR", "type": Path, "action": "append", "default": []}
     known["help"] = "a study's folder whose rows are not run again where they are asked for (repeatable)"
@@ -47,6 +47,7 @@ def add_optimize(commands: Any) -> None:
 
 @resumable_command("what is done is")
 def optimize_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain optimize`: searches for the best designs of a study."""
     from warpchain.study.optimize import optimize
 
     say = status_printer(arguments)
@@ -58,13 +59,14 @@ def optimize_command(arguments: argparse.Namespace) -> int:
 
 
 def add_risk(commands: Any) -> None:
-    """Adds the command to the parser's subparsers."""
+    """Adds `warpchain risk` to the command line."""
     text = "how likely a drive breaks a limit over its noise, and how it most likely does"
     add_search_command(commands, risk_command, text, "noise factors and [[limits]]")
 
 
 @resumable_command("what is done is")
 def risk_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain risk`: estimates how likely a drive breaks a limit."""
     from warpchain.study.optimize.risk import estimate_risk
     from warpchain.study.report.risk_page import risk_lines, write_risk
 
@@ -75,7 +77,7 @@ def risk_command(arguments: argparse.Namespace) -> int:
 
 
 def _print_recommended(found: Any) -> None:
-    """Prints the recommended designs, and how to play them."""
+    """Prints the designs that a search recommends, and how to play them."""
     from warpchain.results.units import quantity
 
     results, runs = found.designs, len(found.results.status)
@@ -108,7 +110,7 @@ def _print_recommended(found: Any) -> None:
 
 
 def add_calibrate(commands: Any) -> None:
-    """Adds the command to the parser's subparsers."""
+    """Adds `warpchain calibrate` to the command line."""
     needs = "[[measured]], whose noise factors are the unknowns"
     text = "what measured values and signals tell of a drive's unknowns"
     add_search_command(commands, calibrate_command, text, needs, "CALIBRATION.toml")
@@ -116,6 +118,7 @@ def add_calibrate(commands: Any) -> None:
 
 @resumable_command("what is done is")
 def calibrate_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain calibrate`: finds a drive's unknowns from measurements."""
     from warpchain.study.optimize.calibrate import calibrate
     from warpchain.study.report.calibration_page import calibration_lines, write_calibration
 

@@ -1,4 +1,4 @@
-"""Options that commands share: adding a command, values from words."""
+"""Options that commands share, and values from the words of a command line."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from typing import Any
 from warpchain.argument_checks import MOST_WORKERS
 
 CommandBody = Callable[[argparse.Namespace], int]
-"""The body of a command: takes the parsed arguments and returns the exit status."""
+"""Function that does a command: takes the parsed arguments and returns the exit status."""
 
 
 def add_command(commands: Any, name: str, run: CommandBody | None, text: str, example: str) -> Any:
-    """Adds a command to subparsers; returns its parser.
+    """Adds a command to the command line and returns its parser.
 
     Args:
         run: its body; None where commands below it have theirs.
-        text: what it does, without a capital and a full stop.
+        text: its help, without a capital and a full stop.
         example: a line to try.
     """
     parser = commands.add_parser(
@@ -36,10 +36,10 @@ def add_command(commands: Any, name: str, run: CommandBody | None, text: str, ex
 
 
 def number_from_word(word: str) -> float:
-    """Any number.
+    """Any number of the command line.
 
     Raises:
-        argparse.ArgumentTypeError: in one line, as the others here.
+        argparse.ArgumentTypeError: in one line, as of all values here.
     """
     try:
         return float(word)
@@ -48,7 +48,7 @@ def number_from_word(word: str) -> float:
 
 
 def angular_speed_from_word(word: str) -> float:
-    """A number of rad/s, or a quantity such as 3000rpm."""
+    """An angular speed [rad/s] from a number, or a quantity such as 3000rpm."""
     from warpchain.drive.quantities import converted
 
     speed = converted(word, "rad/s")
@@ -62,21 +62,22 @@ def angular_speed_from_word(word: str) -> float:
 
 
 def number_or_auto_from_word(word: str) -> float | str:
-    """Any number, or the word "auto"."""
+    """A number, or the word "auto"."""
     return word if word == "auto" else number_from_word(word)
 
 
 def page_path_from_word(word: str) -> Path:
-    """The file of a page."""
+    """The path of an HTML page (.html, .htm)."""
     return _path_with_ending(word, ".html", ".htm")
 
 
 def archive_path_from_word(word: str) -> Path:
-    """The file of an archive."""
+    """The path of an archive (.mcap)."""
     return _path_with_ending(word, ".mcap")
 
 
 def _path_with_ending(word: str, *endings: str) -> Path:
+    """A path that must have one of these endings."""
     path = Path(word)
     if path.suffix.lower() not in endings:
         raise argparse.ArgumentTypeError(f"{word!r}: must end in {', '.join(endings)}")
@@ -107,14 +108,14 @@ def whole_number_from_word(word: str) -> int:
 
 
 def workers_from_word(word: str) -> int:
-    """A number of threads."""
+    """A number of worker threads."""
     if not (word.isdecimal() and 1 <= int(word) <= MOST_WORKERS):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number from 1 to {MOST_WORKERS}")
     return int(word)
 
 
 def shard_part_from_word(word: str) -> tuple[int, int]:
-    """I/N as (I, N), 0 <= I < N."""
+    """I/N as (I, N), 0 <= I < N, for a part of a study's shards."""
     first, _, parts = word.partition("/")
     if not (first.isdecimal() and parts.isdecimal() and int(first) < int(parts)):
         raise argparse.ArgumentTypeError(f"{word!r}: must be I/N, whole numbers with 0 <= I < N")
@@ -122,7 +123,7 @@ def shard_part_from_word(word: str) -> tuple[int, int]:
 
 
 def precision_from_word(word: str) -> tuple[str, float]:
-    """METRIC=VALUE as (name, positive number)."""
+    """METRIC=VALUE as the metric's name and a positive number."""
     name, mark, value = word.partition("=")
     if not mark or not name.strip() or not (math.isfinite(number_from_word(value)) and number_from_word(value) > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be METRIC=VALUE, a metric and a number above 0")
@@ -130,7 +131,7 @@ def precision_from_word(word: str) -> tuple[str, float]:
 
 
 def woehler_curve_from_word(word: str) -> tuple[float, ...]:
-    """M,RANGE,CYCLES as three numbers."""
+    """M,RANGE,CYCLES of a Woehler curve as three numbers."""
     try:
         values = tuple(float(value) for value in word.split(","))
     except ValueError:
@@ -170,22 +171,22 @@ def add_shared_options(parser: Any, *names: str) -> None:
 
 
 def add_run_options(parser: Any) -> None:
-    """Adds the options of commands that run variants; `run_options_from_arguments` reads them."""
+    """Adds the options of commands that run variants to a parser."""
     add_shared_options(parser, "--workers", "--memory", "--quiet")
 
 
 def run_options_from_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Threads, memory and progress as functions that run variants take them."""
+    """Threads, memory and progress, as functions that run variants take them."""
     return {"workers": arguments.workers, "memory": arguments.memory, "progress": not arguments.quiet}
 
 
 def status_printer(arguments: argparse.Namespace) -> Callable[[str], None] | None:
-    """Prints a line of status on standard error; None with --quiet."""
+    """Function that prints a line on standard error; None with --quiet."""
     return None if arguments.quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr)
 
 
 def message_with_options(message: str, arguments: argparse.Namespace) -> str:
-    """A message on arguments of a Python function as one on the command's options, or on the keys of a study's run."""
+    """An error's message with the command's options, or a study's keys, in place of Python's arguments."""
 
     def named(found: re.Match[str]) -> str:
         name, value = found["name"], found["value"] or ""

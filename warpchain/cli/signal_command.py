@@ -16,7 +16,7 @@ SIGNAL_ENDINGS = (".png", ".svg", ".rrd", ".json")
 
 
 def compare_signal(arguments: argparse.Namespace) -> list[str]:
-    """Writes what was asked for; returns the lines to print: statistics and orders of both signals, files written."""
+    """Compares a measured signal with a run, writes what was asked for, and returns the lines to print."""
     from warpchain.results.measured import compared, source
     from warpchain.results.measured_columns import Columns
     from warpchain.results.measured_file import read_signal
@@ -38,6 +38,7 @@ def compare_signal(arguments: argparse.Namespace) -> list[str]:
 
 
 def _time_offset_from_word(word: str) -> float | None:
+    """The offset of --offset [s]; None for "auto"."""
     from warpchain.results.measured_file import LATEST
 
     if word == "auto":
@@ -51,6 +52,7 @@ def _time_offset_from_word(word: str) -> float | None:
 
 
 def _comparison_lines(found: Comparison) -> list[str]:
+    """Lines of a table of simulated and measured statistics and orders."""
     from warpchain.results.units import shown
 
     measured = found.measured
@@ -68,6 +70,7 @@ def _comparison_lines(found: Comparison) -> list[str]:
 
 
 def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found: Comparison) -> None:
+    """Writes a measured signal's comparison as figure, JSON or Rerun recording, by the path's ending."""
     if path.suffix == ".rrd":
         from warpchain.view.rerun import view
 
@@ -84,7 +87,7 @@ def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found
 
 
 def _comparison_json(found: Comparison) -> dict[str, Any]:
-    """Both signals' statistics and orders, in SI."""
+    """A measured signal's comparison for JSON, in SI units."""
     pair = ("simulated", "measured")
     return {
         "name": found.measured.name,

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from warpchain.study.results import Results
 
 SHARDS_A_WORKER = 2
-"""Fewest shards of a new study for each worker of a cluster, so that none waits long for the last one."""
+"""Fewest shards of a new study for each worker of a cluster."""
 TABLE_NAMES = ("results.parquet", "results.csv")
-"""Where a study's folder keeps its table."""
+"""Names of a study's table in its folder."""
 
 
 def add_study_commands(commands: Any) -> None:
-    """Adds the commands to a parser's subparsers."""
+    """Adds `warpchain study run | plan | grow | status | merge` to the command line."""
     text, line = "run a study, or go on with it", "warpchain study run STUDY.toml -o DIR"
     run = add_command(commands, "run", study_run_command, text, line)
     run.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
@@ -111,6 +111,7 @@ def add_study_commands(commands: Any) -> None:
 
 @resumable_command("the shards that are done are")
 def study_run_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain study run`: runs a study or goes on with it."""
     from warpchain.study.run import run_study
 
     with _study_executor(arguments.scheduler) as (executor, parts):
@@ -129,7 +130,7 @@ def study_run_command(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _study_executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
-    """The executor to run on, None for this process, and how many shards it should have at least."""
+    """The executor that a study runs on, None for this process, and its least number of shards."""
     if scheduler is None:
         yield None, 1
         return
@@ -140,6 +141,7 @@ def _study_executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
 
 
 def study_plan_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain study plan`: forecasts a study's cost and precision."""
     from warpchain.engine import start_warp
     from warpchain.study.forecast import forecast_lines, forecast_study
 
@@ -163,6 +165,7 @@ def study_plan_command(arguments: argparse.Namespace) -> int:
 
 @resumable_command("the shards that are done are")
 def study_grow_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain study grow`: doubles a study until its main effects are known."""
     from warpchain.study.analysis.left_out import LeftOut
     from warpchain.study.grow_until import GrowthState, Until, grow_until
     from warpchain.study.results import read_results
@@ -186,12 +189,14 @@ def study_grow_command(arguments: argparse.Namespace) -> int:
 
 
 def study_status_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain study status`: prints how far a study is."""
     from warpchain.study.run import study_status
 
     return _print_study_status(study_status(arguments.folder))
 
 
 def study_merge_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain study merge`: makes one table, or one study of several."""
     from warpchain.engine import start_warp
     from warpchain.study.run import join_studies, merge_study
 
@@ -212,7 +217,7 @@ def study_merge_command(arguments: argparse.Namespace) -> int:
 
 
 def _print_study_status(outcome: Any) -> int:
-    """Prints the status of a study."""
+    """Prints how far a study is; returns the exit status."""
     from warpchain.results.statuses import reason_words
 
     done, count = outcome.shards
@@ -234,7 +239,7 @@ def _print_study_status(outcome: Any) -> int:
 
 
 def add_report_commands(commands: Any) -> None:
-    """Adds the commands to the subparsers of `warpchain study`."""
+    """Adds `warpchain study report | view` to the command line."""
     page = _add_table_command(
         commands, "report", study_report_command, "write a study's report as one HTML page", "DIR -o report.html"
     )
@@ -263,6 +268,7 @@ def add_report_commands(commands: Any) -> None:
 
 
 def _add_table_command(commands: Any, name: str, run: CommandBody, text: str, example: str) -> Any:
+    """Adds a command on a study's table to the command line and returns its parser."""
     line = f"warpchain study {name} {example} --minimize tension_max --minimize tension_std"
     parser = add_command(commands, name, run, text, line)
     parser.add_argument("study", metavar="DIR", type=Path, help="a study's folder, or its table (.parquet, .csv)")
@@ -277,7 +283,7 @@ def _add_table_command(commands: Any, name: str, run: CommandBody, text: str, ex
 
 
 def study_report_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain study report`."""
+    """Body of `warpchain study report`: writes a study's report."""
     from warpchain.study.report import write_report
     from warpchain.study.results import export_table
 
@@ -309,7 +315,7 @@ def study_report_command(arguments: argparse.Namespace) -> int:
 
 
 def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
-    """Writes the page on a folder of `warpchain risk`."""
+    """Writes the page on a folder of `warpchain risk`; returns the exit status."""
     from warpchain.study.optimize.risk import read_risk
     from warpchain.study.report.risk_page import write_risk
     from warpchain.study.results import export_table
@@ -324,7 +330,7 @@ def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
 
 
 def study_view_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain study view`."""
+    """Body of `warpchain study view`: shows a study in Rerun."""
     from warpchain.study.report.scatters import view_study
     from warpchain.study.run.recordings import recorded_trajectories
 
@@ -345,6 +351,7 @@ def study_view_command(arguments: argparse.Namespace) -> int:
 
 
 def _read_study_table(arguments: argparse.Namespace) -> tuple[Path, Results]:
+    """Path and results of the study that the arguments name."""
     from warpchain.study.results import read_results
 
     path = study_table_path(arguments.study)
@@ -352,7 +359,7 @@ def _read_study_table(arguments: argparse.Namespace) -> tuple[Path, Results]:
 
 
 def _study_of_folder(folder: Path) -> Any:
-    """The study of a folder, None of a table alone or of a folder without one."""
+    """The study file of a folder; None where there is none."""
     from warpchain.study.spec import load_study
 
     try:
@@ -362,7 +369,7 @@ def _study_of_folder(folder: Path) -> Any:
 
 
 def _wanted_of_folder(source: Path) -> Any:
-    """Objectives and limits of the study in a folder, and the folder as it is named; None of a table alone."""
+    """Objectives and limits of the study in a folder, for its report; None of a table alone."""
     from warpchain.study.report.decisions import Wanted
     from warpchain.study.spec.noise_table import Noise
     from warpchain.view.recorded_variants import DRIVE_CHANNELS
@@ -377,15 +384,16 @@ def _wanted_of_folder(source: Path) -> Any:
 
 
 def _asked_objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
+    """Objectives of --minimize and --maximize with their senses; None without."""
     found = dict.fromkeys(arguments.minimize, "min") | dict.fromkeys(arguments.maximize, "max")
     return found or None
 
 
 def study_table_path(source: Path) -> Path:
-    """The table that a study's folder holds, or the file itself.
+    """Path of the table of a study's folder, or the file itself; an unfinished study's is made of what is done.
 
     Raises:
-        StudyError: a folder without a table. An unfinished study's is made of what is done (`partial.parquet`).
+        StudyError: a folder without a table.
     """
     if not source.is_dir():
         return source
@@ -400,7 +408,7 @@ def study_table_path(source: Path) -> Path:
 
 
 def study_notes(folder: Path) -> dict[str, str]:
-    """Name, design and run settings of a study's folder, in words; empty where it has none."""
+    """Name, design and run settings of a study's folder, in words by heading; {} where it has none."""
     from warpchain.drive.toml import value_text
     from warpchain.study.spec.study_tables import fields_from_file
 
@@ -421,7 +429,7 @@ def study_notes(folder: Path) -> dict[str, str]:
 
 
 def add_play_command(commands: Any) -> None:
-    """Adds the command to the subparsers of `warpchain study`."""
+    """Adds `warpchain study play` to the command line."""
     text = "play one variant, which is run again if it was not recorded, by a command that is printed"
     parser = add_command(commands, "play", study_play_command, text, "warpchain study play DIR 12")
     parser.add_argument("folder", metavar="DIR", type=Path, help="a study's folder, or a search's")
@@ -434,6 +442,7 @@ def add_play_command(commands: Any) -> None:
 
 
 def study_play_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain study play`: plays one variant, run again if need be."""
     from warpchain.study.run.recordings import RepeatedRun, recording_of_variant
 
     found = recording_of_variant(arguments.folder, arguments.variant)

@@ -25,7 +25,7 @@ COLDEST, HOTTEST = -60.0, 300.0
 
 
 def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Rides the tensioner as asked, writes what was asked for, and returns the lines to print."""
+    """Rides a tensioner as asked, writes what was asked for, and returns the lines to print."""
     path: Path | None = arguments.output
     if path is not None and path.suffix not in FIGURE_ENDINGS + TABLE_ENDINGS:
         raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURE_ENDINGS + TABLE_ENDINGS)}")
@@ -40,7 +40,7 @@ def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
 
 def _ride_sines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """A ride for each frequency and viscosity: extremes and work of the last cycle, and the loops."""
+    """Rides a tensioner at each frequency and viscosity; returns lines on the last cycles."""
     shakes = _asked_shakes(arguments, arguments.frequency, arguments.viscosity or [None])
     path = arguments.output
     if path is not None and path.suffix in TABLE_ENDINGS and len(shakes) > 1:
@@ -64,7 +64,7 @@ def _ride_sines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
 
 def _ride_sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Rides over frequency or temperature: a line for each, and their figure or table."""
+    """Rides a tensioner over frequency or temperature; returns a line for each ride."""
     import numpy as np
 
     over_temperature = arguments.sweep == "temperature"
@@ -108,7 +108,7 @@ def _ride_sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 def _asked_shakes(
     arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float | None]
 ) -> list[Shake]:
-    """Every frequency with every viscosity; None is the drive's own."""
+    """Sines of every frequency with every viscosity; None is the drive's own oil."""
     from warpchain.engine.rig import Shake
 
     return [
@@ -119,6 +119,7 @@ def _asked_shakes(
 
 
 def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
+    """The range of --range or its default [Hz], [degrees C]."""
     low, high = arguments.range or SWEEP_RANGES[arguments.sweep]
     bottom, top = (0.0, math.inf) if arguments.sweep == "frequency" else (COLDEST, HOTTEST)
     if not bottom < low < high < top:
@@ -132,7 +133,7 @@ def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
 
 
 def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
-    """The drive's oil at each temperature [m^2/s]."""
+    """Viscosities of the drive's oil at temperatures [m^2/s]."""
     from warpchain.drive.viscosity import SWEPT_FROM, THICKEST, THINNEST, by_slope
     from warpchain.engine.rig import tensioner_of
 
@@ -148,18 +149,19 @@ def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: 
 
 
 def _ride_tensioner(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:
-    """Rides, with a bar where there are many."""
+    """Rides a tensioner through sines, with a bar where there are many."""
     from warpchain.engine.rig import shake
 
     return shake(drive, arguments.name, shakes, arguments.cycles, samples, progress=len(shakes) > 4)
 
 
 def _oil_text(viscosity: float | None) -> str:
+    """An oil's viscosity in words; None is the drive's oil."""
     return "the drive's oil" if viscosity is None else f"{1e6 * viscosity:.4g} mm\N{SUPERSCRIPT TWO}/s"
 
 
 def _ride_label(row: dict[str, Any], shakes: Sequence[Shake]) -> str:
-    """Label of a ride among others."""
+    """A ride's label among others, by frequency and oil."""
     words = []
     if len({one.frequency for one in shakes}) > 1:
         words.append(f"{row['frequency']:g} Hz")
@@ -169,7 +171,7 @@ def _ride_label(row: dict[str, Any], shakes: Sequence[Shake]) -> str:
 
 
 def _figure_title(arguments: argparse.Namespace) -> str:
-    """Title of a figure; a dollar in a name begins no formula."""
+    """Title of a tensioner's figure; a dollar in a name begins no formula."""
     name = arguments.name.replace("$", r"\$")
     return f"{name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm"
 
@@ -183,7 +185,7 @@ def _common_conditions_text(rides: pa.Table) -> str:
 
 
 def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
-    """A ride's last cycle, in four lines; a spring's in two."""
+    """Lines on a ride's last cycle: force, pressure, valve."""
     head = f"{row['frequency']:g} Hz, {1e3 * row['amplitude']:g} mm about {1e3 * row['extension']:g} mm"
     oil = not math.isnan(row["viscosity"])
     lines = [
@@ -202,7 +204,7 @@ def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
 
 
 def _sweep_lines(label: str, x: Sequence[float], axis: str, table: pa.Table, named: bool) -> list[str]:
-    """A sweep's curve as lines of a table."""
+    """Lines of a table of a sweep's rides."""
     head = "       Hz" if "Hz" in axis else "        C"
     lines = [label] if named else []
     lines.append(f"{head}   mm^2/s   force [N]           pressure [bar]    work [J]  leaked [mm^3]")
@@ -216,6 +218,7 @@ def _sweep_lines(label: str, x: Sequence[float], axis: str, table: pa.Table, nam
 
 
 def _add_temperature_column(rides: pa.Table, temperatures: Sequence[float], curves: int) -> pa.Table:
+    """A table of rides with their temperatures as first column."""
     import numpy as np
     import pyarrow as pa
 
