@@ -85,12 +85,12 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names, whether they have been imported yet or not."""
+    """The public names, whether imported yet or not."""
     return sorted(__all__)
 
 
 def _render_notebook(thing: Any) -> str:
-    """HTML of a drive, run or trajectory; loads what draws it when the first is shown."""
+    """HTML of a drive, run or trajectory; loads what draws it on first use."""
     return str(import_module("warpchain.view.notebook").notebook_html(thing))
 
 

@@ -1,7 +1,7 @@
-"""Checks of public functions' arguments by their annotations: one that does not fit ends in one line.
+"""Checks of public functions' arguments by their annotations; one that does not fit ends in one line.
 
-An annotation says what a value may be: a class, a union, a `Literal`, a tuple or sequence of such, or one of the kinds
-of numbers below. Numbers of numpy are numbers, its arrays are sequences, and neither True nor False is a number.
+An annotation is a class, a union, a `Literal`, a tuple or sequence of such, or one of the kinds of numbers below.
+Numbers of numpy are numbers, its arrays are sequences, and neither True nor False is a number.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ _PLAIN_KINDS: Mapping[Any, tuple[str, type]] = {
 
 
 def number_text(value: float) -> str:
-    """A number in a message, to 12 digits: without those of rounding that a computed one, such as 0.1 + 0.2, has."""
+    """A number in a message, to 12 digits, without rounding's last ones as of 0.1 + 0.2."""
     return repr(float(f"{value:.12g}"))
 
 
 class _ShortRepr(reprlib.Repr):
-    """Values in messages, cut short, floats of Python and numpy as `number_text`."""
+    """Values in messages, cut short, floats as `number_text` writes them."""
 
     def repr_float(self, value: float, level: int) -> str:
         return number_text(value)
@@ -67,7 +67,7 @@ _SHORT_REPR = _ShortRepr()
 
 
 def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[CheckedFunction], CheckedFunction]:
-    """Makes a function, or a dataclass, raise `error` for the first argument that its annotation does not allow.
+    """Decorator: a function or dataclass raises `error` for the first argument that its annotation does not allow.
 
     Args:
         error: raised with the line `NAME = VALUE: must be WHAT`.
@@ -100,7 +100,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
 
 
 def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction], CheckedFunction]:
-    """Makes a method of an index raise `error` where it is none of the object's `parts`, an attribute's name."""
+    """Decorator: a method of an index raises `error` where that is none of the object's `parts` (an attribute)."""
 
     def wrap(method: Any) -> Any:
         name = list(inspect.signature(method).parameters)[1]
@@ -122,7 +122,7 @@ def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction
 
 
 class _UnimportedType(type):
-    """An empty class for a name that is imported for type checkers only, and for what is in it."""
+    """An empty class for a name that only type checkers import, and for names in it."""
 
     def __getattr__(cls, name: str) -> Any:
         if name.startswith("_"):
@@ -131,7 +131,7 @@ class _UnimportedType(type):
 
 
 class _AnnotationNames(dict[str, Any]):
-    """Names in annotations."""
+    """Names for evaluating annotations: a module's, builtins, or an empty class."""
 
     def __missing__(self, name: str) -> Any:
         return getattr(builtins, name) if hasattr(builtins, name) else _UnimportedType(name, (), {})
@@ -187,5 +187,5 @@ def _is_sequence(value: Any) -> bool:
 
 
 def _is_no_number(value: Any) -> bool:
-    """Whether a value only counts as a number in Python, or has more digits than numbers of machines have."""
+    """Whether a value is True or False, or an integer of more than 63 bits."""
     return isinstance(value, bool) or (isinstance(value, int) and value.bit_length() > 63)

@@ -1,4 +1,4 @@
-"""The errors that warpchain raises for a user's mistake or a machine's refusal: each message is one clear line."""
+"""Errors that warpchain raises for a user's mistake or a machine's refusal, each message one clear line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class DriveError(WarpchainError):
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """The lines of the message: `key.path = value: what is allowed`, behind the file's name if there is one."""
+        """The lines of the message, `key.path = value: what is allowed`, behind the file's name if there is one."""
         return tuple(str(self).split("\n"))
 
 

@@ -1,4 +1,4 @@
-"""Packages that not every install has: asked for before work begins, in one line that says how to install them."""
+"""Packages that are extras of an install: asked for before work begins, in one line that says how to install them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXTRA_MODULES = {
 
 
 def install_command(extra: str) -> str:
-    """The command that adds an extra to this install: from its checkout, if it came from one."""
+    """The command that adds an extra to this install, from its checkout if it came from one."""
     try:
         origin = json.loads(distribution("warpchain").read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, ValueError):
@@ -40,12 +40,12 @@ def install_command(extra: str) -> str:
 
 
 def require_extra(extra: str, what: str, error: Callable[[str], Exception]) -> None:
-    """Checks that an extra's modules are installed, without importing them.
+    """Raises an error if an extra's modules are not installed, without importing them.
 
     Args:
         extra: one of `EXTRA_MODULES`.
         what: what needs it, for the message.
-        error: makes the error from the modules that are missing and the command that installs them.
+        error: makes the error from the message.
     """
     missing = [module for module in EXTRA_MODULES[extra] if find_spec(module) is None]
     if missing:

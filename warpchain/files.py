@@ -1,13 +1,11 @@
-"""Files written whole or not at all, by one writer at a time, and text read; what the file system refuses is one line.
+"""Files written whole or not at all, by one writer at a time, and text read; a refusal of the system is one line.
 
-A file is written under a temporary name in its own folder, flushed to the disk, and only then given its name, which the
-folder's flush makes last. Whoever reads that name, at any moment and after any end of the writing process, finds
-the old file whole, or the new one.
+A file is written under a temporary name in its own folder, flushed, and then given its name. Whoever reads that name,
+after any end of the writing process, finds the old file whole, or the new one.
 
-Who writes a name holds the lock of `.NAME.lock` beside it, which the system takes back when the process ends, however
-it ends; a second writer learns who that is. The temporary file is locked, too, so that what a killed process left can
-be distinguished from what is being written. File systems without locks (flock) do without; temporary names are
-still nobody else's.
+A writer holds the lock of `.NAME.lock` beside the name, which the system takes back when the process ends; a second
+writer learns who that is. The temporary file is locked too, so that what a killed process left can be told from what is
+being written. File systems without flock do without.
 """
 
 from __future__ import annotations
@@ -35,16 +33,15 @@ except ImportError:  # a system without flock
 WRITER_PATIENCE = 10.0
 """Seconds that writers of small files wait for one another."""
 MOST_BYTES = 64 << 20
-"""Bytes of a text or a drawing that is read, at most."""
+"""Most bytes of a text or a drawing that is read."""
 LONGEST_NAME = 255
-"""Bytes of a file's name, at most."""
+"""Most bytes of a file's name."""
 
 
 class WriteLock:
-    """The right to write a name, until `release` or the end of the process.
+    """The right to write a file's name, until `release` or the end of the process.
 
     Args:
-        path: the name.
         patience: how long to wait for another writer to end [s].
 
     Raises:
@@ -76,7 +73,7 @@ class WriteLock:
                     os.close(handle)
 
     def release(self) -> None:
-        """Gives the right back. Raises nothing, and may be called again."""
+        """Gives the right to write back. Raises nothing, and may be called again."""
         handle, self._handle = self._handle, None
         if handle is not None:
             try:
@@ -88,12 +85,13 @@ class WriteLock:
 
 
 def _writer_text() -> str:
+    """Words on the process that writes a file, for other writers."""
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return f"process {os.getpid()} on {socket.gethostname()} is writing it, since {now}"
 
 
 def _open_lock_file(path: Path) -> int:
-    """A lock's file, made where there is none; another user's is opened for reading alone."""
+    """Opens a lock's file, made where there is none; another user's for reading alone."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except PermissionError:
@@ -103,7 +101,7 @@ def _open_lock_file(path: Path) -> int:
 
 
 def _lock_open_file(handle: int) -> bool:
-    """Locks an open file; False if another one holds it. A file system without locks always agrees."""
+    """Locks an open file; False if another process holds it. A file system without locks always agrees."""
     if fcntl is None:
         return True
     try:
@@ -124,7 +122,7 @@ def _has_name(handle: int, path: Path) -> bool:
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a process that still runs writes a temporary file, or holds a lock's."""
+    """Whether a running process writes a temporary file, or holds a lock's file."""
     if fcntl is None:
         return True
     try:
@@ -141,7 +139,7 @@ def is_being_written(path: Path) -> bool:
 
 
 def remove_leftovers(paths: Iterable[Path]) -> None:
-    """Removes temporary files and locks that no process holds any more. Raises nothing."""
+    """Removes temporary files and locks that no process holds. Raises nothing."""
     for path in paths:
         with contextlib.suppress(OSError):
             handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -178,7 +176,7 @@ def target_of_path(path: Path) -> Path:
 
 
 def _check_regular(kind: int) -> None:
-    """Refuses the mode of what is no regular file."""
+    """Raises an error for the mode of what is no regular file."""
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(kind):
@@ -186,7 +184,7 @@ def _check_regular(kind: int) -> None:
 
 
 def open_regular_file(path: str | os.PathLike[str]) -> int:
-    """Opens a regular file to read, and nothing that could wait or go on for ever; returns its number.
+    """Opens a regular file to read, nothing that could block, and returns its descriptor.
 
     Raises:
         OSError: a folder, a device, a FIFO, or what the system refuses.
@@ -201,7 +199,7 @@ def open_regular_file(path: str | os.PathLike[str]) -> int:
 
 
 def temporary_name(path: Path, hidden: bool = True) -> Path:
-    """A temporary name that no other writer has, in whatever container it runs; see `PARTIAL_PATTERN`."""
+    """A temporary name beside a path that no other writer has, in any container; see `PARTIAL_PATTERN`."""
     token = f"{os.getpid()}-{secrets.token_hex(8)}"
     return path.with_name(f".{path.name[:40]}.{token}.partial" if hidden else f"{path.name}.{token}.partial")
 
@@ -213,12 +211,12 @@ LEFTOVER_PATTERN = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL_PATTE
 
 
 class WholeFile:
-    """A file being written under a temporary name, which `finish` turns into its own and `drop` removes.
+    """A file written under a temporary name, which `finish` turns into its own and `drop` removes.
 
     Args:
         path: its name when whole.
         overwrite: replace a file of that name; without it, of several processes the first one to finish decides.
-        hidden: whether the temporary name begins with a dot; one that users may look for does not.
+        hidden: whether the temporary name begins with a dot.
         patience: how long to wait for another writer of the name [s]; None if the caller holds its lock.
 
     Attributes:
@@ -241,7 +239,7 @@ class WholeFile:
             raise
 
     def _open_temporary(self, hidden: bool) -> tuple[Path, IO[bytes]]:
-        """Opens a temporary file, and locks it before any other process could take it for one that was left."""
+        """Opens a temporary file, locked before another process could take it for a leftover."""
         while True:
             partial = temporary_name(self.path, hidden)
             stream = partial.open("xb")
@@ -250,6 +248,7 @@ class WholeFile:
             stream.close()
 
     def _release_lock(self) -> None:
+        """Gives the right to write the name back."""
         if self._lock is not None:
             self._lock.release()
 
@@ -291,7 +290,7 @@ def _rename_unless_taken(partial: Path, path: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flushes a folder's entries, where the system lets one open it."""
+    """Flushes a folder's entries to the disk, where the system lets one open it."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
@@ -304,9 +303,9 @@ def _sync_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Iterator[IO[bytes]]:
-    """A file to be written in a `with` block, whose end gives it its name; an error leaves what was there before.
+    """A binary file to write in a `with` block, whose end gives it its name; an error leaves the old file.
 
-    Its `name` is the temporary one, for those that write by path. See `WholeFile` for arguments and errors.
+    Its `name` is the temporary one. `WholeFile` has the arguments and errors.
     """
     file = WholeFile(path, overwrite, patience=patience)
     try:
@@ -317,14 +316,14 @@ def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Ite
 
 
 def write_text_file(path: Path, text: str, overwrite: bool = True) -> None:
-    """Writes a text file (UTF-8, lines as they stand), after others that write it; see `WholeFile`."""
+    """Writes a text file (UTF-8) whole, after others that write it; `WholeFile` has the errors."""
     with whole_file(path, overwrite, WRITER_PATIENCE) as file:
         file.write(text.encode())
 
 
 @contextlib.contextmanager
 def refusals_as_errors(path: str | Path, error: type[Exception]) -> Iterator[None]:
-    """Turns a file system's refusal to write into an error of one line: `PATH: cannot be written (File too large)`."""
+    """Turns a system's refusal to write into an error of one line: `PATH: cannot be written (File too large)`."""
     try:
         yield
     except OSError as refused:
@@ -336,12 +335,12 @@ def refusals_as_errors(path: str | Path, error: type[Exception]) -> Iterator[Non
 
 
 def refusal_reason(error: Exception) -> str:
-    """Why the system or a library refused, in a few words on one line; the error's kind where it says nothing."""
+    """Why the system or a library refused, in a few words; the error's kind where it says nothing."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def read_regular_file(path: str | os.PathLike[str]) -> bytes:
-    """The bytes of a regular file, of which there are `MOST_BYTES` at most.
+    """The bytes of a regular file, `MOST_BYTES` at most.
 
     Raises:
         OSError: another or a larger file, or what the system refuses.
@@ -353,7 +352,7 @@ def read_regular_file(path: str | os.PathLike[str]) -> bytes:
 
 
 def check_file_size(path: str | os.PathLike[str]) -> None:
-    """Refuses what `read_regular_file` refuses, without reading it: for a library that reads the file by its name.
+    """Raises an error for a file that `read_regular_file` refuses, without reading it.
 
     Raises:
         OSError: as `read_regular_file`.
@@ -363,6 +362,7 @@ def check_file_size(path: str | os.PathLike[str]) -> None:
 
 
 def _check_byte_count(length: int) -> None:
+    """Raises an error for a file of more than `MOST_BYTES`."""
     if length > MOST_BYTES:
         raise OSError(errno.EFBIG, f"it is larger than {MOST_BYTES} bytes")
 
@@ -380,10 +380,9 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def read_text_file(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
-    """A regular file's text (UTF-8, with or without a byte order mark), line ends as they stand.
+    """The text of a regular file (UTF-8, with or without a byte order mark), line ends as they are.
 
     Args:
-        path: the file.
         kind: what it should be, such as "TOML", for the error's line.
         error: makes the error from `cannot be read: REASON` or `not KIND: byte N is not UTF-8`.
     """

@@ -1,4 +1,4 @@
-"""Garbage collection less often while modules load and drives are made."""
+"""Rarer garbage collection while modules load and drives are made."""
 
 from __future__ import annotations
 
@@ -12,11 +12,7 @@ RARE_THRESHOLD = 50_000
 
 @contextmanager
 def rare_collections() -> Iterator[None]:
-    """Collect garbage less often.
-
-    While modules load and thousands of drives are made there is none, and looking takes a seventh of a start, and a
-    third of what a study does beside its run.
-    """
+    """Collects garbage less often in a `with` block, which saves a seventh of a start."""
     usual = gc.get_threshold()
     if usual[0] == 0 or usual[0] >= RARE_THRESHOLD:  # the caller's wish, or of a call that this one is inside
         yield

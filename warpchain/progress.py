@@ -1,4 +1,4 @@
-"""Progress of long work: a bar with percent and time left, or a function of the caller's."""
+"""Progress of long work: a bar, or a function of the caller's; and an orderly end on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from contextlib import contextmanager
 from typing import Any
 
 ProgressReport = Callable[[str, float, float], None]
-"""Called with (phase, done, total): a key of `PHASES`, how much of it is done and how much there is, in its unit."""
+"""Function called with (phase, done, total): a key of `PHASES`, how much is done and how much there is."""
 Progress = bool | ProgressReport
-"""What functions take as `progress`: False shows nothing, True a bar; a function is called as `ProgressReport` says."""
+"""What functions take as `progress`: False shows nothing, True a bar; a `ProgressReport` is called."""
 
 COMPILING, RUNNING, RECORDING = "compiling", "running", "recording"
-"""The phases in which kernels are compiled, and variants of a study run and recorded in a second pass."""
+"""Phases: kernels are compiled, variants of a study run, and are recorded in a second pass."""
 BAR_TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
-"""The words of a bar."""
+"""The words of a progress bar."""
 PHASES: dict[str, dict[str, Any]] = {
     COMPILING: {
         "name": "compiling kernels (first run of this kind of drive only)",
@@ -36,11 +36,11 @@ PHASES: dict[str, dict[str, Any]] = {
     RUNNING: {"unit": "variants"},
     RECORDING: {"name": "recording the worst", "unit": "variants"},
 }
-"""Settings of `progress_bar` for the phases of runs and of other long work."""
+"""Settings of `progress_bar` for each phase of long work."""
 
 
 class ProgressLines:
-    """A bar for what is no terminal, such as a job's log: a line every `LINE_INTERVAL` seconds, and none of quick work.
+    """A progress bar for what is no terminal: a line every `LINE_INTERVAL` seconds, none of quick work.
 
     Attributes:
         n: how much is done.
@@ -55,7 +55,7 @@ class ProgressLines:
         self.printed = self.start_t - (LINE_INTERVAL if few else 0.0)
 
     def update(self, more: float) -> None:
-        """Notes that more is done."""
+        """Notes that more is done; prints a line when it is time."""
         self.n += more
         now = time.monotonic()
         if now - self.printed >= LINE_INTERVAL:
@@ -70,7 +70,7 @@ class ProgressLines:
             print(line, file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Ends it."""
+        """Ends the progress, as `tqdm` does."""
 
     def __enter__(self) -> ProgressLines:
         return self
@@ -96,13 +96,13 @@ def duration_text(seconds: float) -> str:
 def progress_bar(
     total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
 ) -> Any:
-    """A bar on standard error, with `update`, `n` and `close`; lines where that is no terminal.
+    """A progress bar on standard error, with `update`, `n` and `close`; lines where that is no terminal.
 
     Args:
         total, initial: how much there is to do, and is done before.
         name, unit: of the work, and of `total`.
         text: words before the bar, of `desc`, `percentage`, `n`, `total` and `unit`.
-        few: the work has few parts, each of which takes long: it is told at once, and no time left, which none knows.
+        few: the work has few long parts: the bar starts at once, without a time left.
     """
     if not sys.stderr.isatty():
         return ProgressLines(total, name, unit, initial, text, few)
@@ -113,13 +113,13 @@ def progress_bar(
 
 
 def ignore_progress(phase: str, done: float, total: float) -> None:
-    """A report that nobody hears."""
+    """A `ProgressReport` that does nothing."""
 
 
 def partial_report(report: ProgressReport, phase: str, begin: float, end: float, total: float = 1.0) -> ProgressReport:
-    """A report for one part of some work, which tells the work that goes from `begin` to `end` meanwhile.
+    """A `ProgressReport` for one part of some work, which goes from `begin` to `end` of `total` meanwhile.
 
-    Kernels that are compiled are told as they are.
+    Kernels that are compiled are reported as they are.
     """
 
     def report_part(part: str, done: float, size: float) -> None:
@@ -133,10 +133,9 @@ def partial_report(report: ProgressReport, phase: str, begin: float, end: float,
 
 @contextmanager
 def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[ProgressReport]:
-    """A function to call as work goes on: shows nothing (False), a bar (True), or passes on to the caller's own.
+    """A function to call as work goes on, in a `with` block: it shows nothing, a bar, or calls the user's.
 
     Args:
-        progress: which.
         settings: of bars, by phases, in place of those of `PHASES`.
     """
     if callable(progress):
@@ -170,13 +169,9 @@ def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iter
 
 
 class StopRequest:
-    """Whether the user asked to stop; as handler of a signal it takes the first for that, and a second one interrupts.
+    """Whether the user asked to stop; as a signal's handler it notes the first Ctrl-C, a second one interrupts.
 
-    An exception in the midst of anything may be lost: code in C that calls Python takes it for an error of its own, or
-    goes on without it.
-
-    Attributes:
-        asked: whether the user asked to stop, here or around it.
+    An exception in the midst of anything may be lost, such as in C code that calls Python.
     """
 
     def __init__(self, around: StopRequest | None = None) -> None:
@@ -184,10 +179,11 @@ class StopRequest:
 
     @property
     def asked(self) -> bool:
+        """Whether the user asked to stop, here or in a block around it."""
         return self._asked or (self._around is not None and self._around.asked)
 
     def ask(self) -> None:
-        """Ends the work at its next look."""
+        """Asks the work to stop at its next check."""
         self._asked = True
 
     def __call__(self, signum: int, frame: object) -> None:
@@ -198,7 +194,7 @@ class StopRequest:
 
 @contextmanager
 def interruptible_work() -> Iterator[StopRequest]:
-    """Makes the first Ctrl-C a request that work checks between its parts; a second one interrupts at once.
+    """Makes the first Ctrl-C in a `with` block a request that work checks between its parts.
 
     Within another such block the request is to both. In a thread other than the main one, and where a shell had the
     signal ignored, signals are left as they are.
@@ -218,10 +214,10 @@ def interruptible_work() -> Iterator[StopRequest]:
 
 
 def completed_futures(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
-    """Futures as they are done; between them it is looked whether the user asked to stop.
+    """Futures as they are done, with checks between them for a request to stop.
 
     Raises:
-        KeyboardInterrupt: the user did.
+        KeyboardInterrupt: the user asked to stop.
     """
     left = set(futures)
     while left:
@@ -231,10 +227,10 @@ def completed_futures(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
 
 
 def raise_if_stopped() -> None:
-    """Between two parts of work in an `interruptible_work` block: ends it if the user asked to stop.
+    """Ends work in an `interruptible_work` block if the user asked to stop.
 
     Raises:
-        KeyboardInterrupt: the user did.
+        KeyboardInterrupt: the user asked to stop.
     """
     handler = signal.getsignal(signal.SIGINT)
     if isinstance(handler, StopRequest) and handler.asked:

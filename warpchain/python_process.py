@@ -1,7 +1,6 @@
-"""Another Python process that runs a module of this package.
+"""Another Python process that runs a module of this package, on one core and without a GPU.
 
-It imports what this one does, sees no GPU, which it would reserve, and takes one core. It does not import the program
-that runs here, as those of `multiprocessing` do, so that a script needs no guard around what it calls.
+It does not import the program that runs here, as those of `multiprocessing` do, so scripts need no guard.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import subprocess
 import sys
 
 ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""What keeps the libraries below numpy to one core."""
+"""Environment that keeps the libraries below numpy to one core."""
 
 
 def can_start_python() -> bool:
@@ -20,7 +19,7 @@ def can_start_python() -> bool:
 
 
 def start_python(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
-    """A process that runs a module of this package and reads from its standard input.
+    """Starts a process that runs a module of this package and reads from its standard input.
 
     Args:
         answers: its standard output, as `subprocess.Popen` takes it.

@@ -1,8 +1,8 @@
-"""The installed version."""
+"""The installed version of warpchain."""
 
 from importlib.metadata import version
 
 
 def installed_version() -> str:
-    """warpchain's version."""
+    """The installed version of warpchain."""
     return version("warpchain")
