@@ -36,7 +36,7 @@ from pyarrow import parquet
 
 from warpchain import ArchiveOptions, Drive, Record, read_archive, run_study, simulate, write_archive
 from warpchain.archive.archive_format import TOPICS
-from warpchain.archive.mcap_read import RECORD, records
+from warpchain.archive.mcap_read import RECORD_HEAD, iterate_records
 from warpchain.archive.recover import recover_archive
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.timestep import resolve_step
@@ -233,7 +233,7 @@ def changed_records(draw: Draw, data: bytes) -> bytes:
         if draw(st.booleans()):
             out[-12:-8] = struct.pack("<I", zlib.crc32(out[start:-12]))
         return bytes(out)
-    pieces = [data[begin - RECORD.size : end] for _, begin, end in records(data[:start], 8)]
+    pieces = [data[begin - RECORD_HEAD.size : end] for _, begin, end in iterate_records(data[:start], 8)]
     i, j = draw(below(len(pieces))), draw(below(len(pieces)))
     match draw(below(3)):
         case 0:

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 import warpchain
 from warpchain import ArchiveOptions, Record, files, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
+from warpchain.archive.archive_names import unfinished_files
 from warpchain.archive.export import export
-from warpchain.archive.file_set import cut_files
-from warpchain.archive.mcap_write import McapFile
+from warpchain.archive.mcap_write import McapWriter
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.files import read_text_file, refusals_as_errors, whole_file, write_text_file
 from warpchain.study.store import write_study_text as write_study_text
@@ -233,7 +233,7 @@ def test_a_killed_writer_holds_nothing_and_its_file_stays(tmp_path):
         assert process.stdout.readline() == b"writing\n"
         with pytest.raises(OSError, match=f"process {process.pid} on"):
             write_text_now(path, "mine")
-        (left,) = cut_files(path)
+        (left,) = unfinished_files(path)
         assert files.is_being_written(left)
         files.remove_leftovers([left, *tmp_path.glob(".*")])
         assert left.read_bytes() == b"to be recovered"
@@ -284,7 +284,7 @@ def test_only_files_are_replaced(tmp_path):
 
 def test_an_archive_that_appears_meanwhile_stays(run, tmp_path):
     path = tmp_path / "a.mcap"
-    file = McapFile(path, "test", overwrite=False)
+    file = McapWriter(path, "test", overwrite=False)
     path.write_text("mine")
     with pytest.raises(ArchiveError, match=r"a\.mcap: exists already; give another name, or overwrite=True"):
         file.finish()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from warpchain.archive.archive_format import END_METADATA, MESSAGES
+from warpchain.archive.archive_format import END_METADATA, MESSAGE_FIELDS
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -57,7 +57,7 @@ def resolves(name):
 
 def names(text):
     """Dotted names of the package that a document gives in backquotes or imports; not those within archives."""
-    within = (*MESSAGES, END_METADATA)
+    within = (*MESSAGE_FIELDS, END_METADATA)
     found = [word for span in re.findall(r"`([^`\n]+)`", text) for word in re.findall(r"\bwarpchain(?:\.\w+)+", span)]
     for module, members in re.findall(r"^ *from (warpchain[\w.]*) import (.+)$", text, re.M):
         found += [f"{module}.{member.strip()}" for member in members.split("#")[0].split(",")]

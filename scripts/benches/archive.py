@@ -19,7 +19,7 @@ from common.timing import least
 
 from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
 from warpchain.archive import mcap_write
-from warpchain.archive.archive_format import message_type
+from warpchain.archive.archive_format import message_class
 from warpchain.results.run import Run
 
 COMPRESSIONS = ("none", "lz4", "zstd")
@@ -63,7 +63,7 @@ def write_foxglove(path: Path, messages: Messages, variants: int, compression: s
     path.unlink(missing_ok=True)
     kind = {"zstd": MCAPCompression.Zstd, "lz4": MCAPCompression.Lz4, "none": None}[compression]
     options = MCAPWriteOptions(compression=kind, chunk_size=CHUNK, compression_threads=0)
-    parse = message_type("foxglove.PointCloud").FromString
+    parse = message_class("foxglove.PointCloud").FromString
     clouds = {stamp: parse(data) for topic, stamp, data in messages if topic == "rollers"}
     first = next(iter(clouds.values()))
     kinds = {1: PackedElementFieldNumericType.Uint8, 8: PackedElementFieldNumericType.Float64}

@@ -137,11 +137,13 @@ def test_descriptors_are_those_that_foxglove_publishes():
     messages = pytest.importorskip("foxglove.messages")
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-    from warpchain.archive.archive_format import message_type, schema_bytes
+    from warpchain.archive.archive_format import descriptor_set_bytes, message_class
 
     for name in ("foxglove.PointCloud", "foxglove.SceneUpdate"):
         published = FileDescriptorSet.FromString(getattr(messages, name.split(".")[1]).get_schema().data)
-        mine = {file.name: file for file in FileDescriptorSet.FromString(schema_bytes(message_type(name))).file}
+        mine = {
+            file.name: file for file in FileDescriptorSet.FromString(descriptor_set_bytes(message_class(name))).file
+        }
         assert published.file
         for file in published.file:
             for field in (*file.message_type[0].field, *mine[file.name].message_type[0].field):

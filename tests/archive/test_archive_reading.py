@@ -13,9 +13,9 @@ from archives import assert_same, unlike
 from drives import example
 
 from warpchain import ArchiveOptions, Record, Trajectory, read_archive, simulate, write_archive
-from warpchain.archive.file_parts import Parts
+from warpchain.archive.archive_parts import ArchiveParts
 from warpchain.archive.mcap_read import McapIndex
-from warpchain.archive.mcap_write import Chunk, McapFile
+from warpchain.archive.mcap_write import McapWriter, PackedChunk
 from warpchain.errors import ArchiveError, SimulationError, WarpchainError
 from warpchain.results.channels import CHANNEL, UNITS
 
@@ -30,21 +30,21 @@ def archive(request, run, tmp_path_factory):
     split = request.param == "split"
     options = ArchiveOptions(split_size=100_000) if split else ArchiveOptions(compression=request.param)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("warpchain.archive.writer.CHUNK", 2**16)
+        patch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**16)
         return write_archive(run, tmp_path_factory.mktemp("read") / "a.mcap", options=options)
 
 
 @pytest.fixture
 def chunks_read(monkeypatch):
     """The chunks that a test reads."""
-    read, plain = [], McapIndex.chunk
-    monkeypatch.setattr(McapIndex, "chunk", lambda self, entry: (read.append(entry), plain(self, entry))[1])
+    read, plain = [], McapIndex.read_chunk
+    monkeypatch.setattr(McapIndex, "read_chunk", lambda self, entry: (read.append(entry), plain(self, entry))[1])
     return read
 
 
 def test_opening_reads_no_chunk_and_no_drive(archive, chunks_read, monkeypatch):
-    attached, plain = [], McapIndex.attachment
-    monkeypatch.setattr(McapIndex, "attachment", lambda self, name: (attached.append(name), plain(self, name))[1])
+    attached, plain = [], McapIndex.read_attachment
+    monkeypatch.setattr(McapIndex, "read_attachment", lambda self, name: (attached.append(name), plain(self, name))[1])
     back = read_archive(archive)
     assert len(back) == len(back.drives) == 2
     assert chunks_read == []
@@ -82,7 +82,7 @@ def test_a_time_range_touches_only_its_chunks(archive, run, chunks_read):
         np.testing.assert_array_equal(part.tension, run[0].tension[wanted])
         np.testing.assert_array_equal(part.sprocket_angle, run[0].sprocket_angle[wanted])
         assert part.position is None
-        per_chunk = 2**16 // back.trajectories.layout(0).size
+        per_chunk = 2**16 // back.trajectories.chunk_layout(0).frame_bytes
         assert len(chunks_read) <= wanted.sum() / per_chunk + 2
     with pytest.raises(SimulationError, match="channels: 'colour' is unknown"):
         back.read(0, channels=["colour"])
@@ -129,12 +129,12 @@ def test_chunks_that_another_program_wrote_anew_are_read_too(run, tmp_path):
     np.testing.assert_array_equal(back.read(0, 0.001, 0.0012).time, read_archive(path).read(0, 0.001, 0.0012).time)
 
 
-class Sparse(McapFile):
+class Sparse(McapWriter):
     """Leaves holes in the file where chunks' data would be."""
 
     def _put(self, data):
         if len(data) < 2**20 or data[0] != 0:
-            return super()._put(data)
+            return super()._write_bytes(data)
         at, self._at = self._at, self._at + len(data)
         self._file.stream.seek(self._at)
         return at
@@ -142,18 +142,18 @@ class Sparse(McapFile):
 
 @pytest.mark.long
 def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpchain.archive.file_set.McapFile", Sparse)
+    monkeypatch.setattr("warpchain.archive.archive_names.McapWriter", Sparse)
     variants, data = 2500, bytes(4 * 2**20)
-    layout = read_archive(write_archive(run, tmp_path / "a.mcap")).trajectories.layout(0)
+    layout = read_archive(write_archive(run, tmp_path / "a.mcap")).trajectories.chunk_layout(0)
     drives = [run.drives[0]] * variants
-    monkeypatch.setattr("warpchain.archive.file_parts.dumps_drive", lambda drive: "# a drive\n" * 100)
-    parts = Parts(tmp_path / "big.mcap", drives, range(variants), run.info, ArchiveOptions(), False, False)
-    part = parts.part(0)
+    monkeypatch.setattr("warpchain.archive.archive_parts.dumps_drive", lambda drive: "# a drive\n" * 100)
+    parts = ArchiveParts(tmp_path / "big.mcap", drives, range(variants), run.info, ArchiveOptions(), False, False)
+    part = parts.part_for_chunk(0)
     for variant in range(variants):
-        part.open_variant(variant, variant, layout.form, run.drives[0], {})
+        part.open_variant(variant, variant, layout.content, run.drives[0], {})
         for _ in range(4):
             index = {6 * variant + k + 1: np.zeros((50, 2), dtype=np.uint64) for k in range(3)}
-            part.file.chunk(Chunk("", data[: 2**20], 2**20, 0, 0, 0, index))
+            part.file.add_chunk(PackedChunk("", data[: 2**20], 2**20, 0, 0, 0, index))
     parts.finish(run.metrics.take([0] * variants), run.info)
     assert os.stat(tmp_path / "big.mcap").st_size > 10e9
     pread, read = os.pread, []

@@ -18,7 +18,7 @@ from waiting import bytes_in, wait_for
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
-from warpchain.archive.mcap_write import McapFile
+from warpchain.archive.mcap_write import McapWriter
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, WarpchainError
 
@@ -32,7 +32,7 @@ def run():
 def whole(run, tmp_path_factory):
     """An archive of many chunks, and where each of them ends."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("warpchain.archive.writer.CHUNK", 2**16)
+        patch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**16)
         path = write_archive(run, tmp_path_factory.mktemp("whole") / "a.mcap")
     file = read_archive(path).trajectories.files[0]
     assert len(file.chunks) > 20
@@ -154,7 +154,7 @@ def check_recovered(path, run, result, cut):
         assert kept.sum() == len(found.time)
         for name, values in found.channels().items():
             np.testing.assert_array_equal(values, getattr(run[variant], name)[kept], err_msg=name)
-    if result.complete and not cut and not result.lost:
+    if result.is_complete and not cut and not result.lost:
         assert counts == {variant: len(run[variant].time) for variant in run}
         assert back.info.step == run.info.step
         assert back.info.created == run.info.created
@@ -179,7 +179,7 @@ def test_one_flipped_bit_never_gives_a_variant_anothers_frames(pair, tmp_path, c
         except ArchiveError:
             refused += 1
             continue
-        told += not result.complete
+        told += not result.is_complete
         check_recovered(tmp_path / "c.mcap", run, result, cut)
     assert told > 5
     if not cut:
@@ -224,7 +224,7 @@ def test_a_topic_that_names_another_variant_is_not_believed(pair, tmp_path, monk
         cut = data if whole else data[: summary_start(data)]
         result, back = recovered(flip(cut, b"/variant/00001/state", len("/variant/0000")))
         assert list(back) == ([0, 1] if whole else [0])
-        assert result.complete == whole
+        assert result.is_complete == whole
         for variant in back:
             np.testing.assert_array_equal(back[variant].position, run[variant].position)
         if not whole:
@@ -264,10 +264,10 @@ def old_archive(run, folder, monkeypatch):
     from warpchain.archive import mcap_write
 
     with monkeypatch.context() as patch:
-        patch.setattr(mcap_write, "of_channel", lambda *_: "")
-        patch.setattr(mcap_write, "of_metadata", lambda *_: "")
-        patch.setattr(schema, "with_head", lambda end, head: dict(end))
-        patch.setattr(mcap_write, "_bytes", undigested(mcap_write._bytes))
+        patch.setattr(mcap_write, "channel_digest", lambda *_: "")
+        patch.setattr(mcap_write, "metadata_digest", lambda *_: "")
+        patch.setattr(schema, "end_with_start_copy", lambda end, head: dict(end))
+        patch.setattr(mcap_write, "_record_bytes", undigested(mcap_write._record_bytes))
         return write_archive(run, folder / "old.mcap").read_bytes()
 
 
@@ -287,7 +287,7 @@ def test_archives_without_digests_are_read_and_recovered(pair, tmp_path, monkeyp
     assert_same(run, read_archive(tmp_path / "old.mcap"))
     for broken in (data, data[: summary_start(data)]):
         result, back = recovered(broken)
-        assert result.complete
+        assert result.is_complete
         assert_same(run, back)
     assert b"digest" in (tmp_path / "c.mcap").read_bytes()
 
@@ -383,7 +383,7 @@ def test_full_disk_when_written_afterwards_leaves_nothing(run, tmp_path):
 
 
 def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**16)
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**16)
     with small_disk(400_000), pytest.raises(ArchiveError) as caught:
         simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
     (left,) = tmp_path.iterdir()
@@ -398,8 +398,8 @@ def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, monkeypat
 def test_a_full_disk_under_a_split_archive_names_what_is_whole(run, tmp_path, monkeypatch, whole, chunks):
     """Parts that are whole stay with what there is of the last one; the archive's name and the first part's restore
     them."""
-    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**15)
-    monkeypatch.setattr(McapFile, "chunk", full_after(whole, chunks))
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**15)
+    monkeypatch.setattr(McapWriter, "add_chunk", full_after(whole, chunks))
     options = ArchiveOptions(split_size=100_000, encoders=1)
     with pytest.raises(ArchiveError, match="No space left on device") as caught:
         simulate(run.drives, record=Record(rate=1e5), archive=tmp_path / "a.mcap", archive_options=options)
@@ -415,11 +415,11 @@ def test_a_full_disk_under_a_split_archive_names_what_is_whole(run, tmp_path, mo
 
 
 def full_after(parts, chunks):
-    """`McapFile.chunk` on a disk that has room for so many parts, and so many chunks of the next one."""
-    plain = McapFile.chunk
+    """`McapWriter.add_chunk` on a disk that has room for so many parts, and so many chunks of the next one."""
+    plain = McapWriter.add_chunk
 
     def write(file, chunk):
-        if f".part{parts:04d}." in file.path.name and file.chunks == chunks:
+        if f".part{parts:04d}." in file.path.name and file.chunks_written == chunks:
             raise ArchiveError(f"{file.path}: cannot be written (No space left on device)")
         plain(file, chunk)
 
@@ -429,16 +429,16 @@ def full_after(parts, chunks):
 @pytest.mark.parametrize("moment", ["take", "finish"])
 def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, capsys, moment):
     """It ends the run at once, while frames are taken or while the archive is ended, and costs no more than kill -9."""
-    from warpchain.archive.file_parts import Parts
+    from warpchain.archive.archive_parts import ArchiveParts
     from warpchain.engine.recorder import Recorder
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**14)
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**14)
     monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
     if moment == "finish":
-        monkeypatch.setattr(Parts, "finish", interrupted)
+        monkeypatch.setattr(ArchiveParts, "finish", interrupted)
     else:
         plain, left = Recorder.take, [3]
 
@@ -446,7 +446,7 @@ def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, caps
             left[0] -= 1
             plain(*words)
             if not left[0]:
-                words[0]._archive._send_all()
+                words[0]._archive._send_all_waiting()
                 wait_for(lambda: bytes_in(tmp_path) > 30_000)
                 interrupted()
 

@@ -14,8 +14,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from warpchain import Record, read_archive, simulate, write_archive
-from warpchain.archive.file_parts import _arrow_bytes
-from warpchain.archive.recover import _Copy, recover_archive
+from warpchain.archive.archive_parts import _arrow_bytes
+from warpchain.archive.recover import _FileCopy, recover_archive
 from warpchain.errors import ArchiveError, WarpchainError
 
 
@@ -102,7 +102,7 @@ def test_whatever_the_writer_leaves_out_the_run_is_the_same(run, archive, tmp_pa
     np.testing.assert_array_equal(part.time, whole.time)
     np.testing.assert_array_equal(part.position, whole.position)
     result = recover_archive(other, tmp_path / "c.mcap")
-    assert result.complete and not result.lost
+    assert result.is_complete and not result.lost
     assert result.frames == {variant: len(run[variant].time) for variant in run}
     assert_same(run, read_archive(tmp_path / "c.mcap"))
 
@@ -112,7 +112,7 @@ def test_messages_without_numbers_are_counted(run, archive, tmp_path, options):
     """`sequence` is optional in MCAP, too: frames are told apart by their times."""
     other = rewrite(archive, tmp_path / "b.mcap", counted=False, **OPTIONS[options])
     assert_same(run, read_archive(other))
-    assert recover_archive(other, tmp_path / "c.mcap").complete
+    assert recover_archive(other, tmp_path / "c.mcap").is_complete
     assert_same(run, read_archive(tmp_path / "c.mcap"))
 
 
@@ -140,7 +140,7 @@ def check_told(path, run, folder):
             for variant in run:
                 frames = back[variant].channels()
                 kept = np.isin(run[variant].time, back[variant].time)
-                assert kept.all() or (result and not result.complete)
+                assert kept.all() or (result and not result.is_complete)
                 for name, values in frames.items():
                     np.testing.assert_array_equal(values, getattr(run[variant], name)[kept], err_msg=name)
         except WarpchainError as error:
@@ -210,9 +210,9 @@ def test_mixed_messages_are_sorted_in_bounded_memory(run, archive, tmp_path, mon
         held.append(sum(map(len, copy._mixed.values())))
         plain(copy, owners)
 
-    plain = _Copy._write_mixed
-    monkeypatch.setattr(_Copy, "_write_mixed", noting)
-    monkeypatch.setattr("warpchain.archive.recover.MOST_MIXED", 2**14)
+    plain = _FileCopy._write_mixed_chunks
+    monkeypatch.setattr(_FileCopy, "_write_mixed_chunks", noting)
+    monkeypatch.setattr("warpchain.archive.recover.MOST_MIXED_BYTES", 2**14)
     rewrite(archive, tmp_path / "b.mcap")
     assert_same(run, read_archive(recover_archive(tmp_path / "b.mcap", tmp_path / "whole.mcap").path))
     assert len(held) > 4 and max(held) < 2**17  # the bound, a chunk, and a message that exceeds it

@@ -18,7 +18,7 @@ from waiting import wait_for
 
 from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveWriter
-from warpchain.archive.ordered_work import Pipeline
+from warpchain.archive.ordered_work import OrderedWork
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.engineering_report import handed_in
@@ -32,7 +32,7 @@ def run():
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr("warpchain.archive.writer.CHUNK", 2**16)
+    monkeypatch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**16)
 
 
 def test_results_are_handed_on_in_order_whatever_the_work_takes():
@@ -45,9 +45,9 @@ def test_results_are_handed_on_in_order_whatever_the_work_takes():
         ended[job].set()
         return job
 
-    pipeline = Pipeline(work, out.append, threads=4, room=8)
+    pipeline = OrderedWork(work, out.append, threads=4, room=8)
     for job in range(100):
-        pipeline.put(job)
+        pipeline.submit_job(job)
     pipeline.close()
     assert finished[:8] == [3, 2, 1, 0, 7, 6, 5, 4]
     assert out == list(range(100))
@@ -55,11 +55,11 @@ def test_results_are_handed_on_in_order_whatever_the_work_takes():
 
 def test_no_more_jobs_are_under_way_than_there_is_room():
     gates, taken, handed, most = [threading.Event() for _ in range(50)], [], [], []
-    pipeline = Pipeline(lambda job: gates[job].wait(60), lambda result: handed.append(result), threads=2, room=3)
+    pipeline = OrderedWork(lambda job: gates[job].wait(60), lambda result: handed.append(result), threads=2, room=3)
 
     def feed():
         for job in range(50):
-            pipeline.put(job)
+            pipeline.submit_job(job)
             taken.append(job)
             most.append(len(taken) - len(handed))
 
@@ -85,10 +85,10 @@ def test_an_error_comes_out_on_the_callers_side(place):
         return job
 
     work, sink = (fail, done.append) if place == "work" else (lambda job: job, lambda job: done.append(fail(job)))
-    pipeline = Pipeline(work, sink, threads=2, room=4)
+    pipeline = OrderedWork(work, sink, threads=2, room=4)
     with pytest.raises(OSError, match="No space left"):
         for job in range(10_000):
-            pipeline.put(job)
+            pipeline.submit_job(job)
     with pytest.raises(OSError, match="No space left"):
         pipeline.close()
     assert done == [0, 1, 2, 3, 4]  # nothing after the failure

@@ -12,8 +12,8 @@ from pyarrow.csv import read_csv
 from scipy.io import loadmat
 
 from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.archive.archive_parts import ArchivePart
 from warpchain.archive.export import export, export_metrics
-from warpchain.archive.file_parts import Part
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.channels import UNITS
 
@@ -112,12 +112,12 @@ def test_angles_of_arms_are_radians_and_say_so(armed, tmp_path):
 
 def test_an_archive_that_does_not_name_its_units_reads_the_same(armed, tmp_path, monkeypatch):
     """As those of earlier versions, which have all else."""
-    run, before = read_archive(armed), Part.open_topic
+    run, before = read_archive(armed), ArchivePart.open_topic
 
     def open_topic(self, number, variant, topic, metadata):
         before(self, number, variant, topic, {name: word for name, word in metadata.items() if name != "units"})
 
-    monkeypatch.setattr(Part, "open_topic", open_topic)
+    monkeypatch.setattr(ArchivePart, "open_topic", open_topic)
     bare = write_archive(run, tmp_path / "bare.mcap")
     assert bare.stat().st_size < armed.stat().st_size
     for name, values in read_archive(bare)[0].channels().items():

@@ -25,11 +25,11 @@ from study_helpers import write_study
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions, mcap_write
-from warpchain.archive import file_parts as parts
-from warpchain.archive.arrow import MAGIC, plain_table
-from warpchain.archive.export import FORMATS
-from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
-from warpchain.archive.mcap_write import Chunk, McapFile
+from warpchain.archive import archive_parts as parts
+from warpchain.archive.export import TRAJECTORY_WRITERS
+from warpchain.archive.mcap_read import MOST_CHUNK_BYTES, McapIndex
+from warpchain.archive.mcap_write import McapWriter, PackedChunk
+from warpchain.archive.untrusted_arrow import ARROW_MAGIC, table_from_untrusted_bytes
 from warpchain.drive import dumps_drive
 from warpchain.errors import ArchiveError, StudyError, WarpchainError
 from warpchain.study.spec.factor import Factor
@@ -137,7 +137,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, v
     assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
 
 
-@pytest.mark.parametrize("ending", sorted(FORMATS))
+@pytest.mark.parametrize("ending", sorted(TRAJECTORY_WRITERS))
 def test_a_full_disk_is_one_line_in_every_format(capsys, archive, tmp_path, ending):
     """A library that writes by itself must not end the process, nor show its own words."""
     with small_disk(2_000):
@@ -196,7 +196,7 @@ def written(path, run, change):
     """An archive that some other program made, whose parts are right but for what `change` does to the writer."""
     with pytest.MonkeyPatch.context() as patch:
         change(patch)
-        parts.Parts(path, run.drives, [0], run.info, ArchiveOptions(), True, False).finish(run.metrics, run.info)
+        parts.ArchiveParts(path, run.drives, [0], run.info, ArchiveOptions(), True, False).finish(run.metrics, run.info)
     return path
 
 
@@ -205,25 +205,25 @@ def written(path, run, change):
 def test_a_small_file_that_opens_to_gigabytes_is_refused(tmp_path, compression, encode, size):
     """Whatever it says of its size: at most that is ever made, and at most the cap of chunks."""
     data = encode(bytes(2**30 if size == 2**32 else 2**26))
-    file = McapFile(tmp_path / "b.mcap", "test")
-    file.schema(1, "s", "", b"")
-    file.channel(1, 1, "/a", "", {})
-    file.chunk(Chunk(compression, data, size, 0, 0, 0, {1: np.zeros((1, 2), dtype=np.uint64)}))
+    file = McapWriter(tmp_path / "b.mcap", "test")
+    file.add_schema(1, "s", "", b"")
+    file.add_channel(1, 1, "/a", "", {})
+    file.add_chunk(PackedChunk(compression, data, size, 0, 0, 0, {1: np.zeros((1, 2), dtype=np.uint64)}))
     file.finish()
     index = McapIndex(tmp_path / "b.mcap")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ArchiveError, match="is damaged"):
-        index.chunk(index.chunks[0])
+        index.read_chunk(index.chunks[0])
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20 // 8  # kilobytes: 128 MiB
-    assert MOST_CHUNK == 2**28
+    assert MOST_CHUNK_BYTES == 2**28
 
 
 @pytest.mark.parametrize("variants", ["0", "-1", "9" * 30, "x"])
 def test_wrong_numbers_of_variants(run, tmp_path, variants):
     def change(patch):
-        plain = mcap_write.McapFile.metadata
+        plain = mcap_write.McapWriter.add_metadata
         other = lambda held: held | {"variants": variants} if "variants" in held else held  # noqa: E731
-        patch.setattr(mcap_write.McapFile, "metadata", lambda self, name, held: plain(self, name, other(held)))
+        patch.setattr(mcap_write.McapWriter, "add_metadata", lambda self, name, held: plain(self, name, other(held)))
 
     with pytest.raises(ArchiveError) as caught:
         read_archive(written(tmp_path / "b.mcap", run, change))
@@ -232,10 +232,10 @@ def test_wrong_numbers_of_variants(run, tmp_path, variants):
 
 @pytest.mark.parametrize(("key", "value"), [("precision", "float16"), ("values", "V9"), ("channels", "mass mass")])
 def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
-    plain = mcap_write.McapFile.channel
+    plain = mcap_write.McapWriter.add_channel
     with pytest.MonkeyPatch.context() as patch:
         other = lambda *words: plain(*words[:-1], words[-1] | ({key: value} if words[-1] else {}))  # noqa: E731
-        patch.setattr(mcap_write.McapFile, "channel", other)
+        patch.setattr(mcap_write.McapWriter, "add_channel", other)
         path = write_archive(run, tmp_path / "b.mcap")
     with pytest.raises(ArchiveError, match="has wrong metadata"):
         read_archive(path)[0]
@@ -323,8 +323,8 @@ def test_columns_that_share_their_bytes_are_refused():
     with pa.ipc.new_file(sink, table.schema) as file:
         file.write_table(table)
     data = sink.getvalue().to_pybytes()
-    assert plain_table(data).equals(table)
-    schema, batch = list(pa.ipc.MessageReader.open_stream(pa.py_buffer(data)[len(MAGIC) :]))
+    assert table_from_untrusted_bytes(data).equals(table)
+    schema, batch = list(pa.ipc.MessageReader.open_stream(pa.py_buffer(data)[len(ARROW_MAGIC) :]))
     head = batch.metadata.to_pybytes().replace(struct.pack("<q", 240_000), struct.pack("<q", 16_000))
     for k in range(2, 30):
         place = struct.pack("<qq", 8000 * k, 8000)
@@ -332,7 +332,7 @@ def test_columns_that_share_their_bytes_are_refused():
         head = head.replace(place, struct.pack("<qq", 0, 8000))
     told = struct.pack("<iI", -1, len(head)) + head + batch.body.to_pybytes()[:16_000] + struct.pack("<ii", -1, 0)
     with pytest.raises(ValueError, match="share bytes"):
-        plain_table(MAGIC + schema.serialize().to_pybytes() + told)
+        table_from_untrusted_bytes(ARROW_MAGIC + schema.serialize().to_pybytes() + told)
 
 
 FACTORIAL, TWO_LEVEL, LEVELS = 'kind = "factorial"', 'kind = "plackett-burman"', "levels = [44, 45]"

@@ -1,9 +1,7 @@
 """Format of an archive: protobuf messages, topics, attachments, metadata, packed rollers, JointState.
 
-Names, numbers and types of Foxglove's messages are its published ones. The types live in a descriptor pool of their
-own, so that they never collide with another package's copies of them.
-
-`docs/archive.md` describes the same layout in words.
+Foxglove's messages are in a descriptor pool of their own, apart from other packages' copies. In words:
+`docs/archive.md`.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
     from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
     from google.protobuf.message import Message
 
-MESSAGES = {
+MESSAGE_FIELDS = {
     "foxglove.Color": "double r, double g, double b, double a",
     "foxglove.Point3": "double x, double y, double z",
     "foxglove.Vector3": "double x, double y, double z",
@@ -58,34 +56,34 @@ MESSAGES = {
     "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in OF_BODIES)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
-"""Fields of each message, numbered from 1 in the order given; a message stands after those that it uses."""
-ENUMS = {
+"""Fields of each protobuf message, numbered from 1 in this order; a message stands after those that it uses."""
+ENUM_VALUES = {
     "PackedElementField.NumericType": "UNKNOWN UINT8 INT8 UINT16 INT16 UINT32 INT32 FLOAT32 FLOAT64",
     "LinePrimitive.Type": "LINE_STRIP LINE_LOOP LINE_LIST",
     "SceneEntityDeletion.Type": "MATCHING_ID ALL",
 }
-"""Values of each enumeration, numbered from 0."""
-SCALARS = ("bool", "bytes", "double", "fixed32", "string")
+"""Values of each protobuf enumeration, numbered from 0."""
+SCALAR_TYPES = ("bool", "bytes", "double", "fixed32", "string")
 
 
-def message_type(name: str) -> type[Any]:
-    """The protobuf class of a full message name, such as "foxglove.PointCloud"."""
-    return _message_types()[name]
+def message_class(name: str) -> type[Any]:
+    """Protobuf class of a message, by its full name such as "foxglove.PointCloud"."""
+    return _message_classes()[name]
 
 
-def schema_bytes(message: type[Message]) -> bytes:
-    """The message's full FileDescriptorSet, as MCAP's "protobuf" schema encoding asks for."""
+def descriptor_set_bytes(message: type[Message]) -> bytes:
+    """Serialized FileDescriptorSet of a protobuf message, which MCAP asks for as its schema."""
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
     files: dict[str, Any] = {}
 
-    def visit(file: Any) -> None:
+    def add_with_dependencies(file: Any) -> None:
         if file.name not in files:
             for dependency in file.dependencies:
-                visit(dependency)
+                add_with_dependencies(dependency)
             files[file.name] = file
 
-    visit(message.DESCRIPTOR.file)
+    add_with_dependencies(message.DESCRIPTOR.file)
     result = FileDescriptorSet()
     for file in files.values():
         file.CopyToProto(result.file.add())
@@ -93,33 +91,35 @@ def schema_bytes(message: type[Message]) -> bytes:
 
 
 @functools.cache
-def _message_types() -> dict[str, type[Any]]:
+def _message_classes() -> dict[str, type[Any]]:
     from google.protobuf import descriptor_pool, duration_pb2, message_factory, timestamp_pb2
 
     pool = descriptor_pool.DescriptorPool()
     for known in (timestamp_pb2, duration_pb2):
         pool.AddSerializedFile(known.DESCRIPTOR.serialized_pb)
-    for name in MESSAGES:
-        pool.AddSerializedFile(_file(name).SerializeToString())
-    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(name)) for name in MESSAGES}
+    for name in MESSAGE_FIELDS:
+        pool.AddSerializedFile(_proto_file(name).SerializeToString())
+    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(name)) for name in MESSAGE_FIELDS}
 
 
-def _file(full_name: str) -> FileDescriptorProto:
-    """The .proto file of one message."""
+def _proto_file(full_name: str) -> FileDescriptorProto:
+    """Descriptor of the .proto file of one message."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
     package, message = full_name.split(".")
     file = FileDescriptorProto(name=f"{package}/{message}.proto", package=package, syntax="proto3")
     described = file.message_type.add(name=message)
-    for number, declared in enumerate(MESSAGES[full_name].split(", "), start=1):
-        for needed in _field(described, number, package, message, declared.split()):
+    for number, declared in enumerate(MESSAGE_FIELDS[full_name].split(", "), start=1):
+        for needed in _add_proto_field(described, number, package, message, declared.split()):
             if needed not in file.dependency:
                 file.dependency.append(needed)
     return file
 
 
-def _field(described: DescriptorProto, number: int, package: str, message: str, words: list[str]) -> list[str]:
-    """Adds a field; returns the files that it needs."""
+def _add_proto_field(
+    described: DescriptorProto, number: int, package: str, message: str, words: list[str]
+) -> list[str]:
+    """Adds a field to a message's descriptor; returns the .proto files that its type needs."""
     from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 
     field = described.field.add(name=words[-1], number=number, label=Field.LABEL_OPTIONAL)
@@ -130,10 +130,10 @@ def _field(described: DescriptorProto, number: int, package: str, message: str, 
     if words[0] == "enum":
         field.type, field.type_name = Field.TYPE_ENUM, f".{package}.{message}.{kind}"
         values = described.enum_type.add(name=kind)
-        for value, name in enumerate(ENUMS[f"{message}.{kind}"].split()):
+        for value, name in enumerate(ENUM_VALUES[f"{message}.{kind}"].split()):
             values.value.add(name=name, number=value)
         return []
-    if kind in SCALARS:
+    if kind in SCALAR_TYPES:
         field.type = Field.Type.Value(f"TYPE_{kind.upper()}")
         return []
     home = "google.protobuf" if kind in ("Timestamp", "Duration") else package
@@ -143,20 +143,20 @@ def _field(described: DescriptorProto, number: int, package: str, message: str, 
 
 
 FORMAT_VERSION = "2"
-"""Version of the archive layout; a reader refuses a version that it does not know."""
+"""Version of the archive's layout; readers refuse any other."""
 
 RUN_METADATA = "warpchain"
-"""Metadata record at the file's start: format_version, version, device, precision, created, variants, recorded."""
+"""Metadata record at a file's start: format_version, version, device, precision, created, variants, recorded."""
 END_METADATA = "warpchain.end"
-"""Metadata record at the file's end: ended, wall_time, run."""
+"""Metadata record at a file's end: ended, wall_time, run."""
 METRICS_ATTACHMENT = "metrics.arrow"
-"""Attachment: the metrics table as an Arrow IPC file."""
+"""Attachment with the metrics table as an Arrow IPC file."""
 
 COLOR_FIELDS = ("red", "green", "blue", "alpha")
-NUMERIC_TYPES = {"u1": 1, "f4": 7, "f8": 8}
-"""numpy's codes of the values of foxglove.PackedElementField.NumericType that occur."""
+NUMERIC_TYPE_CODES = {"u1": 1, "f4": 7, "f8": 8}
+"""Values of foxglove.PackedElementField.NumericType by numpy's type codes."""
 
-JOINT_STATE = """std_msgs/Header header
+JOINT_STATE_DEFINITION = """std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
@@ -183,26 +183,26 @@ TOPICS = {
 }
 """Schema of each topic that a recorded variant can have."""
 MOST_VARIANTS = 65535 // len(TOPICS)
-"""Recorded variants in one file at most: MCAP numbers its channels with 16 bits."""
+"""Recorded variants in one file at most, since MCAP numbers channels with 16 bits."""
 
 
-def with_head(end: Mapping[str, str], head: Mapping[str, str]) -> dict[str, str]:
-    """The metadata record at the file's end, with a copy of the one at its start."""
-    return {**end, "run": json.dumps(dict(head))}
+def end_with_start_copy(end: Mapping[str, str], start: Mapping[str, str]) -> dict[str, str]:
+    """Metadata for a file's end that hold a copy of those at its start."""
+    return {**end, "run": json.dumps(dict(start))}
 
 
-def head_of(end: Mapping[str, str]) -> dict[str, str]:
-    """The copy of the start's metadata in those of the end, empty in archives of earlier versions."""
+def start_copy_of_end(end: Mapping[str, str]) -> dict[str, str]:
+    """Copy of the start's metadata in those at a file's end; empty in archives of earlier versions."""
     return {str(name): str(value) for name, value in parse_json(end.get("run", "{}")).items()}
 
 
 def topic_path(variant: int, topic: str) -> str:
-    """Full name of a variant's topic."""
+    """Full name of a variant's topic, such as /variant/00003/rollers."""
     return f"/variant/{variant:05d}/{topic}"
 
 
-def variant_of(path: str) -> tuple[int, str] | None:
-    """Variant and topic of a full name, or None for a foreign one."""
+def variant_and_topic(path: str) -> tuple[int, str] | None:
+    """Variant's number and topic of a topic's full name; None for one that is not warpchain's."""
     words = path.split("/")
     if len(words) == 4 and words[1] == "variant" and words[3] in TOPICS and re.fullmatch(r"[0-9]{5,9}", words[2]):
         return int(words[2]), words[3]
@@ -210,37 +210,34 @@ def variant_of(path: str) -> tuple[int, str] | None:
 
 
 def channel_numbers(place: int) -> dict[str, int]:
-    """MCAP channel of each topic of the variant in the given place of its file, from 0."""
+    """MCAP channel number of each topic of the variant at a place (from 0) in its file."""
     return {topic: 1 + place * len(TOPICS) + k for k, topic in enumerate(TOPICS)}
 
 
-def schema_of(name: str) -> tuple[str, bytes]:
-    """MCAP encoding and bytes of a schema of `TOPICS`."""
+def topic_schema(name: str) -> tuple[str, bytes]:
+    """MCAP encoding and bytes of a schema of `TOPICS`, by the schema's name."""
     if name == "sensor_msgs/msg/JointState":
-        return "ros2msg", JOINT_STATE.encode()
-    return "protobuf", schema_bytes(message_type(name))
+        return "ros2msg", JOINT_STATE_DEFINITION.encode()
+    return "protobuf", descriptor_set_bytes(message_class(name))
 
 
-def sprocket_frame(variant: int, name: str) -> str:
-    """Coordinate frame that turns with a sprocket."""
+def body_frame_name(variant: int, name: str) -> str:
+    """Name of the coordinate frame that turns with a sprocket or arm of a variant."""
     return f"variant/{variant:05d}/{name}"
 
 
-def drive_attachment(variant: int) -> str:
+def drive_attachment_name(variant: int) -> str:
     """Name of the attachment that holds a variant's drive file."""
     return f"drives/{variant:05d}.toml"
 
 
-def drive_copy(variant: int) -> str:
-    """Name of the attachment with the same text again, for where a bit of the first has changed."""
+def drive_copy_name(variant: int) -> str:
+    """Name of the attachment that repeats a variant's drive file, in case the first is damaged."""
     return f"drives/{variant:05d}.copy.toml"
 
 
-def roller_layout(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
-    """Packed little-endian layout of one roller: the recorded channels' values, then the color.
-
-    With positions there is also z, always 0, which viewers ask for.
-    """
+def roller_dtype(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
+    """Packed little-endian dtype of one roller: its recorded channels, z = 0 behind a position, its color."""
     code = "<f8" if precision == "float64" else "<f4"
     names: list[str] = []
     for channel in OF_ROLLERS:
@@ -249,17 +246,17 @@ def roller_layout(channels: frozenset[str], precision: str) -> np.dtype[np.void]
     return np.dtype([(name, code) for name in names] + [(name, "u1") for name in COLOR_FIELDS])
 
 
-def point_cloud_constant(layout: np.dtype[np.void]) -> bytes:
-    """The part of a serialized PointCloud that all frames share: frame id, pose, stride and fields."""
-    cloud = message_type("foxglove.PointCloud")(frame_id="drive", point_stride=layout.itemsize)
+def constant_point_cloud_bytes(layout: np.dtype[np.void]) -> bytes:
+    """Bytes that all serialized PointClouds of a variant share: frame id, pose, stride and fields."""
+    cloud = message_class("foxglove.PointCloud")(frame_id="drive", point_stride=layout.itemsize)
     cloud.pose.orientation.w = 1.0
     for name, (kind, offset, *_) in (layout.fields or {}).items():
-        cloud.fields.add(name=name, offset=offset, type=NUMERIC_TYPES[kind.str[1:]])
+        cloud.fields.add(name=name, offset=offset, type=NUMERIC_TYPE_CODES[kind.str[1:]])
     return cloud.SerializeToString()
 
 
-def varint(value: int) -> bytes:
-    """protobuf's variable-length integer."""
+def varint_bytes(value: int) -> bytes:
+    """Protobuf's variable-length encoding of an integer."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -269,40 +266,37 @@ def varint(value: int) -> bytes:
 
 
 def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, dict[str, int], int]:
-    """A CDR JointState with everything but its numbers.
+    """CDR bytes of a JointState with zeros for its numbers, the offset of each filled array, that of the stamp.
 
     Args:
         names: sprocket names.
-        arrays: which of "position", "velocity", "effort" are filled; the others are empty sequences.
-
-    Returns:
-        The bytes, the offset of each filled array's first double, and the offset of the stamp.
+        arrays: which of "position", "velocity", "effort" are filled; the others are empty.
     """
     out = bytearray(b"\x00\x01\x00\x00")  # encapsulation: CDR, little-endian; alignment counts from here
 
-    def align(size: int) -> None:
+    def append_padding(size: int) -> None:
         out.extend(bytes(-(len(out) - 4) % size))
 
-    def word(value: int) -> None:
-        align(4)
+    def append_word(value: int) -> None:
+        append_padding(4)
         out.extend(value.to_bytes(4, "little"))
 
-    def text(value: str) -> None:
+    def append_text(value: str) -> None:
         data = value.encode() + b"\0"
-        word(len(data))
+        append_word(len(data))
         out.extend(data)
 
     stamp = len(out)
     out.extend(bytes(8))
-    text("drive")
-    word(len(names))
+    append_text("drive")
+    append_word(len(names))
     for name in names:
-        text(name)
+        append_text(name)
     offsets: dict[str, int] = {}
     for array in ("position", "velocity", "effort"):
-        word(len(names) if array in arrays else 0)
+        append_word(len(names) if array in arrays else 0)
         if array in arrays:
-            align(8)
+            append_padding(8)
             offsets[array] = len(out)
             out.extend(bytes(8 * len(names)))
     return bytes(out), offsets, stamp

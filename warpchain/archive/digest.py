@@ -1,9 +1,8 @@
-"""Digests of what MCAP gives no checksum: metadata records, and channels with their schemas.
+"""Digests of MCAP records that have no checksum: metadata, and channels with their schemas.
 
-Each carries its own, under the key `digest`: the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks,
-keys sorted, UTF-8): of a metadata record [name, values], of a channel [number, topic, message encoding, metadata,
-schema's name, its encoding, its SHA-256]. A whole file's summary has a checksum, and so repeats channels and schemas
-safely; in a file that was cut, only the digests show what is right.
+A digest is the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks, keys sorted, UTF-8): of a metadata
+record [name, values], of a channel [number, topic, message encoding, metadata, schema's name, its encoding, its
+SHA-256]. In a file that was cut only they show what is right.
 """
 
 from __future__ import annotations
@@ -17,59 +16,60 @@ from typing import Any
 
 from mcap.records import Channel, Schema
 
-DIGEST = "digest"
+DIGEST_KEY = "digest"
 
 
-_TEXT = json.JSONEncoder(separators=(",", ":"), sort_keys=True, ensure_ascii=False)
+_CANONICAL_JSON = json.JSONEncoder(separators=(",", ":"), sort_keys=True, ensure_ascii=False)
 
 
 @lru_cache(maxsize=64)
-def _of_bytes(data: bytes) -> str:
-    """Digest of a schema, which many channels share."""
+def _schema_digest(data: bytes) -> str:
+    """SHA-256 of a schema's bytes, which many channels share."""
     return hashlib.sha256(data).hexdigest()
 
 
-def _of(value: Any) -> str:
-    return hashlib.sha256(_TEXT.encode(value).encode("utf-8", "surrogatepass")).hexdigest()[:16]
+def _json_digest(value: Any) -> str:
+    """First 16 hexadecimal digits of the SHA-256 of a value's canonical JSON."""
+    return hashlib.sha256(_CANONICAL_JSON.encode(value).encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
-def plain(values: Mapping[str, str]) -> dict[str, str]:
-    """Metadata without their digest."""
-    return {name: value for name, value in values.items() if name != DIGEST}
+def metadata_without_digest(values: Mapping[str, str]) -> dict[str, str]:
+    """Metadata without the entry of their digest."""
+    return {name: value for name, value in values.items() if name != DIGEST_KEY}
 
 
-def plain_channel(channel: Channel) -> Channel:
-    """A channel without its digest."""
-    return replace(channel, metadata=plain(channel.metadata))
+def channel_without_digest(channel: Channel) -> Channel:
+    """MCAP channel whose metadata lack the digest."""
+    return replace(channel, metadata=metadata_without_digest(channel.metadata))
 
 
-def of_metadata(name: str, values: Mapping[str, str]) -> str:
-    """Digest of a metadata record."""
-    return _of([name, plain(values)])
+def metadata_digest(name: str, values: Mapping[str, str]) -> str:
+    """Digest of a metadata record, of its name and values."""
+    return _json_digest([name, metadata_without_digest(values)])
 
 
-def of_channel(channel: Channel, schema: Schema) -> str:
-    """Digest of a channel and its schema."""
-    content = _of_bytes(bytes(schema.data))
-    named = [channel.id, channel.topic, channel.message_encoding, plain(channel.metadata)]
-    return _of([*named, schema.name, schema.encoding, content])
+def channel_digest(channel: Channel, schema: Schema) -> str:
+    """Digest of an MCAP channel and its schema."""
+    content = _schema_digest(bytes(schema.data))
+    named = [channel.id, channel.topic, channel.message_encoding, metadata_without_digest(channel.metadata)]
+    return _json_digest([*named, schema.name, schema.encoding, content])
 
 
-def is_right(channel: Channel, schemas: Mapping[int, Schema]) -> bool:
-    """Whether a channel has a digest, and it is that of the channel and its schema."""
+def has_right_digest(channel: Channel, schemas: Mapping[int, Schema]) -> bool:
+    """Whether a channel has a digest that is right for it and its schema."""
     schema = schemas.get(channel.schema_id)
-    return schema is not None and channel.metadata.get(DIGEST) == of_channel(channel, schema)
+    return schema is not None and channel.metadata.get(DIGEST_KEY) == channel_digest(channel, schema)
 
 
-def checked(name: str, values: Mapping[str, str], sealed: bool) -> dict[str, str]:
-    """A metadata record's values without their digest, which is right.
+def checked_metadata(name: str, values: Mapping[str, str], has_digests: bool) -> dict[str, str]:
+    """Values of a metadata record without their digest, once that is found right.
 
     Args:
-        sealed: whether the archive has digests; archives of earlier versions have none.
+        has_digests: whether the archive has digests; those of earlier versions have none.
 
     Raises:
-        ValueError: it is wrong, or missing.
+        ValueError: a wrong or missing digest.
     """
-    if values.get(DIGEST, None if sealed else of_metadata(name, values)) != of_metadata(name, values):
+    if values.get(DIGEST_KEY, None if has_digests else metadata_digest(name, values)) != metadata_digest(name, values):
         raise ValueError(f"metadata {name}: their digest is wrong")
-    return plain(values)
+    return metadata_without_digest(values)

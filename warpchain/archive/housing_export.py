@@ -1,7 +1,6 @@
 """Loads on the housing for acoustics codes: Universal File Format (datasets 15, 58, 164) and MDF4.
 
-What is at each place, and which forces these are, says `warpchain.results.housing`. All is in SI units, at the
-recording's rate. Both libraries come as extras: they are written for these formats, and nothing else needs them.
+The loads are those of `warpchain.results.housing`, in SI units at the recording's rate. Both libraries are extras.
 """
 
 from __future__ import annotations
@@ -21,23 +20,22 @@ from warpchain.version import installed_version
 if TYPE_CHECKING:
     from warpchain.results.run import Trajectory
 
-FORCE, TIME, RESPONSE, ROTATIONAL = 13, 17, 1, 6
+UFF_FORCE, UFF_TIME, UFF_TIME_RESPONSE, UFF_MOMENT_ABOUT_Z = 13, 17, 1, 6
 """Codes of dataset 58: excitation force, time; time response; direction of a moment about z."""
 
 
-def universal(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Universal File: a node for each place, and a function (58, binary, double) for each component, over time."""
+def write_universal_file(file: IO[bytes], trajectory: Trajectory) -> None:
+    """Writes housing loads as a Universal File: a node a place, a function (58, binary, double) a component."""
     import pyuff
 
     time, loads = np.asarray(trajectory.time, dtype=float), housing_loads(trajectory)
     nodes, places = list(range(1, len(loads) + 1)), np.array([load.place for load in loads]).reshape(-1, 2)
     zeros = [0] * len(loads)
     common: dict[str, Any] = {
-        "binary": 1, "func_type": RESPONSE, "id2": installed_version(), "id3": "on the housing", "id4": "NONE",
-        "id5": "NONE",
-        "rsp_ent_name": "housing", "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0, "x": time, "ord_data_type": 4,
-        "abscissa_spacing": 1, "abscissa_spec_data_type": TIME, "abscissa_axis_units_lab": "s",
-        "ordinate_spec_data_type": FORCE, "ordinate_force_unit_exp": 1, "orddenom_spec_data_type": 0,
+        "binary": 1, "func_type": UFF_TIME_RESPONSE, "id2": installed_version(), "id3": "on the housing", "id4": "NONE",
+        "id5": "NONE", "rsp_ent_name": "housing", "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0, "x": time,
+        "ord_data_type": 4, "abscissa_spacing": 1, "abscissa_spec_data_type": UFF_TIME, "abscissa_axis_units_lab": "s",
+        "ordinate_spec_data_type": UFF_FORCE, "ordinate_force_unit_exp": 1, "orddenom_spec_data_type": 0,
     }  # fmt: skip
     sets: list[Any] = [
         pyuff.prepare_164(1, "SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0),
@@ -46,16 +44,16 @@ def universal(file: IO[bytes], trajectory: Trajectory) -> None:
     for node, load in zip(nodes, loads, strict=True):
         parts = {1: ("x", "N", load.force[:, 0]), 2: ("y", "N", load.force[:, 1])}
         if load.moment is not None:
-            parts[ROTATIONAL] = ("moment", "N m", load.moment)
+            parts[UFF_MOMENT_ABOUT_Z] = ("moment", "N m", load.moment)
         for direction, (axis, unit, values) in parts.items():
             own = {"id1": f"{load.name} {axis}"[:80], "rsp_node": node, "rsp_dir": direction}
-            own |= {"ordinate_axis_units_lab": unit, "ordinate_len_unit_exp": int(direction == ROTATIONAL)}
+            own |= {"ordinate_axis_units_lab": unit, "ordinate_len_unit_exp": int(direction == UFF_MOMENT_ABOUT_Z)}
             sets.append(pyuff.prepare_58(**common, **own, data=np.ascontiguousarray(values, dtype=float)))
-    _hand_over(file, ".unv", lambda path: pyuff.UFF(str(path)).write_sets(sets, "overwrite"))
+    _copy_written_file(file, ".unv", lambda path: pyuff.UFF(str(path)).write_sets(sets, "overwrite"))
 
 
-def _signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
-    """Name, unit and values of what an MDF4 file holds: the loads, angle and speed of every sprocket."""
+def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
+    """Name, unit and values of what an MDF4 file holds: the housing loads, angle and speed of every sprocket."""
     for name, values in components(trajectory).items():
         yield name, "N*m" if name.endswith(".moment") else "N", values
     for channel in ("sprocket_angle", "sprocket_speed"):
@@ -64,25 +62,25 @@ def _signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
             yield f"{channel}.{sprocket.name}", CHANNEL[channel].unit, held[:, s]
 
 
-def measured_data(file: IO[bytes], trajectory: Trajectory) -> None:
-    """MDF4: a channel for each component of the loads, and angle and speed of every sprocket, over one time."""
+def write_mdf4(file: IO[bytes], trajectory: Trajectory) -> None:
+    """Writes housing loads as MDF4: a channel a component, and angle and speed of every sprocket."""
     import asammdf
 
     time = np.asarray(trajectory.time, dtype=float)
     signals = [
         asammdf.Signal(np.ascontiguousarray(values, dtype=float), time, unit=unit, name=name)
-        for name, unit, values in _signals(trajectory)
+        for name, unit, values in _mdf_signals(trajectory)
     ]
     with asammdf.MDF(version="4.10") as mdf:
         mdf.append(signals, acq_name="loads on the housing", comment=installed_version(), common_timebase=True)
-        _hand_over(file, ".mf4", lambda path: mdf.save(path, overwrite=True, compression=2))
+        _copy_written_file(file, ".mf4", lambda path: mdf.save(path, overwrite=True, compression=2))
 
 
-def _hand_over(file: IO[bytes], ending: str, write: Any) -> None:
-    """Lets a library write a file by its path, and copies what it holds.
+def _copy_written_file(file: IO[bytes], ending: str, write: Any) -> None:
+    """Lets a library write a file by its path, and copies its bytes into an open file.
 
     Raises:
-        OSError: the system refused, though the library raises an error of its own in its place.
+        OSError: the system refused, even where the library raises another error.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"loads{ending}"

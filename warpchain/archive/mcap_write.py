@@ -1,7 +1,4 @@
-"""An MCAP file being written: whole chunks appended in order, the summary at its end, its name only when it is whole.
-
-The records' bytes come from the mcap package; chunks come compressed, so that compressing can go on in other threads.
-"""
+"""Writing an MCAP file: whole chunks appended in order, the summary at the end, its name only when it is whole."""
 
 from __future__ import annotations
 
@@ -18,25 +15,23 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from warpchain.archive.digest import DIGEST, of_channel, of_metadata, plain
+from warpchain.archive.digest import DIGEST_KEY, channel_digest, metadata_digest, metadata_without_digest
 from warpchain.errors import ArchiveError
 from warpchain.files import WholeFile, refusals_as_errors
 
 ZSTD_LEVEL = 1
 """On trajectories as small as the default level 3, and faster."""
-MAGIC = b"\x89MCAP0\r\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
-class Chunk(NamedTuple):
-    """A chunk ready to be written.
+class PackedChunk(NamedTuple):
+    """A compressed chunk, ready to be written.
 
     Attributes:
         compression: "zstd", "lz4" or "".
         data: the records, compressed.
-        size: bytes of the records uncompressed.
-        crc: CRC-32 of the records uncompressed.
-        start: least log time [ns].
-        end: greatest log time [ns].
+        size, crc: bytes and CRC-32 of the records uncompressed.
+        start, end: least and greatest log time [ns].
         indexes: for each channel, (messages, 2) log times [ns] and offsets in the uncompressed records.
     """
 
@@ -49,8 +44,8 @@ class Chunk(NamedTuple):
     indexes: Mapping[int, NDArray[np.uint64]]
 
 
-def compressor(compression: str) -> Callable[[Any], Any]:
-    """The function that compresses a chunk's records."""
+def chunk_compressor(compression: str) -> Callable[[Any], Any]:
+    """Function that compresses a chunk's records."""
     if compression == "zstd":
         import zstandard
 
@@ -62,21 +57,21 @@ def compressor(compression: str) -> Callable[[Any], Any]:
     return lambda data: data
 
 
-def make_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compression: str) -> Chunk:
-    """A chunk from its uncompressed records."""
+def pack_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compression: str) -> PackedChunk:
+    """Compressed chunk from its records and the indexes of its messages."""
     times = np.concatenate([index[:, 0] for index in indexes.values()])
     name = "" if compression == "none" else compression
-    data = compressor(compression)(records)
-    return Chunk(name, data, len(records), zlib.crc32(records), int(times.min()), int(times.max()), indexes)
+    data = chunk_compressor(compression)(records)
+    return PackedChunk(name, data, len(records), zlib.crc32(records), int(times.min()), int(times.max()), indexes)
 
 
-def taken(path: Path) -> ArchiveError:
-    """The refusal to replace a file."""
+def name_taken_error(path: Path) -> ArchiveError:
+    """Error that a file exists already."""
     return ArchiveError(f"{path}: exists already; give another name, or overwrite=True")
 
 
-class McapFile:
-    """Writes one MCAP file under a temporary name, which `finish` turns into its own.
+class McapWriter:
+    """Writer of one MCAP file, under a temporary name until `finish`.
 
     Args:
         path: the file's name when whole.
@@ -85,8 +80,7 @@ class McapFile:
         claimed: the caller holds the lock of the archive's name.
 
     Raises:
-        ArchiveError: here and in every method, another writer, a folder or disk that refuses; in `finish`, a file of
-            that name.
+        ArchiveError: here and in every method, another writer, or a folder or disk that refuses.
     """
 
     def __init__(self, path: Path, library: str, overwrite: bool = True, claimed: bool = False) -> None:
@@ -100,30 +94,30 @@ class McapFile:
         self._counts: dict[int, int] = {}
         with refusals_as_errors(path, ArchiveError):
             self._file = WholeFile(path, overwrite, hidden=False, patience=None if claimed else 0.0)
-        self._put(MAGIC)
-        self._record(kinds.Header(profile="", library=library))
+        self._write_bytes(MCAP_MAGIC)
+        self._write_record(kinds.Header(profile="", library=library))
 
     @property
-    def partial(self) -> Path:
-        """The temporary name."""
+    def partial_path(self) -> Path:
+        """Temporary name of the file."""
         return self._file.partial
 
     @property
-    def finished(self) -> bool:
+    def is_finished(self) -> bool:
         """Whether the file has its own name."""
         return self._file.finished
 
     @property
-    def size(self) -> int:
+    def bytes_written(self) -> int:
         """Bytes written so far."""
         return self._at
 
     @property
-    def chunks(self) -> int:
+    def chunks_written(self) -> int:
         """Chunks written so far."""
         return len(self._chunks)
 
-    def _put(self, data: Any) -> int:
+    def _write_bytes(self, data: Any) -> int:
         """Appends bytes; returns where they begin."""
         at = self._at
         with refusals_as_errors(self.path, ArchiveError):
@@ -131,38 +125,42 @@ class McapFile:
         self._at += len(data)
         return at
 
-    def _record(self, record: Any) -> tuple[int, int]:
+    def _write_record(self, record: Any) -> tuple[int, int]:
         """Appends a record; returns its offset and length."""
-        data = _bytes(record)
-        return self._put(data), len(data)
+        data = _record_bytes(record)
+        return self._write_bytes(data), len(data)
 
-    def schema(self, number: int, name: str, encoding: str, data: bytes) -> None:
-        """Describes a message type."""
+    def add_schema(self, number: int, name: str, encoding: str, data: bytes) -> None:
+        """Appends a schema, which describes a message type."""
         self._schemas[number] = kinds.Schema(id=number, name=name, encoding=encoding, data=data)
-        self._record(self._schemas[number])
+        self._write_record(self._schemas[number])
 
     def has_schema(self, number: int) -> bool:
         """Whether a schema of that number was written."""
         return number in self._schemas
 
-    def channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
-        """Opens a topic, whose schema was written; its metadata get a digest."""
+    def add_channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
+        """Appends a channel, with a digest among its metadata; its schema must be written."""
         record = kinds.Channel(
-            id=number, schema_id=schema, topic=topic, message_encoding=encoding, metadata=plain(metadata)
+            id=number,
+            schema_id=schema,
+            topic=topic,
+            message_encoding=encoding,
+            metadata=metadata_without_digest(metadata),
         )
-        record.metadata[DIGEST] = of_channel(record, self._schemas[schema])
+        record.metadata[DIGEST_KEY] = channel_digest(record, self._schemas[schema])
         self._channels[number] = record
         self._counts[number] = 0
-        self._record(record)
+        self._write_record(record)
 
     def has_channel(self, number: int) -> bool:
-        """Whether a topic of that number was opened."""
+        """Whether a channel of that number was written."""
         return number in self._channels
 
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
+    def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
         record = kinds.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
-        offset, length = self._record(record)
+        offset, length = self._write_record(record)
         self._attachments.append(
             kinds.AttachmentIndex(
                 offset=offset,
@@ -175,26 +173,23 @@ class McapFile:
             )
         )
 
-    def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Appends a metadata record, with its digest."""
-        sealed = plain(values) | {DIGEST: of_metadata(name, values)}
-        offset, length = self._record(kinds.Metadata(name=name, metadata=sealed))
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Appends a metadata record with its digest."""
+        sealed = metadata_without_digest(values) | {DIGEST_KEY: metadata_digest(name, values)}
+        offset, length = self._write_record(kinds.Metadata(name=name, metadata=sealed))
         self._metadata.append(kinds.MetadataIndex(offset=offset, length=length, name=name))
 
-    def chunk(self, chunk: Chunk) -> None:
-        """Appends a chunk and the index of its messages.
-
-        Their bytes are put together here: `mcap.records` would copy the data and take the index as a list of pairs.
-        """
+    def add_chunk(self, chunk: PackedChunk) -> None:
+        """Appends a chunk and the index of its messages; `mcap.records` would copy the data."""
         name = chunk.compression.encode()
         inner = struct.pack("<QQQII", chunk.start, chunk.end, chunk.size, chunk.crc, len(name)) + name
         inner += struct.pack("<Q", len(chunk.data))
         head = struct.pack("<BQ", Opcode.CHUNK, len(inner) + len(chunk.data)) + inner
-        offset = self._put(head)
-        self._put(chunk.data)
+        offset = self._write_bytes(head)
+        self._write_bytes(chunk.data)
         offsets, begin = {}, self._at
         for number, index in chunk.indexes.items():
-            offsets[number] = self._put(_index_bytes(number, index))
+            offsets[number] = self._write_bytes(_message_index_bytes(number, index))
             self._counts[number] += len(index)
         with refusals_as_errors(self.path, ArchiveError):
             self._file.stream.flush()  # to the system, so that a killed process leaves whole chunks
@@ -213,15 +208,15 @@ class McapFile:
         )
 
     @contextmanager
-    def draft(self, name: str, values: Mapping[str, str]) -> Iterator[Path]:
-        """The temporary file while it is whole, with a last metadata record, to be read back; then all that goes."""
+    def readable_draft(self, name: str, values: Mapping[str, str]) -> Iterator[Path]:
+        """Gives the temporary file as a whole one, with a last metadata record, to be read back; then cuts that off."""
         at, held = self._at, len(self._metadata)
-        self.metadata(name, values)
-        self._end()
+        self.add_metadata(name, values)
+        self._write_end()
         try:
             with refusals_as_errors(self.path, ArchiveError):
                 self._file.stream.flush()
-            yield self.partial
+            yield self.partial_path
         finally:
             del self._metadata[held:]
             with refusals_as_errors(self.path, ArchiveError):
@@ -229,36 +224,42 @@ class McapFile:
                 self._file.stream.truncate()
             self._at = at
 
-    def _end(self) -> None:
-        self._put(_bytes(kinds.DataEnd(data_section_crc=0)))
-        self._put(self._summary())
+    def _write_end(self) -> None:
+        """Appends the end of the data and the summary."""
+        self._write_bytes(_record_bytes(kinds.DataEnd(data_section_crc=0)))
+        self._write_bytes(self._summary_bytes())
 
     def finish(self) -> None:
         """Writes the summary, flushes to the disk and gives the file its name."""
-        self._end()
+        self._write_end()
         with refusals_as_errors(self.path, ArchiveError):
             try:
                 self._file.finish()
             except FileExistsError:
-                raise taken(self.path) from None
+                raise name_taken_error(self.path) from None
 
-    def _summary(self) -> bytes:
-        """The summary section, the footer and the closing magic."""
+    def _summary_bytes(self) -> bytes:
+        """Summary section, footer and closing magic of the file."""
         start, data, offsets = self._at, bytearray(), bytearray()
-        groups: list[list[Any]] = [list(self._schemas.values()), list(self._channels.values()), [self._statistics()]]
+        groups: list[list[Any]] = [
+            list(self._schemas.values()),
+            list(self._channels.values()),
+            [self._statistics_record()],
+        ]
         for group in [*groups, self._chunks, self._attachments, self._metadata]:
             if group:
                 begin = len(data)
                 for record in group:
-                    data += _bytes(record)
+                    data += _record_bytes(record)
                 length = len(data) - begin
                 offset = kinds.SummaryOffset(group_opcode=data[begin], group_start=start + begin, group_length=length)
-                offsets += _bytes(offset)
+                offsets += _record_bytes(offset)
         footer = kinds.Footer(summary_start=start, summary_offset_start=start + len(data), summary_crc=0)
-        data += offsets + _bytes(footer)[:-4]  # its CRC covers all before it
-        return bytes(data) + struct.pack("<I", zlib.crc32(data)) + MAGIC
+        data += offsets + _record_bytes(footer)[:-4]  # its CRC covers all before it
+        return bytes(data) + struct.pack("<I", zlib.crc32(data)) + MCAP_MAGIC
 
-    def _statistics(self) -> Any:
+    def _statistics_record(self) -> Any:
+        """Statistics record of all that was written."""
         return kinds.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
@@ -276,13 +277,14 @@ class McapFile:
         self._file.drop(keep)
 
 
-def _bytes(record: Any) -> bytes:
+def _record_bytes(record: Any) -> bytes:
+    """Bytes of a record of `mcap.records`."""
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())
 
 
-def _index_bytes(channel: int, index: NDArray[np.uint64]) -> bytes:
-    """A MessageIndex record."""
+def _message_index_bytes(channel: int, index: NDArray[np.uint64]) -> bytes:
+    """Bytes of a MessageIndex record."""
     data = np.ascontiguousarray(index, dtype="<u8").tobytes()
     return struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(data), channel, len(data)) + data

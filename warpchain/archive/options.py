@@ -10,7 +10,8 @@ from warpchain.argument_checks import Count, Index, Workers, check_arguments
 from warpchain.errors import ArchiveError
 
 Compression = Literal["zstd", "lz4", "none"]
-Values = Literal["run", "float32"]
+StoredPrecision = Literal["run", "float32"]
+"""Precisions of the rollers' values in an archive; "run" is the run's own."""
 
 
 @check_arguments(ArchiveError)
@@ -26,7 +27,7 @@ class ArchiveOptions:
         split_variants: recorded variants in one file; None puts all into one. Not together with `split_size`.
         encoders: threads that lay out and compress chunks; None takes one a core, four at most.
         numbers: what the archive calls the run's variants, one each; None calls them 0, 1, 2, ...
-        seed: of the design whose variants these are; goes into the metadata.
+        seed: of the design whose variants these are.
         attachments: further files to put into the archive, by name, such as {"study.toml": b"..."}.
 
     Raises:
@@ -34,7 +35,7 @@ class ArchiveOptions:
     """
 
     compression: Compression = "zstd"
-    values: Values = "run"
+    values: StoredPrecision = "run"
     exact_positions: bool = False
     split_size: Count | None = None
     split_variants: Count | None = None

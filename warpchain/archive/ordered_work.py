@@ -8,13 +8,14 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Generic, TypeVar
 
-Job = TypeVar("Job")
-Result = TypeVar("Result")
+JobType = TypeVar("JobType")
+ResultType = TypeVar("ResultType")
 
 
-class Pipeline(Generic[Job, Result]):
-    """Bounded: `put` waits while `room` jobs are under way. An error of `work` or `sink` comes out of the caller's next
-    `put` or of `close`; the jobs after it are dropped.
+class OrderedWork(Generic[JobType, ResultType]):
+    """Threads that work on jobs and pass their results on in order.
+
+    An error of `work` or `sink` comes out of the caller's next `submit_job` or of `close`; later jobs are dropped.
 
     Args:
         work: called in one of several threads.
@@ -23,16 +24,19 @@ class Pipeline(Generic[Job, Result]):
         room: jobs under way at most.
     """
 
-    def __init__(self, work: Callable[[Job], Result], sink: Callable[[Result], None], threads: int, room: int) -> None:
+    def __init__(
+        self, work: Callable[[JobType], ResultType], sink: Callable[[ResultType], None], threads: int, room: int
+    ) -> None:
         self._work, self._sink = work, sink
         self._pool = ThreadPoolExecutor(threads, "warpchain-encode")
-        self._queue: queue.Queue[Future[Result] | None] = queue.Queue(room)
+        self._queue: queue.Queue[Future[ResultType] | None] = queue.Queue(room)
         self._error: BaseException | None = None
         self._dropped = False
-        self._thread = threading.Thread(target=self._drain, name="warpchain-write", daemon=True)
+        self._thread = threading.Thread(target=self._pass_on_results, name="warpchain-write", daemon=True)
         self._thread.start()
 
-    def _drain(self) -> None:
+    def _pass_on_results(self) -> None:
+        """Passes results on, in order; runs in a thread of its own."""
         while (future := self._queue.get()) is not None:
             if self._dropped:
                 future.cancel()
@@ -43,17 +47,18 @@ class Pipeline(Generic[Job, Result]):
                 self._error, self._dropped = error, True
             del future
 
-    def put(self, job: Job) -> None:
+    def submit_job(self, job: JobType) -> None:
         """Takes a job; waits while there is no room."""
-        self._raise()
+        self._raise_error()
         self._queue.put(self._pool.submit(self._work, job))
 
-    def _raise(self) -> None:
+    def _raise_error(self) -> None:
+        """Raises the error of an earlier job, if there was one."""
         if self._error is not None:
             raise self._error
 
     def close(self, drop: bool = False) -> None:
-        """Waits until all is done; `drop` gives up what has not been passed on, and raises nothing."""
+        """Waits until all jobs are done; `drop` gives up what has not been passed on, and raises nothing."""
         if drop:
             self._dropped = True
         if self._thread.is_alive():
@@ -61,4 +66,4 @@ class Pipeline(Generic[Job, Result]):
             self._thread.join()
         self._pool.shutdown(cancel_futures=True)
         if not drop:
-            self._raise()
+            self._raise_error()

@@ -1,4 +1,4 @@
-"""Reading an archive back: lazily, so that opening is quick and a variant or a time range touches only its chunks."""
+"""Reading an archive lazily: opening is quick, and a variant or a time range touches only its chunks."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.archive import archive_format
-from warpchain.archive.arrow import plain_table
-from warpchain.archive.file_set import archive_files, cut_files
+from warpchain.archive.archive_names import archive_files, unfinished_files
+from warpchain.archive.lazy_trajectories import LazyDrives, LazyTrajectories
 from warpchain.archive.mcap_read import McapIndex
-from warpchain.archive.tracks import LazyDrives, Tracks
+from warpchain.archive.untrusted_arrow import table_from_untrusted_bytes
 from warpchain.argument_checks import FiniteNumber, check_arguments
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import is_being_written
@@ -23,18 +23,18 @@ from warpchain.results.run import Run, RunInfo, Trajectory, check_names
 if TYPE_CHECKING:
     import pyarrow as pa
 
-RECOVERED = "recovered"
-"""The end of a run whose archive was cut and restored."""
+ENDED_RECOVERED = "recovered"
+"""How a run ended whose archive was cut and restored."""
 
 
 @dataclass(frozen=True, repr=False)
 class Archive(Run):
-    """A run that lies in an archive: drives and trajectories are read when they are asked for.
+    """A run that lies in an archive; drives and trajectories are read when they are asked for.
 
     `archive[i]` is the whole trajectory of the variant that it calls i; `read` and `blocks` give parts of it.
     """
 
-    trajectories: Tracks = field(repr=False)
+    trajectories: LazyTrajectories = field(repr=False)
 
     @check_arguments(SimulationError)
     def __getitem__(self, variant: int) -> Trajectory:
@@ -43,13 +43,18 @@ class Archive(Run):
 
     @property
     def first(self) -> int:
-        """The first recorded variant; raises SimulationError where there is none, ArchiveError where all are lost."""
+        """First recorded variant of the archive.
+
+        Raises:
+            ArchiveError: the frames of all are lost.
+            SimulationError: none was recorded.
+        """
         if not self.trajectories:
             self._check_frames(self.numbers)
         return super().first
 
     def _check_frames(self, variants: Sequence[int]) -> None:
-        """Refuses variants whose frames the run recorded and the files do not have, as where a topic was left out."""
+        """Refuses variants whose frames the run recorded and the archive's files lack."""
         absent = [variant for variant in variants if variant not in self.trajectories]
         recorded = self.metadata.get("recorded", "").split() if absent and self.info.ended == "complete" else ()
         for variant in absent:
@@ -58,30 +63,30 @@ class Archive(Run):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The archive's files, in order."""
+        """Files of the archive, in order."""
         return tuple(file.path for file in self.trajectories.files)
 
     @property
     def metadata(self) -> dict[str, str]:
-        """The metadata record of how the run was made."""
-        return self.trajectories.files[0].values(archive_format.RUN_METADATA) or {}
+        """Metadata record of how the archive's run was made."""
+        return self.trajectories.files[0].read_metadata(archive_format.RUN_METADATA) or {}
 
     @property
     def attachments(self) -> tuple[str, ...]:
-        """Names of the attachments other than drives and metrics."""
+        """Names of the archive's attachments other than drives and metrics."""
         names = {name: None for file in self.trajectories.files for name in file.attachments}
         return tuple(n for n in names if n != archive_format.METRICS_ATTACHMENT and not n.startswith("drives/"))
 
     @check_arguments(ArchiveError)
     def attachment(self, name: str) -> bytes:
-        """An attachment's data.
+        """Data of an attachment of the archive.
 
         Raises:
             ArchiveError: no attachment of that name, or a damaged one.
         """
         return next(
             (f for f in self.trajectories.files if name in f.attachments), self.trajectories.files[0]
-        ).attachment(name)
+        ).read_attachment(name)
 
     @check_arguments(SimulationError)
     def read(
@@ -95,15 +100,14 @@ class Archive(Run):
 
         Args:
             variant: a recorded variant.
-            start: first time [s], inclusive; None begins at the first frame.
-            end: last time [s], inclusive; None goes on to the last frame.
+            start, end: first and last time [s], inclusive; None is that of the recording.
             channels: which channels; the others are None.
 
         Raises:
             ArchiveError: a damaged archive.
             SimulationError: a variant that was not recorded, or an unknown channel.
         """
-        return self._asked(variant, channels).read(variant, start, end, channels)
+        return self._checked_trajectories(variant, channels).read_trajectory(variant, start, end, channels)
 
     @check_arguments(SimulationError)
     def blocks(
@@ -113,14 +117,14 @@ class Archive(Run):
         end: FiniteNumber | None = None,
         channels: Sequence[str] = NAMES,
     ) -> Iterator[Trajectory]:
-        """The same chunk by chunk: the arrays are read-only views of the chunk's bytes, without copies.
+        """Part of a variant's trajectory chunk by chunk, as read-only views of the chunks' bytes (see `read`).
 
-        In an uncompressed archive they are views of the mapped file. They are neither aligned nor contiguous: a library
-        that asks for that makes its copy. Sprocket channels come as float64, as they lie in the file.
+        The arrays are neither aligned nor contiguous. Sprocket channels come as float64.
         """
-        return self._asked(variant, channels).blocks(variant, start, end, channels)
+        return self._checked_trajectories(variant, channels).iterate_blocks(variant, start, end, channels)
 
-    def _asked(self, variant: int, channels: Sequence[str]) -> Tracks:
+    def _checked_trajectories(self, variant: int, channels: Sequence[str]) -> LazyTrajectories:
+        """Trajectories of the archive, once variant and channels are found to exist."""
         check_names("channels", channels)
         if variant not in self.trajectories:
             self[variant]  # raises, and names the variants there are
@@ -129,16 +133,12 @@ class Archive(Run):
 
 @check_arguments(ArchiveError)
 def read_archive(path: str | Path) -> Archive:
-    """Opens an archive.
+    """Opens an archive of a run; drives and trajectories are read when they are asked for.
 
-    Only summaries, metrics and metadata are read at once; drives and trajectories when they are asked for. `run[i]` is
-    variant i's whole trajectory, bitwise as it was written; `run.read` a part of it.
+    `run[i]` is variant i's whole trajectory, bitwise as it was written; `run.read` a part of it.
 
     Args:
         path: an MCAP file written by warpchain; of a split archive, its name or any of its files.
-
-    Returns:
-        The run.
 
     Raises:
         ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's; one line.
@@ -146,54 +146,54 @@ def read_archive(path: str | Path) -> Archive:
     name = Path(path)
     paths = archive_files(name)
     if not os.path.exists(paths[0]):
-        _missing(name)
-    return open_files(name, tuple(map(McapIndex, paths)))
+        _refuse_missing(name)
+    return open_archive_files(name, tuple(map(McapIndex, paths)))
 
 
-def open_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
-    """The archive of a name, whose files these are, in order; raises as `read_archive` does."""
-    heads = [_head(file) for file in files]
-    ends = [file.values(archive_format.END_METADATA) for file in files]
-    _check_set(name, files, heads, ends)
-    head, end, last = heads[0], ends[-1] or {}, files[-1]
+def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
+    """Archive of a name, made of these open files in order; raises as `read_archive` does."""
+    starts = [_start_metadata(file) for file in files]
+    ends = [file.read_metadata(archive_format.END_METADATA) for file in files]
+    _check_set(name, files, starts, ends)
+    start, end, last = starts[0], ends[-1] or {}, files[-1]
     try:
-        info, numbers = _info(head, end), numbers_of(head)
+        info, numbers = _run_info(start, end), numbers_from_metadata(start)
     except (KeyError, ValueError) as error:
         raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
-    drives = LazyDrives(files, numbers, gaps=info.ended == RECOVERED)
-    metrics = _metrics(last, numbers, info.ended)
-    return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
+    drives = LazyDrives(files, numbers, gaps=info.ended == ENDED_RECOVERED)
+    metrics = _metrics_table(last, numbers, info.ended)
+    return Archive(drives, metrics, LazyTrajectories(files, drives, gaps=info.ended == ENDED_RECOVERED), info)
 
 
-def numbers_of(head: Mapping[str, str]) -> Sequence[int]:
+def numbers_from_metadata(start: Mapping[str, str]) -> Sequence[int]:
     """Numbers of a run's variants, from the metadata at an archive's start; raises KeyError or ValueError."""
-    variants = int(head["variants"])
+    variants = int(start["variants"])
     if not 1 <= variants < 2**31:
         raise ValueError(f"variants = {variants}")
-    numbers = [int(word) for word in head["numbers"].split()] if "numbers" in head else range(variants)
+    numbers = [int(word) for word in start["numbers"].split()] if "numbers" in start else range(variants)
     if len(numbers) != variants or len(set(numbers)) < variants or min(numbers) < 0:
-        raise ValueError(f"numbers = {head['numbers'][:40]} for {variants} variants")
+        raise ValueError(f"numbers = {start['numbers'][:40]} for {variants} variants")
     return numbers
 
 
-def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
-    """Provenance and end of the run."""
+def _run_info(start: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
+    """Provenance and end of a run, from an archive's metadata."""
     return RunInfo(
-        version=head["version"],
-        device=head["device"],
-        precision=head["precision"],
-        created=head["created"],
+        version=start["version"],
+        device=start["device"],
+        precision=start["precision"],
+        created=start["created"],
         ended=end["ended"],
         wall_time=float(end["wall_time"]),
-        step=float(head["step"]) if "step" in head else None,
-        seed=int(head["seed"]) if "seed" in head else None,
-        choice=head.get("choice"),
+        step=float(start["step"]) if "step" in start else None,
+        seed=int(start["seed"]) if "seed" in start else None,
+        choice=start.get("choice"),
     )
 
 
-def _missing(path: Path) -> None:
-    """Error that there is no such archive, and whether a killed run left one."""
-    left = cut_files(path)
+def _refuse_missing(path: Path) -> None:
+    """Raises the error that there is no such archive, and says whether a killed run left one."""
+    left = unfinished_files(path)
     hint = ""
     if left:
         hint = f"; a run that was cut left {left[0]}: see warpchain recover"
@@ -202,26 +202,30 @@ def _missing(path: Path) -> None:
     raise ArchiveError(f"{path}: cannot be read (No such file or directory){hint}")
 
 
-def _head(file: McapIndex) -> dict[str, str]:
-    head = file.values(archive_format.RUN_METADATA)
-    if head is None:
+def _start_metadata(file: McapIndex) -> dict[str, str]:
+    """Metadata at a file's start; refuses a file of another program or format."""
+    start = file.read_metadata(archive_format.RUN_METADATA)
+    if start is None:
         raise ArchiveError(f"{file.path}: an MCAP file, but not an archive of warpchain")
-    if head.get("format_version") != archive_format.FORMAT_VERSION:
+    if start.get("format_version") != archive_format.FORMAT_VERSION:
         raise ArchiveError(
-            f"{file.path}: archive format {head.get('format_version')!r} is not known to this version "
+            f"{file.path}: archive format {start.get('format_version')!r} is not known to this version "
             f"(it reads {archive_format.FORMAT_VERSION!r})"
         )
-    return head
+    return start
 
 
 def _check_set(
-    path: Path, files: Sequence[McapIndex], heads: Sequence[Mapping[str, str]], ends: Sequence[Mapping[str, str] | None]
+    path: Path,
+    files: Sequence[McapIndex],
+    starts: Sequence[Mapping[str, str]],
+    ends: Sequence[Mapping[str, str] | None],
 ) -> None:
-    """Refuses a set with files missing or foreign, or without its end."""
-    for k, (file, head) in enumerate(zip(files, heads, strict=True)):
-        if head.get("set") != heads[0].get("set"):
+    """Refuses a set of archive files with some missing or foreign, or without its end."""
+    for k, (file, start) in enumerate(zip(files, starts, strict=True)):
+        if start.get("set") != starts[0].get("set"):
             raise ArchiveError(f"{file.path}: belongs to another archive than {files[0].path}")
-        if head.get("part") != str(k):
+        if start.get("part") != str(k):
             raise ArchiveError(f"{path}: its part {k} is missing (there is {file.path})")
     end = ends[-1]
     if end is None or "parts" not in end:
@@ -230,24 +234,24 @@ def _check_set(
         raise ArchiveError(f"{path}: {len(files)} of its {end['parts']} files are there")
 
 
-def _metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
-    """The metrics table; a recovered archive has lost it and has only the column `variant`."""
+def _metrics_table(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
+    """Metrics table of an archive; a recovered one that has lost it has only the column `variant`."""
     import pyarrow as pa
 
-    if ended == RECOVERED and archive_format.METRICS_ATTACHMENT not in file.attachments:
+    if ended == ENDED_RECOVERED and archive_format.METRICS_ATTACHMENT not in file.attachments:
         return pa.table({"variant": pa.array(numbers, pa.int64())})
     try:
-        return metrics_of(file.attachment(archive_format.METRICS_ATTACHMENT), numbers)
+        return metrics_from_attachment(file.read_attachment(archive_format.METRICS_ATTACHMENT), numbers)
     except ValueError as error:
         raise ArchiveError(f"{file.path}: its metrics are damaged ({error}); see warpchain recover") from None
 
 
-def metrics_of(data: bytes, numbers: Sequence[int]) -> pa.Table:
-    """The metrics table of variants of these numbers, from its attachment; raises ValueError, of one line."""
+def metrics_from_attachment(data: bytes, numbers: Sequence[int]) -> pa.Table:
+    """Metrics table of variants of these numbers, from an attachment's bytes; raises ValueError, of one line."""
     import pyarrow as pa
 
     try:
-        table = plain_table(data)
+        table = table_from_untrusted_bytes(data)
         if table.num_rows != len(numbers) or "variant" not in table.column_names:
             raise ValueError(f"{table.num_rows} rows for {len(numbers)} variants")
         table.validate(full=True)

@@ -1,10 +1,9 @@
-"""Restores an archive that was cut or damaged: everything that can be trusted, in a new file that is whole.
+"""Restoring an archive that was cut or damaged: what can be trusted goes into a new file that is whole.
 
-Where the summary at the broken file's end is complete, and right by its checksum, it says where everything lies, and
-what channels and schemas are; a record that is not there as it says is left out. Another file is read record by record
-from its beginning, and channels and metadata go by their digests (`archive.digest`). Whole chunks are copied as they
-are, once their checksum is found right; messages that another program mixed are sorted by variant. The result is read
-back before it has its name. What is left out, or cannot be read, is counted and named.
+A summary that is complete and right by its checksum says where everything lies. Any other file is read record by
+record, and channels and metadata go by their digests (`archive.digest`). Whole chunks are copied as they are; messages
+that another program mixed are sorted by variant. The result is read back before it has its name. What is left out is
+counted and named.
 """
 
 from __future__ import annotations
@@ -23,51 +22,58 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from warpchain.archive import archive_format
-from warpchain.archive.chunk_layout import LENGTH_STARTS, MESSAGE
-from warpchain.archive.digest import checked
-from warpchain.archive.file_set import PartName, Target, cut_files, editions, is_whole, of_cut, part_name
-from warpchain.archive.mcap_read import (
-    RECORD,
-    STRETCH,
-    Content,
-    McapIndex,
-    attachment_of,
-    decompressed,
-    is_data_crc,
-    records,
-    stretches,
+from warpchain.archive.archive_names import (
+    ArchiveTarget,
+    PartName,
+    files_by_edition,
+    finished_path,
+    is_whole_set,
+    parse_part_name,
+    unfinished_files,
 )
-from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile, make_chunk
-from warpchain.archive.read import RECOVERED, metrics_of, numbers_of, open_files
-from warpchain.archive.trust import Topics, untrue
+from warpchain.archive.channel_trust import TrustedTopics, untrusted_channel
+from warpchain.archive.chunk_layout import MESSAGE_OPCODE, RECORD_HEAD_BYTES
+from warpchain.archive.digest import checked_metadata
+from warpchain.archive.mcap_read import (
+    MOST_STRETCH_BYTES,
+    RECORD_HEAD,
+    McapIndex,
+    RecordReader,
+    attachment_from_bytes,
+    decompress_chunk,
+    group_loose_messages,
+    is_data_checksum,
+    iterate_records,
+)
+from warpchain.archive.mcap_write import MCAP_MAGIC, McapWriter, PackedChunk, pack_chunk
+from warpchain.archive.read import ENDED_RECOVERED, metrics_from_attachment, numbers_from_metadata, open_archive_files
 from warpchain.errors import ArchiveError
 from warpchain.files import open_regular_file, refusal_reason
 
-KNOWN = frozenset(Opcode)
-"""Opcodes of MCAP; another one means that the bytes are not records any more."""
-DESCRIBED = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
-"""Records that are taken before all others: they describe them."""
-MOST_MIXED = 2**26
-"""Bytes of messages that are held while they are sorted by variant, at most."""
-BAD = (ValueError, OverflowError, struct.error, IndexError, KeyError)
-"""Errors that bytes raise which are not what they should be."""
+KNOWN_OPCODES = frozenset(Opcode)
+DESCRIPTION_OPCODES = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
+"""Records that are taken before all others, which they describe."""
+MOST_MIXED_BYTES = 2**26
+"""Bytes of messages that are held at most while they are sorted by variant."""
+BAD_BYTES_ERRORS = (ValueError, OverflowError, struct.error, IndexError, KeyError)
 
 
 @dataclass
-class Recovered:
-    """Result of a recovery.
+class Recovery:
+    """Result of the recovery of an archive.
 
     Attributes:
         path: the archive written.
         files: its files.
         frames: frames of each variant.
         chunks: whole chunks of frames.
-        damaged: chunks left out because their checksum was wrong, or because nothing says whose they are.
+        damaged: chunks left out, with a wrong checksum or of an unknown variant.
         missing: frames that are missing between others.
         left_out: what else was left out, in words.
-        unreadable: the variants that the run recorded and that cannot be read, each with the reason.
+        unreadable: recorded variants that cannot be read, each with the reason.
         lost: bytes after the last whole record.
-        name: what all files of a split archive share.
+        set_name: name that all files of a split archive share.
+        next_frames: for each variant the number of the next frame, and the last log time [ns].
     """
 
     path: Path
@@ -79,16 +85,16 @@ class Recovered:
     left_out: list[str] = field(default_factory=list)
     unreadable: dict[int, str] = field(default_factory=dict)
     lost: int = 0
-    name: str = field(default="", repr=False)
-    following: dict[int, tuple[int, int]] = field(default_factory=dict, repr=False)
+    set_name: str = field(default="", repr=False)
+    next_frames: dict[int, tuple[int, int]] = field(default_factory=dict, repr=False)
 
     @property
-    def complete(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether nothing was left out but what a cut had not let come into being."""
         return not (self.damaged or self.missing or self.left_out or self.unreadable)
 
-    def leave_out(self, what: str) -> None:
-        """Notes that something was left out."""
+    def note_left_out(self, what: str) -> None:
+        """Notes that something was left out of a recovery."""
         if what not in self.left_out:
             self.left_out.append(what)
 
@@ -102,46 +108,42 @@ class Recovered:
         if self.missing:
             words += f"; {self.missing} frames are missing between others"
         if self.left_out:
-            words += f"; left out as damaged or missing: {_some(self.left_out)}"
+            words += f"; left out as damaged or missing: {_first_words(self.left_out)}"
         if self.unreadable:
             lost = [f"variant {variant} ({why})" for variant, why in sorted(self.unreadable.items())]
-            words += f"; lost: {_some(lost)}"
+            words += f"; lost: {_first_words(lost)}"
         return words + (f"; {self.lost} bytes after the last whole record lost" if self.lost else "")
 
 
-def _some(words: Sequence[str]) -> str:
-    """The first of some words, in a line."""
+def _first_words(words: Sequence[str]) -> str:
+    """First eight of some words, in a line."""
     return ", ".join(words[:8]) + (", ..." if len(words) > 8 else "")
 
 
-def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = False) -> Recovered:
-    """Restores a broken archive.
+def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = False) -> Recovery:
+    """Restores a broken archive into a new one; returns what was restored and what was lost.
 
     Args:
-        broken: the file; of a split archive, its name: all of its files are restored, as a set of the same kind.
+        broken: the file; of a split archive, its name: all of its files are restored.
         output: the archive to write; it appears under this name only when whole.
         overwrite: replace an archive of that name.
 
-    Returns:
-        What was restored and what was lost.
-
     Raises:
-        ArchiveError: a file that is not an archive of warpchain or holds nothing that can be restored and then read, or
-            a folder or disk that refuses.
+        ArchiveError: no archive of warpchain, nothing that can be restored, or a folder or disk that refuses.
     """
     source = Path(broken)
-    sources = _sources(source)
-    result = Recovered(Path(output))
-    copies: list[_Copy] = []
-    target = Target(result.path, overwrite, split=len(sources) > 1)
+    sources = _source_files(source)
+    result = Recovery(Path(output))
+    copies: list[_FileCopy] = []
+    target = ArchiveTarget(result.path, overwrite, split=len(sources) > 1)
     try:
         for path in sources:
             number = len(copies)
-            copies.append(_Copy(path, target.file(number, "warpchain recover"), result, number))
-            if not copies[-1].run() and number and path.suffix == ".partial":
+            copies.append(_FileCopy(path, target.begin_file(number, "warpchain recover"), result, number))
+            if not copies[-1].copy_file() and number and path.suffix == ".partial":
                 copies.pop().file.close()  # a part that had only just begun
         for copy in copies:
-            copy.require()
+            copy.require_run()
         if not result.chunks:
             raise ArchiveError(f"{source}: holds no whole chunk of frames; nothing can be restored")
         _read_back(copies, result)
@@ -151,27 +153,27 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
         for copy in copies:
             copy.finish(len(copies))
         result.files = [copy.file.path for copy in copies]
-        target.replace(result.files)
+        target.remove_replaced(result.files)
     except BaseException:
-        if not (copies and copies[-1].file.finished):
-            target.discard(copy.file.path for copy in copies if copy.file.finished)
+        if not (copies and copies[-1].file.is_finished):
+            target.discard_files(copy.file.path for copy in copies if copy.file.is_finished)
         for copy in copies:
             copy.file.close()
         raise
     finally:
-        target.release()
+        target.release_lock()
     return result
 
 
-def _sources(path: Path) -> list[Path]:
-    """The files to restore from; what a killed run left of a set comes after its finished files."""
-    named = part_name(path) if path.is_file() else None
+def _source_files(path: Path) -> list[Path]:
+    """Files to restore an archive from; those that a killed run left of a set come after its finished ones."""
+    named = parse_part_name(path) if path.is_file() else None
     if path.is_file() and not named:
         return [path]
     name = named.archive if named else path
-    sets = editions(name)
-    for file in cut_files(name):
-        part = part_name(of_cut(file)) or PartName(name, 0, 0)
+    sets = files_by_edition(name)
+    for file in unfinished_files(name):
+        part = parse_part_name(finished_path(file)) or PartName(name, 0, 0)
         sets.setdefault(part.edition, []).append(file)
     if named:
         return sets[named.edition]
@@ -179,7 +181,7 @@ def _sources(path: Path) -> list[Path]:
         why = "Is a directory" if path.is_dir() else "No such file or directory"
         raise ArchiveError(f"{path}: cannot be read ({why})")
     edition, files = max(sets.items())
-    if len(sets) > 1 and not (edition and is_whole(files)):
+    if len(sets) > 1 and not (edition and is_whole_set(files)):
         named_by = ", ".join(str(files[0]) for _, files in sorted(sets.items()))
         raise ArchiveError(f"{path}: several runs were cut; name one of {named_by}")
     if not edition and len(files) > 1:
@@ -187,21 +189,23 @@ def _sources(path: Path) -> list[Path]:
     return files
 
 
-def _read_back(copies: Sequence[_Copy], result: Recovered) -> None:
-    """Reads what was restored, as any reader will, and notes which variants cannot be read, and how many frames can."""
+def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
+    """Reads the restored archive as any reader will; notes unreadable variants and the frames of the others."""
     with ExitStack() as drafts:
-        paths = [drafts.enter_context(copy.draft(len(copies))) for copy in copies]
+        paths = [drafts.enter_context(copy.readable_draft(len(copies))) for copy in copies]
         try:
-            back = open_files(result.path, tuple(map(McapIndex, paths)))
+            back = open_archive_files(result.path, tuple(map(McapIndex, paths)))
             recorded = set(back)
         except ArchiveError as error:
-            raise ArchiveError(f"{copies[0].path}: cannot be restored ({_reason(error, paths)})") from None
+            raise ArchiveError(f"{copies[0].path}: cannot be restored ({_short_reason(error, paths)})") from None
         held = {name for file in back.trajectories.files for name in file.attachments}
         copies[-1].check_metrics(held)
         for variant in back.numbers:
-            if held.isdisjoint((archive_format.drive_attachment(variant), archive_format.drive_copy(variant))):
-                result.unreadable[variant] = f"lacks its attachment {archive_format.drive_attachment(variant)}"
-        for variant in sorted((result.frames.keys() | copies[-1].due()) - result.unreadable.keys()):
+            if held.isdisjoint(
+                (archive_format.drive_attachment_name(variant), archive_format.drive_copy_name(variant))
+            ):
+                result.unreadable[variant] = f"lacks its attachment {archive_format.drive_attachment_name(variant)}"
+        for variant in sorted((result.frames.keys() | copies[-1].due_variants()) - result.unreadable.keys()):
             try:
                 if variant not in recorded:
                     raise ArchiveError("lacks its frames")
@@ -209,140 +213,140 @@ def _read_back(copies: Sequence[_Copy], result: Recovered) -> None:
                 result.missing += result.frames[variant] - count
                 result.frames[variant] = count
             except ArchiveError as error:
-                result.unreadable[variant] = _reason(error, paths)
+                result.unreadable[variant] = _short_reason(error, paths)
         result.frames = {variant: count for variant, count in result.frames.items() if variant not in result.unreadable}
 
 
-def _reason(error: ArchiveError, paths: Sequence[Path]) -> str:
-    """An error's message without the temporary files' names, and without the advice to recover them."""
+def _short_reason(error: ArchiveError, paths: Sequence[Path]) -> str:
+    """Message of an error without the temporary files' names and the advice to recover them."""
     text = str(error).removesuffix("; see warpchain recover")
     for path in paths:
         text = text.replace(f"{path}: ", "")
     return text
 
 
-class _Copy:
-    """Copies what can be trusted of one file into another."""
+class _FileCopy:
+    """Copy of what can be trusted of one broken file."""
 
-    def __init__(self, path: Path, file: McapFile, result: Recovered, number: int) -> None:
+    def __init__(self, path: Path, file: McapWriter, result: Recovery, number: int) -> None:
         self.path, self.file, self.result, self.number = path, file, result, number
-        self._head: dict[str, str] | None = None
+        self._start: dict[str, str] | None = None
         self._old_end: dict[str, str] = {}
         self._held: dict[str, bytes] = {}
-        self._topics = Topics()
+        self._topics = TrustedTopics()
         self._mixed: dict[int, bytearray] = {}
 
-    def run(self) -> bool:
-        """Copies; returns whether there was a whole chunk."""
-        data = _mapped(self.path)
-        if len(data) >= len(MAGIC) and bytes(data[: len(MAGIC)]) != MAGIC:
+    def copy_file(self) -> bool:
+        """Copies the file's records; returns whether there was a whole chunk."""
+        data = _mapped_bytes(self.path)
+        if len(data) >= len(MCAP_MAGIC) and bytes(data[: len(MCAP_MAGIC)]) != MCAP_MAGIC:
             raise ArchiveError(f"{self.path}: is not an MCAP file")
-        index = _protected(self.path)
+        index = _trusted_index(self.path)
         if index is None:
-            self._walk(data)
+            self._copy_all_records(data)
         else:
-            self._follow(data, index)
-        self._write_mixed(self._mixed)
-        return self.file.chunks > 0
+            self._copy_listed_records(data, index)
+        self._write_mixed_chunks(self._mixed)
+        return self.file.chunks_written > 0
 
-    def _follow(self, data: Any, index: McapIndex) -> None:
-        """Copies what a right summary lists, in the file's order."""
-        self._topics = Topics(index)
+    def _copy_listed_records(self, data: Any, index: McapIndex) -> None:
+        """Copies the records that a right summary lists, in the file's order."""
+        self._topics = TrustedTopics(index)
         places = [(entry.offset, entry.length, Opcode.CHUNK, "") for entry in index.chunks]
         places += [(*at, Opcode.ATTACHMENT, name) for name, at in index.attachments.items()]
         places += [(*at, Opcode.METADATA, name) for name, at in index.metadata.items()]
         for offset, length, opcode, name in sorted(places, key=lambda place: (place[2] != Opcode.METADATA, place[0])):
             end = min(offset + length, len(data))
-            found = RECORD.unpack_from(data, offset) if offset + RECORD.size <= end else None
-            if found != (opcode, length - RECORD.size):
-                self._leave_out(opcode, name)
+            found = RECORD_HEAD.unpack_from(data, offset) if offset + RECORD_HEAD.size <= end else None
+            if found != (opcode, length - RECORD_HEAD.size):
+                self._note_left_out(opcode, name)
             else:
-                self._take(opcode, data[offset + RECORD.size : end], name)
+                self._copy_record(opcode, data[offset + RECORD_HEAD.size : end], name)
 
-    def _walk(self, data: Any) -> None:
+    def _copy_all_records(self, data: Any) -> None:
         """Copies what is whole, record by record, once it is known what channels there are."""
-        loose = self._survey(data)
-        at = len(MAGIC)
-        for opcode, begin, end in stretches(_whole(data)):
+        loose = self._gather_descriptions(data)
+        at = len(MCAP_MAGIC)
+        for opcode, begin, end in group_loose_messages(_whole_records(data)):
             if opcode == Opcode.DATA_END and end - begin == 4:
                 at = len(data)
                 break
             if opcode == Opcode.MESSAGE_INDEX:
-                if not _is_index(data[begin:end]):
-                    self._leave_out(Opcode.CHUNK)
+                if not _is_message_index(data[begin:end]):
+                    self._note_left_out(Opcode.CHUNK)
             elif opcode in (Opcode.ATTACHMENT, Opcode.CHUNK) or (opcode == Opcode.MESSAGE and loose):
-                self._take(opcode, data[begin:end])
-            elif opcode not in DESCRIBED and not (opcode == Opcode.HEADER and at == len(MAGIC)):
-                self._leave_out(opcode)
+                self._copy_record(opcode, data[begin:end])
+            elif opcode not in DESCRIPTION_OPCODES and not (opcode == Opcode.HEADER and at == len(MCAP_MAGIC)):
+                self._note_left_out(opcode)
             at = end
         self.result.lost += max(0, len(data) - at)
 
-    def _survey(self, data: Any) -> bool:
+    def _gather_descriptions(self, data: Any) -> bool:
         """Takes metadata, channels and schemas; returns whether messages outside of chunks can be trusted."""
         used: set[int] = set()
         loose, right = False, True
-        for opcode, begin, end in _whole(data):
+        for opcode, begin, end in _whole_records(data):
             if opcode == Opcode.DATA_END and end - begin == 4:
                 (crc,) = struct.unpack_from("<I", data, begin)
-                right = not loose or is_data_crc(data[: begin - RECORD.size], crc)
+                right = not loose or is_data_checksum(data[: begin - RECORD_HEAD.size], crc)
                 break
-            if opcode in DESCRIBED:
-                self._take(opcode, data[begin:end])
+            if opcode in DESCRIPTION_OPCODES:
+                self._copy_record(opcode, data[begin:end])
             elif opcode == Opcode.MESSAGE and end - begin >= 2:
                 loose = True
                 used.add(int.from_bytes(data[begin : begin + 2], "little"))
             elif opcode == Opcode.CHUNK:
-                with suppress(*BAD):  # it is counted when it is copied
-                    content = decompressed(kinds.Chunk.read(Content(data[begin:end])))
-                    for inner, start, stop in records(content):
-                        if inner in DESCRIBED:
-                            self._take(inner, bytes(content[start:stop]))
+                with suppress(*BAD_BYTES_ERRORS):  # it is counted when it is copied
+                    content = decompress_chunk(kinds.Chunk.read(RecordReader(data[begin:end])))
+                    for inner, start, stop in iterate_records(content):
+                        if inner in DESCRIPTION_OPCODES:
+                            self._copy_record(inner, bytes(content[start:stop]))
                         elif inner == Opcode.MESSAGE:
                             used.add(int.from_bytes(content[start : start + 2], "little"))
-        if self._topics.settle(self._head or {}, used):
-            self._leave_out(Opcode.CHANNEL)
+        if self._topics.decide_trust(self._start or {}, used):
+            self._note_left_out(Opcode.CHANNEL)
         return right
 
-    def _leave_out(self, opcode: int, name: str = "") -> None:
-        """Notes that a record was left out."""
+    def _note_left_out(self, opcode: int, name: str = "") -> None:
+        """Notes that a record was left out of the copy."""
         if opcode == Opcode.CHUNK:
             self.result.damaged += 1
         else:
             kind = {Opcode.ATTACHMENT: "attachment", Opcode.METADATA: "metadata", Opcode.MESSAGE: "messages"}
             what = kind.get(opcode, "a record")  # type: ignore[call-overload]
-            self.result.leave_out(f"{what} {name}".strip())
+            self.result.note_left_out(f"{what} {name}".strip())
 
-    def require(self) -> None:
+    def require_run(self) -> None:
         """Refuses a file that says nothing of a run."""
-        if self._head is None:
+        if self._start is None:
             raise ArchiveError(
                 f"{self.path}: is not an archive of warpchain, or was cut before its first record, or that is damaged"
             )
 
-    def due(self) -> set[int]:
-        """Variants that the run recorded, all of which a run that reached its end has written."""
-        recorded = (self._head or {}).get("recorded", "") if self._old_end.get("ended") == "complete" else ""
+    def due_variants(self) -> set[int]:
+        """Variants that the broken file's run recorded, if it reached its end; their frames must be there."""
+        recorded = (self._start or {}).get("recorded", "") if self._old_end.get("ended") == "complete" else ""
         return {int(word) for word in recorded.split() if word.isdigit()}
 
     def check_metrics(self, held: set[str]) -> None:
-        """Notes that the metrics, which a run that ended has written, are not there."""
+        """Notes a missing metrics table that a run which ended has written."""
         if self._old_end.get("ended") in ("complete", "interrupted") and archive_format.METRICS_ATTACHMENT not in held:
-            self._leave_out(Opcode.ATTACHMENT, archive_format.METRICS_ATTACHMENT)
+            self._note_left_out(Opcode.ATTACHMENT, archive_format.METRICS_ATTACHMENT)
 
-    def draft(self, parts: int) -> AbstractContextManager[Path]:
-        """The file while it is whole, to be read back."""
-        return self.file.draft(archive_format.END_METADATA, self._end(parts))
+    def readable_draft(self, parts: int) -> AbstractContextManager[Path]:
+        """Gives the copy while it is a whole file, to be read back."""
+        return self.file.readable_draft(archive_format.END_METADATA, self._end_metadata(parts))
 
     def finish(self, parts: int) -> None:
-        """Ends the file."""
-        self.file.metadata(archive_format.END_METADATA, self._end(parts))
+        """Ends the copy and gives it its name."""
+        self.file.add_metadata(archive_format.END_METADATA, self._end_metadata(parts))
         self.file.finish()
 
-    def _end(self, parts: int) -> dict[str, str]:
-        """Metadata of how the archive ended."""
-        assert self._head is not None  # as required
+    def _end_metadata(self, parts: int) -> dict[str, str]:
+        """Metadata of how the restored archive ended."""
+        assert self._start is not None  # as required
         wall_time = self._old_end.get("wall_time", "0.0")
-        ended = {"ended": RECOVERED, "wall_time": wall_time, "lost_bytes": str(self.result.lost)}
+        ended = {"ended": ENDED_RECOVERED, "wall_time": wall_time, "lost_bytes": str(self.result.lost)}
         ended["damaged_chunks"] = str(self.result.damaged)
         if self.number == parts - 1:
             ended["parts"] = str(parts)
@@ -352,174 +356,175 @@ class _Copy:
             ended["left_out"] = ", ".join(self.result.left_out)
         if self.result.unreadable:
             ended["unreadable"] = " ".join(map(str, sorted(self.result.unreadable)))
-        return archive_format.with_head(ended, self._head)
+        return archive_format.end_with_start_copy(ended, self._start)
 
-    def _take(self, opcode: int, data: Any, name: str = "") -> None:
-        """Copies a record, if it is worth it and right.
-
-        Args:
-            name: what the summary calls it.
-        """
+    def _copy_record(self, opcode: int, data: Any, name: str = "") -> None:
+        """Copies a record if it is right, else notes it as left out; `name` is what the summary calls it."""
         try:
             if opcode == Opcode.METADATA:
-                metadata = kinds.Metadata.read(Content(data))
+                metadata = kinds.Metadata.read(RecordReader(data))
                 name = name or metadata.name
-                self._take_metadata(name, checked(metadata.name, metadata.metadata, self._topics.sealed))
+                self._copy_metadata(name, checked_metadata(metadata.name, metadata.metadata, self._topics.has_digests))
             elif opcode == Opcode.ATTACHMENT:
-                attached = attachment_of(data)
+                attached = attachment_from_bytes(data)
                 name = name or attached.name
-                self._take_attachment(name, attached)
+                self._copy_attachment(name, attached)
             elif opcode == Opcode.SCHEMA:
-                self._topics.add_schema(kinds.Schema.read(Content(data)))
+                self._topics.add_schema(kinds.Schema.read(RecordReader(data)))
             elif opcode == Opcode.CHANNEL:
-                self._topics.add(kinds.Channel.read(Content(data)))
+                self._topics.add_channel(kinds.Channel.read(RecordReader(data)))
             elif opcode == Opcode.CHUNK:
-                self._take_chunk(kinds.Chunk.read(Content(data)))
+                self._copy_chunk(kinds.Chunk.read(RecordReader(data)))
             elif opcode == Opcode.MESSAGE:
-                self._take_mixed(data, message_index(data))
-        except BAD:
-            self._leave_out(opcode, name)
+                self._sort_mixed_messages(data, message_indexes(data))
+        except BAD_BYTES_ERRORS:
+            self._note_left_out(opcode, name)
 
-    def _take_attachment(self, name: str, attached: kinds.Attachment) -> None:
+    def _copy_attachment(self, name: str, attached: kinds.Attachment) -> None:
+        """Copies an attachment; raises ValueError for another one of its name."""
         if attached.name != name or self._held.setdefault(name, attached.data) != attached.data:
             raise ValueError("another one of this name")
         if name == archive_format.METRICS_ATTACHMENT:
-            metrics_of(bytes(attached.data), numbers_of(self._head or {}))
-        self.file.attachment(name, attached.media_type, attached.data)
+            metrics_from_attachment(bytes(attached.data), numbers_from_metadata(self._start or {}))
+        self.file.add_attachment(name, attached.media_type, attached.data)
 
-    def _take_metadata(self, name: str, values: dict[str, str]) -> None:
+    def _copy_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Copies a metadata record, or keeps what it says of the run's start or end."""
         if name == archive_format.RUN_METADATA:
-            self._take_head(values)
+            self._copy_start_metadata(values)
         elif name == archive_format.END_METADATA:
             self._old_end = {"ended": values.get("ended", ""), "wall_time": repr(float(values.get("wall_time", "0.0")))}
-            if self._head is None:  # its record was damaged; this is its copy
-                self._take_head(archive_format.head_of(values))
+            if self._start is None:  # its record was damaged; this is its copy
+                self._copy_start_metadata(archive_format.start_copy_of_end(values))
         else:
-            self.file.metadata(name, values)
+            self.file.add_metadata(name, values)
 
-    def _take_head(self, values: dict[str, str]) -> None:
-        if self._head is not None:
+    def _copy_start_metadata(self, values: dict[str, str]) -> None:
+        """Copies the metadata at the broken file's start; refuses another format or archive."""
+        if self._start is not None:
             raise ValueError("another one of this name")
         if values.get("format_version") != archive_format.FORMAT_VERSION:
             raise ArchiveError(
                 f"{self.path}: archive format {values.get('format_version')!r} is not known to this version "
                 f"(it reads {archive_format.FORMAT_VERSION!r})"
             )
-        if self.result.name not in ("", values.get("set", "")):
+        if self.result.set_name not in ("", values.get("set", "")):
             raise ArchiveError(f"{self.path}: belongs to another archive than the files before it")
-        self._head, self.result.name = values | {"part": str(self.number)}, values.get("set", "")
-        self.file.metadata(archive_format.RUN_METADATA, self._head)
+        self._start, self.result.set_name = values | {"part": str(self.number)}, values.get("set", "")
+        self.file.add_metadata(archive_format.RUN_METADATA, self._start)
 
-    def _owner(self, number: int) -> int:
-        """The variant that a channel belongs to, -1 for another program's."""
-        named = self._topics.variant_of(number)
+    def _owner_variant(self, number: int) -> int:
+        """Variant that an MCAP channel belongs to, -1 for another program's."""
+        named = self._topics.variant_and_topic(number)
         return named[0] if named else -1
 
-    def _take_chunk(self, chunk: kinds.Chunk) -> None:
-        content = decompressed(chunk)
-        indexes = message_index(content)
-        if len(set(map(self._owner, indexes))) > 1:
-            self._take_mixed(content, indexes)
+    def _copy_chunk(self, chunk: kinds.Chunk) -> None:
+        """Copies a chunk as it is, or sorts its messages where it mixes variants."""
+        content = decompress_chunk(chunk)
+        indexes = message_indexes(content)
+        if len(set(map(self._owner_variant, indexes))) > 1:
+            self._sort_mixed_messages(content, indexes)
             return
-        self._write_mixed(self._mixed)  # they came before it
+        self._write_mixed_chunks(self._mixed)  # they came before it
         size, crc = chunk.uncompressed_size, chunk.uncompressed_crc
         start, end = chunk.message_start_time, chunk.message_end_time
-        self._copy(Chunk(chunk.compression, chunk.data, size, crc, start, end, indexes), content)
+        self._append_chunk(PackedChunk(chunk.compression, chunk.data, size, crc, start, end, indexes), content)
 
-    def _take_mixed(self, content: Any, indexes: Iterable[int]) -> None:
-        """Sorts messages that another program mixed by variant, for chunks as warpchain has them."""
+    def _sort_mixed_messages(self, content: Any, indexes: Iterable[int]) -> None:
+        """Sorts messages that another program mixed, by variant, for chunks as warpchain has them."""
         if not all(map(self._topics.is_known, indexes)):
             raise ValueError("a topic is not described")
-        for opcode, begin, end in records(content):
-            if opcode == MESSAGE:
+        for opcode, begin, end in iterate_records(content):
+            if opcode == MESSAGE_OPCODE:
                 (number,) = struct.unpack_from("<H", content, begin)
-                self._mixed.setdefault(self._owner(number), bytearray()).extend(content[begin - RECORD.size : end])
-        whole = sum(map(len, self._mixed.values())) > MOST_MIXED
-        self._write_mixed([owner for owner, held in self._mixed.items() if whole or len(held) > STRETCH])
+                self._mixed.setdefault(self._owner_variant(number), bytearray()).extend(
+                    content[begin - RECORD_HEAD.size : end]
+                )
+        whole = sum(map(len, self._mixed.values())) > MOST_MIXED_BYTES
+        self._write_mixed_chunks(
+            [owner for owner, held in self._mixed.items() if whole or len(held) > MOST_STRETCH_BYTES]
+        )
 
-    def _write_mixed(self, owners: Iterable[int]) -> None:
-        """Writes what was sorted of some variants."""
+    def _write_mixed_chunks(self, owners: Iterable[int]) -> None:
+        """Writes the messages sorted so far of some variants as chunks."""
         for owner in list(owners):
             content = bytes(self._mixed.pop(owner))
             try:
-                self._copy(make_chunk(content, message_index(content), "zstd"), content)
-            except BAD:
-                self._leave_out(Opcode.CHUNK)
+                self._append_chunk(pack_chunk(content, message_indexes(content), "zstd"), content)
+            except BAD_BYTES_ERRORS:
+                self._note_left_out(Opcode.CHUNK)
 
-    def _copy(self, chunk: Chunk, content: Any) -> None:
-        """Appends a chunk of one variant.
+    def _append_chunk(self, chunk: PackedChunk, content: Any) -> None:
+        """Appends a chunk of one variant to the copy, and counts its frames.
 
         Raises:
             ValueError: its frames came before or are out of order, or a topic of it is not described.
         """
         result = self.result
-        named = map(self._topics.variant_of, chunk.indexes)
+        named = map(self._topics.variant_and_topic, chunk.indexes)
         states = {v[0]: number for v, number in zip(named, chunk.indexes, strict=True) if v and v[1] == "state"}
-        found = {variant: _sequence(content, chunk.indexes[number]) for variant, number in states.items()}
+        found = {variant: _frame_numbers(content, chunk.indexes[number]) for variant, number in states.items()}
         for variant, sequence in found.items():
-            due, stamp = result.following.get(variant, (0, -1))
+            due, stamp = result.next_frames.get(variant, (0, -1))
             first = int(chunk.indexes[states[variant]][0, 0])
             if not sequence.any() and due + len(sequence) > 1 and first > stamp:  # MCAP leaves them optional
                 sequence += due + np.arange(len(sequence))
             if sequence[0] < due or (np.diff(sequence) <= 0).any():
                 raise ValueError("its frames came before, or are out of order")  # a chunk that is there twice
-        self._topics.open(self.file, chunk.indexes)
-        self.file.chunk(chunk)
+        self._topics.copy_topics(self.file, chunk.indexes)
+        self.file.add_chunk(chunk)
         result.chunks += bool(found)
         for variant, sequence in found.items():
-            result.missing += int(sequence[-1]) + 1 - result.following.get(variant, (0, -1))[0] - len(sequence)
-            result.following[variant] = int(sequence[-1]) + 1, int(chunk.indexes[states[variant]][-1, 0])
+            result.missing += int(sequence[-1]) + 1 - result.next_frames.get(variant, (0, -1))[0] - len(sequence)
+            result.next_frames[variant] = int(sequence[-1]) + 1, int(chunk.indexes[states[variant]][-1, 0])
             result.frames[variant] = result.frames.get(variant, 0) + len(sequence)
 
 
-def _protected(path: Path) -> McapIndex | None:
-    """The summary of a file, if a checksum says that it is right, and its channels' digests do not deny it."""
+def _trusted_index(path: Path) -> McapIndex | None:
+    """Index of a file whose summary and digests are right; None for any other."""
     try:
         index = McapIndex(path)
     except ArchiveError:
         return None
-    return index if index.protected and untrue(index) is None else None
+    return index if index.has_checked_summary and untrusted_channel(index) is None else None
 
 
-def _is_index(data: Any) -> bool:
-    """Whether a record is an index of messages, and no other one with a wrong opcode."""
+def _is_message_index(data: Any) -> bool:
+    """Whether a record is a MessageIndex, and no other one with a wrong opcode."""
     return len(data) >= 6 and int.from_bytes(data[2:6], "little") == len(data) - 6 and len(data) % 16 == 6
 
 
-def _sequence(content: Any, index: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Numbers of frames, from the messages of a chunk that an index lists."""
-    found = [struct.unpack_from("<I", content, int(at) + LENGTH_STARTS + 2)[0] for at in index[:, 1]]
+def _frame_numbers(content: Any, index: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Numbers of the frames (messages,), from the messages of a chunk that an index lists."""
+    found = [struct.unpack_from("<I", content, int(at) + RECORD_HEAD_BYTES + 2)[0] for at in index[:, 1]]
     return np.array(found, dtype=np.int64)
 
 
-def message_index(content: Any) -> dict[int, NDArray[np.uint64]]:
-    """Log times and offsets of each channel's messages in a chunk's records.
-
-    Only the messages' heads are read: `mcap.records` would copy what they hold.
-    """
+def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
+    """Log times [ns] and offsets of each channel's messages (messages, 2) in a chunk's records."""
     found: dict[int, list[tuple[int, int]]] = {}
-    for opcode, begin, _ in records(content):
-        if opcode == MESSAGE:
-            at = begin - LENGTH_STARTS
+    for opcode, begin, _ in iterate_records(content):
+        if opcode == MESSAGE_OPCODE:
+            at = begin - RECORD_HEAD_BYTES
             channel, _, stamp = struct.unpack_from("<HIQ", content, begin)
             found.setdefault(channel, []).append((stamp, at))
     return {channel: np.array(index, dtype=np.uint64) for channel, index in found.items()}
 
 
-def _whole(data: Any) -> Iterator[tuple[int, int, int]]:
+def _whole_records(data: Any) -> Iterator[tuple[int, int, int]]:
     """Opcode, begin and end of each whole record of a file, until one that is cut or makes no sense."""
-    at = len(MAGIC)
-    while at + RECORD.size <= len(data):
-        opcode, length = RECORD.unpack_from(data, at)
-        end = at + RECORD.size + length
-        if opcode not in KNOWN or end > len(data):
+    at = len(MCAP_MAGIC)
+    while at + RECORD_HEAD.size <= len(data):
+        opcode, length = RECORD_HEAD.unpack_from(data, at)
+        end = at + RECORD_HEAD.size + length
+        if opcode not in KNOWN_OPCODES or end > len(data):
             return
-        yield opcode, at + RECORD.size, end
+        yield opcode, at + RECORD_HEAD.size, end
         at = end
 
 
-def _mapped(path: Path) -> memoryview:
-    """A file's bytes, mapped."""
+def _mapped_bytes(path: Path) -> memoryview:
+    """Memory map of a file's bytes."""
     try:
         with open(open_regular_file(path), "rb") as file:
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))

@@ -1,7 +1,6 @@
 """Writing MCAP archives: recorded variants frame by frame, their drives, the metrics, and how the run was made.
 
-The layout is described in `docs/archive.md`. Frames are laid out and compressed in threads of their own, while the
-solver goes on; a file appears under its name only when it is whole.
+Frames are laid out (`docs/archive.md`) and compressed in other threads, while the solver goes on.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from warpchain.archive import archive_format
-from warpchain.archive.chunk_layout import Form, FrameLayout, frame_layout, message_record
-from warpchain.archive.file_parts import Parts, numbers_of
-from warpchain.archive.mcap_write import Chunk, make_chunk
+from warpchain.archive.archive_parts import ArchiveParts, variant_numbers
+from warpchain.archive.chunk_layout import ChunkLayout, FrameContent, layout_of_content, message_record
+from warpchain.archive.mcap_write import PackedChunk, pack_chunk
 from warpchain.archive.options import ArchiveOptions
-from warpchain.archive.ordered_work import Pipeline
+from warpchain.archive.ordered_work import OrderedWork
 from warpchain.archive.read import read_archive
-from warpchain.archive.scene_message import scene_update
+from warpchain.archive.scene_message import scene_update_bytes
 from warpchain.argument_checks import check_arguments
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError
@@ -34,22 +33,22 @@ if TYPE_CHECKING:
 
 __all__ = ["ArchiveOptions", "ArchiveWriter", "read_archive", "write_archive"]
 
-CHUNK = 2**20
-"""Uncompressed size that chunks have, about [bytes]."""
-ROOM = 32
+CHUNK_BYTES = 2**20
+"""Uncompressed size of a chunk, about [bytes]."""
+MOST_PENDING_CHUNKS = 32
 """Chunks under way at most between `append` and the disk."""
-WAITING = 64 * 2**20
+MOST_WAITING_BYTES = 64 * 2**20
 """Frames that wait for their chunk to fill, over all variants, at most [bytes]."""
 COLOR_SAMPLES = 4096
-"""Most of the first tensions of a variant, roughly, that its color scale is taken from."""
+"""Tensions that a variant's color scale is taken from at most, roughly."""
 
 
 @dataclass
-class _Track:
-    """A variant being written, by its number: its frames' layout, and those that wait for their chunk to fill."""
+class _WaitingFrames:
+    """Frames of a variant that wait for their chunk to fill, with their layout."""
 
     variant: int
-    layout: FrameLayout
+    layout: ChunkLayout
     channels: tuple[int, ...]
     full_scale: float
     frames: int = 0
@@ -57,26 +56,25 @@ class _Track:
     count: int = 0
 
 
-class _Job(NamedTuple):
+class _ChunkJob(NamedTuple):
     """Consecutive frames of one variant that become a chunk."""
 
-    track: _Track
+    track: _WaitingFrames
     chunks: list[Trajectory]
     first: int
 
 
 class ArchiveWriter:
-    """Writes an archive while a run goes on.
+    """Writer of an archive while a run goes on.
 
     Args:
-        path: the file to write; with a split, `run.mcap` becomes `run.part0000.mcap`, `run.part0001.mcap` and so on.
+        path: the file to write; with a split, `run.mcap` becomes `run.part0000.mcap` and so on.
         drives: all drives of the run.
         recorded: indices of the variants that frames will come for.
         info: how the run is made; `finish` adds how it ended.
         options: compression, split, threads; None takes the defaults.
         overwrite: replace an archive of that name.
-        salvage: of an archive that is not finished, keep what was written until then, and name it in the error that a
-            refusing disk raises, else in a warning.
+        salvage: keep what was written of an archive that is not finished, and name it in the error or a warning.
 
     Raises:
         ArchiveError: an existing file, a folder that cannot be written, a full disk, too many variants for one file.
@@ -93,20 +91,22 @@ class ArchiveWriter:
         salvage: bool = False,
     ) -> None:
         self.options = options or ArchiveOptions()
-        self._numbers = numbers_of(self.options, drives)
+        self._numbers = variant_numbers(self.options, drives)
         self._position = {self._numbers[variant]: k for k, variant in enumerate(recorded)}
         self._lock = Lock()
-        self._tracks: dict[int, _Track] = {}
+        self._tracks: dict[int, _WaitingFrames] = {}
         self._waiting = 0
         self._ended = self._named = False
-        self._parts = Parts(Path(path), drives, recorded, info, self.options, overwrite, salvage)
+        self._parts = ArchiveParts(Path(path), drives, recorded, info, self.options, overwrite, salvage)
         threads = self.options.encoders or min(4, os.cpu_count() or 1)
-        self._pipeline: Pipeline[_Job, tuple[_Job, list[Chunk]]] = Pipeline(self._encode, self._store, threads, ROOM)
+        self._pipeline: OrderedWork[_ChunkJob, tuple[_ChunkJob, list[PackedChunk]]] = OrderedWork(
+            self._encode_chunk, self._write_chunks, threads, MOST_PENDING_CHUNKS
+        )
 
     def append(self, variant: int, chunk: Trajectory) -> None:
-        """Appends consecutive frames of one variant, from any thread; waits while too much is under way.
+        """Appends consecutive frames of one variant to the archive, from any thread; waits while too much is under way.
 
-        The arrays are read later, in other threads: leave them as they are until `finish`.
+        Leave the arrays as they are until `finish`: other threads read them later.
 
         Raises:
             ArchiveError: a disk that is full or gone, now or since an earlier call.
@@ -115,101 +115,103 @@ class ArchiveWriter:
             return
         try:
             with self._lock:
-                self._append(variant, chunk)
+                self._append_frames(variant, chunk)
         except ArchiveError as error:
             self._named = True
-            raise self._parts.refusal(error) from None
+            raise self._parts.refusal_error(error) from None
 
-    def _append(self, variant: int, chunk: Trajectory) -> None:
+    def _append_frames(self, variant: int, chunk: Trajectory) -> None:
+        """Puts frames of a variant into chunks; sends those that are full."""
         number = self._numbers[variant]
-        track = self._tracks.get(number) or self._begin(number, chunk)
-        size = track.layout.size
-        per_chunk = max(1, CHUNK // size)
+        track = self._tracks.get(number) or self._begin_variant(number, chunk)
+        size = track.layout.frame_bytes
+        per_chunk = max(1, CHUNK_BYTES // size)
         start, total = 0, len(chunk.time)
         while track.count + total - start >= per_chunk:
             stop = start + per_chunk - track.count
-            self._wait_for(track, _cut(chunk, start, stop))
-            self._send(track)
+            self._add_waiting(track, _slice_frames(chunk, start, stop))
+            self._send_waiting(track)
             start = stop
         if start < total:
-            self._wait_for(track, _cut(chunk, start, total, copy=start > 0))
-        if self._waiting > WAITING:
-            self._send_all()
+            self._add_waiting(track, _slice_frames(chunk, start, total, copy=start > 0))
+        if self._waiting > MOST_WAITING_BYTES:
+            self._send_all_waiting()
 
-    def _wait_for(self, track: _Track, frames: Trajectory) -> None:
+    def _add_waiting(self, track: _WaitingFrames, frames: Trajectory) -> None:
+        """Adds frames to those of their variant that wait for a chunk."""
         track.waiting.append(frames)
         track.count += len(frames.time)
-        self._waiting += len(frames.time) * track.layout.size
+        self._waiting += len(frames.time) * track.layout.frame_bytes
 
-    def _send(self, track: _Track) -> None:
+    def _send_waiting(self, track: _WaitingFrames) -> None:
         """Gives a variant's waiting frames to the encoders."""
-        job = _Job(track, track.waiting, track.frames)
-        self._waiting -= track.count * track.layout.size
+        job = _ChunkJob(track, track.waiting, track.frames)
+        self._waiting -= track.count * track.layout.frame_bytes
         track.frames += track.count
         track.waiting, track.count = [], 0
-        self._pipeline.put(job)
+        self._pipeline.submit_job(job)
 
-    def _send_all(self) -> None:
+    def _send_all_waiting(self) -> None:
+        """Gives all variants' waiting frames to the encoders."""
         for track in self._tracks.values():
             if track.count:
-                self._send(track)
+                self._send_waiting(track)
 
-    def _begin(self, variant: int, chunk: Trajectory) -> _Track:
+    def _begin_variant(self, variant: int, chunk: Trajectory) -> _WaitingFrames:
+        """Begins a variant, with the layout of its first frames."""
         values = None if self.options.values == "run" else self.options.values
-        form = Form.of(variant, chunk, values, self.options.exact_positions)
-        numbers = archive_format.channel_numbers(self._parts.place(self._position[variant]))
-        channels = tuple(numbers[topic] for topic in form.topics)
-        track = _Track(variant, frame_layout(form), channels, _full_scale(chunk))
+        content = FrameContent.from_trajectory(variant, chunk, values, self.options.exact_positions)
+        numbers = archive_format.channel_numbers(self._parts.place_in_part(self._position[variant]))
+        channels = tuple(numbers[topic] for topic in content.topics)
+        track = _WaitingFrames(variant, layout_of_content(content), channels, _color_scale_end(chunk))
         self._tracks[variant] = track
         return track
 
-    def _encode(self, job: _Job) -> tuple[_Job, list[Chunk]]:
+    def _encode_chunk(self, job: _ChunkJob) -> tuple[_ChunkJob, list[PackedChunk]]:
         """Lays out and compresses a chunk, the variant's first behind its outlines; runs in a thread of its own."""
         track = job.track
-        frames = track.layout.encode(job.chunks, job.first, track.channels, track.full_scale)
-        starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.size)
+        frames = track.layout.encode_frames(job.chunks, job.first, track.channels, track.full_scale)
+        starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.frame_bytes)
         stamps = frames["state"]["head"]["log_time"]
         indexes = {}
-        for topic, channel in zip(track.layout.form.topics, track.channels, strict=True):
-            offset = track.layout.offset(topic)
+        for topic, channel in zip(track.layout.content.topics, track.channels, strict=True):
+            offset = track.layout.topic_offset(topic)
             indexes[channel] = np.stack([stamps, starts + np.uint64(offset)], axis=1)
-        chunk = make_chunk(memoryview(frames.view(np.uint8)), indexes, self.options.compression)
-        return job, [chunk] if job.first else [self._scene(job, int(stamps[0])), chunk]
+        chunk = pack_chunk(memoryview(frames.view(np.uint8)), indexes, self.options.compression)
+        return job, [chunk] if job.first else [self._scene_chunk(job, int(stamps[0])), chunk]
 
-    def _scene(self, job: _Job, stamp: int) -> Chunk:
-        """The chunk that holds a variant's outlines."""
-        number = archive_format.channel_numbers(self._parts.place(self._position[job.track.variant]))["scene"]
-        record = message_record(number, 0, stamp, scene_update(job.track.layout.form, job.chunks[0].drive))
-        return make_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
+    def _scene_chunk(self, job: _ChunkJob, stamp: int) -> PackedChunk:
+        """Chunk that holds a variant's outlines."""
+        number = archive_format.channel_numbers(self._parts.place_in_part(self._position[job.track.variant]))["scene"]
+        record = message_record(number, 0, stamp, scene_update_bytes(job.track.layout.content, job.chunks[0].drive))
+        return pack_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
 
-    def _store(self, result: tuple[_Job, list[Chunk]]) -> None:
-        """Writes chunks; runs in the writing thread, the only one that touches the files meanwhile."""
+    def _write_chunks(self, result: tuple[_ChunkJob, list[PackedChunk]]) -> None:
+        """Writes chunks to their file; runs in the writing thread, the only one that touches the files meanwhile."""
         job, chunks = result
         track = job.track
         facts = {"color_tension_max": repr(track.full_scale)}
         position = self._position[track.variant]
-        part = self._parts.part(position)
-        part.open_variant(track.variant, self._parts.place(position), track.layout.form, job.chunks[0].drive, facts)
+        part = self._parts.part_for_chunk(position)
+        part.open_variant(
+            track.variant, self._parts.place_in_part(position), track.layout.content, job.chunks[0].drive, facts
+        )
         for chunk in chunks:
-            part.file.chunk(chunk)
+            part.file.add_chunk(chunk)
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends the archive and gives its files their names.
-
-        Args:
-            metrics: one row a variant.
-            info: how the run was made and ended.
+        """Ends the archive, with the metrics and how the run ended, and gives its files their names.
 
         Raises:
             ArchiveError: a disk that is full or gone, or a file that has appeared under that name.
         """
         try:
-            self._send_all()
+            self._send_all_waiting()
             self._pipeline.close()
             self._parts.finish(metrics, info)
         except ArchiveError as error:
             self._named = True
-            raise self._parts.refusal(error) from None
+            raise self._parts.refusal_error(error) from None
         self._ended = True
 
     def abort(self) -> None:
@@ -226,8 +228,8 @@ class ArchiveWriter:
         self.abort()
 
 
-def _cut(chunk: Trajectory, start: int, stop: int, copy: bool = False) -> Trajectory:
-    """Frames start to stop, as views or as copies."""
+def _slice_frames(chunk: Trajectory, start: int, stop: int, copy: bool = False) -> Trajectory:
+    """Frames start to stop of a trajectory, as views or as copies."""
     if start == 0 and stop == len(chunk.time):
         return chunk
     held = {"time": chunk.time, **chunk.channels()}
@@ -235,8 +237,8 @@ def _cut(chunk: Trajectory, start: int, stop: int, copy: bool = False) -> Trajec
     return replace(chunk, **{name: part.copy() if copy else part for name, part in parts.items()})
 
 
-def _full_scale(chunk: Trajectory) -> float:
-    """Where the color scale ends [N]."""
+def _color_scale_end(chunk: Trajectory) -> float:
+    """Tension at the end of a trajectory's color scale [N]."""
     if chunk.tension is None:
         return 1.0
     values = chunk.tension.reshape(-1)
@@ -245,16 +247,13 @@ def _full_scale(chunk: Trajectory) -> float:
 
 @check_arguments(ArchiveError)
 def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: ArchiveOptions | None = None) -> Path:
-    """Writes a run to an MCAP archive.
+    """Writes a run to an MCAP archive; returns the path, which `read_archive` takes.
 
     Args:
         run: what `simulate` or `read_archive` returned.
         path: the file to write; it appears under this name only when whole.
         overwrite: replace an archive of that name.
         options: compression, split, threads; None takes the defaults.
-
-    Returns:
-        The path, which `read_archive` takes, whether the archive is split or not.
 
     Raises:
         ArchiveError: an existing file, a folder or disk that refuses.

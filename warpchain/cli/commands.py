@@ -436,4 +436,4 @@ def recover_command(arguments: argparse.Namespace) -> int:
 
     recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)
     print(recovered)
-    return DONE if recovered.complete else UNFINISHED
+    return DONE if recovered.is_complete else UNFINISHED

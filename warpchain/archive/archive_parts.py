@@ -1,4 +1,4 @@
-"""The files of an archive: one, or a set that is split by size or by number of variants."""
+"""Writing the files of an archive: one, or a set that is split by size or by number of variants."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.archive import archive_format
-from warpchain.archive.chunk_layout import Form
-from warpchain.archive.file_set import Target
-from warpchain.archive.mcap_write import McapFile
+from warpchain.archive.archive_names import ArchiveTarget
+from warpchain.archive.chunk_layout import FrameContent
+from warpchain.archive.mcap_write import McapWriter
 from warpchain.archive.options import ArchiveOptions
 from warpchain.drive import Drive, dumps_drive
 from warpchain.errors import ArchiveError, warn_caller
@@ -25,21 +25,23 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-class Part:
-    """One file of an archive, being written."""
+class ArchivePart:
+    """One file of an archive that is being written."""
 
-    def __init__(self, file: McapFile, head: Mapping[str, str], drives: bool) -> None:
-        self.file, self.head, self._drives = file, head, drives
+    def __init__(self, file: McapWriter, start: Mapping[str, str], drives: bool) -> None:
+        self.file, self.start, self._drives = file, start, drives
         self._variants: set[int] = set()
 
-    def open_variant(self, variant: int, place: int, form: Form, drive: Drive, facts: Mapping[str, str]) -> None:
+    def open_variant(
+        self, variant: int, place: int, content: FrameContent, drive: Drive, facts: Mapping[str, str]
+    ) -> None:
         """Begins a variant's topics in this file, if that has not been done.
 
         Args:
             place: the variant's place in this file, which numbers its channels.
-            form: the layout of its frames.
+            content: what its frames hold.
             drive: the variant's drive.
-            facts: what else a reader should know, for the channel's metadata.
+            facts: further metadata of the channel.
         """
         if variant in self._variants:
             return
@@ -47,38 +49,38 @@ class Part:
         if not self._drives:
             attach_drives(self.file, {variant: drive})
         held = {
-            "links": str(form.links),
-            "channels": " ".join(form.channels),
-            "units": ", ".join(UNITS[name] for name in form.channels),
-            "precision": form.precision,
-            "values": form.values,
+            "links": str(content.links),
+            "channels": " ".join(content.channels),
+            "units": ", ".join(UNITS[name] for name in content.channels),
+            "precision": content.precision,
+            "values": content.values,
             **facts,
         }
         numbers = archive_format.channel_numbers(place)
-        for topic in (*form.topics, "scene"):
+        for topic in (*content.topics, "scene"):
             self.open_topic(numbers[topic], variant, topic, held if topic == "rollers" else {})
 
     def open_topic(self, number: int, variant: int, topic: str, metadata: Mapping[str, str]) -> None:
-        """Begins a topic, and describes its messages if they are new to this file."""
+        """Begins a topic, and adds its schema if this file does not have it."""
         name = archive_format.TOPICS[topic]
         kind = 1 + list(archive_format.TOPICS).index(topic)
-        encoding, data = archive_format.schema_of(name)
+        encoding, data = archive_format.topic_schema(name)
         if not self.file.has_schema(kind):
-            self.file.schema(kind, name, encoding, data)
+            self.file.add_schema(kind, name, encoding, data)
         message = "cdr" if encoding == "ros2msg" else "protobuf"
-        self.file.channel(number, kind, archive_format.topic_path(variant, topic), message, metadata)
+        self.file.add_channel(number, kind, archive_format.topic_path(variant, topic), message, metadata)
 
 
-def attach_drives(file: McapFile, drives: Mapping[int, Drive]) -> None:
-    """Appends drive files by their variants' numbers, then all of them again."""
+def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
+    """Appends the drive files of variants, by number, then all of them again."""
     texts = {variant: dumps_drive(drive).encode() for variant, drive in drives.items()}
-    for name in (archive_format.drive_attachment, archive_format.drive_copy):
+    for name in (archive_format.drive_attachment_name, archive_format.drive_copy_name):
         for variant, text in texts.items():
-            file.attachment(name(variant), "application/toml", text)
+            file.add_attachment(name(variant), "application/toml", text)
 
 
-class Parts:
-    """The files of an archive, being written; the first is there from the beginning.
+class ArchiveParts:
+    """All files of an archive that is being written; the first is there from the beginning.
 
     Raises:
         ArchiveError: here and in every method, an existing archive, a folder or disk that refuses.
@@ -94,7 +96,7 @@ class Parts:
         overwrite: bool,
         salvage: bool,
     ) -> None:
-        self._salvage, self._numbers = salvage, numbers_of(options, drives)
+        self._salvage, self._numbers = salvage, variant_numbers(options, drives)
         self._options, self._info = options, replace(info, seed=info.seed if options.seed is None else options.seed)
         self._per_part = options.split_variants or archive_format.MOST_VARIANTS
         split = options.split_size is not None or options.split_variants is not None
@@ -105,107 +107,114 @@ class Parts:
             )
         if self._per_part > archive_format.MOST_VARIANTS:
             raise ArchiveError(f"split_variants = {self._per_part}: allowed is up to {archive_format.MOST_VARIANTS}")
-        self._head = {
+        self._start = {
             "format_version": archive_format.FORMAT_VERSION,
             "variants": str(len(drives)),
             "recorded": " ".join(str(self._numbers[variant]) for variant in recorded),
             **({} if options.numbers is None else {"numbers": " ".join(map(str, self._numbers))}),
             "set": uuid.uuid4().hex,
         }
-        self._parts: list[Part] = []
-        self._by_group: dict[int, Part] = {}
-        self._target = Target(path, overwrite, split)
+        self._parts: list[ArchivePart] = []
+        self._by_group: dict[int, ArchivePart] = {}
+        self._target = ArchiveTarget(path, overwrite, split)
         try:
-            first = self._open()
+            first = self._begin_part()
             attach_drives(first.file, dict(zip(self._numbers, drives, strict=True)))
             for name, data in options.attachments.items():
-                first.file.attachment(name, media_type(name), data)
+                first.file.add_attachment(name, media_type(name), data)
         except BaseException:
             self.close()
             raise
 
-    def _open(self) -> Part:
-        """Begins the next file."""
+    def _begin_part(self) -> ArchivePart:
+        """Begins the archive's next file and returns it."""
         number = len(self._parts)
-        head = self._head | {"part": str(number)} | _made(self._info)
-        part = Part(self._target.file(number, f"warpchain {self._info.version}"), head, drives=number == 0)
+        start = self._start | {"part": str(number)} | _run_metadata(self._info)
+        part = ArchivePart(
+            self._target.begin_file(number, f"warpchain {self._info.version}"), start, drives=number == 0
+        )
         self._parts.append(part)
-        part.file.metadata(archive_format.RUN_METADATA, part.head)
+        part.file.add_metadata(archive_format.RUN_METADATA, part.start)
         return part
 
-    def place(self, position: int) -> int:
+    def place_in_part(self, position: int) -> int:
         """Place in its file of the variant recorded in the given position."""
         return position % self._per_part
 
-    def part(self, position: int) -> Part:
-        """The file that takes the next chunk of the variant recorded in the given position."""
+    def part_for_chunk(self, position: int) -> ArchivePart:
+        """File that takes the next chunk of the variant recorded in the given position."""
         limit = self._options.split_size
         if limit is not None:
             current = self._parts[-1]
-            if current.file.size >= limit and current.file.chunks:
+            if current.file.bytes_written >= limit and current.file.chunks_written:
                 self._finish_part(current, {"ended": "continued"})
-                current = self._open()
+                current = self._begin_part()
             return current
         group = position // self._per_part
         if group not in self._by_group:
-            self._by_group[group] = self._open() if self._by_group else self._parts[0]
+            self._by_group[group] = self._begin_part() if self._by_group else self._parts[0]
         return self._by_group[group]
 
-    def _finish_part(self, part: Part, end: Mapping[str, str]) -> None:
-        part.file.metadata(archive_format.END_METADATA, archive_format.with_head(end, part.head))
+    def _finish_part(self, part: ArchivePart, end: Mapping[str, str]) -> None:
+        """Ends a file with its metadata."""
+        part.file.add_metadata(archive_format.END_METADATA, archive_format.end_with_start_copy(end, part.start))
         part.file.finish()
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends all files; the last one holds the metrics and the end of the run."""
+        """Ends all files of the archive; the last holds the metrics and the end of the run."""
         self._target.check_free()
         last = self._parts[-1]
         for part in self._parts[:-1]:
-            if not part.file.finished:
+            if not part.file.is_finished:
                 self._finish_part(part, {"ended": "continued"})
         if self._options.numbers is not None:
             metrics = with_column(metrics, "variant", self._numbers)
-        last.file.attachment(
+        last.file.add_attachment(
             archive_format.METRICS_ATTACHMENT, media_type(archive_format.METRICS_ATTACHMENT), _arrow_bytes(metrics)
         )
         end = {"ended": info.ended, "wall_time": repr(float(info.wall_time)), "parts": str(len(self._parts))}
         self._finish_part(last, end)
-        self._target.replace([part.file.path for part in self._parts])
-        self._target.release()
+        self._target.remove_replaced([part.file.path for part in self._parts])
+        self._target.release_lock()
 
-    def _left(self) -> list[McapFile]:
-        """Unfinished files that are worth keeping."""
-        return [part.file for part in self._parts if self._salvage and part.file.chunks and not part.file.finished]
+    def _unfinished_files(self) -> list[McapWriter]:
+        """Unfinished files of the archive that are worth keeping."""
+        return [
+            part.file
+            for part in self._parts
+            if self._salvage and part.file.chunks_written and not part.file.is_finished
+        ]
 
-    def _kept(self) -> str:
-        """Where what was written of an unfinished archive stays, in words; "" where nothing does."""
-        whole = [part.file.path for part in self._parts if self._salvage and part.file.finished]
-        words = [str(file.partial) for file in self._left()]
+    def _kept_files_text(self) -> str:
+        """Message that names the files kept of an unfinished archive; "" where there are none."""
+        whole = [part.file.path for part in self._parts if self._salvage and part.file.is_finished]
+        words = [str(file.partial_path) for file in self._unfinished_files()]
         if whole:
             several = f"{len(whole)} whole files, {whole[0]} to {whole[-1].name}"
             words.insert(0, several if len(whole) > 1 else f"the whole file {whole[0]}")
         return f"what was written until then is in {', '.join(words)}: see warpchain recover" if words else ""
 
-    def refusal(self, error: ArchiveError) -> ArchiveError:
-        """The error to raise when the disk refuses: with `salvage` it names the files that hold what was written."""
-        kept = self._kept()
+    def refusal_error(self, error: ArchiveError) -> ArchiveError:
+        """Error for a disk that refuses; with `salvage` it names the files that hold what was written."""
+        kept = self._kept_files_text()
         return ArchiveError(f"{error}; {kept}") if kept else error
 
     def close(self, named: bool = False) -> None:
         """Ends unfinished files: drops them, or with `salvage` keeps those that hold frames.
 
         Args:
-            named: `refusal` has named them already; else a warning does.
+            named: whether an error has named the kept files already; else a warning does.
         """
-        left, kept = self._left(), self._kept()
+        left, kept = self._unfinished_files(), self._kept_files_text()
         for part in self._parts:
-            if not part.file.finished:
+            if not part.file.is_finished:
                 part.file.close(keep=part.file in left)
-        if not self._parts or not self._parts[-1].file.finished:
+        if not self._parts or not self._parts[-1].file.is_finished:
             if not self._salvage:
-                self._target.discard(part.file.path for part in self._parts if part.file.finished)
+                self._target.discard_files(part.file.path for part in self._parts if part.file.is_finished)
             if kept and not named:
                 warn_caller(f"{self._target.path}: was not finished; {kept}")
-        self._target.release()
+        self._target.release_lock()
 
 
 def media_type(name: str) -> str:
@@ -220,7 +229,7 @@ def media_type(name: str) -> str:
     return kinds.get(Path(name).suffix, "application/octet-stream")
 
 
-def _made(info: RunInfo) -> dict[str, str]:
+def _run_metadata(info: RunInfo) -> dict[str, str]:
     """Provenance of a run as metadata."""
     made = {k: v for k, v in asdict(info).items() if k not in ("ended", "wall_time") and v is not None}
     texts = {name: repr(value) if isinstance(value, float) else str(value) for name, value in made.items()}
@@ -228,8 +237,8 @@ def _made(info: RunInfo) -> dict[str, str]:
     return texts | {"versions": ", ".join([f"python {platform.python_version()}", *versions])}
 
 
-def numbers_of(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int]:
-    """The number of each variant in an archive.
+def variant_numbers(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int]:
+    """Numbers by which an archive calls a run's variants.
 
     Raises:
         ArchiveError: not one number a variant.
@@ -242,6 +251,7 @@ def numbers_of(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int
 
 
 def _arrow_bytes(table: pa.Table) -> bytes:
+    """Bytes of a table as an Arrow IPC file."""
     import pyarrow as pa
 
     sink = pa.BufferOutputStream()

@@ -1,4 +1,4 @@
-"""Which channels of a broken file can be trusted: what their summary, their digests or their numbers say."""
+"""Channels of a broken file that can be trusted: by its summary, their digests or their numbers."""
 
 from __future__ import annotations
 
@@ -8,104 +8,101 @@ from dataclasses import replace
 from mcap.records import Channel, Schema
 
 from warpchain.archive import archive_format
-from warpchain.archive.digest import DIGEST, is_right, of_channel, plain_channel
+from warpchain.archive.digest import DIGEST_KEY, channel_digest, channel_without_digest, has_right_digest
 from warpchain.archive.mcap_read import McapIndex
-from warpchain.archive.mcap_write import McapFile
+from warpchain.archive.mcap_write import McapWriter
 
 
-def untrue(index: McapIndex) -> Channel | None:
-    """A channel of an archive with digests that is not what was written; None if all are."""
-    if not index.sealed:
+def untrusted_channel(index: McapIndex) -> Channel | None:
+    """First channel of an archive with digests that is not what was written; None if all are."""
+    if not index.has_digests:
         return None
     recorded: list[str] | None = None
     for channel in index.channels.values():
-        if is_right(channel, index.schemas) or _is_foreign(channel):
+        if has_right_digest(channel, index.schemas) or _is_foreign(channel):
             continue
         if recorded is None:
-            recorded = _recorded(index.values(archive_format.RUN_METADATA) or {})
+            recorded = _recorded_numbers(index.read_metadata(archive_format.RUN_METADATA) or {})
         if not _is_renumbered(channel, index.schemas, recorded):
             return channel
     return None
 
 
-def _recorded(head: Mapping[str, str]) -> list[str]:
-    """Numbers of the recorded variants that one file can hold."""
-    return head.get("recorded", "").split()[: archive_format.MOST_VARIANTS]
+def _recorded_numbers(start: Mapping[str, str]) -> list[str]:
+    """Numbers of the recorded variants that one file can hold, as words."""
+    return start.get("recorded", "").split()[: archive_format.MOST_VARIANTS]
 
 
 def _is_foreign(channel: Channel) -> bool:
     """Whether a channel of an archive with digests is none of warpchain's."""
-    return archive_format.variant_of(channel.topic) is None and DIGEST not in channel.metadata
+    return archive_format.variant_and_topic(channel.topic) is None and DIGEST_KEY not in channel.metadata
 
 
 def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Sequence[str]) -> bool:
     """Whether another program that wrote the archive anew may have given a channel its number.
 
-    Then the digest is right under one of the numbers that warpchain gives to such a topic.
+    Then its digest is right under one of the numbers that warpchain gives to its topic.
     """
-    named = archive_format.variant_of(channel.topic)
+    named = archive_format.variant_and_topic(channel.topic)
     if named is None:
         return False
     likely = [recorded.index(str(named[0]))] if str(named[0]) in recorded else []
     numbers = (archive_format.channel_numbers(place)[named[1]] for place in (*likely, *range(len(recorded))))
-    return any(is_right(replace(channel, id=number), schemas) for number in numbers)
+    return any(has_right_digest(replace(channel, id=number), schemas) for number in numbers)
 
 
-class Topics:
-    """Channels and schemas as they are found, each copied when the first chunk asks for it.
+class TrustedTopics:
+    """Channels and schemas found in a broken file, each copied when the first chunk asks for it.
 
     Args:
-        index: a summary that is right, whose channels and schemas all are; None goes by what `add` is given.
-
-    Attributes:
-        sealed: whether the archive has digests.
+        index: a right summary, whose channels and schemas are trusted; None goes by those that are added.
     """
 
     def __init__(self, index: McapIndex | None = None) -> None:
-        self.sealed = index is not None and index.sealed
+        self.has_digests = index is not None and index.has_digests
         self._channels = dict(index.channels) if index else {}
         self._schemas = dict(index.schemas) if index else {}
         self._found: list[Channel] = []
         self._variants: dict[int, int | None] = {}
 
     def add_schema(self, found: Schema) -> None:
-        """Takes a schema.
-
-        Raises:
-            ValueError: there is another one of its number.
-        """
+        """Takes a schema; raises ValueError where another one has its number."""
         if self._schemas.setdefault(found.id, found) != found:
             raise ValueError("two schemas of a number")
 
-    def add(self, channel: Channel) -> None:
-        """Takes a channel; `settle` decides whether it can be trusted."""
-        self.sealed = self.sealed or DIGEST in channel.metadata
+    def add_channel(self, channel: Channel) -> None:
+        """Takes a channel; `decide_trust` decides whether it can be trusted."""
+        self.has_digests = self.has_digests or DIGEST_KEY in channel.metadata
         self._found.append(channel)
 
-    def settle(self, head: Mapping[str, str], used: Collection[int]) -> int:
-        """Decides on the channels that were added; returns how many cannot be trusted.
+    def decide_trust(self, start: Mapping[str, str], used: Collection[int]) -> int:
+        """Decides which of the added channels can be trusted; returns how many cannot.
 
-        A bit of a channel's number may have changed, which gives it another one's messages. A number that is not
-        warpchain's own is therefore believed only where every message's channel is described, and by one record.
+        A number that is not warpchain's own, which a changed bit may have made, is believed only where every message's
+        channel is described, and by one record.
 
         Args:
-            head: the metadata at the file's start.
+            start: the metadata at the file's start.
             used: numbers of the channels that messages have.
         """
         others: dict[int, list[Channel]] = {}
         wrong = 0
         for channel in self._found:
-            own = self._has_digest(channel) if self.sealed else self._has_own_number(channel, head)
+            own = self._has_digest(channel) if self.has_digests else self._has_own_number(channel, start)
             if own and self._channels.setdefault(channel.id, channel) == channel:
                 continue
-            if own or not self.sealed:
+            if own or not self.has_digests:
                 wrong += 1
-            elif all(plain_channel(other) != plain_channel(channel) for other in others.get(channel.id, ())):
+            elif all(
+                channel_without_digest(other) != channel_without_digest(channel) for other in others.get(channel.id, ())
+            ):
                 others.setdefault(channel.id, []).append(channel)
         for number in list(others):  # the same with another digest, in a chunk that was copied whole
             known = self._channels.get(number)
-            others[number] = [c for c in others[number] if not known or plain_channel(c) != plain_channel(known)]
-        recorded = _recorded(head)
+            others[number] = [
+                c for c in others[number] if not known or channel_without_digest(c) != channel_without_digest(known)
+            ]
+        recorded = _recorded_numbers(start)
         whole = set(used) <= self._channels.keys() | others.keys()
         for number, channels in others.items():
             one = len(channels) == 1 and number not in self._channels and whole
@@ -116,31 +113,31 @@ class Topics:
         return wrong
 
     def _has_digest(self, channel: Channel) -> bool:
-        """Whether a channel's digest is right; a schema that is damaged is replaced by warpchain's own."""
-        wanted = channel.metadata.get(DIGEST)
-        named = archive_format.variant_of(channel.topic)
+        """Whether a channel's digest is right; a damaged schema is replaced by warpchain's own."""
+        wanted = channel.metadata.get(DIGEST_KEY)
+        named = archive_format.variant_and_topic(channel.topic)
         known = self._schemas.get(channel.schema_id)
-        if known is not None and of_channel(channel, known) == wanted:
+        if known is not None and channel_digest(channel, known) == wanted:
             return True
         if named:
             name = archive_format.TOPICS[named[1]]
-            encoding, data = archive_format.schema_of(name)
+            encoding, data = archive_format.topic_schema(name)
             own = Schema(id=channel.schema_id, name=name, encoding=encoding, data=data)
-            if of_channel(channel, own) == wanted:
+            if channel_digest(channel, own) == wanted:
                 self._schemas[own.id] = own
                 return True
         return False
 
-    def _has_own_number(self, channel: Channel, head: Mapping[str, str]) -> bool:
+    def _has_own_number(self, channel: Channel, start: Mapping[str, str]) -> bool:
         """Whether a channel of an archive without digests has the number that warpchain gives to its topic.
 
-        The channels of a variant have successive numbers; where one of them names another variant, none is trusted.
+        Where one of a variant's successive numbers names another variant, none of them is trusted.
         """
-        named = archive_format.variant_of(channel.topic)
+        named = archive_format.variant_and_topic(channel.topic)
         if named is None:
             return True
         place, k = divmod(channel.id - 1, len(archive_format.TOPICS))
-        recorded = head.get("recorded", "").split()
+        recorded = start.get("recorded", "").split()
         right = list(archive_format.TOPICS)[k] == named[1] and str(named[0]) in recorded
         others = {v for p, v in self._variants.items() if p != place}
         if right and self._variants.setdefault(place, named[0]) == named[0] and named[0] not in others:
@@ -150,17 +147,17 @@ class Topics:
             self._channels.pop(number, None)
         return False
 
-    def variant_of(self, number: int) -> tuple[int, str] | None:
-        """Variant and topic of a channel, None if it is foreign or cannot be trusted."""
+    def variant_and_topic(self, number: int) -> tuple[int, str] | None:
+        """Variant and topic of a channel by its number; None if it is foreign or cannot be trusted."""
         channel = self._channels.get(number)
-        return archive_format.variant_of(channel.topic) if channel else None
+        return archive_format.variant_and_topic(channel.topic) if channel else None
 
     def is_known(self, number: int) -> bool:
         """Whether a channel is described and can be trusted."""
         return number in self._channels and self._channels[number].schema_id in self._schemas
 
-    def open(self, file: McapFile, numbers: Iterable[int]) -> None:
-        """Copies channels and their schemas, unless that was done.
+    def copy_topics(self, file: McapWriter, numbers: Iterable[int]) -> None:
+        """Copies channels and their schemas into a file, unless that was done.
 
         Raises:
             ValueError: one is not described, or its description is damaged.
@@ -173,5 +170,5 @@ class Topics:
             channel = self._channels[number]
             kind = self._schemas[channel.schema_id]
             if not file.has_schema(kind.id):
-                file.schema(kind.id, kind.name, kind.encoding, bytes(kind.data))
-            file.channel(number, kind.id, channel.topic, channel.message_encoding, channel.metadata)
+                file.add_schema(kind.id, kind.name, kind.encoding, bytes(kind.data))
+            file.add_channel(number, kind.id, channel.topic, channel.message_encoding, channel.metadata)

@@ -1,4 +1,4 @@
-"""Where a run's drives and recorded frames lie in an archive's files, and how they become trajectories."""
+"""Drives and recorded trajectories in an archive's files, read when they are asked for."""
 
 from __future__ import annotations
 
@@ -12,33 +12,42 @@ import numpy as np
 from mcap.records import Channel
 
 from warpchain.archive import archive_format
-from warpchain.archive.chunk_layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
-from warpchain.archive.mcap_read import ChunkEntry, McapIndex, reading, records
-from warpchain.archive.trust import untrue
+from warpchain.archive.channel_trust import untrusted_channel
+from warpchain.archive.chunk_layout import (
+    MESSAGE_HEADER,
+    MESSAGE_OPCODE,
+    RECORD_HEAD_BYTES,
+    ChunkLayout,
+    FrameContent,
+    layout_of_content,
+)
+from warpchain.archive.mcap_read import ChunkEntry, McapIndex, convert_read_errors, iterate_records
 from warpchain.drive import Drive, loads_drive
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.results.channels import NAMES
 from warpchain.results.run import Trajectory
 
-READ = ("rollers", "state", "positions")
+READ_TOPICS = ("rollers", "state", "positions")
 """Topics that hold all there is to read; the others repeat it for viewers."""
-SEE = "see warpchain recover"
+RECOVER_ADVICE = "see warpchain recover"
 PRECISIONS = ("float64", "float32")
 
 
 class LazyDrives(Sequence[Drive]):
     """All drives of a run, each read from its attachment when it is asked for.
 
-    `numbers` are what the archive calls the variants, in order. A later file of a set holds its own variants' again.
-    With `gaps` a drive may be missing, until it is asked for.
+    Args:
+        files: the archive's files.
+        numbers: what the archive calls the variants, in order.
+        gaps: whether a drive may be missing until it is asked for.
     """
 
     def __init__(self, files: Sequence[McapIndex], numbers: Sequence[int], gaps: bool = False) -> None:
         self._files, self.numbers, self._count = files, numbers, len(numbers)
         self._held: dict[int, Drive] = {}
         for variant in () if gaps else numbers:
-            name = archive_format.drive_attachment(variant)
-            if files[0].attachments.keys().isdisjoint((name, archive_format.drive_copy(variant))):
+            name = archive_format.drive_attachment_name(variant)
+            if files[0].attachments.keys().isdisjoint((name, archive_format.drive_copy_name(variant))):
                 raise ArchiveError(f"{files[0].path}: lacks its attachment {name}")
 
     def __len__(self) -> int:
@@ -54,24 +63,25 @@ class LazyDrives(Sequence[Drive]):
         place = index + self._count if index < 0 else index
         if not 0 <= place < self._count:
             raise IndexError(f"drive {index} of {self._count}")
-        return self.of(self.numbers[place])
+        return self.drive_of(self.numbers[place])
 
-    def of(self, variant: int) -> Drive:
-        """The drive of the variant of a number, from its copy where the first is damaged."""
+    def drive_of(self, variant: int) -> Drive:
+        """Drive of a variant by its number, from its copy where the first is damaged."""
         if variant not in self._held:
             try:
-                self._held[variant] = self._read(archive_format.drive_attachment(variant))
+                self._held[variant] = self._read_drive(archive_format.drive_attachment_name(variant))
             except ArchiveError:
-                copy = archive_format.drive_copy(variant)
+                copy = archive_format.drive_copy_name(variant)
                 if not any(copy in file.attachments for file in self._files):
                     raise
-                self._held[variant] = self._read(copy)
+                self._held[variant] = self._read_drive(copy)
         return self._held[variant]
 
-    def _read(self, name: str) -> Drive:
+    def _read_drive(self, name: str) -> Drive:
+        """Drive in the attachment of a name."""
         file = next((file for file in self._files if name in file.attachments), self._files[0])
         try:
-            return loads_drive(file.attachment(name).decode(), f"{file.path}: {name}")
+            return loads_drive(file.read_attachment(name).decode(), f"{file.path}: {name}")
         except (DriveError, UnicodeDecodeError) as error:
             raise ArchiveError(f"{file.path}: a drive of it cannot be read ({error})") from None
 
@@ -82,8 +92,8 @@ class LazyDrives(Sequence[Drive]):
 
 
 @dataclass(frozen=True)
-class Place:
-    """A variant's topics and chunks in one file."""
+class VariantChunks:
+    """Topics and chunks of a variant in one file."""
 
     file: McapIndex
     rollers: Channel
@@ -91,8 +101,8 @@ class Place:
     chunks: list[ChunkEntry] = field(default_factory=list)
 
 
-class Tracks(Mapping[int, Trajectory]):
-    """The recorded variants, read when they are asked for; a trajectory stays as long as somebody holds it.
+class LazyTrajectories(Mapping[int, Trajectory]):
+    """Trajectories of the recorded variants, read when asked for and held as long as somebody else holds them.
 
     Args:
         files: the archive's files, in order.
@@ -106,31 +116,31 @@ class Tracks(Mapping[int, Trajectory]):
         self._last: Trajectory | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Tracks, (self.files, self._drives, self._gaps)
+        return LazyTrajectories, (self.files, self._drives, self._gaps)
 
     @cached_property
-    def _places(self) -> dict[int, list[Place]]:
-        """The files that hold each variant's frames; in none is a channel that is not what was written."""
-        found: dict[int, list[Place]] = {}
+    def _chunks_by_variant(self) -> dict[int, list[VariantChunks]]:
+        """Chunks of each variant in each file; refuses channels that are not what was written."""
+        found: dict[int, list[VariantChunks]] = {}
         for file in self.files:
-            wrong = untrue(file)
+            wrong = untrusted_channel(file)
             if wrong is not None:
-                raise ArchiveError(f"{file.path}: is damaged ({wrong.topic}: its digest is wrong); {SEE}")
+                raise ArchiveError(f"{file.path}: is damaged ({wrong.topic}: its digest is wrong); {RECOVER_ADVICE}")
             numbers: dict[int, dict[str, int]] = {}
             for channel in file.channels.values():
-                named = archive_format.variant_of(channel.topic)
+                named = archive_format.variant_and_topic(channel.topic)
                 if named:
                     topics = numbers.setdefault(named[0], {})
                     if topics.setdefault(named[1], channel.id) != channel.id:
-                        raise ArchiveError(f"{file.path}: has two channels {channel.topic}; {SEE}")
-            here: dict[int, Place] = {}
+                        raise ArchiveError(f"{file.path}: has two channels {channel.topic}; {RECOVER_ADVICE}")
+            here: dict[int, VariantChunks] = {}
             known = set(self._drives.numbers)
             for variant, topics in numbers.items():
                 if variant not in known:
                     raise ArchiveError(f"{file.path}: has frames of variant {variant} of {len(self._drives)}")
                 if "rollers" in topics and "state" in topics:
-                    place = Place(file, file.channels[topics["rollers"]], topics)
-                    here |= {topics[topic]: place for topic in READ if topic in topics}
+                    place = VariantChunks(file, file.channels[topics["rollers"]], topics)
+                    here |= {topics[topic]: place for topic in READ_TOPICS if topic in topics}
                     found.setdefault(variant, []).append(place)
             for chunk in file.chunks:
                 for place in {id(here[n]): here[n] for n in chunk.channels if n in here}.values():
@@ -144,25 +154,25 @@ class Tracks(Mapping[int, Trajectory]):
         return self._drives.numbers
 
     def __contains__(self, variant: object) -> bool:
-        return variant in self._places
+        return variant in self._chunks_by_variant
 
     def __iter__(self) -> Iterator[int]:
-        return iter(self._places)
+        return iter(self._chunks_by_variant)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._chunks_by_variant)
 
     def __getitem__(self, variant: int) -> Trajectory:
         held = self._held.get(variant)
         if held is None:
-            held = self._held[variant] = self.read(variant)
+            held = self._held[variant] = self.read_trajectory(variant)
         self._last = held
         return held
 
-    def layout(self, variant: int) -> FrameLayout:
-        """Layout of a variant's frames in its chunks."""
-        place = self._places[variant][0]
-        facts, drive = place.rollers.metadata, self._drives.of(variant)
+    def chunk_layout(self, variant: int) -> ChunkLayout:
+        """Byte layout of a variant's frames in its chunks."""
+        place = self._chunks_by_variant[variant][0]
+        facts, drive = place.rollers.metadata, self._drives.drive_of(variant)
         try:
             channels, precision, values = facts["channels"].split(), facts["precision"], facts["values"]
         except KeyError as missing:
@@ -171,47 +181,49 @@ class Tracks(Mapping[int, Trajectory]):
         if not known or precision not in PRECISIONS or values not in PRECISIONS:
             raise ArchiveError(f"{place.file.path}: {place.rollers.topic} has wrong metadata; see warpchain recover")
         exact = "positions" in place.numbers
-        return frame_layout(Form.made(drive, tuple(channels), precision, values, exact, variant))
+        return layout_of_content(FrameContent.from_drive(drive, tuple(channels), precision, values, exact, variant))
 
-    def read(
+    def read_trajectory(
         self,
         variant: int,
         start: float | None = None,
         end: float | None = None,
         channels: Sequence[str] = NAMES,
     ) -> Trajectory:
-        """Part of a trajectory, in arrays of its own."""
+        """Part of a variant's trajectory, from a start to an end [s], in arrays of its own."""
         held: dict[str, list[Any]] = {}
-        for block in self.blocks(variant, start, end, channels):
+        for block in self.iterate_blocks(variant, start, end, channels):
             for name, values in (("time", block.time), *block.channels().items()):
                 held.setdefault(name, []).append(values)
-        form = self.layout(variant).form
-        joined = {"time": _joined(held.get("time", []), "float64", ())}
-        for name in form.channels:
+        content = self.chunk_layout(variant).content
+        joined = {"time": _concatenate_blocks(held.get("time", []), "float64", ())}
+        for name in content.channels:
             if name in channels:
-                joined[name] = _joined(held.get(name, []), form.kind(name), form.shape(name))
-        return Trajectory(self._drives.of(variant), **joined)
+                joined[name] = _concatenate_blocks(
+                    held.get(name, []), content.channel_type(name), content.channel_shape(name)
+                )
+        return Trajectory(self._drives.drive_of(variant), **joined)
 
-    def blocks(
+    def iterate_blocks(
         self,
         variant: int,
         start: float | None = None,
         end: float | None = None,
         channels: Sequence[str] = NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of a trajectory chunk by chunk, as views."""
-        layout, drive = self.layout(variant), self._drives.of(variant)
+        """Part of a variant's trajectory chunk by chunk, as views of the chunks' bytes."""
+        layout, drive = self.chunk_layout(variant), self._drives.drive_of(variant)
         low = 0 if start is None else max(0, int(start * 1e9) - 1)
         high = 2**63 if end is None else max(0, int(end * 1e9) + 2)
         following = 0 if start is None else None
-        for frames in self._frames(variant, layout, low, high):
+        for frames in self._iterate_frames(variant, layout, low, high):
             sequence = frames["state"]["head"]["sequence"].astype(np.int64)
             first = sequence[0] if following is None else following
             if not self._gaps and not np.array_equal(sequence, first + np.arange(len(sequence))):
-                path = self._places[variant][0].file.path
+                path = self._chunks_by_variant[variant][0].file.path
                 raise ArchiveError(f"{path}: variant {variant} lacks frames after {first}; see warpchain recover")
             following = int(sequence[-1]) + 1
-            held = layout.views(frames)
+            held = layout.channel_views(frames)
             time = held.pop("time")
             inside = np.flatnonzero(
                 (time >= (-np.inf if start is None else start)) & (time <= (np.inf if end is None else end))
@@ -220,27 +232,27 @@ class Tracks(Mapping[int, Trajectory]):
                 part = slice(inside[0], inside[-1] + 1)
                 yield Trajectory(drive, time[part], **{n: v[part] for n, v in held.items() if n in channels})
 
-    def _frames(self, variant: int, layout: FrameLayout, low: int, high: int) -> Iterator[Any]:
+    def _iterate_frames(self, variant: int, layout: ChunkLayout, low: int, high: int) -> Iterator[Any]:
         """Arrays of frames of the chunks that overlap a range of log times [ns]."""
-        last = np.zeros(0, dtype=HEADER)
-        for place in self._places[variant]:
+        last = np.zeros(0, dtype=MESSAGE_HEADER)
+        for place in self._chunks_by_variant[variant]:
             chosen = [chunk for chunk in place.chunks if chunk.end >= low and chunk.start <= high]
             for k, chunk in enumerate(chosen):
-                frames = _laid_out(place.file.chunk(chunk), layout, place.numbers)
+                frames = _frames_from_chunk(place.file.read_chunk(chunk), layout, place.numbers)
                 if frames is None:  # another program has written the chunks anew
-                    rest = map(place.file.chunk, chosen[k:])
-                    with reading(place.file.path):
-                        frames = _gathered(rest, layout, place.numbers, low, high, self._gaps)
+                    rest = map(place.file.read_chunk, chosen[k:])
+                    with convert_read_errors(place.file.path):
+                        frames = _frames_from_mixed_chunks(rest, layout, place.numbers, low, high, self._gaps)
                     chosen = []
                 if len(frames):
-                    frames = _counted(frames, last)
+                    frames = _numbered_frames(frames, last)
                     last = frames["state"]["head"][-1:].copy()
                     yield frames
                 if not chosen:
                     break
 
 
-def _joined(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
+def _concatenate_blocks(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
     """Blocks of frames as one array of its own memory."""
     out = np.empty((sum(len(part) for part in parts), *shape), dtype=kind)
     at = 0
@@ -250,8 +262,8 @@ def _joined(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
     return out
 
 
-def _counted(frames: Any, last: Any) -> Any:
-    """Frames with numbers: their own, or where whoever wrote them gave none, which MCAP allows, one after the other.
+def _numbered_frames(frames: Any, last: Any) -> Any:
+    """Frames whose `sequence` counts on where their writer left it zero, which MCAP allows.
 
     Args:
         last: (1,) head of the frame before them, (0,) where they are the first.
@@ -264,39 +276,39 @@ def _counted(frames: Any, last: Any) -> Any:
     return frames
 
 
-def _laid_out(data: Any, layout: FrameLayout, numbers: Mapping[str, int]) -> Any:
-    """A chunk's records as frames, without a copy; None if they do not lie as warpchain writes them."""
-    if len(data) % layout.size or not set(layout.form.topics) <= set(numbers):
+def _frames_from_chunk(data: Any, layout: ChunkLayout, numbers: Mapping[str, int]) -> Any:
+    """Frames of a chunk's records, without a copy; None if these do not lie as warpchain writes them."""
+    if len(data) % layout.frame_bytes or not set(layout.content.topics) <= set(numbers):
         return None
     frames = np.frombuffer(data, dtype=layout.dtype)
-    for topic in layout.form.topics:
+    for topic in layout.content.topics:
         head, message = frames[topic]["head"], layout.dtype[topic]
-        length = message.itemsize - LENGTH_STARTS
-        right = (head["opcode"] == MESSAGE) & (head["length"] == length) & (head["channel"] == numbers[topic])
+        length = message.itemsize - RECORD_HEAD_BYTES
+        right = (head["opcode"] == MESSAGE_OPCODE) & (head["length"] == length) & (head["channel"] == numbers[topic])
         if not right.all():
             return None
     return frames
 
 
-def _gathered(
-    chunks: Iterable[Any], layout: FrameLayout, numbers: Mapping[str, int], low: int, high: int, gaps: bool
+def _frames_from_mixed_chunks(
+    chunks: Iterable[Any], layout: ChunkLayout, numbers: Mapping[str, int], low: int, high: int, gaps: bool
 ) -> Any:
-    """Frames from the messages of chunks that mix topics and variants in any way, in order of their log times.
+    """Frames from chunks in which another program mixed topics and variants, in order of their log times.
 
     Args:
-        gaps: a frame may lack a topic's message, and is left out then.
+        gaps: whether a frame may lack a topic's message, and is left out then.
 
     Raises:
         ValueError: a frame that lacks a message or has two of a topic, or a message of another size.
     """
-    topics = [topic for topic in layout.form.topics if topic in READ]
+    topics = [topic for topic in layout.content.topics if topic in READ_TOPICS]
     found: dict[int, dict[int, bytes]] = {numbers[topic]: {} for topic in topics}
     for data in chunks:
-        for opcode, begin, end in records(data):
-            if opcode == MESSAGE:
-                head = np.frombuffer(data, HEADER, 1, begin - LENGTH_STARTS)[0]
+        for opcode, begin, end in iterate_records(data):
+            if opcode == MESSAGE_OPCODE:
+                head = np.frombuffer(data, MESSAGE_HEADER, 1, begin - RECORD_HEAD_BYTES)[0]
                 if head["channel"] in found and low <= head["log_time"] <= high:
-                    message = bytes(data[begin - LENGTH_STARTS : end])
+                    message = bytes(data[begin - RECORD_HEAD_BYTES : end])
                     if found[head["channel"]].setdefault(int(head["log_time"]), message) != message:
                         raise ValueError(f"there are two messages of a topic at {head['log_time']} ns")
     stamps = set.intersection(*map(set, found.values()))
