@@ -9,8 +9,8 @@ import numpy as np
 from common.cases import Line, case, head, option
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.failure_probability import Estimate, Margin, design_points, subset_simulation
-from warpchain.study.analysis.importance_sampling import fitted_mixture, importance_sampling, joint_estimate
+from warpchain.study.analysis.failure_probability import FailureEstimate, Margin, design_points, subset_simulation
+from warpchain.study.analysis.importance_sampling import fit_mixture, importance_sampling, joint_estimate
 from warpchain.study.results import Array
 
 
@@ -115,9 +115,9 @@ class Trial:
     """Result of one seed: both estimates and the joint one, each in words where there is none, and the runs of the
     search for design points, with the number of these."""
 
-    subset: Estimate | str
-    sampled: Estimate | str
-    joint: Estimate | str
+    subset: FailureEstimate | str
+    sampled: FailureEstimate | str
+    joint: FailureEstimate | str
     search: int = 0
     points: int = 0
 
@@ -128,9 +128,9 @@ def trial(state: LimitState, seed: int, count: int = 200, repeats: int = 8, samp
         subset = subset_simulation(state.margin, state.dimensions, count, repeats, seed)
     except StudyError as error:
         return Trial(str(error), str(error), str(error))
-    sampled: Estimate | str
+    sampled: FailureEstimate | str
     try:
-        sampled = importance_sampling(state.margin, fitted_mixture(subset.failed), samples, seed)
+        sampled = importance_sampling(state.margin, fit_mixture(subset.failed), samples, seed)
     except StudyError as error:
         sampled = str(error)
     found = subset.failed if isinstance(sampled, str) else (*subset.failed, *sampled.failed)
@@ -138,7 +138,7 @@ def trial(state: LimitState, seed: int, count: int = 200, repeats: int = 8, samp
     return Trial(subset, sampled, joint_estimate(subset, sampled), search, len(points))
 
 
-def covered(found: list[Estimate | str], probability: float) -> tuple[int, int, float]:
+def covered(found: list[FailureEstimate | str], probability: float) -> tuple[int, int, float]:
     """Intervals that hold P, estimates that are unknown, and the median of high over low."""
     known = [one for one in found if not isinstance(one, str)]
     inside = sum(one.low <= probability <= one.high for one in known)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from common.cases import Line, case, option
 
-from warpchain.study.optimize import Optimizer, goals_of, recommend
+from warpchain.study.optimize import Optimizer, goals_of_study, recommend
 from warpchain.study.results import read_results
 from warpchain.study.spec import Study, loads_study
 
@@ -57,12 +57,12 @@ def by_bayes(study: Study, function: Callable[[Array], Array], noise: float, see
         values = function(np.array([[row[name] for name in names] for row in rows]))
         values = values + noise * rng.standard_normal(values.shape)
         table = pa.Table.from_pylist(rows)
-        for metric, column in zip(optimizer.goals.metrics, values.T, strict=True):
+        for metric, column in zip(optimizer.goals.named_metrics, values.T, strict=True):
             table = table.append_column(metric, pa.array(column))
         optimizer.observe(table)
         tables.append(table)
     results = read_results(pa.concat_tables(tables), names)
-    best = recommend(results, goals_of(study))[0]
+    best = recommend(results, goals_of_study(study))[0]
     x = np.stack([results.values(name) for name in names], axis=1)
     return x, x[best.row]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from common.cases import Line, case, head, option
 
-from warpchain.study.analysis.paired import LEAST, mean_difference
+from warpchain.study.analysis.paired import FEWEST_PAIRS, mean_difference
 from warpchain.study.results import Array
 
 LEVEL, BATCH = 0.95, 8
@@ -39,7 +39,7 @@ def equal(random: np.random.Generator, shape: tuple[int, int]) -> Mapping[str, A
 
 def pairs_until(differences: Array, what: str, event: float | None = None) -> float:
     """Pairs after which the mean first has a sign, looked at after each batch; infinite where it never has."""
-    for count in range(BATCH * -(-LEAST // BATCH), len(differences) + 1, BATCH):
+    for count in range(BATCH * -(-FEWEST_PAIRS // BATCH), len(differences) + 1, BATCH):
         if getattr(mean_difference(differences[:count], LEVEL, event), what):
             return count
     return np.inf

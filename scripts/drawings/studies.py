@@ -15,7 +15,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.viscosity import by_two_points
 from warpchain.results.objectives import add_objectives
 from warpchain.results.units import quantity, shown_unit
-from warpchain.study.analysis.pareto import Goals, goals_of, non_dominated
+from warpchain.study.analysis.pareto import Goals, goals_of_study, is_non_dominated
 from warpchain.study.optimize.recommend import Recommended, recommend
 from warpchain.study.results import Results, read_results
 from warpchain.study.spec import Study, load_study
@@ -199,15 +199,15 @@ def scatter(folder: Path, study: Study, goals: Goals) -> list[dict[str, float]]:
     drives = [load_drive(file) for file in sorted(place.glob("design-*.toml"))]
     rows = run_as(study, drives, COPIES)
     each = [rows[k : k + COPIES] for k in range(0, len(rows), COPIES)]
-    return [{name: float(np.std([row[name] for row in mine], ddof=1)) for name in goals.metrics} for mine in each]
+    return [{name: float(np.std([row[name] for row in mine], ddof=1)) for name in goals.named_metrics} for mine in each]
 
 
 def front_figure(results: Results, goals: Goals, chosen: list[Recommended], drawn: Mapping[str, float]) -> Figure:
     """The rows over two objectives, and the factors along the front."""
     first, second = (objective.metric for objective in goals.objectives[:2])
-    measured = goals.measured(results)
-    kept = np.flatnonzero(measured.kept)
-    front = kept[non_dominated(measured.costs[kept])]
+    measured = goals.goal_values(results)
+    kept = np.flatnonzero(measured.limits_kept)
+    front = kept[is_non_dominated(measured.costs[kept])]
     front = front[np.argsort(results.values(first)[front])]
     values, labels, star = {}, {}, {}
     for name in (first, second, *results.factors):
@@ -218,8 +218,8 @@ def front_figure(results: Results, goals: Goals, chosen: list[Recommended], draw
     drawing = Figure(figsize=(11.0, 4.6), layout="constrained")
     grid = drawing.add_gridspec(len(results.factors), 2, width_ratios=(1.6, 1.0))
     left = drawing.add_subplot(grid[:, 0])
-    left.plot(x[~measured.kept], y[~measured.kept], "o", ms=4, color=GRAY, label="beyond a limit")
-    left.plot(x[measured.kept], y[measured.kept], "o", ms=4, color=BLUE, label="keeps the limits")
+    left.plot(x[~measured.limits_kept], y[~measured.limits_kept], "o", ms=4, color=GRAY, label="beyond a limit")
+    left.plot(x[measured.limits_kept], y[measured.limits_kept], "o", ms=4, color=BLUE, label="keeps the limits")
     left.plot(x[front], y[front], "o-", ms=5, lw=1, color=RED, label="front")
     left.plot(star[first], star[second], "*", ms=14, color="black", label="as drawn")
     for letter, one in zip(LETTERS, chosen, strict=False):
@@ -251,7 +251,7 @@ def search(asked: argparse.Namespace) -> Iterator[Line]:
     """
     study = load_study(asked.folder / "study.toml")
     results = read_results(asked.folder / "results.parquet", [f.name for f in study.factors if not f.hidden])
-    goals = goals_of(study)
+    goals = goals_of_study(study)
     chosen = recommend(results, goals, 4 if study.optimize is None else study.optimize.recommend)
     drive = load_drive(asked.folder / "drive.toml")
     drawn = {factor.name: drive.get_value(factor.path) for factor in study.factors if factor.path is not None}
@@ -262,7 +262,7 @@ def search(asked: argparse.Namespace) -> Iterator[Line]:
         unit = results.column_unit(name)
         own = quantity(drawn[name], unit) if name in drawn else ""
         yield (name, own, *(quantity(float(results.table[name][one.row].as_py()), unit) for one in chosen))
-    for metric in goals.metrics:
+    for metric in goals.named_metrics:
         unit = results.column_unit(metric)
         values = [quantity(one.believed[metric][0], unit, one.believed[metric][1]) for one in chosen]
         yield (metric, quantity(drawn[metric], unit), *values)

@@ -9,7 +9,7 @@ from scipy.stats import binom, t
 from study_helpers import NOISY, STUDY, tiny_drive, write_study
 
 from warpchain.drive import dumps_drive
-from warpchain.study.analysis.paired import LEAST, half_width, mean_difference
+from warpchain.study.analysis.paired import FEWEST_PAIRS, interval_half_width, mean_difference
 from warpchain.study.optimize.better import Comparison, find_better
 from warpchain.study.store import read_table
 
@@ -31,7 +31,7 @@ def test_equal_drives_are_told_apart_in_5_of_100_cases_at_most(draw, most):
     """Looked at after every pair, up to 100. Expected of normal ones are some 2 %, as eq. (a) has no end."""
     told = 0
     for differences in draw(np.random.default_rng(7), (REPETITIONS, PAIRS)):
-        told += any(mean_difference(differences[:n], 0.95).sign for n in range(2, PAIRS + 1))
+        told += any(mean_difference(differences[:n], 0.95).shown_sign for n in range(2, PAIRS + 1))
     assert told <= most * REPETITIONS
 
 
@@ -62,8 +62,8 @@ def looked_at(sequences, event=None):
     sure, shown = [], []
     for differences in sequences:
         found = [mean_difference(differences[:n], 0.95, event) for n in range(8, sequences.shape[1] + 1, 8)]
-        sure.append(next((of for of in found if of.sure), None))
-        shown.append(next((of for of in found if of.sign), None))
+        sure.append(next((of for of in found if of.sure_sign), None))
+        shown.append(next((of for of in found if of.shown_sign), None))
     return sure, shown
 
 
@@ -84,7 +84,9 @@ def test_nothing_is_sure_of_equal_means_also_where_rare_pairs_decide_them(draw):
         assert told(shown) <= most
     else:  # before the first blow, they are normal differences with a mean other than 0: what tells is in no pair
         assert told(shown) > 2 * most
-        assert all(abs(of.mean) < of.rarest * 10.0 for of in shown if of is not None)  # the blow that the line names
+        assert all(
+            abs(of.mean) < of.missed_probability * 10.0 for of in shown if of is not None
+        )  # the blow that the line names
 
 
 @pytest.mark.parametrize("probability", [0.1, 0.05, 0.02, 0.01, 0.005])
@@ -116,30 +118,30 @@ def test_no_rule_is_sure_of_normal_differences_soon_and_right_about_blows():
 def test_events_that_pairs_may_have_missed():
     """Half of 5 %: 1 - q = 0.025^(1/n). A mean of 1 less the half width at 97.5 %, over q, is what may reverse it."""
     of = mean_difference(np.tile([1.1, 0.9], 20), 0.95)
-    assert of.rarest == pytest.approx(1.0 - 0.025 ** (1.0 / 40.0), rel=1e-12)
-    half = half_width(40, of.deviation, 0.0, 0.975)
-    assert of.reversal == pytest.approx((1.0 - half) / of.rarest, rel=1e-12)
-    assert of.sign == 1 and of.reckoned == pytest.approx(20.0 * of.deviation) and of.sure == 1
+    assert of.missed_probability == pytest.approx(1.0 - 0.025 ** (1.0 / 40.0), rel=1e-12)
+    half = interval_half_width(40, of.deviation, 0.0, 0.975)
+    assert of.reversing_change == pytest.approx((1.0 - half) / of.missed_probability, rel=1e-12)
+    assert of.shown_sign == 1 and of.reckoned == pytest.approx(20.0 * of.deviation) and of.sure_sign == 1
     differences = np.tile([1.1, 0.9], 20)
-    for event, sure in ((0.99 * of.reversal, 1), (1.01 * of.reversal, 0)):
-        assert mean_difference(differences, 0.95, event).sure == sure
+    for event, sure in ((0.99 * of.reversing_change, 1), (1.01 * of.reversing_change, 0)):
+        assert mean_difference(differences, 0.95, event).sure_sign == sure
     assert mean_difference(differences, 0.95, 0.0).reckoned == pytest.approx(0.1)  # the largest that was there
 
 
 def test_few_pairs_with_half_of_the_scatter_are_heavy_tails():
     """One of 32 off by 10 has 31 / 32 of it: all others are off by 10 / 32. Normal: half is with 1 of 8 pairs."""
     assert mean_difference(np.r_[np.zeros(31), 10.0], 0.95).carriers == 1
-    assert mean_difference(np.r_[np.zeros(31), 10.0], 0.95).heavy
+    assert mean_difference(np.r_[np.zeros(31), 10.0], 0.95).is_heavy_tailed
     normal = mean_difference(np.random.default_rng(0).standard_normal(8000), 0.95)
-    assert normal.carriers == pytest.approx(1000, rel=0.05) and not normal.heavy  # P(z^2 > 2.37) = 0.124
+    assert normal.carriers == pytest.approx(1000, rel=0.05) and not normal.is_heavy_tailed  # P(z^2 > 2.37) = 0.124
 
 
 def test_fixed_interval_would_not_keep_that_promise():
     """Student's interval for one look, looked at after every pair, is wrong far more often: the test above can fail."""
     told = 0
     for differences in np.random.default_rng(7).standard_normal((REPETITIONS, PAIRS)):
-        n = np.arange(LEAST, PAIRS + 1)
-        mean = np.cumsum(differences)[LEAST - 1 :] / n
+        n = np.arange(FEWEST_PAIRS, PAIRS + 1)
+        mean = np.cumsum(differences)[FEWEST_PAIRS - 1 :] / n
         deviation = np.array([differences[:k].std(ddof=1) for k in n])
         told += (np.abs(mean) > t.ppf(0.975, n - 1) * deviation / np.sqrt(n)).any()
     assert told > 0.15 * REPETITIONS
@@ -149,17 +151,17 @@ def test_clear_difference_is_told_soon_and_rightly():
     """A mean of one deviation: eq. (b) needs sqrt(n) > 3.5, and by 50 pairs the estimate is off by 0.14."""
     rng = np.random.default_rng(3)
     for sign in (-1, 1):
-        signs = [mean_difference(sign + rng.standard_normal(50), 0.95).sign for _ in range(REPETITIONS)]
+        signs = [mean_difference(sign + rng.standard_normal(50), 0.95).shown_sign for _ in range(REPETITIONS)]
         assert signs.count(-sign) == 0 and signs.count(sign) >= 0.98 * REPETITIONS
 
 
 def test_half_width_is_where_the_likelihood_ratio_reaches_1_over_alpha():
     """Eq. (a) at the ends of eq. (b); which is 1 / alpha there."""
     for n in (8, 30, 200):
-        x = n * half_width(n, 1.0, 0.0, 0.95) ** 2 / (n - 1)
+        x = n * interval_half_width(n, 1.0, 0.0, 0.95) ** 2 / (n - 1)
         k = 1.0 / (1.0 + n)
         assert np.sqrt(k) * ((1.0 + k * x) / (1.0 + x)) ** (-n / 2) == pytest.approx(20.0, rel=1e-9)
-    assert half_width(4, 1.0, 0.0, 0.95) == np.inf  # four normal numbers never tell a sign with 95 %
+    assert interval_half_width(4, 1.0, 0.0, 0.95) == np.inf  # four normal numbers never tell a sign with 95 %
 
 
 def test_forecast_of_pairs_is_where_the_sign_becomes_sure():
@@ -168,8 +170,8 @@ def test_forecast_of_pairs_is_where_the_sign_becomes_sure():
         of = mean_difference(np.tile([1.3, -0.7], 10), 0.95, event)
         needed = of.pairs_needed()
         n = np.array([needed - 1, needed])
-        before, after = half_width(n, of.deviation, of.skewness, 0.975) + reckoned * (1.0 - 0.025 ** (1.0 / n))
-        assert of.sign == 0 and after < of.mean <= before
+        before, after = interval_half_width(n, of.deviation, of.skewness, 0.975) + reckoned * (1.0 - 0.025 ** (1.0 / n))
+        assert of.shown_sign == 0 and after < of.mean <= before
     assert mean_difference(np.tile([1.0, -1.0], 10), 0.95).pairs_needed() is None
 
 
@@ -177,7 +179,7 @@ def test_interval_of_skewed_differences_is_wider():
     """By 25 G^2 / n. One of 20 larger: G^2 = (1 - 2 p)^2 / (p q) = 17.05, with a deviation of n - 1 times 0.99^3."""
     of = mean_difference(np.tile([1.0] * 19 + [2.0], 5), 0.95)
     wider = 25.0 * 0.9**2 / (0.05 * 0.95) * 0.99**3 / 100
-    assert of.half == pytest.approx(wider * half_width(100, of.deviation, 0.0, 0.95), rel=1e-9)
+    assert of.half == pytest.approx(wider * interval_half_width(100, of.deviation, 0.0, 0.95), rel=1e-9)
 
 
 def written(folder, **changes):
@@ -206,7 +208,7 @@ def test_two_stiffnesses_are_told_apart(tmp_path, capsys):
     expected = mean_difference(second - first, 0.95)
     assert found["pairs"] == len(first) == 16 and found["runs"] == 32
     assert found["difference"] == expected.mean and found["interval"] == [expected.low, expected.high]
-    assert found["better"] == ("A" if expected.mean > 0.0 else "B") and expected.sign
+    assert found["better"] == ("A" if expected.mean > 0.0 else "B") and expected.shown_sign
     said = [of for of in err if not of.startswith("compiling kernels")]  # where none are kept
     assert said[0].startswith("warpchain: 8 pairs: B less A")
     when = {file: file.stat().st_mtime_ns for file in out.rglob("rows.parquet")}
@@ -240,7 +242,7 @@ def test_metric_and_sense_are_those_of_the_objective_and_replicates_count(tmp_pa
     assert (found.metric, found.sense) == ("tension_max", "max")
     assert [of.runs for of in said] == [32, 64, 96][: len(said)] and said[0].better is None
     assert found.better == ("B" if found.means[1] > found.means[0] else "A")
-    assert found.won(found.better) == found.found.pairs == found.runs / 4 >= LEAST
+    assert found.won(found.better) == found.found.pairs == found.runs / 4 >= FEWEST_PAIRS
     assert all((of.run_counts == 2).all() for of in found.results)
 
 

@@ -16,7 +16,12 @@ from warpchain.errors import StudyError
 from warpchain.results.measured import signal_units, source, sources
 from warpchain.results.run import Record
 from warpchain.results.signal_features import Features
-from warpchain.study.analysis.posterior import directions, rank, residuals, sample_posterior
+from warpchain.study.analysis.posterior import (
+    posterior_directions,
+    rank_of_value,
+    sample_posterior,
+    standardized_residuals,
+)
 from warpchain.study.optimize.calibrate import Emulated, calibrate
 from warpchain.study.report.calibration_page import write_calibration
 from warpchain.study.store import read_table
@@ -38,15 +43,15 @@ def test_posterior_of_a_linear_model_is_normal_in_closed_form():
     found = sample_posterior(linear, values, ERRORS, 2, 3, enough=4000)
     weighted = MATRIX.T / ERRORS**2
     covariance = np.linalg.inv(np.eye(2) + weighted @ MATRIX)
-    assert found.mean == pytest.approx(covariance @ weighted @ values, abs=0.06)
+    assert found.sample_mean == pytest.approx(covariance @ weighted @ values, abs=0.06)
     assert np.cov(found.u, rowvar=False) == pytest.approx(covariance, abs=0.06)
-    worst, best = directions(found.u)
+    worst, best = posterior_directions(found.u)
     assert abs(worst.weights) == pytest.approx([np.sqrt(0.5)] * 2, abs=0.05)
     assert worst.weights[0] * worst.weights[1] < 0.0  # one up with the other down is not told
     assert worst.left == pytest.approx(1.0, abs=0.06)
     assert best.left == pytest.approx(np.sqrt(1.0 / (1.0 + 2.0 * (weighted @ MATRIX)[0, 0])), rel=0.1)
-    assert np.abs(residuals(linear, values, ERRORS, found.u)).max() < 1.5
-    assert residuals(linear, values + [0.0, 0.0, 4.0], ERRORS, found.u)[2] > 5.0
+    assert np.abs(standardized_residuals(linear, values, ERRORS, found.u)).max() < 1.5
+    assert standardized_residuals(linear, values + [0.0, 0.0, 4.0], ERRORS, found.u)[2] > 5.0
 
 
 def numbers(u):
@@ -63,7 +68,7 @@ def ranks(model, stated=1.0, cases=CASES):
         values = numbers(true)[0] + ERRORS * rng.standard_normal(3)
         samples = sample_posterior(model, values, stated * ERRORS, 2, case, enough=200).u
         samples = samples[rng.choice(len(samples), BELOW, replace=False)]
-        found.append([rank(samples[:, d], true[0, d]) for d in range(2)])
+        found.append([rank_of_value(samples[:, d], true[0, d]) for d in range(2)])
     return np.array(found)
 
 

@@ -14,7 +14,7 @@ def test_a_product_is_found_with_its_part_of_the_variance():
     a, b, c = (axis.ravel() for axis in np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3))
     table = pa.table({"a": a, "b": b, "c": c, "y": 2.0 * a + b * b + 3.0 * a * c})
     first, *others = interactions(read_results(table, ["a", "b", "c"], ["y"]), "y")
-    assert (first.first, first.second, first.sure) == ("a", "c", True)
+    assert (first.first, first.second, first.is_sure) == ("a", "c", True)
     assert first.explained == pytest.approx(4.0 / (8.0 / 3.0 + 2.0 / 9.0 + 4.0), rel=1e-9)
     assert len(others) == 2 and max(one.explained for one in others) < 1e-12
     assert str(first) == "a and c act together: 58 % of the variance"
@@ -28,8 +28,8 @@ def test_words_act_together_with_numbers_and_with_words():
     y = np.where(law == "hunt", x, 0.0) + 0.05 * random.standard_normal(60)
     columns = {"law": law, "oil": oil, "x": x, "y": y}
     first, *others = interactions(read_results(pa.table(columns), ["law", "oil", "x"], ["y"]), "y")
-    assert (first.first, first.second) == ("law", "x") and first.sure
-    assert not any(one.sure for one in others)
+    assert (first.first, first.second) == ("law", "x") and first.is_sure
+    assert not any(one.is_sure for one in others)
     columns["y"] = np.where((law == "hunt") & (oil == "thin"), 1.0, 0.0) + 0.1 * random.standard_normal(60)
     only = interactions(
         read_results(pa.table({k: v for k, v in columns.items() if k != "x"}), ["law", "oil"], ["y"]), "y"
@@ -49,7 +49,7 @@ def test_chance_is_taken_for_an_interaction_as_often_as_told():
     for _ in range(200):
         table = {name: random.random(40) for name in names}
         table["t"] = table["u"] + table["v"] ** 2 + random.standard_normal(40)
-        wrong += any(one.sure for one in interactions(read_results(pa.table(table), names, ["t"]), "t"))
+        wrong += any(one.is_sure for one in interactions(read_results(pa.table(table), names, ["t"]), "t"))
     assert wrong <= 19
 
 

@@ -77,12 +77,12 @@ def test_few_rows_at_the_end_of_a_factor_or_of_the_metric_are_not_chance():
     y, z = rng.standard_normal(100), rng.standard_normal(100)
     status = np.where(a > 0.965, "diverged", "ok")
     left_out = LeftOut(table_of(status, a=a, b=b, y=y))
-    assert left_out.by_result.sum() == 4 and left_out.selects("y")
-    assert [(part.factor, part.sure) for part in left_out.parts] == [("a", True), ("b", False)]
-    assert str(left_out.parts[0]).startswith("a: 4 of 4 from 0.9697 to 1, 0 of 96 elsewhere")
+    assert left_out.left_out_rows.sum() == 4 and left_out.selects("y")
+    assert [(part.factor, part.is_sure) for part in left_out.lost_parts] == [("a", True), ("b", False)]
+    assert str(left_out.lost_parts[0]).startswith("a: 4 of 4 from 0.9697 to 1, 0 of 96 elsewhere")
     status = np.where(np.argsort(np.argsort(y)) > 95, "suspect", "ok")  # the four largest y, whatever a and b
     left_out = LeftOut(table_of(status, a=a, b=b, y=y, z=z))
-    assert left_out.selects("y") and not left_out.selects("z") and not any(part.sure for part in left_out.parts)
+    assert left_out.selects("y") and not left_out.selects("z") and not any(part.is_sure for part in left_out.lost_parts)
 
 
 def test_chance_is_seldom_taken_for_a_cause():
@@ -100,10 +100,10 @@ def test_words_are_parts_too():
     a, b, _ = pairs_of(90)
     law = np.array(["u", "v", "w"] * 30)
     status = np.where((law == "v") & (a > 0.3), "suspect", "ok")
-    first, *others = LeftOut(table_of(status, a=a, b=b, law=law, y=b)).parts
+    first, *others = LeftOut(table_of(status, a=a, b=b, law=law, y=b)).lost_parts
     lost = int((status != "ok").sum())
-    assert str(first) == f"law: {lost} of 30 at v, 0 of 60 elsewhere" and first.sure
-    assert not [part.factor for part in others if part.factor == "b" and part.sure]
+    assert str(first) == f"law: {lost} of 30 at v, 0 of 60 elsewhere" and first.is_sure
+    assert not [part.factor for part in others if part.factor == "b" and part.is_sure]
 
 
 def test_drives_that_cannot_be_built_are_told_and_the_others_ranked():

@@ -22,7 +22,7 @@ from warpchain.cli import main
 from warpchain.drive import load_drive
 from warpchain.drive.drive_text import DIGITS
 from warpchain.errors import StudyError
-from warpchain.study.analysis.pareto import goals_of
+from warpchain.study.analysis.pareto import goals_of_study
 from warpchain.study.design.factor_values import DesignCube
 from warpchain.study.optimize import Optimizer, bayes, open_study, optimize, recommend
 from warpchain.study.optimize.campaign import made_folder
@@ -87,7 +87,7 @@ def test_a_noisy_ishigami_function_gives_its_minimum():
 
     study = toy(batch=6, names="abc", reach=np.pi, objectives=[{"metric": "f1"}])
     results = searched(study, {"f1": ishigami}, 56, noise=0.3)
-    (best, *_) = recommend(results, goals_of(study))
+    (best, *_) = recommend(results, goals_of_study(study))
     row = {name: float(results.values(name)[best.row]) for name in "abc"}
     # the lowest of 60 random rows is about -7; the function's own deviation is 3.7
     assert ishigami(**row) < -9.0
@@ -99,7 +99,7 @@ def test_limits_are_kept_and_known_with_a_probability():
     """Least (a - 1)^2 + b^2 with f2 = (a + 1)^2 + b^2 at most 1: a = 0, b = 0, of value 1."""
     study = toy(batch=6, objectives=[{"metric": "f1"}], limits=[{"metric": "f2", "max": 1.0}])
     results = searched(study, TWO, 36)
-    (best, *_) = recommend(results, goals_of(study))
+    (best, *_) = recommend(results, goals_of_study(study))
     # without noise the row itself is known: what is left is how near to the corner of the limit rows came
     assert best.measured["f2"] <= 1.0 and best.measured["f1"] < 1.15
     assert best.chance >= 0.95 and "probability" in " ".join(best.reasons)

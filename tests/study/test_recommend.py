@@ -65,22 +65,22 @@ def test_no_recommended_design_is_surely_beaten_by_one_that_keeps_the_limits(see
     results = random_runs(seed)
     goals = Goals(tuple(Objective(metric=m, sense=sense) for m, sense in objectives), (Bound(metric="t", max=110.0),))
     over, goals = designs_of(results, goals)
-    measured, found = goals.measured(over), recommend(over, goals)
+    measured, found = goals.goal_values(over), recommend(over, goals)
     runs = {name: results.values(name).reshape(-1, NOISE_ROWS) for name in "yz"}
     for k, one in enumerate(found):
-        for other in np.flatnonzero(measured.kept):
+        for other in np.flatnonzero(measured.limits_kept):
             if not (measured.costs[other] <= measured.costs[one.row]).all():
                 continue
-            for objective, sign in zip(goals.objectives, goals.signs, strict=True):
+            for objective, sign in zip(goals.objectives, goals.cost_signs, strict=True):
                 statistic = statistic_from_name(objective.metric)
                 differences = runs[statistic.metric][other] - runs[statistic.metric][one.row]
-                pairs = over.difference(one.row, int(other), statistic)
+                pairs = over.statistic_difference(one.row, int(other), statistic)
                 if statistic.word == "mean":
                     pairs = mean_difference(differences, 0.95)
                 all_better = statistic.word != "std" and (sign * differences < 0.0).all()
-                if all_better or sign * pairs.sign < 0:
+                if all_better or sign * pairs.shown_sign < 0:
                     assert "significantly better over the same noise" in one.reasons[-1]
-                    if np.divide(*over.kept(other)) >= goals.keep:
+                    if np.divide(*over.kept_counts(other)) >= goals.keep:
                         assert k > 0 and "keep the limits with 95 % confidence" in one.reasons[0]
                         assert "% confidence only" in one.reasons[-1]
 
@@ -164,16 +164,16 @@ def test_designs_are_compared_in_pairs_of_equal_noise_whatever_their_order():
     for table in (results.table, results.table.take(order)):
         over, _ = designs_of(read_results(table, ["a", "b", "mu"], ["y", "z"]), goals)
         one, other = (int(np.flatnonzero(over.values("a") == a)[0]) for a in (0.0, 1.0))
-        pairs = over.difference(one, other, statistic_from_name("mean(y)"))
-        assert over.surely(one, other, "mean(y)") == over.surely(one, other, "q5(y)") == 1
-        assert (pairs.pairs, pairs.sign) == (NOISE_ROWS, 1)
+        pairs = over.statistic_difference(one, other, statistic_from_name("mean(y)"))
+        assert over.sure_sign(one, other, "mean(y)") == over.sure_sign(one, other, "q5(y)") == 1
+        assert (pairs.pairs, pairs.shown_sign) == (NOISE_ROWS, 1)
         assert pairs.mean == pytest.approx(3.0, rel=1e-9) and pairs.deviation == pytest.approx(shift.std(ddof=1))
-        pairs = over.difference(one, other, statistic_from_name("q95(z)"))
+        pairs = over.statistic_difference(one, other, statistic_from_name("q95(z)"))
         assert pairs.mean == pytest.approx(3.0, rel=1e-9) and pairs.deviation < 1e-9
-        assert over.surely(one, other, "a") is None  # a design factor
+        assert over.sure_sign(one, other, "a") is None  # a design factor
     apart = results.table.set_column(2, FIELDS[2], pa.array(np.linspace(0.0, 1.0, 2 * NOISE_ROWS)))
     over, _ = designs_of(read_results(apart, ["a", "b", "mu"], ["y", "z"]), goals)
-    assert over.surely(0, 1, "mean(y)") is None  # no noise in common
+    assert over.sure_sign(0, 1, "mean(y)") is None  # no noise in common
     assert spread(over, 0, "y").statistics["mean"][0] == pytest.approx(first.mean())
 
 

@@ -14,8 +14,8 @@ from warpchain.errors import StudyError
 from warpchain.results.units import quantity
 from warpchain.study.analysis import correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
-from warpchain.study.analysis.failure_probability import Estimate, design_points, subset_simulation
-from warpchain.study.analysis.importance_sampling import fitted_mixture, importance_sampling, joint_estimate
+from warpchain.study.analysis.failure_probability import FailureEstimate, design_points, subset_simulation
+from warpchain.study.analysis.importance_sampling import fit_mixture, importance_sampling, joint_estimate
 from warpchain.study.analysis.interactions import interactions
 from warpchain.study.analysis.over_noise import designs_of
 from warpchain.study.analysis.pareto import Goals
@@ -93,33 +93,33 @@ def test_weights_of_a_mixture_are_ratios_of_densities():
     error is told by the weights, and 4 of them are passed in one case of 16,000."""
     for dimensions in (1, 2, 5):
         failed = failed_beyond(failure.opposite(0.3, dimensions), (1.0, -1.0))
-        mixture = fitted_mixture(failed)
-        weights = mixture.weights(mixture.samples(200_000, np.random.default_rng(1)))
+        mixture = fit_mixture(failed)
+        weights = mixture.importance_weights(mixture.draw_samples(200_000, np.random.default_rng(1)))
         assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / np.sqrt(len(weights)))
 
 
 def test_weights_of_failures_are_bounded_in_every_direction():
     """q >= a phi / P(|u| > r) outside r, so that phi / q <= P(|u| > r) / a, also where no failure was known."""
-    mixture = fitted_mixture(failed_beyond(failure.opposite(1e-4, 3), (1.0,)))
+    mixture = fit_mixture(failed_beyond(failure.opposite(1e-4, 3), (1.0,)))
     u = np.random.default_rng(2).standard_normal((1000, 3))
     u *= 1.001 * mixture.radius / np.linalg.norm(u, axis=1, keepdims=True)
-    assert mixture.weights(u).max() <= mixture.beyond / mixture.outside * (1.0 + 1e-9)
+    assert mixture.importance_weights(u).max() <= mixture.beyond / mixture.outside * (1.0 + 1e-9)
 
 
 def test_failures_that_samples_do_not_come_to_make_it_unknown():
     """One of four repetitions knows the second of two planes, so that its failures are weighted by a fit that lacks
     them. In a fit without that repetition, samples scatter little and would be taken for a good estimate of half P."""
     state = failure.opposite(1e-6, 5)
-    mixture = fitted_mixture(failed_beyond(state, (1.0, 1.0, 1.0, -1.0)))
+    mixture = fit_mixture(failed_beyond(state, (1.0, 1.0, 1.0, -1.0)))
     with pytest.raises(StudyError, match="unknown: the weights scatter as if there were"):
         importance_sampling(state.margin, mixture, 300, 0)
-    blind = importance_sampling(state.margin, fitted_mixture(failed_beyond(state, (1.0,))), 300, 0)
+    blind = importance_sampling(state.margin, fit_mixture(failed_beyond(state, (1.0,))), 300, 0)
     assert blind.low < 0.5e-6 < blind.high < 1e-6
 
 
 def test_estimates_that_differ_are_not_joined():
     def estimate(low, high):
-        return Estimate(np.sqrt(low * high), low, high, 100, ())
+        return FailureEstimate(np.sqrt(low * high), low, high, 100, ())
 
     subset, sampled = estimate(1e-4, 4e-4), estimate(3e-4, 5e-4)
     assert joint_estimate(subset, sampled) is sampled

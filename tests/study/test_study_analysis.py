@@ -7,7 +7,7 @@ from scipy import stats
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis import correlation, main_effects
-from warpchain.study.analysis.pareto import non_dominated, pareto_front
+from warpchain.study.analysis.pareto import is_non_dominated, pareto_front
 from warpchain.study.analysis.surface import fit_surface
 from warpchain.study.results import export_table, read_results
 
@@ -67,7 +67,7 @@ def test_correlations_are_those_of_scipy():
     assert both.metrics == ("y",)
     assert both.pearson[:, 0] == pytest.approx([stats.pearsonr(v, y)[0] for v in (x, coarse)], rel=1e-12)
     assert both.spearman[:, 0] == pytest.approx([stats.spearmanr(v, y)[0] for v in (x, coarse)], rel=1e-12)
-    assert both.noise() == pytest.approx(1.96 / np.sqrt(59))
+    assert both.noise_level() == pytest.approx(1.96 / np.sqrt(59))
 
 
 def test_a_monotone_curve_has_rank_correlation_one():
@@ -91,7 +91,7 @@ def test_front_is_what_its_definition_says():
     costs = rng.integers(0, 6, (120, 3)).astype(float)  # with ties and equal rows
     lower, nowhere_higher = costs[:, None] < costs[None], costs[:, None] <= costs[None]
     dominated = (nowhere_higher.all(axis=2) & lower.any(axis=2)).any(axis=0)
-    assert np.array_equal(non_dominated(costs), ~dominated)
+    assert np.array_equal(is_non_dominated(costs), ~dominated)
 
 
 def test_surface_recovers_a_quadratic_exactly():
@@ -103,7 +103,7 @@ def test_surface_recovers_a_quadratic_exactly():
     assert surface.r2_predicted == pytest.approx(1.0, abs=1e-10)
     # least squares in float64 with a condition number of order 10
     assert surface.predict(np.array([3.0, 500.0])) == pytest.approx(3 + 6 - 4.5 + 1.5 + 0.25, rel=1e-12)
-    values, along = surface.slice("a")
+    values, along = surface.factor_slice("a")
     middle = 0.5 * (b.min() + b.max())
     assert along == pytest.approx(3 + 2 * values - 0.5 * values**2 + 1e-3 * values * middle + 1e-6 * middle**2)
 

@@ -10,7 +10,7 @@ from scipy import stats
 from warpchain.errors import StudyError
 from warpchain.study.analysis import main_effects, pure_error, pure_errors
 from warpchain.study.analysis.pareto import front_chances
-from warpchain.study.analysis.pure_error import standard_errors
+from warpchain.study.analysis.pure_error import row_standard_errors
 from warpchain.study.analysis.surface import fit_surface, lack_of_fit
 from warpchain.study.results import read_results
 
@@ -123,7 +123,7 @@ def test_errors_of_a_line_are_those_of_its_formula():
     table = read_results(pa.table({"x": x, "y": 2.0 * x + random.standard_normal(20)}), ["x"])
     line = fit_surface(table, "y")
     found = stats.linregress(x, table.values("y"))
-    ((factor, effect, half),) = line.effects()
+    ((factor, effect, half),) = line.factor_effects()
     assert (factor, effect) == ("x", pytest.approx(2.0 * found.slope))
     assert half == pytest.approx(2.0 * stats.t.ppf(0.975, 18) * found.stderr, rel=1e-9)
 
@@ -140,11 +140,11 @@ def test_errors_are_those_of_all_rows_unless_rows_scatter_unlike():
     """Rows that scatter alike have s / sqrt(n), whatever their own few runs say; rows that do not keep their own."""
     random = np.random.default_rng(12)
     alike = replicated(np.arange(6.0), np.array([[-1.0, 1.0]] * 6) + np.arange(6.0)[:, None])
-    assert standard_errors(alike, "y") == pytest.approx(np.full(6, 1.0), rel=1e-12)  # s^2 = 2, of two runs
+    assert row_standard_errors(alike, "y") == pytest.approx(np.full(6, 1.0), rel=1e-12)  # s^2 = 2, of two runs
     single = read_results(alike.table.set_column(3, "n", pa.array([2, 2, 2, 2, 2, 1])), ["x"])
-    assert standard_errors(single, "y")[5] == pytest.approx(math.sqrt(2.0), rel=1e-12)
+    assert row_standard_errors(single, "y")[5] == pytest.approx(math.sqrt(2.0), rel=1e-12)
     deviation = np.repeat([0.01, 3.0], 10)
-    found = standard_errors(replicated(np.arange(20.0), deviation[:, None] * random.standard_normal((20, 9))), "y")
+    found = row_standard_errors(replicated(np.arange(20.0), deviation[:, None] * random.standard_normal((20, 9))), "y")
     # 8 degrees of freedom: a deviation is known to 1 / sqrt(16) = 25 %; four of these
     assert found == pytest.approx(deviation / 3.0, rel=1.0)
 
@@ -160,7 +160,7 @@ def test_rows_that_scatter_less_count_more():
     slopes, halves = [], []
     for _ in range(100):
         runs = x[:, None] + deviation[:, None] * random.standard_normal((20, 8))
-        ((_, effect, half),) = fit_surface(replicated(x, runs), "y").effects()
+        ((_, effect, half),) = fit_surface(replicated(x, runs), "y").factor_effects()
         slopes.append(0.5 * effect)
         halves.append(0.5 * half)
     assert np.std(slopes) < 1.5 * math.sqrt(ideal)

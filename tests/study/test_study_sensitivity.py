@@ -14,7 +14,7 @@ from warpchain.study.analysis.sensitivity import (
     factors_of_problem,
     problem_of,
     problem_of_factors,
-    saltelli_block,
+    saltelli_block_size,
     saltelli_table,
     sobol_indices,
     surface_indices,
@@ -185,10 +185,10 @@ def test_a_refusal_says_q2_and_what_would_help():
 def test_saltelli_designs_are_told_from_others():
     design = saltelli_table(PROBLEM, 8)
     names = PROBLEM["names"]
-    assert saltelli_block(read_results(design, names), names) == 5
-    assert saltelli_block(read_results(saltelli_table(PROBLEM, 8, second_order=True), names), names) == 8
+    assert saltelli_block_size(read_results(design, names), names) == 5
+    assert saltelli_block_size(read_results(saltelli_table(PROBLEM, 8, second_order=True), names), names) == 8
     other = pa.table(dict(zip(names, np.random.default_rng(1).random((3, 40)), strict=True)))
-    assert saltelli_block(read_results(other, names), names) == 0
+    assert saltelli_block_size(read_results(other, names), names) == 0
     with pytest.raises(StudyError, match="no Saltelli design of x1, x2, x3"):
         sobol_indices(read_results(other.append_column("y", other["x1"]), names), "y")
 

@@ -105,7 +105,7 @@ def _better_lines(found: Better, drives: list[str]) -> list[str]:
         if found.shown is not None:
             lines.append(f"  {found.shown} is better as far as these pairs show ({confidence})")
         lines.append(f"  {_decision_text(found)}")
-    if of.heavy:
+    if of.is_heavy_tailed:
         lines.append(f"  {of.carriers} of {of.pairs} pairs carry half of the scatter: the mean depends on few of them")
     lines.append(f"  {_rare_event_text(found)}")
     for name in "AB":
@@ -128,7 +128,11 @@ def _decision_text(found: Better) -> str:
     every = len(found.differences) / of.pairs
     runs = round(2 * found.copies * needed * every)
     text = f"should mean and scatter stay, it takes about {needed} pairs; go on with --budget {runs} or more"
-    return f"{text}, or a lower --event if rare events are smaller" if of.largest < of.reversal < of.reckoned else text
+    return (
+        f"{text}, or a lower --event if rare events are smaller"
+        if of.largest < of.reversing_change < of.reckoned
+        else text
+    )
 
 
 def _rare_event_text(found: Better) -> str:
@@ -136,9 +140,9 @@ def _rare_event_text(found: Better) -> str:
     from warpchain.results.units import quantity
 
     of = found.found
-    text = f"{of.pairs} pairs may miss an event rarer than 1 in {1.0 / of.rarest:.2g}"
-    if of.reversal > 0.0:
-        least = ("-" if of.mean > 0.0 else "+") + quantity(of.reversal, found.unit)
+    text = f"{of.pairs} pairs may miss an event rarer than 1 in {1.0 / of.missed_probability:.2g}"
+    if of.reversing_change > 0.0:
+        least = ("-" if of.mean > 0.0 else "+") + quantity(of.reversing_change, found.unit)
         text += f": it reverses the sign if it changes the difference by more than {least}"
     deviations = f", {of.reckoned / of.deviation:.3g} deviations" if of.deviation else ""
     return f"{text}; reckoned with: {quantity(of.reckoned, found.unit)}{deviations}"
@@ -166,8 +170,8 @@ def _better_json(found: Better) -> dict[str, Any]:
         "level": of.level,
         "difference": of.mean,
         "interval": [of.low if isfinite(of.low) else None, of.high if isfinite(of.high) else None],
-        "missed_rarer_than": of.rarest,
-        "event_to_reverse": of.reversal,
+        "missed_rarer_than": of.missed_probability,
+        "event_to_reverse": of.reversing_change,
         "event_reckoned_with": of.reckoned,
         "pairs": of.pairs,
         "pairs_with_half_of_the_scatter": of.carriers,

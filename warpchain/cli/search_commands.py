@@ -97,7 +97,7 @@ def _print_recommended(found: Any) -> None:
                 simulated = "" if one.spreads else f"model estimate; {quantity(one.measured[name], unit)} "
                 print(f"  {name}: {quantity(mean, unit, deviation)} ({simulated}simulated)")
         for of in one.spreads:
-            print(f"  spread of {of.metric} over the noise comes from: {of.parts_words()}")
+            print(f"  spread of {of.metric} over the noise comes from: {of.parts_text()}")
         print(f"  drive: {found.drives[k]}")
         if found.archives[k] is not None:
             archive, number = found.archives[k]

@@ -24,7 +24,7 @@ from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.progress import duration_text
 from warpchain.results.statuses import common_reasons, reason_words
-from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
+from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student_quantile
 from warpchain.study.results import Results, read_results
 from warpchain.study.run.prepare import gpu_count, overhead_seconds, preferred_shard_size, read_study, stored_step_rate
 from warpchain.study.run.row_drives import Variant, build_and_check_drives
@@ -118,7 +118,7 @@ class Forecast:
         if self.copies < 2:
             return None
         rows = max(1.0, (1.0 - self.infeasible_share) * self.rows)
-        return student(rows * (self.copies - 1)) / math.sqrt(self.copies)
+        return student_quantile(rows * (self.copies - 1)) / math.sqrt(self.copies)
 
 
 def forecast_study(

@@ -1,4 +1,4 @@
-"""Factors' main effects on metrics, as means and medians, and correlations, over the variants that ran to their end.
+"""Main effects of factors on metrics, as means and medians, and correlations, over the variants that are ok.
 
 A factor with G groups that takes up the part E of a metric's variance among R rows has
 
@@ -6,10 +6,7 @@ A factor with G groups that takes up the part E of a metric's variance among R r
 
 Where rows come at random as far as this factor goes, F is noncentral F-distributed with the noncentrality
 R E' / (1 - E'), E' the part that it would take up of infinitely many rows; the interval of E' is where F lies between
-the 2.5 % and 97.5 % points (Steiger 2004).
-
-A few wild values do not upset ranks and medians. `transformed` gives results in which a metric is its rank or
-logarithm, for any of the other analyses. The interval of a median needs no distribution (Conover 1999, 3.2): of n
+the 2.5 % and 97.5 % points (Steiger 2004). The interval of a median needs no distribution (Conover 1999, 3.2): of n
 sorted values, it is between the k-th from either end, k the most for which a binomial of n and 1/2 has at most 2.5 %
 below k.
 """
@@ -24,30 +21,29 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.results.replicate_metrics import ERROR
-from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student
+from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student_quantile
 from warpchain.study.results import Array, Results, is_varying
 
-BINS = 8
-"""Most groups that a factor of many values is cut into; they hold equally many variants each."""
-ROWS_A_BIN = 5
-"""Fewest variants of a group, where groups are cut."""
+MOST_GROUPS = 8
+"""Most groups that a factor of many values is cut into, with equally many variants each."""
+FEWEST_GROUP_ROWS = 5
+"""Fewest variants of a group that is cut."""
 TRANSFORMS = ("rank", "log")
 
 
 @dataclass(frozen=True)
 class Effect:
-    """The main effect of one factor on one metric: the metric's mean in each group of the factor's values.
+    """Main effect of a factor on a metric: the metric's mean in each group of the factor's values.
 
     Attributes:
         factor: name of the factor.
-        labels: what each group is called (G,).
-        centers: mean factor value of each group (G,); counts from 0 where the factor holds words.
+        labels: name of each group (G,).
+        centers: mean factor value of each group (G,); counts from 0 if the factor holds words.
         means: mean of the metric in each group (G,).
-        errors: standard error of each mean (G,); NaN where a group has one variant.
+        errors: standard error of each mean (G,); NaN if a group has one variant.
         counts: number of variants in each group (G,).
         explained: part of the metric's variance that lies between the groups [-] (the correlation ratio).
-        scatter: standard error of each mean from what equal runs scatter alone (G,); None without replicates. `errors`
-            holds what the other factors do, too.
+        scatter: standard error of each mean from scatter between equal runs alone (G,); None without replicates.
     """
 
     factor: str
@@ -60,14 +56,14 @@ class Effect:
     scatter: Array | None = None
 
     @property
-    def rows(self) -> int:
+    def row_count(self) -> int:
         """Number of variants in all groups."""
         return int(self.counts.sum())
 
     @property
     def intervals(self) -> Array:
-        """Half width of each mean's 95 % interval (G,), by Student's t; NaN where a group has one variant."""
-        t = np.array([student(count - 1) if count > 1 else np.nan for count in self.counts.tolist()])
+        """Half width of each mean's 95 % interval (G,), by Student's t; NaN if a group has one variant."""
+        t = np.array([student_quantile(count - 1) if count > 1 else np.nan for count in self.counts.tolist()])
         return np.asarray(t * self.errors)
 
     @property
@@ -75,44 +71,46 @@ class Effect:
         """Probability that chance alone explains so large a part; NaN without degrees of freedom."""
         from scipy.special import fdtrc
 
-        between, within = len(self.counts) - 1, self.rows - len(self.counts)
+        between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         if between < 1 or within < 1:
             return float("nan")
-        return float(fdtrc(between, within, self._ratio()))
+        return float(fdtrc(between, within, self._f_ratio()))
 
     @property
     def adjusted(self) -> float:
         """`explained` less what as many groups take up by chance (Ezekiel 1930); NaN without degrees of freedom."""
-        freedom = self.rows - len(self.counts)
-        return max(0.0, 1.0 - (1.0 - self.explained) * (self.rows - 1) / freedom) if freedom > 0 else float("nan")
+        freedom = self.row_count - len(self.counts)
+        return max(0.0, 1.0 - (1.0 - self.explained) * (self.row_count - 1) / freedom) if freedom > 0 else float("nan")
 
     @property
     def explained_interval(self) -> tuple[float, float]:
-        """95 % interval of the part that the factor would explain of infinitely many variants; (0, 1) without degrees
-        of freedom."""
-        between, within = len(self.counts) - 1, self.rows - len(self.counts)
+        """95 % interval of the part that the factor would explain of infinitely many variants; (0, 1) if unknown."""
+        between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         if between < 1 or within < 1:
             return 0.0, 1.0
-        ends = [_noncentrality(between, within, self._ratio(), 0.5 + s * 0.5 * CONFIDENCE) for s in (1.0, -1.0)]
-        low, high = (end / (end + self.rows) if np.isfinite(end) else 1.0 for end in ends)
+        ends = [
+            _noncentrality_of_share(between, within, self._f_ratio(), 0.5 + s * 0.5 * CONFIDENCE) for s in (1.0, -1.0)
+        ]
+        low, high = (end / (end + self.row_count) if np.isfinite(end) else 1.0 for end in ends)
         return low, high
 
-    def _ratio(self) -> float:
-        between, within = len(self.counts) - 1, self.rows - len(self.counts)
+    def _f_ratio(self) -> float:
+        """F of eq. (a)."""
+        between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         left = 1.0 - self.explained
         return self.explained / left * within / between if left > 0.0 else float("inf")
 
     @property
     def span(self) -> float:
-        """Largest less smallest mean, in the metric's unit."""
+        """Difference of the largest and the smallest mean, in the metric's unit."""
         return float(np.ptp(self.means))
 
 
 def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> list[Effect]:
     """Main effects of the factors on a metric, the largest span first.
 
-    Factors that are tied to another are left out, unless asked for. Numeric factors of up to `BINS` values are grouped
-    by value, others by quantiles; words are grouped as they are.
+    Tied factors are left out unless asked for. Numeric factors of at most `MOST_GROUPS` values are grouped by value,
+    others by quantiles.
 
     Raises:
         StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
@@ -131,24 +129,26 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
     tied = results.factor_ties()
     for factor in [f for f in results.factors if f not in tied] if factors is None else factors:
         held = results.usable_rows(metric, [factor])
-        group, labels, centers = _groups(results, factor, held)
+        group, labels, centers = factor_groups(results, factor, held)
         if len(labels) > 1:
-            effect = _effect(factor, labels, centers, group, y[held])
+            effect = _group_effect(factor, labels, centers, group, y[held])
             effects.append(effect if runs is None else replace(effect, scatter=deviation / np.sqrt(runs(group, held))))
     return sorted(effects, key=lambda effect: -effect.span)
 
 
-def _groups(results: Results, factor: str, rows: NDArray[np.bool_]) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
-    """Group of each chosen row, with the groups' labels and centers."""
+def factor_groups(
+    results: Results, factor: str, rows: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
+    """Group of each chosen row by a factor's value (R,), with the groups' labels and centers (G,)."""
     if not results.is_numeric(factor):
         words = [word for word, row in zip(results.text_values(factor), rows, strict=True) if row]
         labels, group = np.unique(words, return_inverse=True)
         return group, tuple(labels.tolist()), np.arange(len(labels), dtype=float)
     x = results.values(factor)[rows]
     values, group = np.unique(x, return_inverse=True)
-    if len(values) <= BINS:
+    if len(values) <= MOST_GROUPS:
         return group, tuple(f"{value:.6g}" for value in values), values
-    bins = max(2, min(BINS, len(x) // ROWS_A_BIN))
+    bins = max(2, min(MOST_GROUPS, len(x) // FEWEST_GROUP_ROWS))
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, bins + 1)))
     group = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     held, group = np.unique(group, return_inverse=True)
@@ -156,7 +156,8 @@ def _groups(results: Results, factor: str, rows: NDArray[np.bool_]) -> tuple[NDA
     return group, tuple(f"{edges[g]:.4g} to {edges[g + 1]:.4g}" for g in held), centers
 
 
-def _effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray[np.intp], y: Array) -> Effect:
+def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray[np.intp], y: Array) -> Effect:
+    """Main effect of a factor whose rows are in groups, on the values y of a metric."""
     counts = np.bincount(group)
     means = np.bincount(group, y) / counts
     inside = np.bincount(group, (y - means[group]) ** 2)
@@ -167,30 +168,31 @@ def _effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray
     return Effect(factor, labels, centers, means, errors, counts, explained)
 
 
-def _noncentrality(between: int, within: int, ratio: float, share: float) -> float:
-    """The noncentrality at which a share of noncentral F lies below `ratio`; 0 where even the central one has less."""
+def _noncentrality_of_share(between: int, within: int, ratio: float, share: float) -> float:
+    """Noncentrality at which a share of noncentral F lies below `ratio`; 0 if even central F has less."""
     from scipy.optimize import brentq
     from scipy.special import ncfdtr
 
     if not np.isfinite(ratio):
         return float("inf")
 
-    def miss(noncentrality: float) -> float:
+    def share_error(noncentrality: float) -> float:
+        """Share of noncentral F below `ratio`, less the wanted share."""
         return float(ncfdtr(between, within, noncentrality, ratio)) - share
 
-    if miss(0.0) <= 0.0:
+    if share_error(0.0) <= 0.0:
         return 0.0
     top = 1.0
-    while miss(top) > 0.0:
+    while share_error(top) > 0.0:
         top *= 2.0
         if top > 1e9:
             return float("inf")
-    return float(brentq(miss, 0.0, top, xtol=1e-9, rtol=1e-10))
+    return float(brentq(share_error, 0.0, top, xtol=1e-9, rtol=1e-10))
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Correlation of numeric factors (rows) with metrics (columns).
+    """Correlation of numeric factors with metrics.
 
     Attributes:
         factors: (A,) names.
@@ -206,14 +208,14 @@ class Correlation:
     spearman: Array
     counts: NDArray[np.int64]
 
-    def noise(self) -> float:
-        """Size of coefficient that chance alone exceeds in 5 % of cases: 1.96 / sqrt(n - 1)."""
+    def noise_level(self) -> float:
+        """Size of a coefficient that chance alone exceeds in 5 % of cases: 1.96 / sqrt(n - 1)."""
         least = int(self.counts.min()) if len(self.counts) else 0
         return float(min(1.0, 1.96 / np.sqrt(max(least - 1, 1))))
 
 
 def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Correlation:
-    """Pearson and Spearman correlation of every independent numeric factor with every metric that varies.
+    """Pearson and Spearman correlation of each independent numeric factor with each metric that varies.
 
     Raises:
         StudyError: no numeric factor that varies, fewer than three usable variants, or rows that are no sample of the
@@ -239,23 +241,23 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
         known += [] if known else [rankdata(x[rows]) for x in inputs]
         ranked = rankdata(y[rows])
         for a, x in enumerate(inputs):
-            pearson[a, b] = _pearson(x[rows], y[rows])
-            spearman[a, b] = _pearson(known[a], ranked)
+            pearson[a, b] = _pearson_coefficient(x[rows], y[rows])
+            spearman[a, b] = _pearson_coefficient(known[a], ranked)
     return Correlation(factors, chosen, pearson, spearman, counts)
 
 
-def _pearson(x: Array, y: Array) -> float:
-    """Linear correlation coefficient; NaN where one of both is constant."""
+def _pearson_coefficient(x: Array, y: Array) -> float:
+    """Linear correlation coefficient of x and y; NaN if one is constant."""
     x, y = x - x.mean(), y - y.mean()
     size = float(np.sqrt((x @ x) * (y @ y)))
     return float(x @ y) / size if size > 0.0 else float("nan")
 
 
 def transformed(results: Results, metric: str, how: str) -> Results:
-    """Results in which a metric is transformed, under its own name, without a unit; of ranks no errors are known.
+    """Results in which a metric is replaced by its rank or logarithm, without a unit.
 
     Args:
-        how: "rank" (of the variants that are ok, 1 the lowest, ties share their mean; empty elsewhere) or "log".
+        how: "rank" (of the ok variants, 1 the lowest, ties share their mean; empty elsewhere, without errors) or "log".
 
     Raises:
         StudyError: another word, or values that have no logarithm.
@@ -288,14 +290,14 @@ def transformed(results: Results, metric: str, how: str) -> Results:
 
 @dataclass(frozen=True)
 class MedianEffect:
-    """The median of a metric in each group of a factor's values.
+    """Medians of a metric in each group of a factor's values.
 
     Attributes:
         factor: name of the factor.
-        labels: what each group is called (G,).
-        centers: mean factor value of each group (G,); counts from 0 where the factor holds words.
+        labels: name of each group (G,).
+        centers: mean factor value of each group (G,); counts from 0 if the factor holds words.
         medians: (G,)
-        low, high: (G,) the 95 % interval of each median; infinite where a group has fewer than 6 variants.
+        low, high: (G,) 95 % interval of each median; infinite if a group has fewer than 6 variants.
         counts: (G,)
     """
 
@@ -309,12 +311,12 @@ class MedianEffect:
 
     @property
     def span(self) -> float:
-        """Largest less smallest median, in the metric's unit."""
+        """Difference of the largest and the smallest median, in the metric's unit."""
         return float(np.ptp(self.medians))
 
 
 def median_interval(values: Array) -> tuple[float, float]:
-    """The 95 % interval of a median; infinite for fewer than 6 values."""
+    """95 % interval of the median of values; infinite for fewer than 6."""
     from scipy.stats import binom
 
     n = len(values)
@@ -326,7 +328,7 @@ def median_interval(values: Array) -> tuple[float, float]:
 
 
 def median_effects(results: Results, metric: str) -> list[MedianEffect]:
-    """Medians of a metric over the groups of each factor (as `main_effects` makes them), the largest span first.
+    """Medians of a metric over the groups of each factor, the largest span first.
 
     Raises:
         StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
@@ -338,7 +340,7 @@ def median_effects(results: Results, metric: str) -> list[MedianEffect]:
     effects = []
     for factor in (name for name in results.factors if name not in tied):
         rows = results.usable_rows(metric, [factor])
-        group, labels, centers = _groups(results, factor, rows)
+        group, labels, centers = factor_groups(results, factor, rows)
         if len(labels) < 2:
             continue
         parts = [y[rows][group == g] for g in range(len(labels))]

@@ -1,21 +1,19 @@
-"""Importance sampling from a mixture fitted to failures, whose weights are held against failures it was not fitted to.
+"""Probability of failure by importance sampling from a mixture that is fitted to failures.
 
-u is standard normal (D,) with density phi; failures are those of independent repetitions of a subset simulation, which
-come with the density phi / P where g(u) <= 0 and 0 elsewhere. Samples are drawn from
+u is standard normal (D,) with density phi; failures are those of independent repetitions of a subset simulation, with
+density phi / P where g(u) <= 0. Samples are drawn from
 
     q(u) = a phi(u) [|u| > r] / P(|u| > r) + (1 - a) sum_k s_k N(u; m_k, C_k),                               (a)
 
 and P = mean(w(u), failing), w = phi / q (Kurtz and Song 2013). The first part, r just below the nearest failure
-(Harbitz 1986), bounds the weights of failures in any direction, which the others may miss. m_k and C_k are mean and
-covariance of the failures in a direction, its eigenvalues not below 1, which would make the weights grow outwards.
-
-C_k is drawn towards a multiple of the unit matrix. How far, how many directions, and a are chosen so that
+(Harbitz 1986), bounds the weights of failures in any direction. m_k and C_k are mean and covariance of the failures in
+a direction, eigenvalues not below 1, which would make the weights grow outwards. How far C_k is drawn towards a
+multiple of the unit matrix, how many directions, and a are chosen so that
 
     E_q[w^2, failing] = P E[w | failure]                                                                     (b)
 
-is least over failures that the mixture was not fitted to: each repetition's are weighted by a fit to the others.
-Eq. (b) also tells of failures that hardly any sample comes to. So the variance of w is taken as the larger
-one of the samples' and that of eq. (b); the interval is that of the mean's logarithm.
+is least over failures that the mixture was not fitted to: each repetition's are weighted by a fit to the others. The
+variance of w is the larger one of the samples' and that of eq. (b); the interval is that of the mean's logarithm.
 """
 
 from __future__ import annotations
@@ -27,47 +25,47 @@ from itertools import product
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.failure_probability import Estimate, Margin, apart
+from warpchain.study.analysis.failure_probability import FailureEstimate, Margin, nearest_by_direction
 from warpchain.study.results import Array
 
-INSIDE = 0.95
+RADIUS_SHARE = 0.95
 """r in parts of the distance of the nearest failure."""
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
-"""a."""
+"""Values of a that are tried."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
-"""How far a covariance is drawn towards a multiple of the unit matrix."""
-TURNS = 5
+"""How far covariances are drawn towards a multiple of the unit matrix, values that are tried."""
+DIRECTION_TURNS = 5
 """Times that directions become those of their failures' means."""
-NOMINAL = 0.99
+NORMAL_LEVEL = 0.99
 """Level of the interval's normal quantile, which covers 95 % on closed forms: weights are skew."""
 FOLDS = 8
 """Parts of the repetitions, each weighted by a fit to the others."""
-LEAST = 5.0
+LEAST_SAMPLES = 5.0
 """Effective number of samples below which there is no estimate."""
 
 
 @dataclass(frozen=True)
-class _Part:
-    """The failures in a direction: their share, mean (D,), axes (D, D) as columns, and variances along these."""
+class _FailureGroup:
+    """Failures in a direction: their share, mean (D,), axes (D, D) as columns, and variances along these."""
 
     share: float
     mean: Array
     axes: Array
     variances: Array
 
-    def deviations(self, shrinkage: float) -> Array:
-        """Deviations along the axes of the normal distribution that stands for them."""
+    def axis_deviations(self, shrinkage: float) -> Array:
+        """Deviations along the axes of the group's normal distribution (D,), for a shrinkage."""
         return np.sqrt(np.maximum((1.0 - shrinkage) * self.variances + shrinkage * self.variances.mean(), 1.0))
 
 
 @dataclass(frozen=True)
-class Mixture:
-    """q, eq. (a).
+class FailureMixture:
+    """Sampling density q of eq. (a).
 
     Attributes:
         radius: r.
         beyond: P(|u| > r).
-        parts: the failures in each direction.
+        parts: failures in each direction.
         shrinkage: how far covariances are drawn towards a multiple of the unit matrix, 0 to 1.
         outside: a.
         held_out: weights w of failures that the mixture was not fitted to, eq. (b).
@@ -75,13 +73,13 @@ class Mixture:
 
     radius: float
     beyond: float
-    parts: tuple[_Part, ...]
+    parts: tuple[_FailureGroup, ...]
     shrinkage: float = 1.0
     outside: float = 0.5
     held_out: Array = field(default_factory=lambda: np.array([np.inf]))
 
-    def samples(self, count: int, rng: np.random.Generator) -> Array:
-        """`count` samples (count, D)."""
+    def draw_samples(self, count: int, rng: np.random.Generator) -> Array:
+        """Draws samples (count, D) from the mixture."""
         from scipy.stats import chi2
 
         shares = [self.outside, *((1.0 - self.outside) * part.share for part in self.parts)]
@@ -91,53 +89,55 @@ class Mixture:
         size = np.sqrt(chi2.isf(self.beyond * rng.random(int(far.sum())), u.shape[1]))
         u[far] *= (size / np.linalg.norm(u[far], axis=1))[:, None]
         for k, part in enumerate(self.parts, 1):
-            u[of == k] = part.mean + (u[of == k] * part.deviations(self.shrinkage)) @ part.axes.T
+            u[of == k] = part.mean + (u[of == k] * part.axis_deviations(self.shrinkage)) @ part.axes.T
         return u
 
-    def weights(self, u: Array) -> Array:
-        """w of points (N, D)."""
+    def importance_weights(self, u: Array) -> Array:
+        """Weights w of points (N, D)."""
         size = (u**2).sum(axis=1)
         logs = [np.where(size > self.radius**2, np.log(self.outside / self.beyond) - 0.5 * size, -np.inf)]
         for part in self.parts:
-            deviations = part.deviations(self.shrinkage)
+            deviations = part.axis_deviations(self.shrinkage)
             z = ((u - part.mean) @ part.axes) / deviations
             logs.append(np.log((1.0 - self.outside) * part.share / deviations.prod()) - 0.5 * (z**2).sum(axis=1))
         return np.asarray(np.exp(-0.5 * size - np.logaddexp.reduce(logs)))
 
 
-def fitted_mixture(failed: Sequence[Array]) -> Mixture:
-    """The mixture for the failures (F, D) of each of at least two independent repetitions."""
+def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
+    """Fits a mixture to the failures (F, D) of each of at least two independent repetitions."""
     every, count = np.vstack(failed), min(FOLDS, len(failed))
     folds = [np.vstack(failed[k::count]) for k in range(count)]
     others = [np.vstack([fold for j, fold in enumerate(folds) if j != k]) for k in range(count)]
-    best: Mixture | None = None
-    for directions in _directions(every):
-        fits = [_fitted(other, directions) for other in others]
+    best: FailureMixture | None = None
+    for directions in _group_directions(every):
+        fits = [_mixture_of_groups(other, directions) for other in others]
         for shrinkage, outside in product(SHRINKAGES, OUTSIDE_SHARES):
             chosen = [replace(fit, shrinkage=shrinkage, outside=outside) for fit in fits]
-            held_out = np.concatenate([fit.weights(u) for fit, u in zip(chosen, folds, strict=True)])
+            held_out = np.concatenate([fit.importance_weights(u) for fit, u in zip(chosen, folds, strict=True)])
             if best is None or held_out.mean() < best.held_out.mean():
-                best = replace(_fitted(every, directions), shrinkage=shrinkage, outside=outside, held_out=held_out)
+                best = replace(
+                    _mixture_of_groups(every, directions), shrinkage=shrinkage, outside=outside, held_out=held_out
+                )
     assert best is not None
     return best
 
 
-def _directions(failed: Array) -> list[Array]:
-    """Unit vectors (K, D) to group failures by: that of their mean alone, and those of the nearest in each direction,
-    each then its group's mean."""
-    several = apart(failed)
-    for _ in range(TURNS):
+def _group_directions(failed: Array) -> list[Array]:
+    """Unit vectors (K, D) to group failures by: their mean alone, and, if there are several, the mean of each way."""
+    several = nearest_by_direction(failed)
+    for _ in range(DIRECTION_TURNS):
         group = (failed @ several.T).argmax(axis=1)
-        several = np.array([_unit(failed[group == k].mean(axis=0)) for k in np.unique(group)])
-    return [_unit(failed.mean(axis=0))[None], *([several] if len(several) > 1 else [])]
+        several = np.array([_unit_vector(failed[group == k].mean(axis=0)) for k in np.unique(group)])
+    return [_unit_vector(failed.mean(axis=0))[None], *([several] if len(several) > 1 else [])]
 
 
-def _unit(vector: Array) -> Array:
+def _unit_vector(vector: Array) -> Array:
+    """The vector scaled to length 1."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
 
 
-def _fitted(failed: Array, directions: Array) -> Mixture:
-    """The mixture for failures (F, D) that are grouped by directions (K, D)."""
+def _mixture_of_groups(failed: Array, directions: Array) -> FailureMixture:
+    """Mixture for failures (F, D) that are grouped by directions (K, D)."""
     from scipy.stats import chi2
 
     count, dimensions = failed.shape
@@ -146,40 +146,40 @@ def _fitted(failed: Array, directions: Array) -> Mixture:
         inside = failed[group == k]
         mean = inside.mean(axis=0)
         variances, axes = np.linalg.eigh((inside - mean).T @ (inside - mean) / len(inside))
-        parts.append(_Part(len(inside) / count, mean, axes, variances))
-    radius = INSIDE * float(np.linalg.norm(failed, axis=1).min())
-    return Mixture(radius, float(chi2.sf(radius**2, dimensions)), tuple(parts))
+        parts.append(_FailureGroup(len(inside) / count, mean, axes, variances))
+    radius = RADIUS_SHARE * float(np.linalg.norm(failed, axis=1).min())
+    return FailureMixture(radius, float(chi2.sf(radius**2, dimensions)), tuple(parts))
 
 
-def importance_sampling(margin: Margin, mixture: Mixture, count: int, seed: int) -> Estimate:
-    """P by `count` samples of a mixture, in one batch.
+def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, seed: int) -> FailureEstimate:
+    """Probability of failure by `count` samples of a mixture, in one batch.
 
     Raises:
-        StudyError: there is no estimate, as no sample failed, or as few that failed have nearly all the weight.
+        StudyError: no sample failed, or few that failed have nearly all the weight.
     """
     from scipy.stats import norm
 
-    u = mixture.samples(count, np.random.default_rng(seed))
+    u = mixture.draw_samples(count, np.random.default_rng(seed))
     fails = margin(u) <= 0.0
     if not fails.any():
         raise StudyError("unknown: no sample failed; raise risk.samples")
-    weights = np.where(fails, mixture.weights(u), 0.0)
+    weights = np.where(fails, mixture.importance_weights(u), 0.0)
     mean = float(weights.mean())
     variance = max(float(weights.var(ddof=1)) / mean**2, float(mixture.held_out.mean()) / mean - 1.0)
-    if count < LEAST * variance:
+    if count < LEAST_SAMPLES * variance:
         raise StudyError(
-            f"unknown: the weights scatter as if there were {count / variance:.0f} samples, fewer than {LEAST:.0f}; "
+            f"unknown: the weights scatter as if there were {count / variance:.0f} samples, fewer than "
+            f"{LEAST_SAMPLES:.0f}; "
             "raise risk.count, which tells where failures are, or risk.samples"
         )
-    half = norm.ppf(0.5 + 0.5 * NOMINAL) * np.sqrt(np.log1p(variance / count))
-    return Estimate(mean, mean * np.exp(-half), min(1.0, mean * np.exp(half)), count, (u[fails],))
+    half = norm.ppf(0.5 + 0.5 * NORMAL_LEVEL) * np.sqrt(np.log1p(variance / count))
+    return FailureEstimate(mean, mean * np.exp(-half), min(1.0, mean * np.exp(half)), count, (u[fails],))
 
 
-def joint_estimate(subset: Estimate, sampled: Estimate | str) -> Estimate | str:
-    """The estimate to state, or in words why there is none.
+def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
+    """The estimate to state of subset simulation and importance sampling, or in words why there is none.
 
-    That of importance sampling, whose interval is narrower; of subset simulation where it has none. None where
-    their intervals do not overlap.
+    It is that of importance sampling if it has one; none if their intervals do not overlap.
     """
     if isinstance(sampled, str):
         return subset

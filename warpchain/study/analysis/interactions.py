@@ -1,12 +1,12 @@
 """Interactions of factors: the part of a metric that the product of two takes up beyond each alone.
 
-To a fit of each factor alone, by its value and its square or by its words, the products of two factors' values (of
-words, of each pair of them) are added. Of R rows, with q products, p terms in all and residual squares S_0 and S_1,
+To a fit of each factor alone, by its value and its square or by its words, the products of two factors' values are
+added. Of R rows, with q products, p terms in all and residual squares S_0 and S_1,
 
     E = (S_0 - S_1) / S,      F = (S_0 - S_1) / q / (S_1 / (R - p)),                                          (a)
 
 S the squares about the mean: E is the part of the variance, and F has q and R - p degrees of freedom by chance
-(Montgomery 2017, 10.4). As many pairs are looked at, chances are multiplied by their number (Bonferroni).
+(Montgomery 2017, 10.4). Chances are multiplied by the number of pairs (Bonferroni).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from warpchain.study.results import Array, Results
 
 @dataclass(frozen=True)
 class Interaction:
-    """Two factors that act together on a metric.
+    """Interaction of two factors in a metric.
 
     Attributes:
         first, second: names of the factors.
@@ -37,8 +37,8 @@ class Interaction:
     chance: float
 
     @property
-    def sure(self) -> bool:
-        """Whether it is beyond chance."""
+    def is_sure(self) -> bool:
+        """Whether the interaction is beyond chance."""
         return self.chance < 1.0 - CONFIDENCE
 
     def __str__(self) -> str:
@@ -46,7 +46,7 @@ class Interaction:
 
 
 def interactions(results: Results, metric: str) -> list[Interaction]:
-    """Interactions of all pairs of factors, (a), the largest first; none where rows are too few.
+    """Interactions of all pairs of factors in a metric, the largest first; none if rows are too few.
 
     Raises:
         StudyError: an unknown metric, or rows that are no sample of the noise.
@@ -57,19 +57,19 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
     tied = results.factor_ties()
     factors = [name for name in results.factors if name not in tied]
     rows = results.usable_rows(metric, factors)
-    alone = {name: terms for name in factors if (terms := _terms(results, name, rows)).shape[1]}
+    alone = {name: terms for name in factors if (terms := _interaction_terms(results, name, rows)).shape[1]}
     y = results.values(metric)[rows]
-    base = np.hstack([np.ones((len(y), 1)), *(_with_square(terms) for terms in alone.values())])
+    base = np.hstack([np.ones((len(y), 1)), *(_terms_with_square(terms) for terms in alone.values())])
     if len(y) <= base.shape[1] or not np.ptp(y) > 0.0:
         return []
-    basis = _basis(base)
+    basis = _orthonormal_basis(base)
     left = y - basis @ (basis.T @ y)
     whole, before = float(((y - y.mean()) ** 2).sum()), float(left @ left)
     pairs = list(combinations(alone, 2))
     found = []
     for first, second in pairs:
         products = (alone[first][:, :, None] * alone[second][:, None, :]).reshape(len(y), -1)
-        more = _basis(products - basis @ (basis.T @ products), np.linalg.norm(products, axis=0).max())
+        more = _orthonormal_basis(products - basis @ (basis.T @ products), np.linalg.norm(products, axis=0).max())
         count, freedom = more.shape[1], len(y) - basis.shape[1] - more.shape[1]
         if not count or freedom < 1:
             continue
@@ -80,8 +80,8 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
     return sorted(found, key=lambda one: -one.explained)
 
 
-def _terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
-    """A factor's terms (R, p) of mean 0 and deviation 1: its value, or one for each word but the first."""
+def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
+    """Terms (R, p) of a factor, of mean 0 and deviation 1: its value, or one for each word but the first."""
     if results.is_numeric(name):
         of = results.values(name)[rows][:, None]
     else:
@@ -93,12 +93,12 @@ def _terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
     return np.asarray(of[:, varies] / deviation[varies])
 
 
-def _with_square(terms: Array) -> Array:
-    """The terms, with the square of a factor of one."""
+def _terms_with_square(terms: Array) -> Array:
+    """Terms of a factor, with the square if there is one term."""
     return np.hstack([terms, terms**2]) if terms.shape[1] == 1 else terms
 
 
-def _basis(terms: Array, size: float | None = None) -> Array:
+def _orthonormal_basis(terms: Array, size: float | None = None) -> Array:
     """Orthonormal columns (R, p) that span the terms, without those that are round-off beside `size`."""
     columns, values, _ = np.linalg.svd(terms, full_matrices=False)
     least = 1e-9 * (size if size is not None else values.max(initial=0.0))

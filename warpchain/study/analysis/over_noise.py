@@ -5,12 +5,10 @@ its jackknife pseudo-value (Efron 1982), with T_k the statistic without run k,
 
     J_k = T + (n - 1) (mean(T_1 .. T_n) - T_k),                                                               (a)
 
-which for a mean is the run itself. J has the mean T, and the standard error of T is the deviation of T_k about their
-mean times sqrt(n - 1). Two designs that were run over the same rows of noise are compared by the differences of their
-J, row by row (`analysis.paired`). A design whose runs are not all ok counts as its worst one does.
-
-The part of a design's spread that comes of a noise factor i is (Li et al. 2010), for an additive fit y = sum f_i(z_i)
-of straight lines and parabolas to its runs,
+which for a mean is the run itself. The standard error of T is the deviation of T_k times sqrt(n - 1). Two designs that
+were run over the same rows of noise are compared by the differences of their J, row by row (`analysis.paired`). The
+part of a design's spread that comes of a noise factor i is (Li et al. 2010), for an additive fit y = sum f_i(z_i) of
+straight lines and parabolas to its runs,
 
     S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)),                                                 (b)
 
@@ -29,28 +27,28 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.results.replicate_metrics import ERROR, ROLE_OF_ERRORS
-from warpchain.study.analysis.paired import LEAST as FEWEST_PAIRS
-from warpchain.study.analysis.paired import MeanDifference, mean_difference
-from warpchain.study.analysis.pareto import SENSES, Goals
+from warpchain.study.analysis.paired import FEWEST_PAIRS, MeanDifference, mean_difference
+from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals
 from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import ARCHIVE_COLUMNS, Array, Results
 from warpchain.study.spec.noise_table import Statistic, metric_from_name, statistic_from_name
 from warpchain.study.spec.study_tables import Bound, Objective
 
-SHOWN = ("mean", "std", "q5", "q50", "q95")
-"""Statistics that are words of each metric."""
-SEVERITY = ("ok", "suspect", "diverged", "infeasible")
-LEAST = 4
-"""Fewest runs of a design that statistics are taken of."""
+SHOWN_STATISTICS = ("mean", "std", "q5", "q50", "q95")
+"""Statistics of each metric that tables show."""
+STATUS_SEVERITY = ("ok", "suspect", "diverged", "infeasible")
+"""Statuses from the best to the worst."""
+FEWEST_RUNS = 4
+"""Fewest runs of a design for statistics."""
 
 
 @dataclass(frozen=True)
 class Designs(Results):
-    """Designs, a row each, with statistics of their runs as metrics.
+    """Designs over noise, a row each, with statistics of their runs as metrics.
 
     Attributes:
-        runs: all runs.
-        rows: of each design, its rows of `runs`.
+        runs: results of all runs.
+        rows: rows of `runs` of each design.
         bounds: limits that each run is held to.
     """
 
@@ -58,18 +56,18 @@ class Designs(Results):
     rows: tuple[NDArray[np.intp], ...]
     bounds: tuple[Bound, ...]
 
-    def kept(self, design: int) -> tuple[int, int]:
+    def kept_counts(self, design: int) -> tuple[int, int]:
         """Number of a design's runs that are ok and keep the limits, and of all its runs."""
         held = np.zeros(len(self.runs.status), dtype=bool)
         held[self.rows[design]] = True
-        kept = Goals((), self.bounds).measured(self.runs).kept if self.bounds else self.runs.ok
+        kept = Goals((), self.bounds).goal_values(self.runs).limits_kept if self.bounds else self.runs.ok
         return int((kept & held).sum()), int(held.sum())
 
-    def kept_words(self, design: int) -> str:
-        """The probability of keeping the limits over the noise, with its 95 % interval (Clopper and Pearson 1934)."""
+    def kept_text(self, design: int) -> str:
+        """Clause on the probability that a design keeps the limits, with its interval (Clopper and Pearson 1934)."""
         from scipy.stats import binomtest
 
-        kept, count = self.kept(design)
+        kept, count = self.kept_counts(design)
         interval = binomtest(kept, count).proportion_ci(0.95)
         return (
             f"keeps the limits with a probability of {100.0 * kept / count:.0f} % over the noise: in {kept} of {count} "
@@ -77,55 +75,51 @@ class Designs(Results):
         )
 
     @cached_property
-    def _by_noise(self) -> list[dict[tuple[Any, ...], int]]:
-        """Row of `runs` of each design, by its values of the noise factors."""
+    def _rows_by_noise(self) -> list[dict[tuple[Any, ...], int]]:
+        """Row of `runs` of each design by the values of the noise factors."""
         columns = [self.runs.table[name].to_pylist() for name in self.runs.free_noise_factors]
         return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
 
-    def pairs(self, first: int, second: int, metric: str) -> Array:
+    def paired_values(self, first: int, second: int, metric: str) -> Array:
         """Values (n, 2) of a metric in runs of two designs with the same noise, of pairs that are ok."""
-        one, other = self._by_noise[first], self._by_noise[second]
+        one, other = self._rows_by_noise[first], self._rows_by_noise[second]
         rows = np.array([(row, other[key]) for key, row in one.items() if key in other], dtype=np.intp).reshape(-1, 2)
-        values = _values(self.runs, metric)[rows]
+        values = _ok_values(self.runs, metric)[rows]
         return values[np.isfinite(values).all(axis=1)]
 
-    def difference(self, first: int, second: int, statistic: Statistic) -> MeanDifference:
-        """A statistic of the second design less that of the first, by their `pairs` (two at least), eq. (a)."""
-        before, after = (_pseudo_values(of, statistic) for of in self.pairs(first, second, statistic.metric).T)
+    def statistic_difference(self, first: int, second: int, statistic: Statistic) -> MeanDifference:
+        """Statistic of the second design less that of the first, over pairs with the same noise, eq. (a)."""
+        before, after = (
+            _jackknife_pseudo_values(of, statistic) for of in self.paired_values(first, second, statistic.metric).T
+        )
         return mean_difference(after - before, CONFIDENCE)
 
-    def surely(self, first: int, second: int, name: str) -> int | None:
-        """1 where a statistic of the second design is surely above that of the first, -1 where below, else 0.
+    def sure_sign(self, first: int, second: int, name: str) -> int | None:
+        """1 if a statistic of the second design is surely above that of the first, -1 if below, 0 if neither is sure.
 
-        Sure is what the `difference` shows with 95 %, and of means and quantiles what all pairs agree in.
-
-        Args:
-            first, second: rows of the designs.
-            name: of the statistic, such as "q95(tension_max)".
-
-        Returns:
-            None of a design factor, or where there are fewer pairs than tell a sign.
+        None for a design factor, or with too few pairs. Sure is what 95 % intervals show, and of means and quantiles
+        what all pairs agree in.
         """
         statistic = statistic_from_name(name)
         if statistic is None:
             return None
-        values = self.pairs(first, second, statistic.metric)
+        values = self.paired_values(first, second, statistic.metric)
         if len(values) < FEWEST_PAIRS:
             return None
         ways = np.sign(values[:, 1] - values[:, 0])
         if statistic.word != "std" and (ways == ways[0]).all():
             return int(ways[0])
-        return self.difference(first, second, statistic).sign
+        return self.statistic_difference(first, second, statistic).shown_sign
 
 
 @dataclass(frozen=True)
-class Spread:
-    """A metric of one design over the noise.
+class NoiseSpread:
+    """Spread of a metric of one design over the noise.
 
     Attributes:
-        metric: its name.
-        statistics: value and standard error by word of `SHOWN`.
-        parts: part of the variance by noise factor [-], eq. (b); empty where runs are too few to tell.
+        metric: name of the metric.
+        statistics: value and standard error by word of `SHOWN_STATISTICS`.
+        parts: part of the variance by noise factor [-], eq. (b); empty if runs are too few.
     """
 
     metric: str
@@ -133,36 +127,32 @@ class Spread:
     parts: dict[str, float]
 
     @property
-    def rest(self) -> float:
-        """Part of the variance that no factor explains alone [-]: interactions, and scatter between equal runs."""
+    def unexplained_part(self) -> float:
+        """Part of the variance that no noise factor explains alone [-]."""
         return max(0.0, 1.0 - sum(self.parts.values()))
 
-    def parts_words(self) -> str:
-        """Where the spread comes from, in words."""
+    def parts_text(self) -> str:
+        """Noise factors with their parts of a spread, as text."""
         if not self.parts:
             return "too few runs to tell" if self.statistics["std"][0] > 0.0 else "it does not spread"
         ordered = sorted(self.parts.items(), key=lambda part: -part[1])
         words = [f"{name} {100.0 * part:.0f} %" for name, part in ordered]
-        return ", ".join([*words, f"together or by chance {100.0 * self.rest:.0f} %"])
+        return ", ".join([*words, f"together or by chance {100.0 * self.unexplained_part:.0f} %"])
 
 
-def goals_over(goals: Goals, chosen: Sequence[str]) -> Goals:
-    """Goals of runs as goals of designs: means of objectives, quantiles of metrics that each run is held to.
+def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
+    """Goals of designs from goals of runs: means of objectives, quantiles of metrics that each run is held to."""
 
-    Args:
-        goals: of the study file.
-        chosen: names of its design factors.
-    """
-
-    def plain(name: str) -> bool:
+    def is_plain(name: str) -> bool:
+        """Whether a goal's name is a design factor or a statistic."""
         return name in chosen or statistic_from_name(name) is not None
 
     objectives = tuple(
-        o if plain(o.metric) else Objective(metric=f"mean({o.metric})", sense=o.sense) for o in goals.objectives
+        o if is_plain(o.metric) else Objective(metric=f"mean({o.metric})", sense=o.sense) for o in goals.objectives
     )
     bounds: list[Bound] = []
     for bound in goals.bounds:
-        if plain(bound.metric):
+        if is_plain(bound.metric):
             bounds.append(bound)
             continue
         share = 100.0 * goals.keep
@@ -173,11 +163,11 @@ def goals_over(goals: Goals, chosen: Sequence[str]) -> Goals:
 
 
 def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = None) -> tuple[Results, Goals]:
-    """Results as designs over their noise, with the goals as these have them; both as they are without noise.
+    """Results as designs over their noise, and the goals of designs; both unchanged without noise.
 
     Args:
-        results: all runs.
-        goals: of the study file.
+        results: results of all runs.
+        goals: goals of the study file.
         noise: names of the noise factors; None takes those that the table marks.
 
     Raises:
@@ -190,21 +180,21 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
     if not noise:
         return results, goals
     chosen = tuple(name for name in results.factors if name not in noise)
-    rows = _groups(results, chosen)
+    rows = _design_rows(results, chosen)
     least = min(len(of) for of in rows)
-    if least < LEAST:
-        raise StudyError(f"noise: a design has {least} runs; to compare designs, each needs at least {LEAST}")
-    over = goals_over(goals, chosen)
-    worst = [_worst(results, of, goals) for of in rows]
+    if least < FEWEST_RUNS:
+        raise StudyError(f"noise: a design has {least} runs; to compare designs, each needs at least {FEWEST_RUNS}")
+    over = goals_of_designs(goals, chosen)
+    worst = [_worst_run(results, of, goals) for of in rows]
     kept = [name for name in ("variant", *chosen, *ARCHIVE_COLUMNS, "round") if name in results.table.column_names]
     table = results.table.select(kept).take(worst)
     for name in ("status", "reason"):
         if name in results.table.column_names:
             table = table.append_column(name, results.table[name].take(worst))
     metrics = []
-    for statistic in _statistics(over):
-        values = _values(results, statistic.metric)
-        found = np.array([_taken(values[of], statistic) for of in rows])
+    for statistic in _statistics_of_goals(over):
+        values = _ok_values(results, statistic.metric)
+        found = np.array([_statistic_with_error(values[of], statistic) for of in rows])
         name = f"{statistic.word}({statistic.metric})"
         facts = {"unit": results.column_unit(statistic.metric)}
         for suffix, role, column in (("", "metric", found[:, 0]), (ERROR, ROLE_OF_ERRORS, found[:, 1])):
@@ -215,22 +205,16 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
     return Designs(table, chosen, tuple(metrics), results, rows, each), over
 
 
-def spread(designs: Designs, design: int, metric: str) -> Spread:
-    """A metric of a design over the noise, and what part of its variance comes of which noise factor.
-
-    Args:
-        designs: of `designs_of`.
-        design: row of a design.
-        metric: one that runs have.
-    """
+def spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
+    """Spread of a metric of a design (its row) over the noise, with the part that each noise factor causes."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}
-    for word in SHOWN:
-        found[word] = _taken(_values(runs, metric)[rows], _statistic(word, metric))
-    return Spread(metric, found, _parts(runs, rows[runs.usable_rows(metric)[rows]], metric))
+    for word in SHOWN_STATISTICS:
+        found[word] = _statistic_with_error(_ok_values(runs, metric)[rows], _statistic_of_word(word, metric))
+    return NoiseSpread(metric, found, _variance_parts(runs, rows[runs.usable_rows(metric)[rows]], metric))
 
 
-def _groups(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.intp], ...]:
+def _design_rows(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.intp], ...]:
     """Rows of each design, in the order of their first ones."""
     found: dict[tuple[Any, ...], list[int]] = {}
     columns = [results.table[name].to_pylist() for name in chosen]
@@ -240,12 +224,15 @@ def _groups(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.intp], 
     return tuple(np.array(rows, dtype=np.intp) for rows in found.values())
 
 
-def _worst(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
-    """The run that stands for a design: the one that ended worst; of those that are ok, the worst in the first goal."""
-    grave = [SEVERITY.index(results.status[row]) if results.status[row] in SEVERITY else 1 for row in rows.tolist()]
+def _worst_run(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
+    """Row of the run that stands for a design: the worst status, or else the worst in the first goal."""
+    grave = [
+        STATUS_SEVERITY.index(results.status[row]) if results.status[row] in STATUS_SEVERITY else 1
+        for row in rows.tolist()
+    ]
     if max(grave) > 0:
         return int(rows[int(np.argmax(grave))])
-    towards = [(o.metric, SENSES[o.sense]) for o in goals.objectives]
+    towards = [(o.metric, SENSE_SIGNS[o.sense]) for o in goals.objectives]
     towards += [(b.metric, 1.0 if b.max is not None else -1.0) for b in goals.bounds]
     for name, sign in towards:
         values = sign * results.values(metric_from_name(name))[rows]
@@ -254,43 +241,44 @@ def _worst(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
     return int(rows[0])
 
 
-def _statistic(word: str, metric: str) -> Statistic:
+def _statistic_of_word(word: str, metric: str) -> Statistic:
+    """Statistic of a metric by its word, such as "q95"."""
     found = statistic_from_name(f"{word}({metric})")
     assert found is not None  # a word of SHOWN
     return found
 
 
-def _statistics(goals: Goals) -> list[Statistic]:
-    """The statistics that goals name, and of each of their metrics what is shown, each once."""
-    named = [found for name in goals.metrics if (found := statistic_from_name(name)) is not None]
-    shown = [_statistic(word, of.metric) for of in named for word in SHOWN]
+def _statistics_of_goals(goals: Goals) -> list[Statistic]:
+    """Statistics that goals name, and those that are shown of their metrics, each once."""
+    named = [found for name in goals.named_metrics if (found := statistic_from_name(name)) is not None]
+    shown = [_statistic_of_word(word, of.metric) for of in named for word in SHOWN_STATISTICS]
     return list(dict.fromkeys([*named, *shown]))
 
 
-def _values(results: Results, metric: str) -> Array:
-    """A metric of all runs (R,), NaN where they are not ok."""
+def _ok_values(results: Results, metric: str) -> Array:
+    """Values of a metric of all runs (R,), NaN if they are not ok."""
     if metric not in results.table.column_names and not results.ok.any():
         return np.full(len(results.status), np.nan)  # nothing ran: no metric has a column yet
     return np.where(results.ok, results.values(metric), np.nan)
 
 
-def _taken(values: Array, statistic: Statistic) -> tuple[float, float]:
-    """A statistic of the runs that are ok, and its standard error; NaN where fewer than `LEAST` are."""
+def _statistic_with_error(values: Array, statistic: Statistic) -> tuple[float, float]:
+    """Statistic of the ok runs with its standard error; NaN with fewer than `FEWEST_RUNS`."""
     values = values[np.isfinite(values)]
-    if len(values) < LEAST:
+    if len(values) < FEWEST_RUNS:
         return float("nan"), float("nan")
-    whole, without = _jackknife(values, statistic)
+    whole, without = _leave_one_out_statistics(values, statistic)
     return whole, float(np.sqrt(len(values) - 1) * without.std())
 
 
-def _pseudo_values(values: Array, statistic: Statistic) -> Array:
-    """Contributions (n,) of each of the values (n,) to a statistic, eq. (a)."""
-    whole, without = _jackknife(values, statistic)
+def _jackknife_pseudo_values(values: Array, statistic: Statistic) -> Array:
+    """Contributions (n,) of values (n,) to a statistic, eq. (a)."""
+    whole, without = _leave_one_out_statistics(values, statistic)
     return np.asarray(whole + (len(values) - 1) * (without.mean() - without))
 
 
-def _jackknife(values: Array, statistic: Statistic) -> tuple[float, Array]:
-    """A statistic of values (n,), and the same without each of them in turn (n,)."""
+def _leave_one_out_statistics(values: Array, statistic: Statistic) -> tuple[float, Array]:
+    """Statistic of values (n,), and the statistics without each of them in turn (n,)."""
     n, mean = len(values), float(values.mean())
     if np.ptp(values) == 0.0:
         return (0.0 if statistic.word == "std" else float(values[0])), np.zeros(n)
@@ -301,29 +289,29 @@ def _jackknife(values: Array, statistic: Statistic) -> tuple[float, Array]:
         left = (squares.sum() - squares * n / (n - 1)) / (n - 2)
         return float(values.std(ddof=1)), np.sqrt(np.maximum(left, 0.0))
     order = np.argsort(values, kind="stable")
-    ordered, weights = values[order], _quantile_weights(n - 1, statistic.level)
+    ordered, weights = values[order], _harrell_davis_weights(n - 1, statistic.level)
     below = np.append(0.0, np.cumsum(weights * ordered[:-1]))
     above = np.append(np.cumsum((weights * ordered[1:])[::-1])[::-1], 0.0)
     without = np.empty(n)
     without[order] = below + above
-    return float(_quantile_weights(n, statistic.level) @ ordered), without
+    return float(_harrell_davis_weights(n, statistic.level) @ ordered), without
 
 
-def _quantile_weights(count: int, level: float) -> Array:
+def _harrell_davis_weights(count: int, level: float) -> Array:
     """Weights (n,) of sorted values in Harrell and Davis's quantile."""
     from scipy.special import betainc
 
     return np.diff(betainc((count + 1) * level, (count + 1) * (1.0 - level), np.arange(count + 1) / count))
 
 
-def _parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
+def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
     """Part of a metric's variance over runs of one design by noise factor, eq. (b)."""
-    terms = {name: of for name in results.free_noise_factors if (of := _terms(results, rows, name)).shape[1]}
+    terms = {name: of for name in results.free_noise_factors if (of := _noise_terms(results, rows, name)).shape[1]}
     y = results.values(metric)[rows]
     y = y - y.mean() if len(y) else y
     count = sum(of.shape[1] for of in terms.values())
     total = float(y @ y)
-    if not terms or len(y) < count + LEAST or total == 0.0:
+    if not terms or len(y) < count + FEWEST_RUNS or total == 0.0:
         return {}
     whole = np.hstack(list(terms.values()))
     weights = np.linalg.lstsq(whole, y, rcond=None)[0]
@@ -337,8 +325,8 @@ def _parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, f
     return found
 
 
-def _terms(results: Results, rows: NDArray[np.intp], name: str) -> Array:
-    """Terms (n, p) of a noise factor, each of mean 0: its value and its square, or one for each word but the first."""
+def _noise_terms(results: Results, rows: NDArray[np.intp], name: str) -> Array:
+    """Terms (n, p) of a noise factor, of mean 0: its value and square, or one for each word but the first."""
     if not results.is_numeric(name):
         words = np.array(results.text_values(name))[rows]
         of = np.array([words == word for word in np.unique(words)[1:]], dtype=float).reshape(-1, len(rows))

@@ -1,9 +1,9 @@
 """Mean of paired differences with an interval that may be looked at after every pair.
 
-The interval after n pairs is that of a confidence sequence: all of its intervals together hold the mean with the level
+The interval after n pairs is that of a confidence sequence: all intervals together hold the mean with the level
 1 - alpha, so that one may stop at any of them. With mean m and deviation s of n differences, and the effect mu / sigma
 normal with variance 1 / L beforehand, the likelihood of a mean mu against all others is a martingale of the statistic
-t = (m - mu) sqrt(n) / s alone (Lai 1976; Lindon et al. 2022, arXiv:2210.08589; Wang and Ramdas 2024, arXiv:2310.03722),
+t = (m - mu) sqrt(n) / s alone (Lai 1976; Wang and Ramdas 2024, arXiv:2310.03722),
 
     B = sqrt(k) ((1 + k x) / (1 + x))^(-n/2),   k = L / (L + n),   x = t^2 / (n - 1),                         (a)
 
@@ -11,19 +11,15 @@ which reaches 1 / alpha with a probability of alpha at most (Ville 1939). Solved
 
     mean = m +- s / sqrt(n) sqrt((n - 1) (1 - r) / (r - k)),   r = (alpha^2 k)^(1/n).                         (b)
 
-It is exact for normal differences, and asymptotic for others with a variance, for which (b) tends to the asymptotic
-confidence sequence of Waudby-Smith et al. (2021, arXiv:2103.06476). Skewed ones are slow to get
-there: below n = 25 G^2, G their skewness (Cochran 1977, sec. 2.15), the interval is wider by 25 G^2 / n.
-
-What no pair had, no statistic of the pairs sees. An event of probability p is missing from all n with (1 - p)^n. With
-1 - alpha, none is missing that is likelier than
+It is exact for normal differences and asymptotic for others. Below n = 25 G^2, G the skewness (Cochran 1977, sec.
+2.15), it is wider by 25 G^2 / n. An event of probability p is missing from all n pairs with (1 - p)^n; with 1 - alpha,
+none is missing that is likelier than
 
     q = 1 - alpha^(1/n),                                                                                     (c)
 
-at all n together, as what was there stays there; q is near 3 / n at alpha = 0.05 (Hanley and Lippman-Hand 1983). If
-rare events change a difference by e at most, those that are missing shift the mean by q e at most. So its sign is sure
-where abs(m) is more than the half width of (b) and q e together, each at alpha / 2. Nothing in the pairs says e, but it
-is no less than the largest deviation of a difference from m, as that was there; with this e, the pairs show the sign.
+near 3 / n at alpha = 0.05 (Hanley and Lippman-Hand 1983). If rare events change a difference by e at most, those that
+are missing shift the mean by q e at most. So the sign is sure where abs(m) is more than the half width of (b) and q e
+together, each at alpha / 2; e is no less than the largest deviation of a difference from m.
 """
 
 from __future__ import annotations
@@ -35,34 +31,34 @@ import numpy as np
 
 from warpchain.study.results import Array
 
-BEFOREHAND = 1.0
-"""L."""
-LEAST = 16
-"""Fewest pairs that tell a sign, since few differences do not show how they are distributed."""
-SKEWED = 25.0
+PRIOR_PRECISION = 1.0
+"""L of eq. (a)."""
+FEWEST_PAIRS = 16
+"""Fewest pairs that tell a sign, since few do not show how differences are distributed."""
+SKEWNESS_PAIRS = 25.0
 """Pairs for a squared skewness of 1 from which on the interval is not wider."""
-EVENT = 20.0
-"""Deviations of the differences by which rare events are reckoned to change one, where nothing else is known."""
-HEAVY = 16
-"""Tails are heavy where fewer than one of so many pairs makes up half of the scatter; of normal ones it is one of 8."""
-FARTHEST = 100_000
+EVENT_DEVIATIONS = 20.0
+"""Deviations of the differences by which rare events are assumed to change one by default."""
+HEAVY_TAIL_PAIRS = 16
+"""Tails are heavy if fewer than one of so many pairs makes up half of the scatter; of normal ones one of 8 does."""
+MOST_FORECAST_PAIRS = 100_000
 """Most pairs that are forecast."""
 
 
 @dataclass(frozen=True)
 class MeanDifference:
-    """Mean of paired differences.
+    """Mean of paired differences, with its interval and the sureness of its sign.
 
     Attributes:
-        pairs: number of them, n.
+        pairs: number of pairs n.
         mean: m.
         deviation: s.
         skewness: G.
-        half: half width of the interval; infinite where n is too small for one.
+        half: half width of the interval; infinite if n is too small.
         level: 1 - alpha.
         largest: largest deviation of a difference from the mean.
-        carriers: fewest pairs that make up half of the scatter, the sum of squared deviations.
-        reckoned: change of a difference by rare events that a sure sign reckons with, e; at least `largest`.
+        carriers: fewest pairs that make up half of the sum of squared deviations.
+        reckoned: change of a difference by rare events that a sure sign allows for, e; at least `largest`.
     """
 
     pairs: int
@@ -77,62 +73,68 @@ class MeanDifference:
 
     @property
     def low(self) -> float:
-        """Lower end of the interval."""
+        """Lower end of the mean's interval."""
         return self.mean - self.half
 
     @property
     def high(self) -> float:
-        """Upper end of the interval."""
+        """Upper end of the mean's interval."""
         return self.mean + self.half
 
     @property
-    def sign(self) -> int:
-        """-1 or 1 where the pairs show the sign of the mean, else 0: sure but for events larger than all they had."""
-        return self._sign(self.largest, self.level)
+    def shown_sign(self) -> int:
+        """Sign of the mean, -1 or 1, if it is sure unless events are larger than any in the pairs; else 0."""
+        return self._sign_beyond(self.largest, self.level)
 
     @property
-    def sure(self) -> int:
-        """-1 or 1 where the sign of the mean is sure, also if pairs missed events as large as `reckoned`; else 0."""
-        return self._sign(self.reckoned, _half_each(self.level))
+    def sure_sign(self) -> int:
+        """Sign of the mean, -1 or 1, if it is sure although events as large as `reckoned` may be missing; else 0."""
+        return self._sign_beyond(self.reckoned, _level_of_half(self.level))
 
     @property
-    def rarest(self) -> float:
-        """Probability of the likeliest event that the pairs may have missed, q of eq. (c), as `sure` reckons."""
-        return float(missing(self.pairs, _half_each(self.level)))
+    def missed_probability(self) -> float:
+        """Probability of the likeliest event that the pairs may have missed, q of eq. (c)."""
+        return float(missed_event_probability(self.pairs, _level_of_half(self.level)))
 
     @property
-    def reversal(self) -> float:
-        """Change of a difference beyond which missed events could reverse the sign; 0 where it is open without."""
-        return max(abs(self.mean) - float(self._margin(self.pairs, 0.0, _half_each(self.level))), 0.0) / self.rarest
+    def reversing_change(self) -> float:
+        """Change of a difference beyond which missed events could reverse the sign; 0 if it is not sure at all."""
+        return (
+            max(abs(self.mean) - float(self._sure_margin(self.pairs, 0.0, _level_of_half(self.level))), 0.0)
+            / self.missed_probability
+        )
 
-    def _sign(self, event: float, level: float) -> int:
-        beyond = abs(self.mean) > self._margin(self.pairs, event, level)
-        return int(np.sign(self.mean)) if self.pairs >= LEAST and beyond else 0
+    def _sign_beyond(self, event: float, level: float) -> int:
+        """Sign of the mean if it is beyond the margin for events of a size, else 0."""
+        beyond = abs(self.mean) > self._sure_margin(self.pairs, event, level)
+        return int(np.sign(self.mean)) if self.pairs >= FEWEST_PAIRS and beyond else 0
 
-    def _margin(self, count: Any, event: float, level: float) -> Array:
-        """Least distance from 0 of a sure mean of so many pairs, with this scatter and events of such a size."""
-        return half_width(count, self.deviation, self.skewness, level) + missing(count, level) * event
+    def _sure_margin(self, count: Any, event: float, level: float) -> Array:
+        """Least size of a mean of `count` pairs with a sure sign, for missed events of a size."""
+        return (
+            interval_half_width(count, self.deviation, self.skewness, level)
+            + missed_event_probability(count, level) * event
+        )
 
     @property
-    def heavy(self) -> bool:
+    def is_heavy_tailed(self) -> bool:
         """Whether few of the pairs make up half of the scatter."""
-        return self.deviation > 0.0 and self.carriers * HEAVY <= self.pairs
+        return self.deviation > 0.0 and self.carriers * HEAVY_TAIL_PAIRS <= self.pairs
 
     def pairs_needed(self) -> int | None:
-        """Pairs after which the sign would be sure if mean and scatter stayed; None beyond `FARTHEST`."""
-        count = np.arange(LEAST, FARTHEST + 1)
-        margin = self._margin(count, self.reckoned, _half_each(self.level))
+        """Pairs for a sure sign if mean and scatter stay; None beyond `MOST_FORECAST_PAIRS`."""
+        count = np.arange(FEWEST_PAIRS, MOST_FORECAST_PAIRS + 1)
+        margin = self._sure_margin(count, self.reckoned, _level_of_half(self.level))
         enough = np.flatnonzero(margin < abs(self.mean))
         return int(count[enough[0]]) if len(enough) else None
 
 
 def mean_difference(differences: Array, level: float, event: float | None = None) -> MeanDifference:
-    """The mean of differences, with its interval.
+    """Mean of paired differences (n,), n >= 2, with its interval.
 
     Args:
-        differences: (n,), n >= 2.
-        level: of the interval, eq. (b), and of what is told of the sign.
-        event: change of a difference by rare events that a sure sign reckons with, at least; None takes `EVENT`
+        level: level of the interval, eq. (b), and of the sign.
+        event: change of a difference by rare events that a sure sign allows for; None takes `EVENT_DEVIATIONS`
             deviations.
     """
     n, mean, deviation = len(differences), float(differences.mean()), float(differences.std(ddof=1))
@@ -144,30 +146,30 @@ def mean_difference(differences: Array, level: float, event: float | None = None
         mean=mean,
         deviation=deviation,
         skewness=skewness,
-        half=float(half_width(n, deviation, skewness, level)),
+        half=float(interval_half_width(n, deviation, skewness, level)),
         level=level,
         largest=largest,
         carriers=int((squares < 0.5 * squares[-1]).sum()) + 1,
-        reckoned=max(largest, EVENT * deviation if event is None else event),
+        reckoned=max(largest, EVENT_DEVIATIONS * deviation if event is None else event),
     )
 
 
-def _half_each(level: float) -> float:
-    """The level at half of alpha."""
+def _level_of_half(level: float) -> float:
+    """Confidence level at half of alpha."""
     return 0.5 * (1.0 + level)
 
 
-def missing(n: Any, level: float) -> Array:
+def missed_event_probability(n: Any, level: float) -> Array:
     """Probability of the likeliest event that n pairs may have missed, eq. (c)."""
     return np.asarray(-np.expm1(np.log1p(-level) / n))
 
 
-def half_width(n: Any, deviation: float, skewness: float, level: float) -> Array:
-    """Half width of the interval after n pairs, n >= 2, of differences with a deviation and skewness, eq. (b)."""
-    k = BEFOREHAND / (BEFOREHAND + n)
+def interval_half_width(n: Any, deviation: float, skewness: float, level: float) -> Array:
+    """Half width of the interval of a mean of n >= 2 differences with a deviation and skewness, eq. (b)."""
+    k = PRIOR_PRECISION / (PRIOR_PRECISION + n)
     power = (2.0 * np.log1p(-level) + np.log(k)) / n
     room = np.maximum(np.exp(power) - k, 0.0)
     with np.errstate(divide="ignore"):
         t = np.sqrt((n - 1) * -np.expm1(power) / room)
-    wider = np.maximum(1.0, SKEWED * skewness**2 / n)
+    wider = np.maximum(1.0, SKEWNESS_PAIRS * skewness**2 / n)
     return np.asarray(deviation * t / np.sqrt(n) * wider if deviation > 0.0 else np.zeros(np.shape(n)))

@@ -2,26 +2,21 @@
 
 Row i of R is the mean of n_i runs with the standard error e_i; N = sum n_i runs in all. One run of a row scatters with
 
-    s^2 = sum (n_i - 1) n_i e_i^2 / nu,    nu = sum (n_i - 1) = N - R degrees of freedom,                       (a)
+    s^2 = sum (n_i - 1) n_i e_i^2 / nu,    nu = sum (n_i - 1) = N - R degrees of freedom.                       (a)
 
-which is taken to be the same for all rows. Of the metric's variance over the design, as of single runs, scatter is the
-part s^2 / (s^2 + b^2), with b^2 that between rows, from an analysis of variance in one way (Searle 1971, chapter 9):
+Of the metric's variance, as of single runs, scatter is the part s^2 / (s^2 + b^2), with b^2 that between rows, from an
+analysis of variance in one way (Searle 1971, chapter 9):
 
     b^2 = (B - s^2) / n_0,   B = sum n_i (y_i - y)^2 / (R - 1),   n_0 = (N - sum n_i^2 / N) / (R - 1).          (b)
 
-B / s^2 is F-distributed with R - 1 and nu degrees of freedom times 1 + n_0 b^2 / s^2, which gives the part's interval,
-exactly where rows have equally many runs. The mean of n runs is known to t s / sqrt(n), t Student's for 95 % with nu
-degrees of freedom; that of a window of another length to as much as the root of the ratio of lengths changes it, for
-means: largest and smallest values grow with the window.
-
-A metric may also have a column of its standard error, `METRIC_se`, of each row, between equal runs or from the batches
-of one run's window. Of few equal runs it is itself known badly: with d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are
-drawn to what all rows say (Smyth 2004),
+B / s^2 is F-distributed with R - 1 and nu degrees of freedom times 1 + n_0 b^2 / s^2, which gives the part's interval.
+The mean of n runs is known to t s / sqrt(n), t Student's for 95 %. A row's own standard error from few runs is known
+badly: with d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all rows say (Smyth 2004),
 
     s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i),                                                             (c)
 
-d_0 and s_0^2 by the moments of log s_i^2: rows that scatter alike get all the same, s^2 (d_0 infinite); those that do
-not keep their own. Rows are weighted by 1 / (t^2 + e_i^2), t^2 the variance of what a fit misses beyond the errors.
+d_0 and s_0^2 by the moments of log s_i^2. Rows are weighted by 1 / (t^2 + e_i^2), t^2 the variance of what a fit misses
+beyond the errors.
 """
 
 from __future__ import annotations
@@ -38,7 +33,7 @@ from warpchain.results.replicate_metrics import ERROR
 from warpchain.study.results import Array, Results
 
 CONFIDENCE = 0.95
-"""Of every interval here."""
+"""Confidence level of every interval here."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +41,13 @@ class PureError:
     """Scatter of one metric between equal runs.
 
     Attributes:
-        metric: its name.
+        metric: name of the metric.
         rows: number of rows R.
         runs: number of runs N.
         deviation: standard deviation s of one run, in the metric's unit (a).
-        freedom: its degrees of freedom nu.
+        freedom: degrees of freedom nu.
         share: part of the metric's variance that is scatter [-] (b).
-        share_low, share_high: its 95 % interval.
+        share_low, share_high: 95 % interval of the share.
     """
 
     metric: str
@@ -67,16 +62,16 @@ class PureError:
     @property
     def low(self) -> float:
         """Lower end of the deviation's 95 % interval."""
-        return self.deviation * math.sqrt(self.freedom / _chi_square(0.5 + 0.5 * CONFIDENCE, self.freedom))
+        return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 + 0.5 * CONFIDENCE, self.freedom))
 
     @property
     def high(self) -> float:
         """Upper end of the deviation's 95 % interval."""
-        return self.deviation * math.sqrt(self.freedom / _chi_square(0.5 - 0.5 * CONFIDENCE, self.freedom))
+        return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 - 0.5 * CONFIDENCE, self.freedom))
 
     def interval(self, count: int = 1) -> float:
         """Half width of the 95 % interval of a mean of `count` runs, in the metric's unit."""
-        return student(self.freedom) * self.deviation / math.sqrt(count)
+        return student_quantile(self.freedom) * self.deviation / math.sqrt(count)
 
     def replicates_for(self, precision: float) -> int:
         """Least number of runs whose mean is known to plus or minus `precision`, with 95 % confidence.
@@ -90,10 +85,8 @@ class PureError:
     def window_for(self, precision: float, window: float, count: int = 1) -> float:
         """Length of the window [s] at which the mean of `count` runs is known to plus or minus `precision`.
 
-        It holds for means over the window, which must be longer than what they fluctuate with.
-
         Args:
-            window: length of the window that the runs had [s].
+            window: length of the window that the runs had [s], longer than what means fluctuate with.
 
         Raises:
             StudyError: a precision that is not positive.
@@ -109,18 +102,20 @@ class PureError:
 
 
 def _check_precision(precision: float) -> None:
+    """Refuses a precision that is not a positive number."""
     if not (math.isfinite(precision) and precision > 0.0):
         raise StudyError(f"precision = {number_text(precision)}: must be a positive number")
 
 
-def student(freedom: float) -> float:
+def student_quantile(freedom: float) -> float:
     """Student's t of a 95 % interval."""
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE))
 
 
-def _chi_square(share: float, freedom: int) -> float:
+def _chi_square_quantile(share: float, freedom: int) -> float:
+    """Value that a share of chi-square lies below."""
     from scipy.special import chdtri
 
     return float(chdtri(freedom, 1.0 - share))
@@ -131,7 +126,7 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
 
     Args:
         results: of a study with replicates; or a table with several rows of equal factors.
-        rows: which (R,); None takes those that are ok and have a value.
+        rows: rows to use (R,); None takes those that are ok and have a value.
 
     Raises:
         StudyError: no row has several runs, all runs of a row are the same, or the rows are no sample of the noise.
@@ -140,7 +135,7 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
 
     results.check_sampled()
     chosen = results.usable_rows(metric) if rows is None else rows
-    means, counts, freedom, variance = _rows(results, metric, chosen)
+    means, counts, freedom, variance = _row_means(results, metric, chosen)
     if not freedom:
         raise StudyError(f"metric {metric!r}: no row was run several times; give design.replicates to the study")
     if not variance > 0.0:
@@ -152,17 +147,17 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
         center = float(counts @ means) / total
         ratio = float(counts @ (means - center) ** 2) / (rows_held - 1) / variance
         ends = [fdtri(rows_held - 1, freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0)]
-        share, high, low = (_scatter_share(f, weight) for f in (ratio, *(ratio / end for end in ends)))
+        share, high, low = (_share_of_ratio(f, weight) for f in (ratio, *(ratio / end for end in ends)))
     return PureError(metric, rows_held, total, math.sqrt(variance), freedom, share, low, high)
 
 
-def _scatter_share(ratio: float, weight: float) -> float:
-    """s^2 / (s^2 + b^2) from B / s^2 (b)."""
+def _share_of_ratio(ratio: float, weight: float) -> float:
+    """Share s^2 / (s^2 + b^2) from the ratio B / s^2 (b)."""
     return 1.0 / (1.0 + max(ratio - 1.0, 0.0) / weight)
 
 
-def _rows(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Array, Array, int, float]:
-    """Means of rows, runs of each, degrees of freedom, and variance of one run."""
+def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Array, Array, int, float]:
+    """Means of rows, runs of each, degrees of freedom, and variance of one run (a)."""
     values = results.values(metric)[chosen]
     if results.has_replicates:
         counts, errors = results.run_counts[chosen].astype(float), results.standard_errors(metric)[chosen]
@@ -182,7 +177,7 @@ def _rows(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Arr
 
 
 def pure_errors(results: Results) -> list[PureError]:
-    """Scatter of every metric that scatters, the noisiest first."""
+    """Scatter between equal runs of every metric that scatters, the noisiest first."""
     found = []
     for metric in results.metrics:
         try:
@@ -192,11 +187,8 @@ def pure_errors(results: Results) -> list[PureError]:
     return sorted(found, key=lambda error: -error.share)
 
 
-def standard_errors(results: Results, metric: str) -> Array | None:
-    """Standard error of each row's value of a metric (R,), NaN where there is none; None without such a column.
-
-    Those of means of several runs are by eq. (c).
-    """
+def row_standard_errors(results: Results, metric: str) -> Array | None:
+    """Standard error of each row's metric (R,), of replicates by eq. (c); NaN or None if there is none."""
     name = metric + ERROR
     if not (name in results.table.column_names and results.is_numeric(name)):
         return None
@@ -204,12 +196,12 @@ def standard_errors(results: Results, metric: str) -> Array | None:
         return results.values(name)
     rows = results.usable_rows(metric)
     found = results.standard_errors(metric)
-    found[rows] = _moderated(found[rows], results.run_counts[rows].astype(float))
+    found[rows] = _moderated_errors(found[rows], results.run_counts[rows].astype(float))
     return found
 
 
-def _moderated(errors: Array, counts: Array) -> Array:
-    """Standard errors (R,) of means of `counts` runs by eq. (c); of single runs from what the other rows scatter."""
+def _moderated_errors(errors: Array, counts: Array) -> Array:
+    """Standard errors (R,) of means of `counts` runs by eq. (c); of single runs from the other rows."""
     from scipy.optimize import brentq
     from scipy.special import digamma, polygamma
 
@@ -232,13 +224,13 @@ def _moderated(errors: Array, counts: Array) -> Array:
     return np.asarray(np.sqrt((prior_freedom * prior + freedom * squares) / (prior_freedom + freedom) / counts))
 
 
-def weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
-    """Weight of each row (R,), of mean 1: 1 / (t^2 + e^2), at the t^2 that makes what a fit misses likeliest.
+def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
+    """Weights of rows in a fit (R,), of mean 1: 1 / (t^2 + e^2), with the likeliest t^2.
 
     Args:
-        errors: (R,) standard errors; None, or where one is NaN, weighs all rows alike.
-        missed: (R,) what the fit misses.
-        left: part of a row's own variance that is in what is missed of it, 1 less its leverage.
+        errors: (R,) standard errors; None, or a NaN among them, weighs all rows alike.
+        missed: (R,) residuals of the fit.
+        left: part of a row's variance that is in its residual, 1 less its leverage.
     """
     from scipy.optimize import brentq
 
@@ -247,17 +239,22 @@ def weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> A
     left = np.broadcast_to(left, len(missed))
     squares = np.maximum(errors**2, 1e-12 * float((errors**2).max()))
 
-    def rising(beyond: float) -> float:
+    def likelihood_slope(beyond: float) -> float:
+        """Slope of the likelihood at a variance t^2."""
         variance = beyond + squares
         return float((missed**2 / variance**2 - left / variance).sum())
 
     most = 2.0 * float(missed @ missed) / max(float(left.sum()), 1e-9)
-    beyond = float(brentq(rising, 0.0, most)) if most > 0.0 and rising(0.0) > 0.0 > rising(most) else 0.0
+    beyond = (
+        float(brentq(likelihood_slope, 0.0, most))
+        if most > 0.0 and likelihood_slope(0.0) > 0.0 > likelihood_slope(most)
+        else 0.0
+    )
     inverse = 1.0 / (beyond + squares)
     return np.asarray(inverse / inverse.mean())
 
 
-def repeats(results: Results) -> bool:
+def has_equal_rows(results: Results) -> bool:
     """Whether rows are means of several runs, or some rows have equal factors."""
     if results.has_replicates:
         return True
@@ -272,11 +269,8 @@ def repeats(results: Results) -> bool:
 
 
 def scatter_share(results: Results, metric: str) -> float | None:
-    """Part of the variance of the rows' values that is scatter between equal runs; None where it is unknown.
-
-    Of a mean of n runs this is the n-th part of the variance of one run.
-    """
-    if not repeats(results):
+    """Part of the variance of a metric's rows that is scatter between equal runs; None if unknown."""
+    if not has_equal_rows(results):
         return None
     try:
         error = pure_error(results, metric)

@@ -1,22 +1,16 @@
 """Sobol' indices: the part of a metric's variance that each factor causes, alone and with its interactions.
 
-Three ways lead to them. A Saltelli design (`saltelli_table`, run as a study whose design is a table) gives them without
-a model, by SALib's estimators (Saltelli et al. 2010). Any other design gives those of a Gaussian process
-(`study.surrogate.indices`), or those of its response surface, exactly: with independent factors of any distribution,
-m_i the mean of x_i and v_i its variance, each factor alone does
+A Saltelli design (`saltelli_table`, run as a study whose design is a table) gives them without a model, by SALib's
+estimators (Saltelli et al. 2010). Any other design gives those of a Gaussian process (`study.surrogate.indices`), or of
+its response surface, exactly: with independent factors, m_i the mean of x_i and v_i its variance,
 
-    V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   and two together   V_ij = b_ij^2 v_i v_j,     (a)
+    V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   V_ij = b_ij^2 v_i v_j,                     (a)
 
-which add up to V: S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Uniform on -1 .. 1, V_i = b_i^2 / 3 + 4 b_ii^2 / 45 and
-V_ij = b_ij^2 / 9. Distributions are the study's own where its table has them, else uniform over what was run. Errors
-follow from those of the surface's coefficients, by draws.
-
-Of rows that are means of several runs, scatter between these is in V and in T_i of a Saltelli design, but in no factor:
-with s^2 the mean of their squared standard errors, and V and V T_i as SALib estimates them,
+which add up to V: S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Distributions are the study's own if its table has them,
+else uniform over what was run. If rows are means of several runs, scatter is in V and T_i of a Saltelli design, but in
+no factor: with s^2 the mean of the squared standard errors,
 
     S_i = V S_i / (V - s^2),    T_i = (V T_i - s^2) / (V - s^2).                                               (b)
-
-SALib's problem dictionary is made from a study's factors or results and taken to make factors and designs.
 """
 
 from __future__ import annotations
@@ -30,7 +24,7 @@ import numpy as np
 
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
-from warpchain.study.analysis.pure_error import standard_errors
+from warpchain.study.analysis.pure_error import row_standard_errors
 from warpchain.study.analysis.surface import Surface
 from warpchain.study.design.factor_values import lognormal_moments, quadrature_nodes
 from warpchain.study.results import Array, Results
@@ -39,9 +33,9 @@ from warpchain.study.spec.factor import Factor
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Problem = dict[str, Any]
+SobolProblem = dict[str, Any]
 
-DISTRIBUTIONS = {
+SALIB_DISTRIBUTIONS = {
     "uniform": "unif",
     "log-uniform": "logunif",
     "normal": "norm",
@@ -52,16 +46,16 @@ DISTRIBUTIONS = {
 
 
 @dataclass(frozen=True)
-class Indices:
+class SobolIndices:
     """Sobol' indices of one metric.
 
     Attributes:
-        metric: its name.
+        metric: name of the metric.
         factors: (A,) names.
         first: (A,) part of the variance by each factor alone.
-        total: (A,) the same with all interactions.
-        first_error: (A,) half width of the 95 % confidence interval.
-        total_error: (A,)
+        total: (A,) part of the variance by each factor with its interactions.
+        first_error: (A,) half width of the 95 % confidence interval of `first`.
+        total_error: (A,) half width of the 95 % confidence interval of `total`.
         rows: number of variants behind them.
         dropped: variants left out because one of their block did not end well; zero from a surface.
     """
@@ -76,7 +70,7 @@ class Indices:
     dropped: int = 0
 
 
-def problem_of(results: Results) -> Problem:
+def problem_of(results: Results) -> SobolProblem:
     """SALib's problem dictionary of a study's numeric factors, uniform over the range that was run."""
     names = list(results.independent_factors())
     columns = [results.values(name) for name in names]
@@ -84,21 +78,21 @@ def problem_of(results: Results) -> Problem:
     return {"num_vars": len(names), "names": names, "bounds": bounds}
 
 
-def problem_of_factors(factors: Iterable[Any]) -> Problem:
-    """SALib's problem dictionary of a study file's factors (`Study.factors`), those with expressions left out.
+def problem_of_factors(factors: Iterable[Any]) -> SobolProblem:
+    """SALib's problem dictionary of a study file's factors, without those that have expressions.
 
     Raises:
-        StudyError: a factor of levels or choices, which SALib's continuous distributions cannot say.
+        StudyError: a factor of levels or choices, which SALib cannot state.
     """
     names, bounds, dists = [], [], []
     for factor in factors:
         kind = factor.value_source
         if kind == "expression":
             continue
-        if kind not in DISTRIBUTIONS:
+        if kind not in SALIB_DISTRIBUTIONS:
             raise StudyError(f"factor {factor.name!r}: {kind or 'a table'} is not a distribution that SALib knows")
         names.append(factor.name)
-        dists.append(DISTRIBUTIONS[kind])
+        dists.append(SALIB_DISTRIBUTIONS[kind])
         ends = list(factor.range or ())
         if kind == "lognormal":
             bounds.append(list(lognormal_moments(factor)))  # SALib's are those of the logarithm
@@ -108,19 +102,19 @@ def problem_of_factors(factors: Iterable[Any]) -> Problem:
 
 
 def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """The factors of a study file, as tables, from SALib's problem dictionary.
+    """Factors of a study file, as tables, from SALib's problem dictionary.
 
     Args:
-        problem: names and bounds, and dists where they are not uniform.
-        paths: key path into the drive by name; names are paths where none is given.
+        problem: names and bounds, and dists if they are not uniform.
+        paths: key path into the drive by name; names are paths if none is given.
 
     Raises:
         StudyError: a problem with groups, or a distribution that studies do not have.
     """
     _check_problem(problem)
-    words = {salib: own for own, salib in DISTRIBUTIONS.items()}
+    words = {salib: own for own, salib in SALIB_DISTRIBUTIONS.items()}
     tables = []
-    for name, bounds, dist in zip(problem["names"], problem["bounds"], _dists(problem), strict=True):
+    for name, bounds, dist in zip(problem["names"], problem["bounds"], _problem_distributions(problem), strict=True):
         if dist not in words:
             raise StudyError(f"problem: dists: {dist!r} of {name!r}: allowed are {', '.join(words)}")
         table: dict[str, Any] = {"name": name, "path": (paths or {}).get(name, name), "distribution": words[dist]}
@@ -136,30 +130,30 @@ def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | No
     return tables
 
 
-def _dists(problem: Mapping[str, Any]) -> list[str]:
+def _problem_distributions(problem: Mapping[str, Any]) -> list[str]:
+    """SALib's names of the distributions in a problem dictionary."""
     return list(problem.get("dists") or ["unif"] * len(problem["names"]))
 
 
 def _check_problem(problem: Mapping[str, Any]) -> None:
+    """Refuses a problem dictionary that lacks keys, has groups, or lists of different lengths."""
     for key in ("names", "bounds"):
         if key not in problem:
             raise StudyError(f"problem: {key!r} is missing; SALib's problem has names and bounds")
     counts = {len(problem["names"]), len(problem["bounds"]), int(problem.get("num_vars", len(problem["names"])))}
-    if len(counts) > 1 or len(problem["names"]) != len(_dists(problem)):
+    if len(counts) > 1 or len(problem["names"]) != len(_problem_distributions(problem)):
         raise StudyError("problem: num_vars, names, bounds and dists must be equally many")
     if problem.get("groups"):
         raise StudyError("problem: groups are not supported; use the study's own `group`")
 
 
 def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_order: bool = False) -> pa.Table:
-    """A Saltelli design for `sobol_indices`: base * (A + 2) rows, or base * (2 A + 2) with second order.
-
-    Write it with `results.export_table` and name the file in a study whose design is a table.
+    """Table of a Saltelli design for `sobol_indices`: base * (A + 2) rows, or base * (2 A + 2) with second order.
 
     Args:
         problem: SALib's problem dictionary.
         base: a power of two.
-        seed: of the scrambling.
+        seed: seed of the scrambling.
         second_order: also with the rows that SALib's second-order indices take.
 
     Raises:
@@ -182,10 +176,10 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
     return pa.table({name: values[:, k] for k, name in enumerate(problem["names"])})
 
 
-def saltelli_block(results: Results, factors: Sequence[str]) -> int:
-    """Rows of a block if the table is a Saltelli design of these factors: A + 2, or 2 A + 2; else 0.
+def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
+    """Number of rows of a block if the table is a Saltelli design of these factors: A + 2, or 2 A + 2; else 0.
 
-    A block is a row of A, the same with each factor in turn from B (and, for the longer one, the reverse), and B's row.
+    A block is a row of A, then A with each factor in turn from B (in the longer one also the reverse), and B's row.
     """
     count = len(factors)
     if count < 2:
@@ -203,14 +197,13 @@ def saltelli_block(results: Results, factors: Sequence[str]) -> int:
     return 0
 
 
-def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | None = None) -> Indices:
-    """Sobol' indices from a study that ran a Saltelli design, by SALib.
+def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | None = None) -> SobolIndices:
+    """Sobol' indices of a metric from a study that ran a Saltelli design, by SALib.
 
-    A variant that did not end well takes its whole block out, so that the estimators stay what they are.
+    A variant that did not end well takes its whole block out.
 
     Args:
         results: the study's results, of all rows of the design.
-        metric: the metric.
         problem: SALib's problem dictionary; None takes all independent factors.
 
     Raises:
@@ -223,7 +216,7 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
     _check_problem(chosen)
     names = tuple(chosen["names"])
     chosen["num_vars"] = len(names)
-    block = saltelli_block(results, names)
+    block = saltelli_block_size(results, names)
     if not block:
         raise StudyError(f"Sobol' indices of {metric!r}: the rows are no Saltelli design of {', '.join(names)}")
     order = np.argsort(results.variants, kind="stable")
@@ -239,7 +232,7 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
     first, total, first_error, total_error = (
         np.asarray(found[key], dtype=float) for key in ("S1", "ST", "S1_conf", "ST_conf")
     )
-    errors = standard_errors(results, metric) if results.has_replicates else None
+    errors = row_standard_errors(results, metric) if results.has_replicates else None
     known = None if errors is None else errors[order].reshape(-1, block)[whole]
     if known is not None and np.isfinite(known).all():  # eq. (b)
         variance, chance = float(values[whole][:, [0, -1]].var()), float(np.mean(known**2))
@@ -250,35 +243,29 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
             of * variance / (variance - chance) for of in (first, total, first_error, total_error)
         )
     dropped = int((~whole).sum()) * block
-    return Indices(metric, names, first, total, first_error, total_error, len(y), dropped)
+    return SobolIndices(metric, names, first, total, first_error, total_error, len(y), dropped)
 
 
 RESAMPLES = 400
 """Surfaces that the errors of indices are drawn from."""
 
 
-def surface_indices(surface: Surface, results: Results | None = None) -> Indices:
-    """Sobol' indices of a response surface for independent factors, eq. (a).
-
-    Args:
-        surface: the surface.
-        results: whose table has the factors' distributions; None, and factors without one, are uniform over the
-            surface's range.
-    """
-    moments = np.array([_moments(surface, a, results) for a in range(len(surface.factors))])
-    first, total = _shares(surface, surface.coefficients[None], moments)
+def surface_indices(surface: Surface, results: Results | None = None) -> SobolIndices:
+    """Sobol' indices of a response surface, eq. (a), with the factors' distributions in `results` or else uniform."""
+    moments = np.array([_scaled_moments(surface, a, results) for a in range(len(surface.factors))])
+    first, total = _variance_shares(surface, surface.coefficients[None], moments)
     errors = np.zeros((2, len(surface.factors)))
     if surface.covariance is not None and surface.freedom and np.isfinite(surface.covariance).all():
         random = np.random.default_rng(0)
         size, axes = np.linalg.eigh(surface.covariance)
         drawn = random.standard_normal((RESAMPLES, len(size))) * np.sqrt(np.maximum(size, 0.0)) @ axes.T
         drawn += surface.coefficients
-        errors = 1.96 * np.std(_shares(surface, drawn, moments), axis=1)
-    return Indices(surface.metric, surface.factors, first[0], total[0], errors[0], errors[1], surface.rows)
+        errors = 1.96 * np.std(_variance_shares(surface, drawn, moments), axis=1)
+    return SobolIndices(surface.metric, surface.factors, first[0], total[0], errors[0], errors[1], surface.rows)
 
 
-def _moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
-    """Mean and variance of x, covariance of x with x^2, variance of x^2, of a scaled factor."""
+def _scaled_moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
+    """Mean and variance of a scaled factor x, covariance of x with x^2, variance of x^2."""
     given = results.distribution(surface.factors[a]) if results is not None else None
     found = quadrature_nodes(Factor(name="x", **given)) if given is not None else None
     if found is None:
@@ -290,7 +277,7 @@ def _moments(surface: Surface, a: int, results: Results | None) -> tuple[float, 
     return mean, float(weight @ (off * off)), float(weight @ (off * wide)), float(weight @ (wide * wide))
 
 
-def _shares(surface: Surface, coefficients: Array, moments: Array) -> tuple[Array, Array]:
+def _variance_shares(surface: Surface, coefficients: Array, moments: Array) -> tuple[Array, Array]:
     """First and total indices (D, A) of D surfaces that differ in their coefficients (D, T)."""
     powers, count = surface.powers, len(surface.factors)
     linear, square = (np.zeros((len(coefficients), count)) for _ in range(2))

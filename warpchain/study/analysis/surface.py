@@ -1,21 +1,17 @@
-"""A quadratic response surface: what a metric would be between the variants that were run.
+"""A quadratic response surface of a metric over the factors, by least squares.
 
-With factors scaled to -1 .. 1 over the range that was run (x), by least squares,
+With factors scaled to -1 .. 1 over the range that was run (x),
 
     y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
 
 A factor of two values has no square. R2 is the part of the variance that the surface takes up; the predicted R2, from
-predictions of each variant with that one left out (PRESS), is the part that it would take up of new ones.
-
-Rows that are means of several runs are weighted by their standard errors (`pure_error.weights`): alike scatter gives
-w_i in proportion to the n_i runs of a row. With m rows, T terms and e the rows' misfit, the covariance of the
-coefficients is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T); R2 and the predicted one are weighted likewise.
-Where equal runs scatter with the variance s^2 (`pure_error`), the misfit holds what scatter explains and what the form
-of the surface lacks:
+predictions of each variant with that one left out (PRESS), the part that it would take up of new ones. Rows that are
+means of several runs are weighted (`pure_error.row_weights`). With m rows, T terms and residuals e, the covariance of
+the coefficients is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T). If equal runs scatter with the variance s^2,
 
     F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
 
-is F-distributed with m - T and nu degrees of freedom if the form is right.
+is F-distributed with m - T and nu degrees of freedom if the form of the surface is right.
 """
 
 from __future__ import annotations
@@ -27,32 +23,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.pure_error import pure_error, standard_errors, student, weights
+from warpchain.study.analysis.pure_error import pure_error, row_standard_errors, row_weights, student_quantile
 from warpchain.study.results import Array, Results
 
-ROUNDS = 4
-"""Fits whose misfit says how the next one weights its rows."""
-TRUSTED = 0.8
+WEIGHTING_ROUNDS = 4
+"""Fits whose residuals say how the next one weights its rows."""
+TRUSTED_R2 = 0.8
 """Predicted R2 from which a surface is good enough to replace the metric."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A fitted response surface.
+    """A fitted response surface of a metric.
 
     Attributes:
-        metric: its name.
+        metric: name of the metric.
         factors: (A,) names.
         low: (A,) smallest value of each factor.
         high: (A,) largest value of each factor.
         powers: (T, A) exponent of each scaled factor in each term.
         coefficients: (T,) b of eq. (a), in the metric's unit.
         r2: part of the variance that the surface takes up [-].
-        r2_predicted: the same for variants left out one at a time [-]; can be negative.
+        r2_predicted: part of the variance of variants left out one at a time [-]; can be negative.
         rows: number of variants that were fitted.
-        weights: (N,) of them.
+        weights: (N,) their weights.
         covariance: (T, T) of the coefficients.
-        freedom: its degrees of freedom, 0 where there are as many terms as variants.
+        freedom: degrees of freedom, 0 if there are as many terms as variants.
     """
 
     metric: str
@@ -69,21 +65,20 @@ class Surface:
     freedom: int = 0
 
     @property
-    def errors(self) -> Array:
+    def coefficient_errors(self) -> Array:
         """Standard errors of the coefficients (T,); NaN without degrees of freedom."""
         if self.covariance is None or not self.freedom:
             return np.full(len(self.coefficients), np.nan)
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def intervals(self) -> Array:
+    def coefficient_intervals(self) -> Array:
         """Half widths of the coefficients' 95 % intervals (T,), by Student's t."""
-        return np.asarray(student(max(self.freedom, 1)) * self.errors)
+        return np.asarray(student_quantile(max(self.freedom, 1)) * self.coefficient_errors)
 
-    def effects(self) -> list[tuple[str, float, float]]:
-        """Change of the metric over each factor's range, the others midway: 2 b_i, and the half width of its 95 %
-        interval; the largest first."""
-        halves = self.intervals
+    def factor_effects(self) -> list[tuple[str, float, float]]:
+        """(factor, change of the metric over its range, half width of the 95 % interval), the largest first."""
+        halves = self.coefficient_intervals
         found = []
         for a, factor in enumerate(self.factors):
             term = int(np.flatnonzero((self.powers[:, a] == 1) & (self.powers.sum(axis=1) == 1))[0])
@@ -91,30 +86,31 @@ class Surface:
         return sorted(found, key=lambda effect: -abs(effect[1]))
 
     @property
-    def trusted(self) -> bool:
+    def is_trusted(self) -> bool:
         """Whether the surface predicts well enough to replace the metric."""
-        return self.r2_predicted >= TRUSTED
+        return self.r2_predicted >= TRUSTED_R2
 
     def predict(self, values: Array) -> Array:
-        """The metric at factor values (..., A)."""
-        x = _scaled(np.asarray(values, dtype=float), self.low, self.high)
-        flat = _terms(x.reshape(-1, len(self.factors)), self.powers) @ self.coefficients
+        """Metric at factor values (..., A)."""
+        x = _scaled_values(np.asarray(values, dtype=float), self.low, self.high)
+        flat = _polynomial_terms(x.reshape(-1, len(self.factors)), self.powers) @ self.coefficients
         return flat.reshape(x.shape[:-1])
 
-    def slice(self, factor: str, points: int = 41) -> tuple[Array, Array]:
-        """The metric along one factor (P,), (P,), the others midway between their ends."""
+    def factor_slice(self, factor: str, points: int = 41) -> tuple[Array, Array]:
+        """Values of one factor (P,) and the metric there (P,), the others midway between their ends."""
         a = self.factors.index(factor)
         values = np.tile(0.5 * (self.low + self.high), (points, 1))
         values[:, a] = np.linspace(self.low[a], self.high[a], points)
         return values[:, a], self.predict(values)
 
 
-def _scaled(values: Array, low: Array, high: Array) -> Array:
+def _scaled_values(values: Array, low: Array, high: Array) -> Array:
+    """Values scaled to -1 .. 1 between low and high."""
     return (2.0 * values - low - high) / (high - low)
 
 
-def _terms(x: Array, powers: NDArray[np.int64]) -> Array:
-    """Each term of eq. (a) at scaled values (R, A) -> (R, T)."""
+def _polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
+    """Terms of eq. (a) at scaled values (R, A), (R, T)."""
     terms = np.ones((len(x), len(powers)))
     for t, row in enumerate(powers):
         for a in np.flatnonzero(row):
@@ -122,7 +118,7 @@ def _terms(x: Array, powers: NDArray[np.int64]) -> Array:
     return terms
 
 
-def _powers(levels: list[int], order: int) -> NDArray[np.int64]:
+def _polynomial_powers(levels: list[int], order: int) -> NDArray[np.int64]:
     """Exponents of the terms of a polynomial of order 1 or 2 (T, A)."""
     unit = np.eye(len(levels), dtype=np.int64)
     rows = [np.zeros(len(levels), dtype=np.int64), *unit]
@@ -133,16 +129,13 @@ def _powers(levels: list[int], order: int) -> NDArray[np.int64]:
 
 
 def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> Surface:
-    """Fits a quadratic response surface to a metric, or a plane where variants are too few for the quadratic one.
+    """Fits a quadratic response surface to a metric, or a plane if variants are too few.
 
     Args:
-        results: the study's results.
-        metric: the metric.
         factors: numeric factors; None takes all that vary independently.
 
     Raises:
-        StudyError: no numeric factor, fewer variants than a plane has terms (and one more), or factors that the
-            design does not separate.
+        StudyError: no numeric factor, too few variants for a plane, or factors that the design does not separate.
     """
     chosen = tuple(factors or results.independent_factors())
     rows = results.usable_rows(metric, chosen)
@@ -159,24 +152,24 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
         if not b > a:
             raise StudyError(f"response surface of {metric!r}: factor {factor!r} has one value, {a:g}")
     levels = [len(np.unique(column)) for column in values.T]
-    x = _scaled(values, low, high)
+    x = _scaled_values(values, low, high)
     for order in (2, 1):
-        powers = _powers(levels, order)
-        terms = _terms(x, powers)
+        powers = _polynomial_powers(levels, order)
+        terms = _polynomial_terms(x, powers)
         if len(powers) < len(y) and np.linalg.matrix_rank(terms) == len(powers):
             break
     else:
         raise StudyError(f"response surface of {metric!r}: the design does not tell {', '.join(chosen)} apart")
-    errors = standard_errors(results, metric)
+    errors = row_standard_errors(results, metric)
     known = None if errors is None else errors[rows]
-    weight = weights(known, np.zeros(len(y)))
-    for last in range(1 if known is None else ROUNDS):
+    weight = row_weights(known, np.zeros(len(y)))
+    for last in range(1 if known is None else WEIGHTING_ROUNDS):
         q, r = np.linalg.qr(np.sqrt(weight)[:, None] * terms)
         coefficients = np.linalg.solve(r, q.T @ (np.sqrt(weight) * y))
         residual = y - terms @ coefficients
         leverage = np.clip((q * q).sum(axis=1), 0.0, 1.0)
-        if last < ROUNDS - 1:
-            weight = weights(known, residual, 1.0 - leverage)
+        if last < WEIGHTING_ROUNDS - 1:
+            weight = row_weights(known, residual, 1.0 - leverage)
     total = float(weight @ (y - np.average(y, weights=weight)) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         press = np.where(leverage < 1.0 - 1e-9, residual / (1.0 - leverage), np.inf)
@@ -201,12 +194,12 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Whether a surface misses more than equal runs scatter.
+    """Test of whether a surface misses more than equal runs scatter.
 
     Attributes:
         ratio: F of (b).
-        chance: how probable so large a ratio is if the surface has the right form.
-        freedom: degrees of freedom of the misfit and of the scatter.
+        chance: probability of so large a ratio if the surface has the right form.
+        freedom: degrees of freedom of the residuals and of the scatter.
     """
 
     ratio: float
@@ -215,7 +208,7 @@ class LackOfFit:
 
 
 def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
-    """Compares the misfit of a surface with the scatter between equal runs (b).
+    """Test of a surface's residuals against the scatter between equal runs, by F of (b).
 
     Raises:
         StudyError: no replicates, or as many terms as rows.

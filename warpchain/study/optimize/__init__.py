@@ -1,6 +1,6 @@
 """Decisions out of studies: objectives, limits, rounds of rows, designs to recommend."""
 
-from warpchain.study.analysis.pareto import Goals, goals_of
+from warpchain.study.analysis.pareto import Goals, goals_of_study
 from warpchain.study.optimize.bench import Bench, open_study
 from warpchain.study.optimize.campaign import Found, optimize
 from warpchain.study.optimize.optimizer import Optimizer
@@ -12,7 +12,7 @@ __all__ = [
     "Goals",
     "Optimizer",
     "Recommended",
-    "goals_of",
+    "goals_of_study",
     "open_study",
     "optimize",
     "recommend",

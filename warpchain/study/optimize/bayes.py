@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warpchain.progress import raise_if_stopped
-from warpchain.study.analysis.pareto import Goals, Measured, keeping, non_dominated
+from warpchain.study.analysis.pareto import Goals, GoalValues, is_non_dominated, keeping_probability
 from warpchain.study.design.factor_values import DesignCube
 from warpchain.study.results import Array
 from warpchain.study.surrogate.gaussian import Process, fit_process
@@ -62,7 +62,7 @@ class Belief:
         if self.ok is not None:
             chance = np.clip(self.ok.predict(x)[0], 0.01, 1.0)
         for bound in self.goals.bounds:
-            chance = chance * keeping(bound, *found[bound.metric])
+            chance = chance * keeping_probability(bound, *found[bound.metric])
         return found, chance
 
     def with_row(self, x: Array) -> Belief:
@@ -71,7 +71,7 @@ class Belief:
         return replace(self, processes=more)
 
 
-def believe(measured: Measured, x: Array) -> Belief:
+def believe(measured: GoalValues, x: Array) -> Belief:
     """Fits the processes to rows at coordinates (R, D)."""
     rows = measured.ok
     processes = {}
@@ -83,7 +83,7 @@ def believe(measured: Measured, x: Array) -> Belief:
     return Belief(measured.goals, processes, failed)
 
 
-def propose(cube: DesignCube, measured: Measured, points: Array, count: int, seed: int) -> Array:
+def propose(cube: DesignCube, measured: GoalValues, points: Array, count: int, seed: int) -> Array:
     """The next rows to run.
 
     Args:
@@ -108,7 +108,7 @@ def propose(cube: DesignCube, measured: Measured, points: Array, count: int, see
         candidates = np.vstack([_spread(cube, rng, GLOBAL_POINTS), *(_around(p, LOCAL_POINTS, rng) for p in about)])
         ways = np.abs(rng.standard_normal((DRAWS, len(measured.goals.objectives))))
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-        normal = rng.standard_normal((DRAWS, len(measured.goals.metrics)))
+        normal = rng.standard_normal((DRAWS, len(measured.goals.named_metrics)))
         best = None
         for spread in (None, 0.02):  # then once more about the best of these
             if spread is not None and best is not None:
@@ -156,31 +156,31 @@ def _beaten(costs: Array, ways: Array) -> Array:
     return np.asarray((np.maximum(REFERENCE - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
 
 
-def _scaling(belief: Belief, measured: Measured, x: Array) -> tuple[Array, Array, Array]:
+def _scaling(belief: Belief, measured: GoalValues, x: Array) -> tuple[Array, Array, Array]:
     """Means of the costs at the rows that ran (R, M), and what is 0 and what 1 on their scale (M,), (M,)."""
     means = np.stack(
         [
             sign * belief.processes[o.metric].predict(x)[0]
-            for o, sign in zip(measured.goals.objectives, measured.goals.signs, strict=True)
+            for o, sign in zip(measured.goals.objectives, measured.goals.cost_signs, strict=True)
         ],
         axis=1,
     )
     _, chance = belief.at(x)
     likely = measured.ok & (chance > 0.5)
     held = means[likely if likely.any() else measured.ok]
-    front = held[non_dominated(held)]
+    front = held[is_non_dominated(held)]
     low, high = front.min(axis=0), front.max(axis=0)
     width = np.where(high - low > 1e-12 * np.abs(high), high - low, held.std(axis=0) + 1e-12)
     return np.where((likely if likely.any() else measured.ok)[:, None], means, np.inf), low, low + width
 
 
-def _best(belief: Belief, measured: Measured, cube: DesignCube, points: Array) -> Array:
+def _best(belief: Belief, measured: GoalValues, cube: DesignCube, points: Array) -> Array:
     """The rows that points are laid about: of the front of means, or the nearest to the limits (K, D)."""
     x = cube.model_coordinates(points)
     means, low, high = _scaling(belief, measured, x)
     scaled = (means - low) / (high - low)
     finite = np.flatnonzero(np.isfinite(scaled).all(axis=1))
-    front = finite[non_dominated(scaled[finite])]
+    front = finite[is_non_dominated(scaled[finite])]
     order = front[np.argsort(scaled[front].sum(axis=1), kind="stable")]
     if len(order) < BEST:
         rest = np.setdiff1d(finite, order)
@@ -190,19 +190,19 @@ def _best(belief: Belief, measured: Measured, cube: DesignCube, points: Array) -
 
 
 def _worth(
-    belief: Belief, measured: Measured, cube: DesignCube, places: tuple[Array, Array], ways: Array, normal: Array
+    belief: Belief, measured: GoalValues, cube: DesignCube, places: tuple[Array, Array], ways: Array, normal: Array
 ) -> Array:
     """Eq. (b) at candidates (C,); `places` are the rows that ran and the candidates."""
     points, candidates = places
     means, low, high = _scaling(belief, measured, cube.model_coordinates(points))
     found, chance = belief.at(cube.model_coordinates(candidates))
-    if not measured.kept.any():
+    if not measured.limits_kept.any():
         return chance  # first a row within the limits
     held = (means[np.isfinite(means).all(axis=1)] - low) / (high - low)
     reached = _beaten(held[:, None, :], ways[None]).max(axis=0)
     names = list(found)
     draws = []
-    for objective, sign in zip(measured.goals.objectives, measured.goals.signs, strict=True):
+    for objective, sign in zip(measured.goals.objectives, measured.goals.cost_signs, strict=True):
         mean, deviation = found[objective.metric]
         draws.append(sign * (mean + deviation * normal[:, [names.index(objective.metric)]]))
     costs = (np.stack(draws, axis=-1) - low) / (high - low)

@@ -110,12 +110,12 @@ class Better:
     @property
     def better(self) -> str | None:
         """ "A" or "B" where it is sure, also if the pairs missed rare events, else None."""
-        return self._of_sign(self.found.sure)
+        return self._of_sign(self.found.sure_sign)
 
     @property
     def shown(self) -> str | None:
         """ "A" or "B" where the pairs show it, apart from events larger than all they had; else None."""
-        return self._of_sign(self.found.sign)
+        return self._of_sign(self.found.shown_sign)
 
     def _of_sign(self, sign: int) -> str | None:
         return {1: "B", -1: "A"}.get(sign * (1 if self.sense == "max" else -1))

@@ -37,7 +37,12 @@ from warpchain.results.measured_file import Measured, read_signal
 from warpchain.results.run import Trajectory, need
 from warpchain.results.signal_features import Features
 from warpchain.results.signals import forward
-from warpchain.study.analysis.posterior import Direction, directions, residuals, sample_posterior
+from warpchain.study.analysis.posterior import (
+    PosteriorDirection,
+    posterior_directions,
+    sample_posterior,
+    standardized_residuals,
+)
 from warpchain.study.design.factor_values import values_from_probabilities
 from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals, nominal_value
 from warpchain.study.optimize.bench import Bench, round_name, together
@@ -126,7 +131,7 @@ class Calibrated:
     values_before: dict[str, Array]
     values: dict[str, Array]
     independent: float
-    directions: tuple[Direction, ...]
+    directions: tuple[PosteriorDirection, ...]
     residuals: Array
     predictions: tuple[Prediction, ...]
     drive: Path
@@ -377,19 +382,20 @@ def calibrate(
         values, errors = (np.array([getattr(of, key) for of in measured]) for key in ("value", "error"))
         emulated = Emulated(runs.normals, runs.numbers, [of.name for of in measured])
         posterior = sample_posterior(emulated, values, errors, dimensions, settings.seed)
-        steps.append((posterior.mean, posterior.u.std(axis=0)))
+        steps.append((posterior.sample_mean, posterior.u.std(axis=0)))
         if report is not None:
-            left = ", ".join(f"{100.0 * of.left:.0f} %" for of in directions(posterior.u))
+            left = ", ".join(f"{100.0 * of.left:.0f} %" for of in posterior_directions(posterior.u))
             report(f"{len(runs.normals)} runs: remaining uncertainty by direction: {left}")
         if number < settings.rounds:
             runs.run(_some(posterior.u, settings.batch, rng))
-    runs.run(np.vstack([posterior.mean[None], _some(posterior.u, checks - 1, rng)]))
+    runs.run(np.vstack([posterior.sample_mean[None], _some(posterior.u, checks - 1, rng)]))
     before, after = rng.standard_normal((DRAWS, dimensions)), _some(posterior.u, DRAWS, rng)
-    drive = _write(folder, runs, posterior.mean, after)
+    drive = _write(folder, runs, posterior.sample_mean, after)
     return Calibrated(
         folder, bench.study, runs.results, runs.normals, rig.signals, measured, runs.numbers, emulated, checks,
         tuple(steps), before, after, _columns(runs, before), _columns(runs, after), posterior.independent,
-        tuple(_mixed(directions(after), noise_mixing(bench.study))), residuals(emulated, values, errors, after),
+        tuple(_mixed(posterior_directions(after), noise_mixing(bench.study))),
+        standardized_residuals(emulated, values, errors, after),
         tuple(_predictions(runs, settings, before, after, rng)), drive,
     )  # fmt: skip
 
@@ -399,10 +405,10 @@ def _some(u: Array, count: int, rng: np.random.Generator) -> Array:
     return u[rng.permutation(len(u))[:count]]
 
 
-def _mixed(found: Sequence[Direction], mixing: Array) -> list[Direction]:
+def _mixed(found: Sequence[PosteriorDirection], mixing: Array) -> list[PosteriorDirection]:
     """Directions of the independent normals as those of the factors' own."""
     turned = [mixing @ of.weights for of in found]
-    return [Direction(w / np.linalg.norm(w), of.left) for w, of in zip(turned, found, strict=True)]
+    return [PosteriorDirection(w / np.linalg.norm(w), of.left) for w, of in zip(turned, found, strict=True)]
 
 
 def _columns(runs: Runs, u: Array) -> dict[str, Array]:

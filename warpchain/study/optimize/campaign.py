@@ -165,15 +165,15 @@ def _line(results: Results, goals: Goals) -> str:
 
     runs = len(results.status)
     results, goals = designs_of(results, goals)
-    measured = goals.measured(results)
+    measured = goals.goal_values(results)
     over = f" of {len(results.status)} designs" if isinstance(results, Designs) else ""
     words = f"{runs} variants{over}, {int(results.ok.sum())} ok"
     if goals.bounds:
-        words += f", {int(measured.kept.sum())} keep the limits"
-    rows = measured.kept if measured.kept.any() else measured.ok
+        words += f", {int(measured.limits_kept.sum())} keep the limits"
+    rows = measured.limits_kept if measured.limits_kept.any() else measured.ok
     for k, objective in enumerate(goals.objectives):
         if rows.any():
-            best = float(measured.costs[rows, k].min() * goals.signs[k])
+            best = float(measured.costs[rows, k].min() * goals.cost_signs[k])
             words += f"; {objective.sense} {objective.metric} {quantity(best, results.column_unit(objective.metric))}"
     return words
 

@@ -14,8 +14,8 @@ import numpy as np
 from warpchain.argument_checks import Count, check_arguments
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
-from warpchain.study.analysis.over_noise import designs_of, goals_over
-from warpchain.study.analysis.pareto import Measured, goals_of
+from warpchain.study.analysis.over_noise import designs_of, goals_of_designs
+from warpchain.study.analysis.pareto import GoalValues, goals_of_study
 from warpchain.study.design import make_design
 from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.design.factor_values import DesignCube
@@ -61,12 +61,12 @@ class Population:
             self._asked = self._algorithm.ask()
         return np.asarray(self._asked.get("X"), dtype=float)
 
-    def observe(self, measured: Measured) -> None:
+    def observe(self, measured: GoalValues) -> None:
         """Takes the results of the generation that was asked for last."""
         self.ask()
         ok = measured.ok
         costs = np.where(ok[:, None], measured.costs, LOST)
-        excess = np.where(ok[:, None], measured.excess, LOST)
+        excess = np.where(ok[:, None], measured.limit_excess, LOST)
         lost = np.where(ok, 0.0, LOST)[:, None]
         self._asked.set("F", costs)
         self._asked.set("G", np.hstack([excess, lost]))
@@ -94,13 +94,13 @@ class Optimizer:
     def __init__(self, study: Study, source: str = "study") -> None:
         self.study = study
         self.settings = study.optimize or Search()
-        self.goals = goals_of(study)
+        self.goals = goals_of_study(study)
         self._designs = study.design_study
         self._noise = noise_rows(study)
         self.cube = DesignCube(self._designs)
         self._source = source
         self._factors = [factor.name for factor in self._designs.factors]
-        self._over = goals_over(self.goals, self._factors) if study.noise_names else self.goals
+        self._over = goals_of_designs(self.goals, self._factors) if study.noise_names else self.goals
         self._tables: list[pa.Table] = []
         self._points: list[Array] = []
         self._population: Population | None = None
@@ -149,8 +149,8 @@ class Optimizer:
         self._tables.append(table)
         self._points.append(points)
 
-    def _measured(self, table: pa.Table) -> Measured:
-        return self._over.measured(read_results(table, self._factors, ()))
+    def _measured(self, table: pa.Table) -> GoalValues:
+        return self._over.goal_values(read_results(table, self._factors, ()))
 
     def _engine(self) -> Population:
         """The population, led through the results so far."""
@@ -160,7 +160,7 @@ class Optimizer:
             self._population.observe(self._measured(self._tables[0]))
         return self._population
 
-    def _follow(self, rows: Sequence[dict[str, Any]], measured: Measured) -> None:
+    def _follow(self, rows: Sequence[dict[str, Any]], measured: GoalValues) -> None:
         """Gives the population the results of its generation."""
         asked = design_table_of_rows(self._designs, self.cube.rows_of_points(self._engine().ask())).to_pylist()
         if [[row[n] for n in self._factors] for row in asked] != [[row[n] for n in self._factors] for row in rows]:

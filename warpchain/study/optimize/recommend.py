@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.errors import StudyError
 from warpchain.results.units import quantity
-from warpchain.study.analysis.over_noise import Designs, Spread, spread
-from warpchain.study.analysis.pareto import Goals, keeping, non_dominated
-from warpchain.study.analysis.pure_error import standard_errors
+from warpchain.study.analysis.over_noise import Designs, NoiseSpread, spread
+from warpchain.study.analysis.pareto import Goals, is_non_dominated, keeping_probability
+from warpchain.study.analysis.pure_error import row_standard_errors
 from warpchain.study.design.noise_rows import nominal_row
 from warpchain.study.results import Array, Results
 from warpchain.study.spec import Study
@@ -76,7 +76,7 @@ class Recommended:
     measured: dict[str, float]
     chance: float
     alike: int
-    spreads: tuple[Spread, ...] = ()
+    spreads: tuple[NoiseSpread, ...] = ()
 
 
 def believed(results: Results, metric: str) -> Believed:
@@ -84,7 +84,7 @@ def believed(results: Results, metric: str) -> Believed:
     values, rows = results.values(metric), results.usable_rows(metric)
     if metric in results.factors:
         return Believed(values, np.zeros(len(values)), "set")
-    own, errors = np.where(rows, values, np.nan), standard_errors(results, metric)
+    own, errors = np.where(rows, values, np.nan), row_standard_errors(results, metric)
     if isinstance(results, Designs) and errors is not None:
         return Believed(values, errors, "simulated")
     with suppress(StudyError):
@@ -132,23 +132,25 @@ def judge(results: Results, goals: Goals) -> Judged:
     Raises:
         StudyError: no row is ok and has all metrics.
     """
-    measured = goals.measured(results)
+    measured = goals.goal_values(results)
     if not measured.ok.any():
-        raise StudyError("objectives: no variant is ok and has all of " + ", ".join(goals.metrics))
-    found = {name: believed(results, name) for name in goals.metrics}
-    costs = np.stack([s * found[o.metric].mean for o, s in zip(goals.objectives, goals.signs, strict=True)], axis=1)
+        raise StudyError("objectives: no variant is ok and has all of " + ", ".join(goals.named_metrics))
+    found = {name: believed(results, name) for name in goals.named_metrics}
+    costs = np.stack(
+        [s * found[o.metric].mean for o, s in zip(goals.objectives, goals.cost_signs, strict=True)], axis=1
+    )
     spread = np.stack([found[o.metric].deviation for o in goals.objectives], axis=1)
     chance = np.where(measured.ok & np.isfinite(costs).all(axis=1), 1.0, 0.0)
     for bound in goals.bounds:
         of = found[bound.metric]
         chance = chance * np.where(
-            chance > 0.0, keeping(bound, np.nan_to_num(of.mean), np.nan_to_num(of.deviation)), 0.0
+            chance > 0.0, keeping_probability(bound, np.nan_to_num(of.mean), np.nan_to_num(of.deviation)), 0.0
         )
-    within = np.isfinite(costs).all(axis=1) & (measured.excess <= 0.0).all(axis=1)
+    within = np.isfinite(costs).all(axis=1) & (measured.limit_excess <= 0.0).all(axis=1)
     held = np.zeros(len(chance), dtype=bool)
     if isinstance(results, Designs):
-        kept = [np.divide(*results.kept(design)) >= goals.keep for design in range(len(results.rows))]
-        held = measured.kept & (np.array(kept) if results.bounds else True)
+        kept = [np.divide(*results.kept_counts(design)) >= goals.keep for design in range(len(results.rows))]
+        held = measured.limits_kept & (np.array(kept) if results.bounds else True)
     if not held.any():
         held = (chance > 0.0) & (chance >= min(SURE, float(chance.max(initial=0.0))))
     return Judged(goals, found, costs, spread, measured.costs, within, chance, held)
@@ -160,8 +162,8 @@ def front_of(judged: Judged) -> NDArray[np.intp]:
     Of these only the ones that are on the front as measured, too, if there are any.
     """
     rows = np.flatnonzero(judged.held)
-    front = rows[non_dominated(judged.costs[rows])] if len(rows) else rows
-    both = np.intersect1d(front, rows[non_dominated(judged.measured[rows])]) if len(rows) else rows
+    front = rows[is_non_dominated(judged.costs[rows])] if len(rows) else rows
+    both = np.intersect1d(front, rows[is_non_dominated(judged.measured[rows])]) if len(rows) else rows
     front = both if len(both) else front
     return front[np.argsort(judged.costs[front, 0], kind="stable")]
 
@@ -195,7 +197,7 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
         picks.append((safe, f"best {names[0]} even if two standard deviations worse than estimated", 0))
     elif goals.bounds and len(rows := np.flatnonzero(judged.held & (judged.chance >= SURE))):
         of_kept = f"{words[0]} {names[0]} of the variants that keep the limits"
-        safe = int(min(rows[non_dominated(judged.costs[rows])].tolist(), key=lambda row: judged.costs[row, 0]))
+        safe = int(min(rows[is_non_dominated(judged.costs[rows])].tolist(), key=lambda row: judged.costs[row, 0]))
         picks.append((safe, f"{of_kept} with {100.0 * SURE:.0f} % confidence", 0))
     found: dict[int, list[tuple[str, int]]] = {}
     for row, reason, m in picks:
@@ -214,9 +216,9 @@ def _compared(results: Results, judged: Judged, row: int, others: NDArray[np.int
     signs = np.where(alike, 0.0, np.sign(gap))
     if isinstance(results, Designs):
         for k, other in enumerate(others.tolist()):
-            sign = results.surely(row, other, judged.goals.objectives[m].metric)
+            sign = results.sure_sign(row, other, judged.goals.objectives[m].metric)
             if sign is not None:
-                signs[k] = judged.goals.signs[m] * sign
+                signs[k] = judged.goals.cost_signs[m] * sign
     return signs
 
 
@@ -243,7 +245,7 @@ def _passed_over(results: Results, judged: Judged, row: int) -> list[str]:
             better.append(f"{objective.metric} {quantity(float(values[other]), unit)}")
     why = f"keeps the limits with {_chance(judged, other)} confidence only, this one with {_chance(judged, row)}"
     if isinstance(results, Designs) and not judged.held[other]:
-        why = "keeps the limits in {} of {} runs only".format(*results.kept(other))
+        why = "keeps the limits in {} of {} runs only".format(*results.kept_counts(other))
     if not results.ok[other]:
         why = f"one of its runs is {results.status[other]}: {results.reason(other)}"
     more = f"; likewise {len(others) - 1} more" if len(others) > 1 else ""
@@ -263,14 +265,14 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
     alike = int(same.sum()) - 1
     lines = [reason for reason, _ in reasons]
     chance = float(judged.chance[row])
-    spreads: tuple[Spread, ...] = ()
+    spreads: tuple[NoiseSpread, ...] = ()
     if isinstance(results, Designs):
-        metrics = dict.fromkeys(metric_from_name(n) for n in goals.metrics if n not in results.factors)
+        metrics = dict.fromkeys(metric_from_name(n) for n in goals.named_metrics if n not in results.factors)
         spreads = tuple(spread(results, row, metric) for metric in metrics)
     over = isinstance(results, Designs)
     if isinstance(results, Designs) and results.bounds:
-        lines.append(results.kept_words(row))
-        kept, count = results.kept(row)
+        lines.append(results.kept_text(row))
+        kept, count = results.kept_counts(row)
         chance = kept / count
     elif goals.bounds:
         lines.append(f"keeps the limits with a probability of {100.0 * chance:.0f} %")
@@ -293,7 +295,7 @@ def _recommended(results: Results, judged: Judged, row: int, reasons: list[tuple
         int(results.variants[row]),
         tuple(lines),
         {name: (float(of.mean[row]), float(of.deviation[row])) for name, of in judged.believed.items()},
-        {name: float(results.values(name)[row]) for name in goals.metrics},
+        {name: float(results.values(name)[row]) for name in goals.named_metrics},
         chance,
         max(alike, 0),
         spreads,

@@ -27,10 +27,10 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import read_text_file
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
-from warpchain.study.analysis.failure_probability import Estimate, design_points, subset_simulation
+from warpchain.study.analysis.failure_probability import FailureEstimate, design_points, subset_simulation
 from warpchain.study.analysis.importance_sampling import (
-    Mixture,
-    fitted_mixture,
+    FailureMixture,
+    fit_mixture,
     importance_sampling,
     joint_estimate,
 )
@@ -90,9 +90,9 @@ class Risked:
     folder: Path
     study: Study
     results: Results
-    joint: Estimate | str
-    subset: Estimate
-    sampled: Estimate | str
+    joint: FailureEstimate | str
+    subset: FailureEstimate
+    sampled: FailureEstimate | str
     points: tuple[DesignPoint, ...]
     search_runs: int
     shares: dict[Limit, float]
@@ -212,8 +212,8 @@ def estimate_risk(
 def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]:
     """Both estimates and the design points, as `SUMMARY` has them."""
     subset = subset_simulation(margins, noise_dimensions(study), settings.count, settings.repeats, settings.seed)
-    mixture = fitted_mixture(subset.failed)
-    sampled: Estimate | str
+    mixture = fit_mixture(subset.failed)
+    sampled: FailureEstimate | str
     try:
         sampled = importance_sampling(margins, mixture, settings.samples, settings.seed)
     except StudyError as error:
@@ -246,24 +246,26 @@ def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]
     }
 
 
-def _shares(margins: Margins, subset: Estimate, mixture: Mixture, sampled: Estimate | str) -> list[tuple[Limit, float]]:
+def _shares(
+    margins: Margins, subset: FailureEstimate, mixture: FailureMixture, sampled: FailureEstimate | str
+) -> list[tuple[Limit, float]]:
     """Part of the failures that break each limit: of samples by their weights, or else of those of the subset."""
     by_weight = not isinstance(sampled, str)
     failed = np.vstack(sampled.failed if not isinstance(sampled, str) else subset.failed)
-    weights = mixture.weights(failed) if by_weight else np.ones(len(failed))
+    weights = mixture.importance_weights(failed) if by_weight else np.ones(len(failed))
     parts = weights @ margins.broken(margins.rows(failed)) / weights.sum()
     return list(zip(margins.limits, parts.tolist(), strict=True))
 
 
-def _as_data(found: Estimate | str) -> Any:
+def _as_data(found: FailureEstimate | str) -> Any:
     """An estimate for `SUMMARY`, without its points."""
     if isinstance(found, str):
         return found
     return {name: getattr(found, name) for name in ("probability", "low", "high", "evaluations")}
 
 
-def _of_data(found: Any) -> Estimate | str:
-    return found if isinstance(found, str) else Estimate(**found, failed=())
+def _of_data(found: Any) -> FailureEstimate | str:
+    return found if isinstance(found, str) else FailureEstimate(**found, failed=())
 
 
 def read_risk(folder: str | os.PathLike[str]) -> Risked:
@@ -290,7 +292,7 @@ def read_risk(folder: str | os.PathLike[str]) -> Risked:
         search_runs, variant, distance = int(found["search_runs"]), int(found["variant"]), float(found["distance"])
     except (ValueError, TypeError, KeyError):
         raise StudyError(f"{path / SUMMARY}: is damaged; make it anew with: warpchain risk") from None
-    assert isinstance(subset, Estimate)
+    assert isinstance(subset, FailureEstimate)
     shown = [factor.name for factor in study.factors if not factor.hidden]
     results = read_results(path / "results.parquet", shown)
     again = recording_of_variant(path, variant)

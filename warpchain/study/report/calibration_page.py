@@ -12,8 +12,8 @@ from warpchain.results.measured import source
 from warpchain.results.signals import amplitude_spectrum
 from warpchain.results.units import decimals, quantity, shown_unit
 from warpchain.study.analysis.left_out import LeftOut
-from warpchain.study.analysis.posterior import UNIDENTIFIED, Direction
-from warpchain.study.analysis.surface import TRUSTED
+from warpchain.study.analysis.posterior import UNIDENTIFIED_SHARE, PosteriorDirection
+from warpchain.study.analysis.surface import TRUSTED_R2
 from warpchain.study.optimize.calibrate import Calibrated
 from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, chart, report_page, rounded
 from warpchain.study.results import Array
@@ -57,7 +57,7 @@ def _unit(found: Calibrated, name: str) -> str:
     return found.results.column_unit(name)
 
 
-def _combination(found: Calibrated, of: Direction) -> str:
+def _combination(found: Calibrated, of: PosteriorDirection) -> str:
     """A direction in words: "stiffness up, damping down"."""
     parts = [
         f"{name} {'up' if weight > 0.0 else 'down'}"
@@ -80,7 +80,7 @@ def _open_lines(found: Calibrated) -> list[str]:
         f"not identified by the measurements: {_combination(found, of)}, which keeps "
         f"{100.0 * min(of.left, 1.0):.0f} % of its prior standard deviation"
         for of in found.directions
-        if of.left >= UNIDENTIFIED
+        if of.left >= UNIDENTIFIED_SHARE
     ]
 
 
@@ -101,9 +101,9 @@ def _trust_lines(found: Calibrated) -> list[str]:
         f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands",
         *LeftOut(found.results).lines(),
     ]
-    poor = [f"{n.name} ({q:.2f})" for n, q in zip(found.numbers, found.emulated.q2, strict=True) if q < TRUSTED]
+    poor = [f"{n.name} ({q:.2f})" for n, q in zip(found.numbers, found.emulated.q2, strict=True) if q < TRUSTED_R2]
     if poor:
-        lines.append(f"surrogates with a Q\u00b2 below {TRUSTED:g}, which constrain little: {', '.join(poor)}; "
+        lines.append(f"surrogates with a Q\u00b2 below {TRUSTED_R2:g}, which constrain little: {', '.join(poor)}; "
                      "raise calibrate.count, or the length of the window")  # fmt: skip
     return lines
 

@@ -15,8 +15,8 @@ from warpchain.drive.drive_text import drive_text
 from warpchain.errors import StudyError
 from warpchain.results.units import quantity
 from warpchain.study.analysis.left_out import LeftOut
-from warpchain.study.analysis.over_noise import SHOWN, Designs
-from warpchain.study.analysis.pareto import SENSES, Goals, check_senses, pareto_front
+from warpchain.study.analysis.over_noise import SHOWN_STATISTICS, Designs
+from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals, check_senses, pareto_front
 from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
 from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
@@ -92,7 +92,7 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
         objectives_held = tuple(o for o in found.objectives if metric_from_name(o.metric) in held)
         bounds_held = tuple(b for b in found.bounds if metric_from_name(b.metric) in held)
         found = replace(found, objectives=objectives_held, bounds=bounds_held)
-    for metric in found.goals.metrics:
+    for metric in found.goals.named_metrics:
         results.values(metric_from_name(metric) if results.noise_factors else metric)
     return found
 
@@ -174,7 +174,7 @@ def play_command(wanted: Wanted, results: Results, row: int) -> str:
 
 def _design(results: Results, goals: Goals, one: Recommended, letter: str, wanted: Wanted) -> str:
     lines = []
-    for name in goals.metrics:
+    for name in goals.named_metrics:
         mean, deviation = one.believed[name]
         unit, is_set = results.column_unit(name), name in results.factors
         words = [quantity(mean, unit) if is_set else quantity(mean, unit, deviation)]
@@ -206,10 +206,10 @@ def factor_words(results: Results, name: str, row: int) -> str:
 def _spread_lines(results: Results, one: Recommended) -> list[tuple[str, ...]]:
     """Statistics of the metrics of a design's runs spread: a line a statistic, a column a metric."""
     lines = []
-    for word, head in zip(SHOWN, SHOWN_HEADS, strict=True):
+    for word, head in zip(SHOWN_STATISTICS, SHOWN_HEADS, strict=True):
         held = [(of.statistics[word], results.column_unit(f"mean({of.metric})")) for of in one.spreads]
         lines.append((head, *(quantity(value, unit, error) for (value, error), unit in held)))
-    return [*lines, ("spread comes from", *(of.parts_words() for of in one.spreads))]
+    return [*lines, ("spread comes from", *(of.parts_text() for of in one.spreads))]
 
 
 def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
@@ -264,14 +264,14 @@ def _lost_tables(left_out: LeftOut) -> list[str]:
     """Which parts of the factors' ranges were lost with rows that ran, and with those that could not be built."""
     found = []
     heads = ("factor", "most were lost", "there", "elsewhere", "")
-    for parts, words in ((left_out.parts, "left out by their results"), (left_out.unbuilt_parts, "not built")):
+    for parts, words in ((left_out.lost_parts, "left out by their results"), (left_out.unbuilt_parts, "not built")):
         lines = [
             (
                 one.factor,
                 one.part,
                 f"{one.lost} of {one.rows}",
                 f"{one.lost_elsewhere} of {one.rows_elsewhere}",
-                "" if one.sure else "as chance may",
+                "" if one.is_sure else "as chance may",
             )
             for one in parts
         ]
@@ -319,7 +319,7 @@ def rows_data(
         "shown": [place[n] for n in tuple(dict.fromkeys((*telling, *named, *names)))[:MOST_AXES]],
         "crossed": [place[name] for name in crossed],
         "tint": place[named[0] if named else names[-1]],
-        "objectives": [[place[name], SENSES[objectives[name]]] for name in named],
+        "objectives": [[place[name], SENSE_SIGNS[objectives[name]]] for name in named],
         "limits": limits,
         "recommended": [[row, letter] for row, letter in row_of.items()],
         "folder": wanted.folder,

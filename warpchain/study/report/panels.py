@@ -21,10 +21,10 @@ from warpchain.errors import StudyError
 from warpchain.files import read_text_file
 from warpchain.results.units import decimals, shown_unit
 from warpchain.study.analysis import Correlation, Effect
-from warpchain.study.analysis.effects import MedianEffect, _groups
+from warpchain.study.analysis.effects import MedianEffect, factor_groups
 from warpchain.study.analysis.interactions import Interaction
 from warpchain.study.analysis.over_noise import Designs
-from warpchain.study.analysis.sensitivity import Indices
+from warpchain.study.analysis.sensitivity import SobolIndices
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate import CrossValidation, Surrogate
 from warpchain.view import html
@@ -197,7 +197,7 @@ def effects(
             )
         panels.append(
             {
-                "title": f"{effect.rows} variants: share not known"
+                "title": f"{effect.row_count} variants: share not known"
                 if np.isnan(effect.adjusted) or not shares
                 else f"explains {100.0 * effect.adjusted:.0f} %",
                 "x": {"label": across.name} | ({"words": list(effect.labels)} if words else {}),
@@ -232,7 +232,7 @@ def interactions(
         levels = np.unique(z)
         cuts = levels[:-1] if len(levels) <= 3 else np.quantile(z, (1 / 3, 2 / 3))
         part = np.searchsorted(cuts, z, side="left")
-        group, _, centers = _groups(results, a, rows)
+        group, _, centers = factor_groups(results, a, rows)
         across, other = Axis(results, a), Axis(results, b)
         series = []
         for p, color in zip(np.unique(part), THREE, strict=False):
@@ -282,7 +282,7 @@ def scatter_shares(metrics: Sequence[str], shares: Sequence[float], chances: Seq
 def correlations(both: Correlation) -> list[Panel]:
     """Rank correlation of factors with metrics as a heat map; coefficients that chance explains are faint."""
     a, b = np.meshgrid(np.arange(len(both.factors)), np.arange(len(both.metrics))[::-1], indexing="ij")
-    values, noise = both.spearman.ravel(), both.noise()
+    values, noise = both.spearman.ravel(), both.noise_level()
     series = [
         {
             "kind": "cells",
@@ -375,7 +375,7 @@ def _validation(axis: Axis, checked: CrossValidation) -> Panel:
     return {"title": title, **labels, "series": series, "width": 330, "height": 250}
 
 
-def indices(found: Sequence[Indices]) -> list[Panel]:
+def indices(found: Sequence[SobolIndices]) -> list[Panel]:
     """First-order and total Sobol' indices of each metric as bars, with confidence intervals where there are any."""
     factors = found[0].factors
     at: Array = np.arange(len(factors))[::-1].astype(float)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from warpchain.results.units import quantity
-from warpchain.study.analysis.failure_probability import Estimate
+from warpchain.study.analysis.failure_probability import FailureEstimate
 from warpchain.study.optimize.risk import NOT_OK, DesignPoint, Limit, Risked
 from warpchain.study.report.panels import ACCENT, MARK, PALE, Axis, Panel, chart, report_page, rounded
 from warpchain.study.spec.factor import Factor
@@ -82,16 +82,16 @@ def _headline(found: Risked) -> str:
     return f"probability of failure: {_estimate_words(found.joint, runs=False)}, by {by}"
 
 
-def _way_line(way: str, of: Estimate | str) -> str:
+def _way_line(way: str, of: FailureEstimate | str) -> str:
     return f"{way}: {of}" if isinstance(of, str) else f"P(a limit is exceeded) = {_estimate_words(of)}: {way}"
 
 
-def _estimate_words(of: Estimate, runs: bool = True) -> str:
+def _estimate_words(of: FailureEstimate, runs: bool = True) -> str:
     words = f"{of.probability:.2g}, {of.low:.2g} to {of.high:.2g} with 95 % confidence"
     return f"{words}, {of.evaluations} runs" if runs else words
 
 
-def _ways(found: Risked) -> tuple[tuple[str, Estimate | str], ...]:
+def _ways(found: Risked) -> tuple[tuple[str, FailureEstimate | str], ...]:
     return ((SUBSET, found.subset), ("importance sampling", found.sampled))
 
 
@@ -168,7 +168,7 @@ def _summary(found: Risked) -> html.PageSection:
     )
 
 
-def _cells(of: Estimate) -> tuple[str, str, str, str]:
+def _cells(of: FailureEstimate) -> tuple[str, str, str, str]:
     return f"{of.probability:.3g}", f"{of.low:.3g}", f"{of.high:.3g}", str(of.evaluations)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from warpchain.results.units import quantity
-from warpchain.study.analysis.pareto import Measured
+from warpchain.study.analysis.pareto import GoalValues
 from warpchain.study.optimize.recommend import Recommended
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Axis, Panel, chart, rounded
@@ -28,8 +28,8 @@ def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recom
     """
     if not wanted.objectives or ROUND_COLUMN not in results.table.column_names:
         return None
-    measured, rounds = wanted.goals.measured(results), results.values(ROUND_COLUMN)
-    kept = int(measured.kept.sum())
+    measured, rounds = wanted.goals.goal_values(results), results.values(ROUND_COLUMN)
+    kept = int(measured.limits_kept.sum())
     counts = f"{len(rounds)} variants in {int(rounds.max()) + 1} rounds, {int(results.ok.sum())} ok"
     lines = [counts + (f", {kept} of which keep the limits" if wanted.bounds else "")]
     lines += [_best_line(results, wanted, measured, rounds, k) for k in range(len(wanted.objectives)) if kept]
@@ -54,14 +54,14 @@ def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recom
     )
 
 
-def _best(measured: Measured, k: int) -> np.ndarray:
+def _best(measured: GoalValues, k: int) -> np.ndarray:
     """The least cost of objective k up to each row (R,), infinite before the first that keeps the limits."""
-    return np.minimum.accumulate(np.where(measured.kept, measured.costs[:, k], np.inf))
+    return np.minimum.accumulate(np.where(measured.limits_kept, measured.costs[:, k], np.inf))
 
 
-def _best_line(results: Results, wanted: Wanted, measured: Measured, rounds: np.ndarray, k: int) -> str:
+def _best_line(results: Results, wanted: Wanted, measured: GoalValues, rounds: np.ndarray, k: int) -> str:
     """When the best value of an objective was found, and what the design alone had."""
-    objective, sign, best = wanted.objectives[k], wanted.goals.signs[k], _best(measured, k)
+    objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best(measured, k)
     unit, at = results.column_unit(objective.metric), int(np.argmin(best))
     design = best[rounds == rounds[0]][-1]
     before = f" ({quantity(sign * float(design), unit)} after the design)" if np.isfinite(design) else ""
@@ -70,9 +70,9 @@ def _best_line(results: Results, wanted: Wanted, measured: Measured, rounds: np.
     return f"{word} {objective.metric}: {quantity(sign * float(best[-1]), unit)}{before}, found at {found}"
 
 
-def _progress(results: Results, wanted: Wanted, measured: Measured, starts: np.ndarray, k: int) -> Panel:
+def _progress(results: Results, wanted: Wanted, measured: GoalValues, starts: np.ndarray, k: int) -> Panel:
     """An objective over the evaluations, with the best so far as steps."""
-    objective, sign, best = wanted.objectives[k], wanted.goals.signs[k], _best(measured, k)
+    objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best(measured, k)
     axis, count = Axis(results, objective.metric), np.arange(1, len(best) + 1)
     values = np.where(measured.ok, sign * measured.costs[:, k], np.nan)
     reached = np.isfinite(best)
@@ -82,7 +82,10 @@ def _progress(results: Results, wanted: Wanted, measured: Measured, starts: np.n
     series: list[dict[str, Any]] = [
         {"kind": "upright", "x": [start + 0.5], "color": PALE, "dash": "2 3"} for start in starts.tolist()
     ]
-    for rows, color, label in ((~measured.kept, PALE, "beyond a limit"), (measured.kept, ACCENT, "keeps the limits")):
+    for rows, color, label in (
+        (~measured.limits_kept, PALE, "beyond a limit"),
+        (measured.limits_kept, ACCENT, "keeps the limits"),
+    ):
         label = label if wanted.bounds else "variants"
         if rows.any() and (wanted.bounds or color == ACCENT):
             series.append(_dots(count[rows], axis.of(values[rows]), color, label if named else ""))

@@ -17,9 +17,9 @@ from warpchain.study.analysis.effects import median_effects
 from warpchain.study.analysis.interactions import Interaction, interactions
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.over_noise import designs_of
-from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, repeats, scatter_share
-from warpchain.study.analysis.sensitivity import Indices
-from warpchain.study.analysis.surface import TRUSTED
+from warpchain.study.analysis.pure_error import CONFIDENCE, has_equal_rows, pure_error, scatter_share
+from warpchain.study.analysis.sensitivity import SobolIndices
+from warpchain.study.analysis.surface import TRUSTED_R2
 from warpchain.study.optimize.recommend import Recommended
 from warpchain.study.report import panels
 from warpchain.study.report.decisions import (
@@ -121,12 +121,12 @@ def _report(
     for metric in metrics:
         results.values(metric)
     wanted = wanted_of(results, objectives, wanted)
-    wished = dict.fromkeys(metric_from_name(metric) for metric in wanted.goals.metrics)
+    wished = dict.fromkeys(metric_from_name(metric) for metric in wanted.goals.named_metrics)
     named = tuple(metric for metric in wished if metric not in results.factors)
     shown = tuple(metrics) or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(SHOWN, len(named))]
     sought = wanted if wanted.objectives else replace(wanted, objectives=tuple(Objective(metric=m) for m in shown[:2]))
     designs, over = designs_of(results, sought.goals)
-    chosen = over.senses
+    chosen = over.objective_senses
     enough = tuple(m for m in shown if results.usable_rows(m).sum() >= 3)
     sample = results.sampled_rows()
     analyzed = tuple(m for m in enough if sample.usable_rows(m).sum() >= 3)
@@ -217,7 +217,7 @@ def _effects_of(results: Results, metric: str, ranked: bool) -> list[Effect]:
 
 def _of_the_rest(left_out: LeftOut, unranked: frozenset[str]) -> str:
     """A line for each section whose figures hold for the rows that are left alone; "" where they are a fair sample."""
-    return html.paragraph_html(f"{left_out.rest()}: see How the variants ended.") if unranked else ""
+    return html.paragraph_html(f"{left_out.rest_text()}: see How the variants ended.") if unranked else ""
 
 
 def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Mapping[str, str]) -> html.PageSection:
@@ -268,13 +268,13 @@ def _verdict(
         if chance is not None and chance >= 0.5:
             return f"no factor stands out: {scatter}."
         if np.isnan(best.adjusted):
-            groups = f"{best.rows} variants in {len(best.counts)} groups of {best.factor}"
+            groups = f"{best.row_count} variants in {len(best.counts)} groups of {best.factor}"
             return f"what each factor explains is not known from {groups}; {scatter}".removesuffix("; ") + "."
         alone = (
             f"no factor stands out alone: {best.factor} explains most, {100.0 * best.adjusted:.0f} %, "
-            f"as chance may with {best.rows} variants"
+            f"as chance may with {best.row_count} variants"
         )
-        if named := [str(one) for one in pairs if one.sure][:NAMED]:
+        if named := [str(one) for one in pairs if one.is_sure][:NAMED]:
             return f"{alone}, but {'; '.join(named)}; {scatter}".removesuffix("; ") + "."
         together = "three or more factors act together, or all in ways that so few variants do not tell"
         return f"{alone}, yet {scatter} only, and no pair shows: {together}." if scatter else f"{alone}."
@@ -327,7 +327,7 @@ def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.Pa
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
     shares = [min(1.0, float(np.nansum([effect.adjusted for effect in found]))) for found in fair.values()]
-    several = repeats(results)
+    several = has_equal_rows(results)
     parts = [
         html.paragraph_html(
             "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
@@ -350,7 +350,7 @@ def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.Pa
         parts.append(html.heading_html(metric))
         means = panels.effects(results, metric, found, median_effects(results, metric), metric in fair)
         parts.append(panels.chart(means, f"main effects on {metric}"))
-        sure = [one for one in pairs[metric] if one.sure and metric in fair]
+        sure = [one for one in pairs[metric] if one.is_sure and metric in fair]
         parts.append(html.paragraph_html(f"Significant: {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
         parts.append(panels.chart(panels.interactions(results, metric, found, sure), f"interactions in {metric}"))
     return html.page_section("effects", "Effects and interactions", *parts)
@@ -386,7 +386,7 @@ def _correlation(results: Results, first: tuple[str, ...], rest: str) -> html.Pa
         rest,
         html.paragraph_html(
             f"Rank correlation: +1 where the metric always rises with the factor, -1 where it always falls. Values "
-            f"below {both.noise():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
+            f"below {both.noise_level():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
             muted=True,
         ),
         panels.chart(panels.correlations(both), "heat map of rank correlations of factors and metrics"),
@@ -416,8 +416,8 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
         checked = found.cross_validated()
         parts.append(html.heading_html(f"{metric}: {found.words} of {found.rows} variants"))
         parts.append(panels.chart(panels.surrogate(results, found, checked), f"surrogate of {metric}"))
-        if checked.q2 < TRUSTED:
-            parts.append(html.paragraph_html(f"{metric}: Q\u00b2 is below {TRUSTED}: take the cuts as a hint only."))
+        if checked.q2 < TRUSTED_R2:
+            parts.append(html.paragraph_html(f"{metric}: Q\u00b2 is below {TRUSTED_R2}: take the cuts as a hint only."))
     return html.page_section(
         "surface",
         "Between the variants",
@@ -435,7 +435,7 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
 
 
 def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None) -> html.PageSection:
-    found: list[Indices] = []
+    found: list[SobolIndices] = []
     lines, refused = [], False
     for metric, surrogate in surrogates.items():
         try:

@@ -22,8 +22,8 @@ import numpy as np
 from warpchain.errors import StudyError
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.pure_error import scatter_share
-from warpchain.study.analysis.sensitivity import Indices, saltelli_block, sobol_indices, surface_indices
-from warpchain.study.analysis.surface import TRUSTED, fit_surface
+from warpchain.study.analysis.sensitivity import SobolIndices, saltelli_block_size, sobol_indices, surface_indices
+from warpchain.study.analysis.surface import TRUSTED_R2, fit_surface
 from warpchain.study.design.factor_values import values_from_probabilities
 from warpchain.study.results import Array, Results
 from warpchain.study.spec.factor import Factor
@@ -38,7 +38,7 @@ SETS, DRAWS = 4, 25
 """Sets of such rows, and draws for each."""
 
 
-def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[Indices, str]:
+def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[SobolIndices, str]:
     """Sobol' indices by the best way there is, and which that is, in words.
 
     Args:
@@ -51,12 +51,12 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
             selected by their results (`analysis.left_out`).
     """
     if (left_out := LeftOut(results)).selects(metric):
-        lost = f"{int(left_out.by_result.sum())} of {int((~left_out.unbuilt).sum())} variants that ran"
+        lost = f"{int(left_out.left_out_rows.sum())} of {int((~left_out.unbuilt_rows).sum())} variants that ran"
         raise StudyError(
             f"Sobol' indices of {metric!r}: {lost} are left out by their own results, and the others are no sample of "
             "what was varied"
         )
-    if saltelli_block(results, results.independent_factors()):
+    if saltelli_block_size(results, results.independent_factors()):
         found = sobol_indices(results, metric)
         lost = f", {found.dropped} left out with blocks that did not end well" if found.dropped else ""
         return found, f"by a Saltelli design of {found.rows} variants{lost}; bars are 95 % intervals"
@@ -76,35 +76,35 @@ def _wanting(results: Results, metric: str) -> str:
     """Advice where no surrogate predicts a metric."""
     rows = results.usable_rows(metric)
     count = int(rows.sum())
-    needed = f"{TRUSTED:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"
+    needed = f"{TRUSTED_R2:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"
     chance = scatter_share(results, metric)
     if chance is None:
         return f"{needed}: more variants help, or, where equal runs scatter much, replicates"
     scatter = f"{needed}: scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
-    if chance <= 1.0 - TRUSTED:
+    if chance <= 1.0 - TRUSTED_R2:
         return f"{scatter} only, so more variants help"
     if chance >= WITHOUT_EFFECT:
         return f"{scatter}, so no factor has an effect that shows"
-    runs = math.ceil(results.run_counts[rows].mean() * chance / (1.0 - chance) / (1.0 - TRUSTED) * 2.0)
+    runs = math.ceil(results.run_counts[rows].mean() * chance / (1.0 - chance) / (1.0 - TRUSTED_R2) * 2.0)
     return f"{scatter}, so Q\u00b2 stays below {1.0 - chance:.2f}: replicates help, some {runs} a row"
 
 
-def _of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[Indices, str]:
+def _of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[SobolIndices, str]:
     surface = fit_surface(results, metric)
     quality = f"predicted R\u00b2 = {surface.r2_predicted:.3f}"
-    if not surface.trusted:
+    if not surface.is_trusted:
         raise StudyError(f"the response surface predicts too badly ({quality})")
     words = f"of the response surface ({quality}), {_distributed(results, surface.factors)}"
     return surface_indices(surface, results), f"{words}; bars are 95 % intervals"
 
 
-def _of_process(results: Results, metric: str, surrogate: Surrogate | None) -> tuple[Indices, str]:
+def _of_process(results: Results, metric: str, surrogate: Surrogate | None) -> tuple[SobolIndices, str]:
     model = surrogate or best_surrogate(results, metric)
     if model.kind != "gaussian":
         model = fit_surrogate(results, metric)
     q2 = model.cross_validated().q2
     quality = f"cross-validated Q\u00b2 = {q2:.3f}"
-    if q2 < TRUSTED:
+    if q2 < TRUSTED_R2:
         raise StudyError(f"the Gaussian process predicts too badly ({quality})")
     rest = f"it misses {100.0 * (1.0 - q2):.1f} % of the variance, which is in no bar"
     words = f"of the Gaussian process of {model.rows} variants ({quality}: {rest})"
@@ -112,7 +112,7 @@ def _of_process(results: Results, metric: str, surrogate: Surrogate | None) -> t
     return surrogate_indices(model, results), words
 
 
-def surrogate_indices(surrogate: Surrogate, results: Results) -> Indices:
+def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
     """Sobol' indices of a Gaussian process for independent factors, words among them, eq. (a).
 
     Args:
@@ -148,7 +148,7 @@ def surrogate_indices(surrogate: Surrogate, results: Results) -> Indices:
     off = of_sets[..., 1:] - mean[..., None]
     first_error, total_error = 1.96 * np.sqrt((off**2).mean(axis=(0, 3)))
     first, total = np.clip(mean[0], 0.0, 1.0), mean[1]
-    return Indices(surrogate.metric, surrogate.factors, first, total, first_error, total_error, surrogate.rows)
+    return SobolIndices(surrogate.metric, surrogate.factors, first, total, first_error, total_error, surrogate.rows)
 
 
 def _drawn(results: Results, axis: Axis, units: Array) -> Any:

@@ -19,8 +19,8 @@ import numpy as np
 
 from warpchain.errors import StudyError
 from warpchain.progress import raise_if_stopped
-from warpchain.study.analysis.pure_error import standard_errors, weights
-from warpchain.study.analysis.surface import TRUSTED, Surface, _scaled, _terms, fit_surface
+from warpchain.study.analysis.pure_error import row_standard_errors, row_weights
+from warpchain.study.analysis.surface import TRUSTED_R2, Surface, _polynomial_terms, _scaled_values, fit_surface
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate.gaussian import Process, fit_process
 
@@ -161,7 +161,7 @@ class Quadratic:
 
     def _terms(self, x: Array) -> Array:
         low, high = self.surface.low, self.surface.high
-        return _terms(_scaled(x, low, high), self.surface.powers)
+        return _polynomial_terms(_scaled_values(x, low, high), self.surface.powers)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of the surface at factor values (R, A), eq. (a)."""
@@ -186,8 +186,8 @@ def fit_quadratic(results: Results, metric: str) -> Quadratic:
     rows = results.usable_rows(metric, surface.factors)
     x = np.stack([results.values(name)[rows] for name in surface.factors], axis=1)
     y = results.values(metric)[rows]
-    errors = standard_errors(results, metric)
-    terms = _terms(_scaled(x, surface.low, surface.high), surface.powers)
+    errors = row_standard_errors(results, metric)
+    terms = _polynomial_terms(_scaled_values(x, surface.low, surface.high), surface.powers)
     weight = surface.weights
     variance = float(weight @ (y - surface.predict(x)) ** 2) / max(len(y) - len(surface.powers), 1)
     factor = np.linalg.qr(np.sqrt(weight)[:, None] * terms)[1]
@@ -217,7 +217,7 @@ class CrossValidation:
         Rows are weighted by their standard errors (`pure_error.weights`).
         """
         missed = self.observed - self.predicted
-        weight = weights(self.errors, missed)
+        weight = row_weights(self.errors, missed)
         total = float(weight @ (self.observed - np.average(self.observed, weights=weight)) ** 2)
         return 1.0 - float(weight @ missed**2) / total if total > 0.0 else 1.0
 
@@ -320,7 +320,7 @@ def fit_surrogate(
     """
     if kind not in KINDS:
         raise StudyError(f"surrogate: kind {kind!r}: allowed are {', '.join(KINDS)}")
-    values, errors = results.values(metric), standard_errors(results, metric)
+    values, errors = results.values(metric), row_standard_errors(results, metric)
     rows = results.usable_rows(metric)
     if logarithm and not (values[rows] > 0.0).all():
         raise StudyError(f"surrogate of {metric!r}: a logarithm needs values above 0")
@@ -356,7 +356,7 @@ def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Sur
     """
     many = results.usable_rows(metric).sum() > PROCESS_ROWS
     reason = f"surrogate of {metric!r}: none has a Q\u00b2 of {least:g}"
-    for kind, needed in (*((("quadratic", TRUSTED),) if many else ()), ("gaussian", least), ("quadratic", least)):
+    for kind, needed in (*((("quadratic", TRUSTED_R2),) if many else ()), ("gaussian", least), ("quadratic", least)):
         raise_if_stopped()
         try:
             found = fit_surrogate(results, metric, kind)
