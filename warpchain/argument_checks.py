@@ -81,7 +81,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
         signature = inspect.signature(function)
 
         @cache
-        def tests() -> dict[str, tuple[str, ValueTest]]:
+        def tests_by_name() -> dict[str, tuple[str, ValueTest]]:
             names = _AnnotationNames(inspect.unwrap(function).__globals__)
             notes = {name: note for name, note in function.__annotations__.items() if name != "return"}
             return {name: _kind_of_annotation(eval(note, {}, names)) for name, note in notes.items()}
@@ -89,7 +89,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
         @wraps(function)
         def call(*args: Any, **named: Any) -> Any:
             given = signature.bind(*args, **named).arguments
-            for name, (words, test) in tests().items():
+            for name, (words, test) in tests_by_name().items():
                 if name in given and not test(given[name]):
                     raise error(f"{prefix}{name} = {_SHORT_REPR.repr(given[name])}: must be {words}")
             return function(*args, **named)

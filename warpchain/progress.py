@@ -178,18 +178,18 @@ class StopRequest:
         self._around, self._asked = around, False
 
     @property
-    def asked(self) -> bool:
+    def is_asked(self) -> bool:
         """Whether the user asked to stop, here or in a block around it."""
-        return self._asked or (self._around is not None and self._around.asked)
+        return self._asked or (self._around is not None and self._around.is_asked)
 
-    def ask(self) -> None:
+    def ask_to_stop(self) -> None:
         """Asks the work to stop at its next check."""
         self._asked = True
 
     def __call__(self, signum: int, frame: object) -> None:
         if self._asked:
             raise KeyboardInterrupt
-        self.ask()
+        self.ask_to_stop()
 
 
 @contextmanager
@@ -233,5 +233,5 @@ def raise_if_stopped() -> None:
         KeyboardInterrupt: the user asked to stop.
     """
     handler = signal.getsignal(signal.SIGINT)
-    if isinstance(handler, StopRequest) and handler.asked:
+    if isinstance(handler, StopRequest) and handler.is_asked:
         raise KeyboardInterrupt

@@ -92,7 +92,9 @@ def test_what_is_not_the_kernel_that_was_meant_is_not_compiled(cache):
 def test_a_stop_ends_processes_and_leaves_nothing_unfinished(cache, monkeypatch):
     stop, processes, start = StopRequest(), [], compiling._started
     monkeypatch.setattr(compiling, "_started", lambda job: processes.append(start(job)) or processes[-1])
-    compiled(list(jobs_of(COLLECT, "cuda:0")), stop=stop, report=lambda *_: list(cache.glob("*_p*")) and stop.ask())
+    compiled(
+        list(jobs_of(COLLECT, "cuda:0")), stop=stop, report=lambda *_: list(cache.glob("*_p*")) and stop.ask_to_stop()
+    )
     assert len(processes) == 2 and all(process.returncode is not None for process in processes)
     assert not list(cache.glob("*_p*"))
 

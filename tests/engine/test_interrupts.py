@@ -21,7 +21,7 @@ def test_a_request_is_heard_within_and_around():
         with interruptible_work() as inner:
             raise_if_stopped()
             signal.raise_signal(signal.SIGINT)
-            assert stop.asked and inner.asked
+            assert stop.is_asked and inner.is_asked
         with pytest.raises(KeyboardInterrupt):
             raise_if_stopped()
     raise_if_stopped()
@@ -29,15 +29,15 @@ def test_a_request_is_heard_within_and_around():
 
 def test_work_within_ends_alone_where_it_asks_itself():
     with interruptible_work() as stop, interruptible_work() as inner:
-        inner.ask()
-        assert inner.asked and not stop.asked
+        inner.ask_to_stop()
+        assert inner.is_asked and not stop.is_asked
         raise_if_stopped()
 
 
 def test_a_second_one_interrupts_at_once():
     with pytest.raises(KeyboardInterrupt), interruptible_work() as stop:
         signal.raise_signal(signal.SIGINT)
-        assert stop.asked
+        assert stop.is_asked
         signal.raise_signal(signal.SIGINT)
 
 
@@ -46,7 +46,7 @@ def test_threads_hear_it_and_leave_signals_alone():
 
     def work():
         with interruptible_work() as stop:
-            heard.append((signal.getsignal(signal.SIGINT), stop.asked))
+            heard.append((signal.getsignal(signal.SIGINT), stop.is_asked))
 
     with interruptible_work() as stop:
         signal.raise_signal(signal.SIGINT)
@@ -60,5 +60,5 @@ def test_a_signal_that_a_shell_has_ignored_stays_so():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with interruptible_work() as stop:
         signal.raise_signal(signal.SIGINT)
-        assert not stop.asked
+        assert not stop.is_asked
     signal.signal(signal.SIGINT, signal.default_int_handler)

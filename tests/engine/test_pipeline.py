@@ -275,7 +275,7 @@ def test_ctrl_c_keeps_all_variants_in_their_order(gpus):
 
 
 def test_a_stop_while_kernels_are_compiled_launches_none(gpus, monkeypatch):
-    monkeypatch.setattr(gpu, "compile_lacking", lambda *rest: rest[-1].ask())
+    monkeypatch.setattr(gpu, "compile_lacking", lambda *rest: rest[-1].ask_to_stop())
     for name in ("settle", "advance"):
         monkeypatch.setattr(Frames, name, lambda *_: pytest.fail("launched"))
     found, _ = run([two_sprockets(duration=0.002)] * 8, device="cuda")

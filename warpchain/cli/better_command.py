@@ -44,7 +44,7 @@ BETTER_OPTIONS: OptionSettings = {
 """Arguments of `warpchain better`, as `add_argument` takes them."""
 
 
-def add_better(commands: Any) -> None:
+def add_better_command(commands: Any) -> None:
     """Adds `warpchain better` to the command line."""
     text = "which of two drives is better under noise, with confidence"
     words = "STUDY.toml today.toml proposed.toml --metric tension_q999"

@@ -63,7 +63,7 @@ def _value_from_word(word: str) -> Any:
     return table["value"] if len(table) == 1 else word
 
 
-def _load_drive(arguments: argparse.Namespace) -> Any:
+def _drive_of_arguments(arguments: argparse.Namespace) -> Any:
     """The drive that the arguments name, with the changes of --set."""
     from warpchain.drive import load_drive
     from warpchain.drive.examples import drive_path
@@ -82,7 +82,7 @@ def check_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain check`: prints what follows from a drive before it runs."""
     from warpchain.assembly.summary import derive, report
 
-    drive = _load_drive(arguments)
+    drive = _drive_of_arguments(arguments)
     if arguments.output is not None:  # also of a drive whose number of links does not fit
         from warpchain.cli.draw_command import draw_drive
 
@@ -102,9 +102,9 @@ def draw_command(arguments: argparse.Namespace) -> int:
     from warpchain.cli.draw_command import draw_lines, watch_drive_file
 
     if arguments.watch:
-        watch_drive_file(lambda: _load_drive(arguments), arguments)
+        watch_drive_file(lambda: _drive_of_arguments(arguments), arguments)
         return DONE
-    return _print_lines(draw_lines(_load_drive(arguments), arguments.output))
+    return _print_lines(draw_lines(_drive_of_arguments(arguments), arguments.output))
 
 
 def new_command(arguments: argparse.Namespace) -> int:
@@ -118,7 +118,7 @@ def metrics_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain metrics`: lists the metrics of a drive's runs."""
     from warpchain.results.metric_columns import column_of, table_names
 
-    columns = {name: column_of(name) for name in table_names(_load_drive(arguments))}
+    columns = {name: column_of(name) for name in table_names(_drive_of_arguments(arguments))}
     rows = [(name, column.unit, column.title) for name, column in columns.items() if column]
     if arguments.json:
         import json
@@ -198,7 +198,7 @@ def modes_command(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    return _print_lines(mode_command_lines(_load_drive(arguments), arguments))
+    return _print_lines(mode_command_lines(_drive_of_arguments(arguments), arguments))
 
 
 def tensioner_command(arguments: argparse.Namespace) -> int:
@@ -207,7 +207,7 @@ def tensioner_command(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    return _print_lines(tensioner_lines(_load_drive(arguments), arguments))
+    return _print_lines(tensioner_lines(_drive_of_arguments(arguments), arguments))
 
 
 def jump_command(arguments: argparse.Namespace) -> int:
@@ -216,7 +216,7 @@ def jump_command(arguments: argparse.Namespace) -> int:
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
-    return _print_lines(jump_command_lines(_load_drive(arguments), arguments))
+    return _print_lines(jump_command_lines(_drive_of_arguments(arguments), arguments))
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -235,7 +235,7 @@ def run_command(arguments: argparse.Namespace) -> int:
     )
     record = Record(rate=arguments.rate, channels=_channels_from_words(arguments.channels))
     start_warp(precompiled=False)
-    drive = _load_drive(arguments)
+    drive = _drive_of_arguments(arguments)
     run = simulate(
         drive,
         device=arguments.device,

@@ -36,7 +36,7 @@ def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
     return [line for jump in found for line in _jump_lines(jump, arguments.by)]
 
 
-def jump_margin(jump: Jump, by: str) -> float | None:
+def margin_to_jump(jump: Jump, by: str) -> float | None:
     """The torque that holds over the drive's own, or the wear that holds less its own; None without a torque."""
     if by == "wear":
         return jump.holds - jump.own
@@ -47,34 +47,33 @@ def _jump_json(jump: Jump, by: str) -> dict[str, object]:
     """A search's result for JSON, in SI units."""
     values = {key: value for key, value in asdict(jump).items() if key != "direction"}
     known = {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
-    return known | {"margin": jump_margin(jump, by)}
+    return known | {"margin": margin_to_jump(jump, by)}
 
 
 def _jump_lines(jump: Jump, by: str) -> list[str]:
     """Lines on the load or wear at which a chain jumps in one direction."""
 
-    def said(value: float) -> str:
+    def load_text(value: float) -> str:
         return f"{value:.4g} N m on {jump.on}" if by == "torque" else f"{100.0 * value:.3g} % of wear{chain}"
 
     chain = f" of {jump.on}" if by == "wear" and jump.on else ""
     if jump.jumps is None:
-        return [f"{jump.direction}: no jump up to {said(jump.holds)}; {_own_load_text(jump, by)}"]
+        return [f"{jump.direction}: no jump up to {load_text(jump.holds)}; {_own_load_text(jump, by)}"]
     where = "the chain breaks down" if jump.sprocket is None else f"the chain jumps on {jump.sprocket}"
-    lines = [
-        f"{jump.direction}: {where} at {said(jump.jumps)}, and holds at {said(jump.holds)}; {_own_load_text(jump, by)}"
-    ]
+    jumps, holds = load_text(jump.jumps), load_text(jump.holds)
+    lines = [f"{jump.direction}: {where} at {jumps}, and holds at {holds}; {_own_load_text(jump, by)}"]
     if not math.isnan(jump.tension):
         beside = f", {jump.tight:.4g} and {jump.slack:.4g} N in the mean beside it" if jump.sprocket else ""
         lines.append(f"  tension there: {jump.tension:.4g} N at most{beside}")
     if jump.sprocket is not None:
-        words = "none in the range" if jump.estimate is None else said(jump.estimate)
+        words = "none in the range" if jump.estimate is None else load_text(jump.estimate)
         lines.append(f"  estimate at rest: {words} (docs/jump.md)")
     return lines
 
 
 def _own_load_text(jump: Jump, by: str) -> str:
     """The drive's own load or wear in words, with the margin to a jump."""
-    far = jump_margin(jump, by)
+    far = margin_to_jump(jump, by)
     if by == "wear":
         return f"its own is {100.0 * jump.own:.3g} %"
     return "it has none of its own" if far is None else f"{far:.3g} times its own, {abs(jump.own):.4g} N m"

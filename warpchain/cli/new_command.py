@@ -163,7 +163,7 @@ def _drive_file_text(asked: DriveRequest) -> str:
             ("damping_ratio = 0.02", "ESTIMATE"),
             ("joint = { friction = 0.1 }", "ESTIMATE: greased; the pins' radius comes with the size"),
         ],
-        *(_sprocket_lines(asked, s, radii[s], 0.2 * round_time) for s in range(len(radii))),
+        *(_sprocket_table_lines(asked, s, radii[s], 0.2 * round_time) for s in range(len(radii))),
         [
             ("[contact.sprocket]", ""),
             ('profile = "circular"', ""),
@@ -201,7 +201,7 @@ def _drive_file_text(asked: DriveRequest) -> str:
     return rows.replace("\n[chain]", "\n\n[chain]") + "\n"
 
 
-def _sprocket_lines(asked: DriveRequest, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
+def _sprocket_table_lines(asked: DriveRequest, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
     """Lines and comments of sprocket s in a new drive file."""
     last, ramp = len(asked.teeth) - 1, f"ramp_time = {_two_figures(ramp_time):g}"
     mass = STEEL * math.pi * radius**2 * TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
-from warpchain.cli.better_command import add_better
+from warpchain.cli.better_command import add_better_command
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
-from warpchain.cli.search_commands import add_calibrate, add_optimize, add_risk
+from warpchain.cli.search_commands import add_calibrate_command, add_optimize_command, add_risk_command
 from warpchain.cli.shared_options import (
     CommandBody,
     add_command,
@@ -65,7 +65,7 @@ def _add_function_command(commands: Any, run: CommandBody, text: str, example: s
     return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
-def _add_new(commands: Any) -> None:
+def _add_new_command(commands: Any) -> None:
     """Adds `warpchain new` to the command line."""
     example = "warpchain new drive.toml --size 16B --teeth 19 57 --centers 0 0 1.0 0 --speed 300rpm --torque 900"
     parser = _add_function_command(
@@ -87,7 +87,7 @@ def _add_new(commands: Any) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace a file of that name")
 
 
-def _add_check(commands: Any) -> None:
+def _add_check_command(commands: Any) -> None:
     """Adds `warpchain check` to the command line."""
     parser = _add_function_command(
         commands, do.check_command, "check a drive without running it", "warpchain check marine"
@@ -97,7 +97,7 @@ def _add_check(commands: Any) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also draw the drive there: .png or .svg")
 
 
-def _add_draw(commands: Any) -> None:
+def _add_draw_command(commands: Any) -> None:
     """Adds `warpchain draw` to the command line."""
     parser = _add_function_command(
         commands,
@@ -112,7 +112,7 @@ def _add_draw(commands: Any) -> None:
     )
 
 
-def _add_chains(commands: Any) -> None:
+def _add_chains_command(commands: Any) -> None:
     """Adds `warpchain chains` to the command line."""
     _add_function_command(
         commands,
@@ -122,7 +122,7 @@ def _add_chains(commands: Any) -> None:
     )
 
 
-def _add_metrics(commands: Any) -> None:
+def _add_metrics_command(commands: Any) -> None:
     """Adds `warpchain metrics` to the command line."""
     text = "list the metrics that a run of a drive gives, with units and words"
     parser = _add_function_command(commands, do.metrics_command, text, "warpchain metrics car | grep tension")
@@ -130,21 +130,21 @@ def _add_metrics(commands: Any) -> None:
     parser.add_argument("--json", action="store_true", help="as a JSON list of name, unit and title")
 
 
-def _add_schema(commands: Any) -> None:
+def _add_schema_command(commands: Any) -> None:
     """Adds `warpchain schema` to the command line."""
     text = "print the JSON schema of drive files or study files, from which editors complete and check keys"
     parser = _add_function_command(commands, do.schema_command, text, "warpchain schema drive > drive.schema.json")
     parser.add_argument("of", choices=["drive", "study"], help="which files")
 
 
-def _add_devices(commands: Any) -> None:
+def _add_devices_command(commands: Any) -> None:
     """Adds `warpchain devices` to the command line."""
     text = "list the devices that runs can take, and how fast they were measured to be"
     parser = _add_function_command(commands, do.devices_command, text, "warpchain devices --calibrate")
     parser.add_argument("--calibrate", action="store_true", help="measure them now, as runs do once where it pays")
 
 
-def _add_fit(commands: Any) -> None:
+def _add_fit_command(commands: Any) -> None:
     """Adds `warpchain fit` to the command line."""
     parser = _add_function_command(
         commands,
@@ -169,7 +169,7 @@ def _add_fit(commands: Any) -> None:
     parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
 
 
-def _add_modes(commands: Any) -> None:
+def _add_modes_command(commands: Any) -> None:
     """Adds `warpchain modes` to the command line."""
     parser = _add_function_command(
         commands,
@@ -202,7 +202,7 @@ def _add_modes(commands: Any) -> None:
     add_shared_options(parser, "--set")
 
 
-def _add_tensioner(commands: Any) -> None:
+def _add_tensioner_command(commands: Any) -> None:
     """Adds `warpchain tensioner` to the command line."""
     parser = _add_function_command(
         commands,
@@ -256,7 +256,7 @@ def _add_tensioner(commands: Any) -> None:
     add_shared_options(parser, "--set")
 
 
-def _add_jump(commands: Any) -> None:
+def _add_jump_command(commands: Any) -> None:
     """Adds `warpchain jump` to the command line."""
     text = "find the torque, or the wear, at which the chain jumps a tooth, forward and in reverse"
     parser = _add_function_command(
@@ -283,7 +283,7 @@ def _add_jump(commands: Any) -> None:
     add_shared_options(parser, "--set", "--workers", "--quiet")
 
 
-def _add_run(commands: Any) -> None:
+def _add_run_command(commands: Any) -> None:
     """Adds `warpchain run` to the command line."""
     parser = _add_function_command(
         commands,
@@ -350,7 +350,7 @@ def _add_run(commands: Any) -> None:
     add_shared_options(parser, "--quiet")
 
 
-def _add_view(commands: Any) -> None:
+def _add_view_command(commands: Any) -> None:
     """Adds `warpchain view` to the command line."""
     parser = _add_function_command(
         commands, do.view_command, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd"
@@ -374,7 +374,7 @@ def _add_view(commands: Any) -> None:
     parser.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
 
-def _add_plot(commands: Any) -> None:
+def _add_plot_command(commands: Any) -> None:
     """Adds `warpchain plot` to the command line."""
     parser = _add_function_command(
         commands, do.plot_command, "draw an archive's figures", "warpchain plot marine.mcap -o plots"
@@ -397,7 +397,7 @@ def _add_plot(commands: Any) -> None:
     )
 
 
-def _add_report(commands: Any) -> None:
+def _add_report_command(commands: Any) -> None:
     """Adds `warpchain report` to the command line."""
     parser = _add_function_command(
         commands,
@@ -422,7 +422,7 @@ def _add_report(commands: Any) -> None:
     )
 
 
-def _add_export(commands: Any) -> None:
+def _add_export_command(commands: Any) -> None:
     """Adds `warpchain export` to the command line."""
     parser = _add_function_command(
         commands,
@@ -441,7 +441,7 @@ def _add_export(commands: Any) -> None:
     add_shared_options(parser, "--variant")
 
 
-def _add_import(commands: Any) -> None:
+def _add_import_command(commands: Any) -> None:
     """Adds `warpchain import` to the command line."""
     parser = _add_function_command(
         commands,
@@ -470,7 +470,7 @@ def _add_import(commands: Any) -> None:
     )
 
 
-def _add_recover(commands: Any) -> None:
+def _add_recover_command(commands: Any) -> None:
     """Adds `warpchain recover` to the command line."""
     parser = _add_function_command(
         commands,
@@ -487,7 +487,7 @@ def _add_recover(commands: Any) -> None:
     add_shared_options(parser, "--overwrite")
 
 
-def _add_study(commands: Any) -> None:
+def _add_study_command(commands: Any) -> None:
     """Adds `warpchain study` with its commands to the command line."""
     text = "run and analyze a design of experiments"
     parser = add_command(commands, "study", None, text, "warpchain study run STUDY.toml -o DIR")
@@ -498,29 +498,29 @@ def _add_study(commands: Any) -> None:
 
 
 COMMAND_ADDERS = (
-    _add_new,
-    _add_check,
-    _add_draw,
-    _add_metrics,
-    _add_chains,
-    _add_schema,
-    _add_devices,
-    _add_fit,
-    _add_modes,
-    _add_tensioner,
-    _add_jump,
-    _add_run,
-    _add_view,
-    _add_plot,
-    _add_report,
-    _add_export,
-    _add_import,
-    _add_recover,
-    _add_study,
-    add_optimize,
-    add_risk,
-    add_better,
-    add_calibrate,
+    _add_new_command,
+    _add_check_command,
+    _add_draw_command,
+    _add_metrics_command,
+    _add_chains_command,
+    _add_schema_command,
+    _add_devices_command,
+    _add_fit_command,
+    _add_modes_command,
+    _add_tensioner_command,
+    _add_jump_command,
+    _add_run_command,
+    _add_view_command,
+    _add_plot_command,
+    _add_report_command,
+    _add_export_command,
+    _add_import_command,
+    _add_recover_command,
+    _add_study_command,
+    add_optimize_command,
+    add_risk_command,
+    add_better_command,
+    add_calibrate_command,
 )
 """Functions that add a command each, in the order of the help."""
 

@@ -37,7 +37,7 @@ def add_search_command(
     add_run_options(parser)
 
 
-def add_optimize(commands: Any) -> None:
+def add_optimize_command(commands: Any) -> None:
     """Adds `warpchain optimize` to the command line."""
     text = "look for the designs that a study's objectives and limits want"
     known = {"metavar": "DIR", "type": Path, "action": "append", "default": []}
@@ -58,7 +58,7 @@ def optimize_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def add_risk(commands: Any) -> None:
+def add_risk_command(commands: Any) -> None:
     """Adds `warpchain risk` to the command line."""
     text = "how likely a drive breaks a limit over its noise, and how it most likely does"
     add_search_command(commands, risk_command, text, "noise factors and [[limits]]")
@@ -109,7 +109,7 @@ def _print_recommended(found: Any) -> None:
     print(f"report: warpchain study report {found.folder} -o report.html")
 
 
-def add_calibrate(commands: Any) -> None:
+def add_calibrate_command(commands: Any) -> None:
     """Adds `warpchain calibrate` to the command line."""
     needs = "[[measured]], whose noise factors are the unknowns"
     text = "what measured values and signals tell of a drive's unknowns"

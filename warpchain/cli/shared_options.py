@@ -188,7 +188,7 @@ def status_printer(arguments: argparse.Namespace) -> Callable[[str], None] | Non
 def message_with_options(message: str, arguments: argparse.Namespace) -> str:
     """An error's message with the command's options, or a study's keys, in place of Python's arguments."""
 
-    def named(found: re.Match[str]) -> str:
+    def option_text(found: re.Match[str]) -> str:
         name, value = found["name"], found["value"] or ""
         if hasattr(arguments, name):
             option = f"--{name.replace('_', '-')}"
@@ -197,6 +197,7 @@ def message_with_options(message: str, arguments: argparse.Namespace) -> str:
         return f"run.{name} = {value}" if of_study and name in ("device", "precision") else found[0]
 
     lines = (
-        re.sub(r"^(?:record\.)?(?P<name>[a-z_]+) = (?P<value>\S+)(?<!:)", named, line) for line in message.split("\n")
+        re.sub(r"^(?:record\.)?(?P<name>[a-z_]+) = (?P<value>\S+)(?<!:)", option_text, line)
+        for line in message.split("\n")
     )
-    return re.sub(r'(?<![-.\w])(?P<name>[a-z_]+)=(?P<value>True|"\w+"|)(?![^\s,;)])', named, "\n".join(lines))
+    return re.sub(r'(?<![-.\w])(?P<name>[a-z_]+)=(?P<value>True|"\w+"|)(?![^\s,;)])', option_text, "\n".join(lines))

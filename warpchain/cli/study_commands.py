@@ -172,13 +172,13 @@ def study_grow_command(arguments: argparse.Namespace) -> int:
 
     until = Until.of(arguments.until)
 
-    def say(now: GrowthState) -> None:
+    def print_growth(now: GrowthState) -> None:
         if not arguments.quiet:
             of = f" ({now.metric} over {now.factor})" if now.factor else ""
             print(f"{now.rows} variants: largest standard error of main effects {until.error_text(now.error)}{of}")
 
     found = grow_until(
-        arguments.folder, until, most=arguments.most, report=say, **run_options_from_arguments(arguments)
+        arguments.folder, until, most=arguments.most, report=print_growth, **run_options_from_arguments(arguments)
     )
     if not found.done:
         print(f"not reached: twice as many rows would be more than --most {arguments.most}")

@@ -134,7 +134,7 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: ProgressReport
     if min(count, cores) < 2 or not can_start_python():
         return
     try:
-        while (left or running) and not stop.asked:
+        while (left or running) and not stop.is_asked:
             for job in left[: cores - running]:
                 with contextlib.suppress(OSError):  # no process, or no memory for one
                     processes.append((job, _started(job)))

@@ -140,7 +140,7 @@ class Shares:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
-            self._stop.ask()
+            self._stop.ask_to_stop()
         for pool in (self._steps, self._tables):
             pool.shutdown(wait=True, cancel_futures=kind is not None)
         wp.set_device(self._device)  # which threads set in turns

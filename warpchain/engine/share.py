@@ -154,7 +154,7 @@ class Share:
 
         def settle_on(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
             _await(futures, stop, lambda: report("settling", *done()))
-            return not stop.asked
+            return not stop.is_asked
 
         settles = any(drive.run.settle for drive in settling)
         with loading(how.device, packed, how.precision, settles, how.cores, report, stop):
@@ -217,7 +217,7 @@ def _await(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], No
     while pending:
         _, pending = wait(pending, timeout=0.1)
         tick()
-        if stop.asked:
+        if stop.is_asked:
             for future in pending:
                 future.cancel()
     for future in futures:
@@ -249,7 +249,7 @@ def _march(
 
     before = engine.progress()
     turn = 0
-    while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
+    while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.is_asked:
         futures = engine.advance(_steps_of(engine, steps, before, keeper), buffers[turn])
         if batched:
             _load_ahead()

@@ -167,7 +167,7 @@ def simulate(
                         shares.add(share)
                     _warn(LayoutWarning, layout_line(shares.layouts))
                     outcome = shares.outcome()
-        info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=outcome.at - begin)
+        info = replace(info, ended="interrupted" if stop.is_asked else "complete", wall_time=outcome.at - begin)
         metrics = with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
         _warn(SuspectWarning, warning_text(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recording.trajectories(writer, metrics, info, outcome.frames), info)

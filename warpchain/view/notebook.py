@@ -47,15 +47,15 @@ def notebook_html(thing: Any) -> str:
 def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
     """A table as HTML for notebooks; cells are escaped, but for those that are `Markup`."""
 
-    def line(cells: Sequence[str], tag: str) -> str:
+    def row_html(cells: Sequence[str], tag: str) -> str:
         words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
         sides = ["left", *["right"] * (len(words) - 1)]
         inner = (f'<{tag} style="text-align:{side}">{w}</{tag}>' for w, side in zip(words, sides, strict=True))
         return f"<tr>{''.join(inner)}</tr>"
 
     title = f"<caption>{escape(caption)}</caption>" if caption else ""
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table>{title}<thead>{line(head, 'th')}</thead><tbody>{body}</tbody></table>"
+    body = "".join(row_html(row, "td") for row in rows)
+    return f"<table>{title}<thead>{row_html(head, 'th')}</thead><tbody>{body}</tbody></table>"
 
 
 def status_html(status: str) -> Markup:

@@ -105,7 +105,7 @@ def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = Non
         SimulationError: a limit that is no positive number, or the breaking load of a chain without a size.
     """
     if wanted is None:
-        return max(_tension_quantile(trajectory) for trajectory in trajectories)
+        return max(_scale_quantile(trajectory) for trajectory in trajectories)
     if wanted == BREAKING_LOAD:
         loads = [trajectory.drive.chain.breaking_load for trajectory in trajectories]
         known = [load for load in loads if load is not None]
@@ -123,7 +123,7 @@ def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = Non
     return limit
 
 
-def _tension_quantile(trajectory: Trajectory) -> float:
+def _scale_quantile(trajectory: Trajectory) -> float:
     """Percentile of a recording's link tensions [N]."""
     (tension,) = need(trajectory, "tension")
     part = tension[latter_half(trajectory)]

@@ -214,7 +214,7 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
     path = chain_path(drive)
     middle = np.mean(pose.center, axis=0)
 
-    def write(text: str, at: Any, x: float, y: float, **more: Any) -> None:
+    def write_at(text: str, at: Any, x: float, y: float, **more: Any) -> None:
         halo = [withStroke(linewidth=2.0, foreground="white")]
         place: Any = {"xytext": (x, y), "textcoords": "offset points", "ha": "center", "va": "center"} | more
         axis.annotate(text, factor * np.asarray(at), fontsize=7, zorder=5, path_effects=halo, **place)
@@ -222,7 +222,7 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
     for s, (sprocket, center) in enumerate(zip(drive.sprockets, pose.center, strict=True)):
         wrap = math.degrees(float(path.wrap_angle[s]))
         text = f"{sprocket.teeth} teeth, r {_length_text(drive.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
-        write(text, center, 0.0, -7.0 - TEXT_SPACE * (text_count_at(axis, factor * center) - 1), va="top")
+        write_at(text, center, 0.0, -7.0 - TEXT_SPACE * (text_count_at(axis, factor * center) - 1), va="top")
     for g in range(len(drive.guides)):
         face, a = drive.profile(g), drive.arm_of(g)
         radii = dict.fromkeys(_length_text(1.0 / abs(piece.curvature)) for piece in face.face if piece.curvature)
@@ -232,16 +232,16 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
             at, heading = turned(at, drive.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
         x, y = math.sin(heading), -math.cos(heading)  # to the right, where no chain is
         text = f"R {', '.join(radii)}" if radii else _length_text(face.face_length)
-        write(text, at, 5.0 * x, 5.0 * y, color="tab:brown", ha="left" if x > 0.0 else "right")
+        write_at(text, at, 5.0 * x, 5.0 * y, color="tab:brown", ha="left" if x > 0.0 else "right")
     for k, text in enumerate(_strand_texts(drive, path.strand_length / path.pitch)):
         mid = 0.5 * (path.strand_start[k] + path.strand_end[k])
         x, y = (middle - mid) / max(float(np.hypot(*(middle - mid))), 1e-12)
-        write(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
+        write_at(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
     for arm, angle in zip(drive.arms, pose.arm, strict=True):
         stops = "no stops" if arm.stops is None else "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
         away = 1.0 if arm.pivot[0] > middle[0] else -1.0
         text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}\n{stops}"
-        write(text, arm.pivot, 7.0 * away, 0.0, color="0.3", ha="left" if away > 0.0 else "right")
+        write_at(text, arm.pivot, 7.0 * away, 0.0, color="0.3", ha="left" if away > 0.0 else "right")
     for points in travel:
         axis.plot(*factor * points.T, **TRAVEL_STYLE)
 

@@ -216,11 +216,11 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
     orders = run_up_orders(drive)
     (sprocket_speed,) = need(whole, "sprocket_speed")
 
-    def cuts(values: Array) -> Cuts:
+    def cuts_of(values: Array) -> Cuts:
         return order_cuts(whole.time[part], turns[part], np.nan_to_num(values[part]), orders)
 
     speeds = {p.name: forward(drive, sprocket_speed, s) for s, p in enumerate(drive.sprockets)}
-    first = cuts(next(iter(speeds.values())))
+    first = cuts_of(next(iter(speeds.values())))
     if len(first.speed) < FEWEST_BLOCKS or first.speed.max() < LEAST_RISE * first.speed.min():
         return {}
     hubs = HandedIn(whole, 0.0, float(whole.time[-1])).hubs
@@ -233,7 +233,9 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
             "N", {p.name: np.hypot(*hubs[:, s].T) for s, p in enumerate(drive.sprockets)},
         ),
     }  # fmt: skip
-    return {title: (unit, {name: cuts(values) for name, values in of.items()}) for title, (unit, of) in signals.items()}
+    return {
+        title: (unit, {name: cuts_of(values) for name, values in of.items()}) for title, (unit, of) in signals.items()
+    }
 
 
 def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts]) -> Figure:

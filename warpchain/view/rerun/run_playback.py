@@ -69,7 +69,7 @@ def playback_blueprint(
     roots = [one.label for one in shown]
     scale = f"from blue (0 N) to red ({top:,.0f} N)".replace(",", " ")
 
-    def curves(*groups: str) -> list[rrb.TimeSeriesView]:
+    def curve_views(*groups: str) -> list[rrb.TimeSeriesView]:
         return [
             rrb.TimeSeriesView(
                 name=CURVE_GROUPS[group],
@@ -83,7 +83,7 @@ def playback_blueprint(
     look: dict[str, Any] = {"visual_bounds": _drive_bounds(shown), "background": BACKGROUND_COLOR}
     titles = {root: f"{root}: link tension {scale}" for root in roots}
     drives = [rrb.Spatial2DView(origin=entity_path(root, "drive"), name=titles[root], **look) for root in roots]
-    beside = rrb.Vertical(*curves("tension", "contact", "displacement"))
+    beside = rrb.Vertical(*curve_views("tension", "contact", "displacement"))
     tabs: list[rrb.Container | rrb.View] = []
     if len(roots) == 1:
         tabs.append(rrb.Horizontal(drives[0], beside, column_shares=[2, 3], name="drive"))
@@ -103,18 +103,18 @@ def playback_blueprint(
         )
         tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
     pictures = [chart.chart_view(title) for chart, title in zip(images, titles.values(), strict=True)]
-    tabs.append(rrb.Vertical(*pictures, *curves("strand tension"), name="tension along the chain"))
+    tabs.append(rrb.Vertical(*pictures, *curve_views("strand tension"), name="tension along the chain"))
     rubs = ("friction",) if any(one.trajectory.joint_friction_power is not None for one in shown) else ()
-    tabs.append(rrb.Vertical(*curves("contact", "moment", *rubs), name="contact forces"))
-    tabs.append(rrb.Vertical(*curves("ratio", "error", "speed"), name="speed ratio and transmission error"))
+    tabs.append(rrb.Vertical(*curve_views("contact", "moment", *rubs), name="contact forces"))
+    tabs.append(rrb.Vertical(*curve_views("ratio", "error", "speed"), name="speed ratio and transmission error"))
     if any(one.trajectory.arm_angle is not None or one.trajectory.tensioner_force is not None for one in shown):
         there = {signal[3] for one in shown for signal in part_signals(one.trajectory.drive)}
         groups = [group for group in ("arm", "push", "extension", "pressure") if group in there]
-        tabs.append(rrb.Vertical(*curves(*groups), name="arms and tensioners"))
+        tabs.append(rrb.Vertical(*curve_views(*groups), name="arms and tensioners"))
     if any(one.trajectory.coupling_torque is not None for one in shown):
-        tabs.append(rrb.Vertical(*curves("coupling", "twist"), name="couplings"))
+        tabs.append(rrb.Vertical(*curve_views("coupling", "twist"), name="couplings"))
     if any(one.trajectory.valve_torque is not None for one in shown):
-        tabs.append(rrb.Vertical(*curves("valves"), name="valves"))
+        tabs.append(rrb.Vertical(*curve_views("valves"), name="valves"))
     if spectra:
         views = [chart.chart_view(f"spectrum of {chart.path[-1]}") for chart in spectra]
         tabs.append(rrb.Vertical(*views, name="spectrum"))
