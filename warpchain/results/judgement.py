@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from warpchain.drive.batch import Stack
+from warpchain.drive.batch_math import largest
 from warpchain.drive.schema import Part, Value
+from warpchain.results.formulas import each_of
 from warpchain.results.statuses import DIVERGED, OK, SUSPECT, common_reasons, reason_words
 
 if TYPE_CHECKING:
@@ -79,6 +83,8 @@ class Limits(Part):
         return "-"  # also in %
 
 
+Each = Callable[..., NDArray[np.float64]]
+"""Gives (V,) a number of each drive, of a function of a drive or a stack and of what else there is (`each_of`)."""
 Given = tuple[NDArray[Any], NDArray[np.bool_]]
 """Values of a column (V,), and where it is null."""
 
@@ -96,8 +102,8 @@ class Rule:
         of: whose column it is: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
         least: whether the limit is a lower one.
         size: what of a value an upper limit is for.
-        over: what a column is taken over, from drives, columns (V,) and what stands before its name, NaN where there is
-            nothing; left out for 1.
+        over: what a column is taken over, from what gives numbers of the drives, columns (V,) and what stands before
+            its name, NaN where there is nothing; left out for 1.
         after_start: whether it is for windows after a start, so that drives with `run.start` are not judged by it.
         order: power of the step that the column goes by, 0 where reasons name no step.
     """
@@ -110,7 +116,7 @@ class Rule:
     of: str = ""
     least: bool = False
     size: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.abs
-    over: Callable[[Sequence[Drive], Mapping[str, Given], str], NDArray[np.float64]] | None = None
+    over: Callable[[Each, Mapping[str, Given], str], NDArray[np.float64]] | None = None
     after_start: bool = False
     order: int = 0
 
@@ -127,49 +133,53 @@ class Rule:
         return f"{self.of}.{self.column}" if self.of else self.column
 
 
-def _chains(drives: Sequence[Drive], of: str) -> list[Chain | None]:
-    """The chain of each drive that a column's prefix is of; None of drives that have no such."""
+def _of_chain(each: Each, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
+    """(V,) a number of each drive's chain that a column's prefix is of; NaN where there is none."""
     name = of.partition(".")[0]
-    return [
-        next((chain for chain in drive.chains if chain.name == name), None) if drive.chains else drive.chain
-        for drive in drives
-    ]
+
+    def of_drive(drive: Drive) -> Any:
+        chains = [chain for chain in drive.chains if chain.name == name] if drive.chains else [drive.chain]
+        found = value(chains[0]) if chains else None
+        return np.nan if found is None else found
+
+    return each(of_drive)
 
 
-def breaking_load(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
+def breaking_load(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """Breaking load of each drive's chain [N], NaN where it names no size."""
-    loads = [None if chain is None else chain.breaking_load for chain in _chains(drives, of)]
-    return np.array(loads, dtype=float)
+    return _of_chain(each, of, lambda chain: chain.breaking_load)
 
 
 LEAST_STRETCH = 1e-9
 """Of a link [m]: a force that stretches it by less is none, as in settling (`kernels/integrate.py`)."""
 
 
-def least_force(drives: Sequence[Drive], of: str) -> NDArray[np.float64]:
+def least_force(each: Each, of: str) -> NDArray[np.float64]:
     """Least that counts as a force of a link [N], NaN where a drive has no such chain."""
-    return LEAST_STRETCH * np.array([np.nan if chain is None else chain.stiffness for chain in _chains(drives, of)])
+    return LEAST_STRETCH * _of_chain(each, of, lambda chain: chain.stiffness)
 
 
-def largest_pull(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
+def largest_pull(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """Largest link tension of the window [N], at least what counts."""
     chain, several, _ = of.rpartition(".")
-    name = f"{chain}.tension_max" if several else "tension_max"
-    return np.maximum(columns[name][0], least_force(drives, of)) if name in columns else np.full(len(drives), np.nan)
+    least, name = least_force(each, of), f"{chain}.tension_max" if several else "tension_max"
+    return np.maximum(columns[name][0], least) if name in columns else np.full_like(least, np.nan)
 
 
-def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
+def largest_tension(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """Largest link force of the window [N], pulling or pushing, at least what counts; NaN where there is none."""
     names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
-    ends = [np.abs(columns[name][0]) for name in names if name in columns]
-    largest = np.max(ends, axis=0) if ends else np.zeros(len(drives))
-    return np.where(largest > 0.0, np.maximum(largest, least_force(drives, of)), np.nan)
+    ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_force(each, of)
+    largest = np.max(ends, axis=0) if ends else np.zeros_like(least)
+    return np.where(largest > 0.0, np.maximum(largest, least), np.nan)
 
 
-def changes_within(drive: Drive, begin: float, end: float) -> bool:
+def changes_within(drive: Drive, begin: Any, end: Any) -> Any:
     """Whether a table over time changes a motion, load, motor, ratio, clutch, oil supply or place between two times
-    [s]."""
-    return any(not _even(over, values, begin, end) for over, values in _tables(drive))
+    [s], which are numbers or (V,) those of a stack's variants.
+    """
+    changes = [_changes(*table, begin, end) for table in _tables(drive)]
+    return np.any(changes, axis=0) if changes else False
 
 
 def _tables(drive: Drive) -> Iterator[tuple[Any, Any]]:
@@ -190,35 +200,35 @@ def _of(part: Any, name: str) -> Any:
     return getattr(part, name, None)
 
 
-def _even(over: Any, values: Any, begin: float, end: float) -> bool:
-    """Whether a quantity over time, as at its ends beyond them, is the same from `begin` to `end`."""
+def _changes(over: Any, values: Any, begin: Any, end: Any) -> Any:
+    """Whether a quantity over time, as at its ends beyond them, changes from `begin` to `end`."""
     time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
+    changes = np.append(0, np.cumsum(value[1:] != value[:-1]))
     first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
-    return bool(np.ptp(value[max(int(first), 0) : min(int(last), len(value) - 1) + 1]) == 0.0)
+    return changes[np.maximum(first, 0)] != changes[np.minimum(last, len(value) - 1)]
 
 
-def tension_after_ramp(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
+def _ramp_time(drive: Drive) -> Any:
+    """Time of the longest ramp of a motion [s], 0 of none."""
+    motions = [*(of.prescribed for of in drive.sprockets), *(of.prescribed for of in drive.shafts)]
+    return largest(0.0, *(motion.ramp_time for motion in motions if motion))
+
+
+def tension_after_ramp(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """Mean tension of the window of a chain [N], at least what counts; NaN where there is none, where no ramp is
     over before it begins, or where a table over time changes what the drive does within it.
     """
-    name = f"{of}.tension_mean" if of else "tension_mean"
+    ramps, name = each(_ramp_time), f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
-        return np.full(len(drives), np.nan)
-    motions = (
-        [sprocket.prescribed for sprocket in drive.sprockets] + [shaft.prescribed for shaft in drive.shafts]
-        for drive in drives
-    )
-    ramps = np.array([max((motion.ramp_time for motion in each if motion), default=0.0) for each in motions])
+        return np.full_like(ramps, np.nan)
     mean, begin, end = columns[name][0], columns["window_start"][0], columns["window_end"][0]
-    ramped = (ramps > 0.0) & (begin >= ramps)
-    for v, drive in enumerate(drives):
-        ramped[v] = ramped[v] and not changes_within(drive, float(begin[v]), float(end[v]))
-    return np.where(ramped, np.maximum(np.abs(mean), least_force(drives, of)), np.nan)
+    ramped = (ramps > 0.0) & (begin >= ramps) & (each(changes_within, begin, end) == 0.0)
+    return np.where(ramped, np.maximum(np.abs(mean), least_force(each, of)), np.nan)
 
 
-def ones_of_starts(drives: Sequence[Drive], columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
+def ones_of_starts(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
     """1 where the window is one of a start, of which each extreme is a single event, NaN elsewhere."""
-    change, null = columns.get("energy_change_relative", (np.zeros(len(drives)), False))
+    change, null = columns.get("energy_change_relative", (np.zeros_like(columns["diverged_time"][0]), False))
     return np.where((np.abs(change) > STARTS) & ~np.asarray(null), 1.0, np.nan)
 
 
@@ -373,6 +383,7 @@ def judge(
     limits: Limits | None = None,
     layouts: Sequence[Sequence[str]] | None = None,
     causes: Sequence[str] | None = None,
+    stacks: Sequence[Stack] | None = None,
 ) -> Judgement:
     """Judges V variants by their metrics.
 
@@ -384,6 +395,7 @@ def judge(
         limits: None takes the defaults.
         layouts: (V,) what is wrong with each drive's layout (`assembly.layout.findings`); None judges none.
         causes: (V,) which of `CAUSES` made it diverge, "" where it did not; None takes the step for it.
+        stacks: the drives sorted into kinds, where they are.
     """
     limits = limits or Limits()
     found: dict[int, list[str]] = {}
@@ -401,7 +413,7 @@ def judge(
     for v, name in _not_finite(drives, columns).items():
         if not diverged[v]:
             found.setdefault(v, []).append(f"{name} is not finite: {CAUSES[TORN]}, or less load")
-    for v, reasons in _beyond(drives, columns, limits).items():
+    for v, reasons in _beyond(drives, stacks, columns, limits).items():
         if not diverged[v]:
             found.setdefault(v, []).extend(reasons)
     status, reason = [OK] * len(drives), [""] * len(drives)
@@ -411,11 +423,14 @@ def judge(
     return Judgement(status, reason)
 
 
-def _beyond(drives: Sequence[Drive], columns: Mapping[str, Given], limits: Limits) -> dict[int, list[str]]:
+def _beyond(
+    drives: Sequence[Drive], stacks: Sequence[Stack] | None, columns: Mapping[str, Given], limits: Limits
+) -> dict[int, list[str]]:
     """Reasons of each variant, by its number: rule by rule, and in the order of its drive's own columns."""
     found: dict[int, list[tuple[int, str, str]]] = {}
     chains = {chain.name for drive in drives for chain in drive.chains}
-    starts = np.array([drive.run.start for drive in drives])
+    each = partial(each_of, drives, stacks)
+    starts = each(lambda drive: drive.run.start) != 0.0
     for r, rule in enumerate(RULES):
         limit = float(getattr(limits, rule.key))
         if limit == (0.0 if rule.least else np.inf):
@@ -427,7 +442,7 @@ def _beyond(drives: Sequence[Drive], columns: Mapping[str, Given], limits: Limit
             mine = _has_rule(drives, of, rule, chains) & ~(rule.after_start & starts)
             if not mine.any():
                 continue
-            scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns, of)
+            scale = np.ones(len(drives)) if rule.over is None else rule.over(each, columns, of)
             values, null = columns[name]
             shares = values / scale
             within = shares >= limit if rule.least else rule.size(shares) <= limit

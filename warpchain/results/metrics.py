@@ -136,7 +136,7 @@ def joined(ends: Sequence[Ended], numbers: Sequence[NDArray[np.int64]]) -> Ended
     """Variants of several groups as all of a run, without what only the metrics of each group are formed of.
 
     Args:
-        ends: groups of which `layouts` and `causes` are known.
+        ends: groups of which `layouts`, `causes` and `stacks` are known.
         numbers: what the variants of each are called in the run.
     """
     order = np.argsort(np.concatenate(numbers))
@@ -153,6 +153,11 @@ def joined(ends: Sequence[Ended], numbers: Sequence[NDArray[np.int64]]) -> Ended
         np.concatenate([ended.settled for ended in ends])[order],
         layouts=in_order([ended.layouts or () for ended in ends]),
         causes=in_order([ended.causes or () for ended in ends]),
+        stacks=[
+            Stack(mine[stack.members], stack.drive)
+            for ended, mine in zip(ends, numbers, strict=True)
+            for stack in ended.stacks or ()
+        ],
     )
 
 
@@ -365,7 +370,7 @@ def metrics_table(ended: Ended, blocks: Blocks, limits: Limits | None = None) ->
                 numbers, missing = columns[name]
                 numbers[variants[having]] = values.data[having]
                 missing[variants[having]] = False
-    judged = judge(ended.drives, columns, ended.measured, limits, ended.layouts, ended.causes)
+    judged = judge(ended.drives, columns, ended.measured, limits, ended.layouts, ended.causes, ended.stacks)
     words = {"status": (judged.status, None), "reason": (judged.reason, None)}
     return _table({name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)})
 
