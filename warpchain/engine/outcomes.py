@@ -18,6 +18,7 @@ from warpchain.engine.arrays import KINDS, TABLE, Engine, starts
 from warpchain.engine.packed import Packed, coordinates, spread
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
+from warpchain.results.formulas import Fields
 
 Rows = Mapping[str, NDArray[Any]]
 
@@ -132,14 +133,16 @@ def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
         notes: (..., notes), a struct of sums as they were at the batches' ends.
         totals: (...) the sums at the window's end.
     """
-    found = {}
-    for name in notes.dtype.names or ():
-        if name in (totals.dtype.names or ()):
-            noted, total = notes[name], totals[name]
-            axis = totals.ndim
-            whole = np.concatenate([np.zeros_like(noted).take([0], axis), noted, np.expand_dims(total, axis)], axis)
-            found[name] = np.diff(whole, axis=axis)
-    return found
+
+    def batches(name: str) -> NDArray[Any]:
+        noted, total = np.moveaxis(notes[name], totals.ndim, 0), totals[name]
+        found = np.empty((*totals.shape, len(noted) + 1, *total.shape[totals.ndim :]), dtype=total.dtype)
+        each = np.moveaxis(found, totals.ndim, 0)
+        each[0], each[-1] = noted[0], total - noted[-1]
+        np.subtract(noted[1:], noted[:-1], out=each[1:-1])
+        return found
+
+    return Fields(batches)
 
 
 def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> NDArray[np.float64]:

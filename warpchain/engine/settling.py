@@ -156,8 +156,9 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
     """Moves rollers, arms and boxes of a stack's variants to where they have settled."""
     drive, rows = stack.drive, packed.drives[stack.members]
     links = drive.chain.links
-    xy = spread(STATE_ROWS * rows["first_roller"].astype(np.int64), 2 * links)
-    packed.rollers[xy] = moved[xy]
+    first = STATE_ROWS * rows["first_roller"].astype(np.int64)
+    here = taken(moved, first, 2 * links)
+    store(packed.rollers, first, here)
     arms = spread(rows["first_body"] + drive.first_arm_body, len(drive.arms))
     packed.bodies["angle"][arms] = bodies["angle"][arms]
     packed.bodies["center"][arms] = bodies["center"][arms]
@@ -167,7 +168,7 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
     for places, assembly in packed.assemblies.among(stack.members):
         margin = escape(picked(drive, places), assembly)[..., None]
         box = rows[places]
-        widen_box(box, moved[xy[places]].reshape(-1, 2, links), margin)
+        widen_box(box, here[places].reshape(-1, 2, links), margin)
         for name in ("low", "high"):
             packed.drives[name][stack.members[places]] = box[name]
 

@@ -55,8 +55,8 @@ SLOW = 7.5
 """Periods in the window of a sine that may be a start, a swing or chance, and that bends the parabola of (a)."""
 DETERMINATE = 0.2
 """Share of the lowest ordinates that chance seldom leaves beside a sine."""
-FEW = 8
-"""Sines that are worked on at once, so that it stays in the processor's caches."""
+SINES = 37
+"""Sines of which it is tried how much they explain."""
 
 LEAST_TURNS = 3.95
 """Turns of the chain in a window whose means have an error, a little fewer than the 4 that are asked, as speeds vary.
@@ -147,39 +147,50 @@ def correlation(values: Array) -> Array:
 
 def standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
     """(a), of means of batches along the last axis, which stand for `weights`; nan where it is unknown."""
-    weights = np.broadcast_to(weights, means.shape)
-    mean = (weights * means).sum(axis=-1, keepdims=True) / weights.sum(axis=-1, keepdims=True)
-    apart = (means - mean) * weights / weights.mean(axis=-1, keepdims=True)
-    found = np.fft.rfft(apart, axis=-1)[..., 1 : LOWEST + 1] / means.shape[-1]
+    weights, count = np.broadcast_to(weights, means.shape), means.shape[-1]
+    total = weights.sum(axis=-1, keepdims=True)
+    apart = means - (weights * means).sum(axis=-1, keepdims=True) / total
+    apart *= weights
+    apart /= total / count
+    found = np.fft.rfft(apart, axis=-1)[..., 1 : LOWEST + 1] / count
     ordinates = np.abs(found) ** 2
     usual = ordinates.mean(axis=-1)
     shares = np.maximum(ordinates / np.where(usual > 0.0, usual, 1.0)[..., None], LEAST_SHARE)
     logarithms = np.log(shares) - LOG_BIAS
     least = 2.0 * np.log(LEAST) + logarithms.mean(axis=-1)
     error = np.sqrt(usual * np.exp(np.maximum((logarithms * _extrapolation()).sum(axis=-1), least))) / MEDIAN
-    explained = _explained(np.concatenate([found.real, found.imag], axis=-1), _sines(means.shape[-1]))
-    return np.asarray(np.where(explained > (1.0 - DETERMINATE) * ordinates.sum(axis=-1), np.nan, error))
+    explained = _explained(found / np.sqrt(np.where(usual > 0.0, usual, 1.0))[..., None], count)
+    return np.asarray(np.where(explained > (1.0 - DETERMINATE) * LOWEST, np.nan, error))
 
 
-def _explained(parts: Array, sines: Array) -> Array:
-    """Most of the ordinates, of which the last axis has real and imaginary parts, that one sine explains."""
-    most, each = np.zeros(parts.shape[:-1]), np.moveaxis(parts, -1, 0).copy()
-    for some in np.split(sines, range(FEW, len(sines), FEW)):
-        along = np.zeros((len(some), 2, *most.shape))
-        term = np.empty_like(along)
-        for k, part in enumerate(each):  # which, unlike a product of matrices, goes row by row
-            along += np.multiply.outer(some[:, :, k], part, out=term)
-        along *= along
-        most = np.maximum(most, (along[:, 0] + along[:, 1]).max(axis=0))
-    return most
+def _explained(found: NDArray[np.complex128], count: int) -> NDArray[np.float32]:
+    """Most that one sine explains of the lowest ordinates of `count` batches, whose mean is 1; to be held to a limit.
+
+    About the window's middle a cosine has real coefficients, and a sine imaginary ones.
+    """
+    middle = found * np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST + 1))
+    cosines, sines = (np.moveaxis(part, -1, 0).astype(np.float32) for part in (middle.real, middle.imag))
+    along = np.zeros((2, SINES, *found.shape[:-1]), dtype=np.float32)
+    term = np.empty_like(along[0])
+    for j, (cosine, sine) in enumerate(_sines(count)):  # which, unlike a product of matrices, goes row by row
+        along[0] += np.multiply.outer(cosine, cosines[j], out=term)
+        along[1] += np.multiply.outer(sine, sines[j], out=term)
+    along *= along
+    along[0] += along[1]
+    return np.asarray(along[0].max(axis=0))
 
 
 @cache
-def _sines(count: int) -> Array:
-    """(frequencies, 2, 2 `LOWEST`) what sines of up to `SLOW` periods span of the lowest ordinates, orthonormal."""
-    angle = 2.0 * np.pi * np.arange(0.3, SLOW + 0.1, 0.2)[:, None] * (np.arange(count) + 0.5) / count
-    found = np.fft.rfft(np.stack([np.cos(angle), np.sin(angle)], axis=-1), axis=1)[:, 1 : LOWEST + 1]
-    return np.asarray(np.linalg.qr(np.concatenate([found.real, found.imag], axis=1))[0].swapaxes(1, 2))
+def _sines(count: int) -> NDArray[np.float32]:
+    """(`LOWEST`, 2, `SINES`) ordinates of cosines and sines about the window's middle, of up to `SLOW` periods and unit
+    length.
+    """
+    angle = 2.0 * np.pi * np.linspace(0.3, SLOW, SINES)[:, None] * ((np.arange(count) + 0.5) / count - 0.5)
+    found = np.fft.rfft(np.stack([np.cos(angle), np.sin(angle)], axis=1))[..., 1 : LOWEST + 1]
+    found *= np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST + 1))
+    parts = np.stack([found[:, 0].real, found[:, 1].imag], axis=1)
+    parts /= np.linalg.norm(parts, axis=-1, keepdims=True)
+    return parts.T.astype(np.float32)
 
 
 @cache

@@ -37,6 +37,18 @@ Values = Any
 """A number, or an array of one number a variant (V,)."""
 
 
+class Fields(dict[str, Any]):
+    """Arrays by name, each worked out by `value` when it is first asked for."""
+
+    def __init__(self, value: Callable[[str], Any]) -> None:
+        super().__init__()
+        self._value = value
+
+    def __missing__(self, name: str) -> Any:
+        self[name] = found = self._value(name)
+        return found
+
+
 def where(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
     """Values where they are given, masked elsewhere."""
     return np.ma.MaskedArray(values, mask=np.logical_not(given))
@@ -87,7 +99,7 @@ class Summed:
     Attributes:
         sums: rows of the group's sums.
         weight: what means divide by: samples, or the window's length [s].
-        batches: the same batch by batch along a last axis, where sums are noted so.
+        batches: the same batch by batch along a last axis, where sums are noted so; weights are nan where nothing is.
         tension: link tensions in each bin (V, bins), and the bins' edges (V, bins + 1) [N], of what has tensions.
     """
 
@@ -165,18 +177,12 @@ def tension_share_below(value: float) -> Callable[[Summed], Values]:
     return share
 
 
-def batch_means(of: Summed, mean: Callable[[Summed], Values]) -> Values:
-    """A mean batch by batch along a last axis, (V, batches); `mean` forms it from sums."""
-    assert of.batches is not None
-    return np.where(np.asarray(of.batches.weight) > 0, mean(of.batches), np.nan)
-
-
 def error_of(mean: Callable[[Summed], Values]) -> Callable[[Summed], Values]:
     """The standard error of a mean (`results.batch_means`)."""
 
     def value(of: Summed) -> Values:
         assert of.batches is not None
-        error = standard_error(batch_means(of, mean), of.batches.weight)
+        error = standard_error(mean(of.batches), of.batches.weight)
         return where(np.isfinite(error), error)
 
     return value

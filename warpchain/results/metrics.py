@@ -19,7 +19,7 @@ from warpchain.drive.batch import LARGEST, Stack, picked
 from warpchain.drive.trains import is_free
 from warpchain.results.arrow_tables import unit_table
 from warpchain.results.batch_means import LEAST_TURNS
-from warpchain.results.formulas import STEP, Balance, Drifts, Judged, Summed, each_of, where
+from warpchain.results.formulas import STEP, Balance, Drifts, Fields, Judged, Summed, each_of, where
 from warpchain.results.judgement import Limits, judge
 from warpchain.results.metric_columns import (
     BALANCE,
@@ -194,14 +194,16 @@ def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
 def _batches(
     sums: Mapping[str, Any], group: Group, index: int, links: NDArray[np.integer], long: NDArray[np.bool_]
 ) -> Summed | None:
-    """The sums of a group's thing batch by batch, nan where the window is short; None where they are not noted so."""
+    """The sums of a group's thing batch by batch, of no weight (nan) where the window is short or there is nothing of
+    it; None where they are not noted so.
+    """
     noted, durations = sums["batches"]
-    durations = np.where(long[:, None], durations, np.nan)
     if group.source not in noted:
         return None
     rows = noted[group.source]
-    mine = rows if group.of == "chain" else {name: values[:, index] for name, values in rows.items()}
-    return Summed(mine, np.where(np.isfinite(durations), group.weight(mine, durations, links[:, None]), np.nan))
+    mine = rows if group.of == "chain" else Fields(lambda name: rows[name][:, index])
+    weight = group.weight(mine, durations, links[:, None])
+    return Summed(mine, np.where(long[:, None] & np.isfinite(durations) & (weight > 0), weight, np.nan))
 
 
 def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
