@@ -48,7 +48,7 @@ _FREE = {WornLink}
 _APART = {"seating", "perturbation", "temperature", "expansion"}
 """Settings that a stack's variants may have of their own, as they are in other numbers already."""
 
-LARGEST = 1024
+LARGEST = 4096
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
 
 
