@@ -94,7 +94,7 @@ def test_the_source_archive_has_no_tests(wheels, tree):
 @pytest.mark.long
 def test_kernels_import_from_an_unpacked_wheel(wheels, tmp_path):
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import warpchain.kernels.cpu.serial as s, warpchain.cli as c; "
+        "import sys; sys.path.insert(0, sys.argv[1]); import warpchain.kernels.cpu.advance as s, warpchain.cli as c; "
         "assert s.__file__.startswith(sys.argv[1]), s.__file__; sys.exit(c.main(['check', 'marine']))"
     )
     for n, wheel in enumerate(wheels):

@@ -114,7 +114,7 @@ def partners(Real: type) -> SimpleNamespace:
 
 
 @cache
-def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
+def nearness(Real: type, capacity: int) -> SimpleNamespace:
     """The functions that find which rollers are near a partner, for rows of `capacity` values of type `Real`."""
     kinds, partner_types = types(Real), partners(Real)
     State, Memory = kinds.State, kinds.Memory
@@ -158,7 +158,7 @@ def nearness(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             seats.find_engaged(w, first, end, partner.sprocket, partner.pose)
         elif partner.guide.pieces == 0:
             face.find_over_bar(w, first, end, partner.guide)
-        elif wp.static(not plain):
+        else:
             face.find_over_profile(w, first, end, partner.guide, partner.pose)
 
     @wp.func
@@ -232,11 +232,11 @@ def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
 
 
 @cache
-def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
+def contact_pairs(Real: type, capacity: int) -> SimpleNamespace:
     """The function that evaluates all contacts of one variant, for rows of `capacity` values of type `Real`."""
     kinds, of = types(Real), partners(Real)
     Ensemble, State, Memory, Chain = kinds.Ensemble, kinds.State, kinds.Memory, kinds.Chain
-    Partner, near_group = of.Partner, nearness(Real, capacity, plain).near_group
+    Partner, near_group = of.Partner, nearness(Real, capacity).near_group
     seats, teeth, face = seat_passes(Real, capacity), teeth_passes(Real, capacity), guide_passes(Real, capacity)
     contact = contact_rows(Real, capacity)
     force, sums = contact_forces(Real, capacity), contact_sums(Real, capacity)
@@ -268,7 +268,7 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         group = near_group(w, first, end, n, partner, memory)
         if partner.guide.pieces == 0:
             face.touch_bar(w, group, partner.guide, partner.pose, memory)
-        elif wp.static(not plain):
+        else:
             face.touch_profile(w, group, partner.guide, partner.pose, ensemble.pieces, memory)
         return group
 
@@ -301,8 +301,6 @@ def contact_pairs(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         Returns 1 if contacts keep something else from now on. Totals stand in memory: handed on by value, they would be
         copied where ways join.
         """
-        if wp.static(plain):
-            law.most_damping = Real(0.0)  # so that the compiler knows
         measured = memory.wanted.measures != 0
         changed = int(0)
         began = int(1)

@@ -76,9 +76,9 @@ def now_at(drive: Drive, step: int):
 
 
 @cache
-def measuring_trains(Real: type, plain: bool) -> SimpleNamespace:
+def measuring_trains(Real: type) -> SimpleNamespace:
     """The functions that add shafts, couplings, gears and valves of one variant to the sums of the window."""
-    kinds, bodies = types(Real), moving(Real, plain)
+    kinds, bodies = types(Real), moving(Real)
     Ensemble, State, body_now = kinds.Ensemble, kinds.State, bodies.body_now
 
     @wp.func
@@ -147,12 +147,12 @@ def measuring_trains(Real: type, plain: bool) -> SimpleNamespace:
 
 
 @cache
-def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
+def measuring(Real: type, capacity: int) -> SimpleNamespace:
     """The functions that add evaluated steps of one variant to the sums of the window."""
-    kinds, sums_of, bodies = types(Real), chain_sums(Real, capacity), moving(Real, plain)
+    kinds, sums_of, bodies = types(Real), chain_sums(Real, capacity), moving(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     add_friction, body_now = joint_passes(Real, capacity).add_friction, bodies.body_now
-    add_trains = measuring_trains(Real, plain).add_trains
+    add_trains = measuring_trains(Real).add_trains
 
     @wp.func(inline=False)
     def mechanical_energy(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], now: Now):
@@ -166,28 +166,25 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             mount = ensemble.mounts[b]
             energy = body_energy(off_home(body.center, mount), body, heading, ensemble.motions[b], mount)
             arm = arm_of(drive, b)
-            if wp.static(not plain):
-                if arm >= 0:
-                    of, turned = ensemble.arms[arm], body
-                    on = carrier_of(drive, of.on)
-                    if on >= 0:
-                        carrier = body_now(ensemble, state, on, now.time, now.lag)
-                        turned = against(body, carrier)
-                        energy += joint_energy(body, carrier, of)
-                    energy = arm_energy(energy, turned, heading, of)
+            if arm >= 0:
+                of, turned = ensemble.arms[arm], body
+                on = carrier_of(drive, of.on)
+                if on >= 0:
+                    carrier = body_now(ensemble, state, on, now.time, now.lag)
+                    turned = against(body, carrier)
+                    energy += joint_energy(body, carrier, of)
+                energy = arm_energy(energy, turned, heading, of)
             if arm < 0 and (drive.tied != 0 or drive.rings != 1):
                 energy = own_energy(energy, body.speed, ensemble.motions[b])
-            if wp.static(not plain):
-                if drive.valves > 0:
-                    energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])
+            if drive.valves > 0:
+                energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])
             total += energy
-        if wp.static(not plain):
-            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-                push = state.pushes[t]
-                total += tensioner_energy(push.extension, push.pressure, state.tensioners[t], ensemble.tensioners[t])
-            for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-                twist, moment = bodies.coupled(ensemble, state, drive, c)
-                total += coupling_energy(twist, ensemble.couplings[c])
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            push = state.pushes[t]
+            total += tensioner_energy(push.extension, push.pressure, state.tensioners[t], ensemble.tensioners[t])
+        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+            twist, moment = bodies.coupled(ensemble, state, drive, c)
+            total += coupling_energy(twist, ensemble.couplings[c])
         return total
 
     @wp.func
@@ -200,10 +197,9 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         body = body_now(ensemble, state, b, now.time, now.lag)
         wrench = state.wrenches[b]
         load = load_moment_at_speed(now.time, wrench.load, state.bodies[b].speed, body.speed, motion)
-        if wp.static(not plain):
-            if ensemble.hubs[i].bearing > wp.float64(0.0):
-                power = bodies.bearing_power(ensemble, state, drive, s, now.time, now.lag)
-                sums.mount[i] = add_bearing(sums.mount[i], power, now.weight)
+        if ensemble.hubs[i].bearing > wp.float64(0.0):
+            power = bodies.bearing_power(ensemble, state, drive, s, now.time, now.lag)
+            sums.mount[i] = add_bearing(sums.mount[i], power, now.weight)
         if mount.active == 1:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = load + whole.bearing
@@ -303,25 +299,24 @@ def measuring(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         measure_contacts(state, sums, drive, now)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, now)
-        if wp.static(not plain):
-            for a in range(drive.arms):
-                add_arm_body(ensemble, state, sums, drive, a, now)
-            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-                add_push(ensemble, state, sums, drive, t, now)
-            add_trains(ensemble, state, sums, drive, now)
+        for a in range(drive.arms):
+            add_arm_body(ensemble, state, sums, drive, a, now)
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            add_push(ensemble, state, sums, drive, t, now)
+        add_trains(ensemble, state, sums, drive, now)
 
     clear, merge = sums_of.clear, sums_of.merge
     return SimpleNamespace(**locals())
 
 
 @cache
-def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamespace:
+def sampling(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
     """The functions that write frames of one variant, which lie as `frame` says (`frames.frame_writers`)."""
     kinds = types(Real)
     vec2, load_row, row = kinds.vec2, accessors(Real).load_row, rows(capacity)
     acceleration, joint_power = passes(Real, capacity).acceleration, joint_passes(Real, capacity).joint_power
-    body_now, coupled = moving(Real, plain).body_now, moving(Real, plain).coupled_now
-    lifted = moving(Real, plain).lifted
+    body_now, coupled = moving(Real).body_now, moving(Real).coupled_now
+    lifted = moving(Real).lifted
     write = frame_writers(Real, frame)
 
     @wp.func
@@ -342,12 +337,12 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
         drive: Drive,
         w: wp.array[Real],
         frames: wp.array[Real],
-        first: wp.int64,
+        number: int,
         now: Now,
     ):
-        """Writes the frame that begins at `first`."""
+        """Writes the chain's frame of this number in the launch."""
         n = drive.rollers
-        begin = int(first)
+        begin = int(drive.first_value + wp.int64(number) * wp.int64(write.width_of(drive)))
         lag = Real(now.lag)
         chain = ensemble.chains[variant]
         inverse_mass = chain.inverse_mass
@@ -364,22 +359,20 @@ def sampling(Real: type, capacity: int, frame: Any, plain: bool) -> SimpleNamesp
             b = drive.first_body + s
             body = body_now(ensemble, state, b, now.time, now.lag)
             write.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment, state.wrenches[b].force)
-        if wp.static(not plain):
-            for a in range(drive.arms):
-                b = drive.first_body + drive.bodies - drive.arms + a
-                arm = body_now(ensemble, state, b, now.time, now.lag)
-                write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
-            for t in range(drive.tensioners):
-                write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
-            for h in range(drive.shafts):
-                shaft = body_now(ensemble, state, drive.first_body + drive.sprockets + h, now.time, now.lag)
-                write.write_shaft(frames, begin, drive, h, shaft)
-            for c in range(drive.couplings):
-                twist, rate, moment = coupled(ensemble, state, drive, drive.first_coupling + c, now.time, now.lag)
-                write.write_coupling(frames, begin, drive, c, twist, moment)
-            for v in range(drive.valves):
-                torque, force = lifted(ensemble, state, drive, drive.first_valve + v, now.time, now.lag)
-                write.write_valve(frames, begin, drive, v, torque, force)
+        for a in range(drive.arms):
+            b = drive.first_body + drive.bodies - drive.arms + a
+            arm = body_now(ensemble, state, b, now.time, now.lag)
+            write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
+        for t in range(drive.tensioners):
+            write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
+        for h in range(drive.shafts):
+            shaft = body_now(ensemble, state, drive.first_body + drive.sprockets + h, now.time, now.lag)
+            write.write_shaft(frames, begin, drive, h, shaft)
+        for c in range(drive.couplings):
+            twist, rate, moment = coupled(ensemble, state, drive, drive.first_coupling + c, now.time, now.lag)
+            write.write_coupling(frames, begin, drive, c, twist, moment)
+        for v in range(drive.valves):
+            torque, force = lifted(ensemble, state, drive, drive.first_valve + v, now.time, now.lag)
+            write.write_valve(frames, begin, drive, v, torque, force)
 
-    width = write.width_of
     return SimpleNamespace(**locals())

@@ -16,14 +16,14 @@ from .steps import evaluating, moving
 
 
 @cache
-def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
-    """The kernel that settles variants, for up to `capacity` - 1 rollers; `plain` as in `serial.advance_kernel`."""
+def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
+    """The kernel that settles variants, for up to `capacity` - 1 rollers."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     part, row, neighbors = passes(Real, capacity), rows(capacity), neighbor_list(Real, capacity)
-    forces, near = evaluating(Real, capacity, plain), nearness(Real, capacity, plain)
+    forces, near = evaluating(Real, capacity), nearness(Real, capacity)
     load_row = accessors(Real).load_row
-    rates_of, carry = moving(Real, plain).rates_of, moving(Real, plain).carry
+    rates_of, carry = moving(Real).rates_of, moving(Real).carry
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
@@ -87,7 +87,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     def settle(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], variant: int, w: wp.array[Real], steps: int
     ):
-        """One variant: up to `steps` steps of relaxation; a function, for what `serial.march` is one."""
+        """One variant: up to `steps` steps of relaxation; a function, as `advance.march` is."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         chain.joint.inertia = Real(0.0)  # no friction while settling
@@ -104,21 +104,19 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
             if s.steps % ENERGY_EVERY == 0:
                 beside = wp.float64(0.0)
                 energy = kinetic_energy(w, n, chain.mass)
-                if wp.static(not plain):
-                    beside = arms_acceleration(ensemble, state, drive, chain)
-                    energy = energy + arms_energy(ensemble, state, drive)
+                beside = arms_acceleration(ensemble, state, drive, chain)
+                energy = energy + arms_energy(ensemble, state, drive)
                 s, restart = judged(s, energy, residual(w, n, chain, beside))
                 if restart == 1:
                     part.clear(w, row.vx, row.vy, n)
             if s.settled == 0:
-                if wp.static(not plain):
-                    turn_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)
+                turn_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)
                 part.kick_drift(w, n, chain, Real(relaxation_kick(s, restart)), Real(s.step))
                 s.steps = s.steps + 1
         settling[variant] = s
         part.put_back(state, w, drive.first_roller, n)
 
-    @wp.kernel(enable_backward=False, module=own_module(__file__, "relax", Real, capacity, plain))
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "relax", Real, capacity))
     def relax(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], w: wp.array[Real], first: int, steps: int
     ):

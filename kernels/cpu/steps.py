@@ -100,7 +100,7 @@ def hanging(Real: type) -> SimpleNamespace:
 
 
 @cache
-def loading(Real: type, plain: bool) -> SimpleNamespace:
+def loading(Real: type) -> SimpleNamespace:
     """The functions that find the moments on the bodies of one variant of an ensemble."""
     kinds, joints = types(Real), jointed(Real)
     turned, joints_on = joints.turned, joints.joints_on
@@ -110,25 +110,23 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
     def wrench_on(ensemble: Ensemble, state: State, drive: Drive, b: int):
         """The wrench of contacts and tensioners on body `b` of all."""
         wrench = state.wrenches[b]
-        if wp.static(not plain):
-            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-                if drive.first_body + ensemble.tensioners[t].body == b:
-                    wrench = with_reaction(wrench, state.pushes[t].thrust, state.pushes[t].moment)
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            if drive.first_body + ensemble.tensioners[t].body == b:
+                wrench = with_reaction(wrench, state.pushes[t].thrust, state.pushes[t].moment)
         return wrench
 
     @wp.func
     def load_on(ensemble: Ensemble, state: State, drive: Drive, body: BodyState, b: int, time: wp.float64):
         """Moment [N m] of what loads body `b` of all, or of an arm's own spring and weight."""
         load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
-        if wp.static(not plain):
-            arm = arm_of(drive, b)
-            if arm >= 0:
-                load = own_moment(body, heading_of(body), ensemble.arms[arm])
-                if drive.jointed != 0:
-                    a = arm - drive.first_arm
-                    seen = turned(ensemble, state, drive, a, body)
-                    load = own_moment(seen, heading_of(body), ensemble.arms[arm])
-                    load = load + joints_on(ensemble, state, drive, a)
+        arm = arm_of(drive, b)
+        if arm >= 0:
+            load = own_moment(body, heading_of(body), ensemble.arms[arm])
+            if drive.jointed != 0:
+                a = arm - drive.first_arm
+                seen = turned(ensemble, state, drive, a, body)
+                load = own_moment(seen, heading_of(body), ensemble.arms[arm])
+                load = load + joints_on(ensemble, state, drive, a)
         return load
 
     @wp.func
@@ -228,10 +226,10 @@ def loading(Real: type, plain: bool) -> SimpleNamespace:
 
 
 @cache
-def moving(Real: type, plain: bool) -> SimpleNamespace:
+def moving(Real: type) -> SimpleNamespace:
     """The functions that move the bodies of one variant of an ensemble, and observe them."""
     kinds, carry, couple = types(Real), hanging(Real).carry, jointed(Real).couple
-    loads = loading(Real, plain)
+    loads = loading(Real)
     wrench_on, load_on, motor_on, gathered = loads.wrench_on, loads.load_on, loads.motor_on, loads.gathered
     coupled, pass_on, against_valves = loads.coupled, loads.pass_on, loads.against_valves
     Ensemble, State = kinds.Ensemble, kinds.State
@@ -246,31 +244,28 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
         mount = ensemble.mounts[b]
         wrench.load = load_on(ensemble, state, drive, body, b, time)
         state.wrenches[b].load = wrench.load
-        if wp.static(not plain):
-            wrench.load = wrench.load + wrench.bearing
-            if drive.tied != 0 and motion.train >= 0 and motion.apart == 0:
-                wrench.moment = gathered(ensemble, state, drive, b)
-                wrench.load = wp.float64(0.0)
-                if drive.valves > 0:
-                    wrench.moment = against_valves(ensemble, state, drive, b, wrench.moment, time)
+        wrench.load = wrench.load + wrench.bearing
+        if drive.tied != 0 and motion.train >= 0 and motion.apart == 0:
+            wrench.moment = gathered(ensemble, state, drive, b)
+            wrench.load = wp.float64(0.0)
+            if drive.valves > 0:
+                wrench.moment = against_valves(ensemble, state, drive, b, wrench.moment, time)
         off = off_home(body.center, mount)
         return body_rates(time, off, body, heading, wrench, motion, mount, ensemble)
 
     @wp.func
     def find_rates(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
         """Accelerations of all bodies at a stage and its `time`, for whatever moves or observes them."""
-        if wp.static(not plain):
-            if drive.tied != 0:
-                pass_on(ensemble, state, drive, stage, time)
+        if drive.tied != 0:
+            pass_on(ensemble, state, drive, stage, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.rates[b] = rates_of(ensemble, state, drive, b, time)
-        if wp.static(not plain):
-            if drive.jointed != 0:
-                lag = wp.float64(0.0)
-                if drive.integrator == 0 and time > lag:
-                    lag = wp.float64(0.5) * drive.step
-                for a in range(drive.arms):
-                    couple(ensemble, state, drive, a, lag)
+        if drive.jointed != 0:
+            lag = wp.float64(0.0)
+            if drive.integrator == 0 and time > lag:
+                lag = wp.float64(0.5) * drive.step
+            for a in range(drive.arms):
+                couple(ensemble, state, drive, a, lag)
 
     @wp.func
     def bearing_power(ensemble: Ensemble, state: State, drive: Drive, s: int, time: wp.float64, lag: wp.float64):
@@ -306,28 +301,24 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
     @wp.func
     def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
         """All bodies a step after `time`."""
-        if wp.static(not plain):
-            feed(ensemble, state, drive, time)
+        feed(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble)
             moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
-            if wp.static(not plain):
-                moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
+            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
             state.bodies[b] = with_accelerations(body, moved, rates, kick, motion, mount)
-        if wp.static(not plain):
-            if drive.hubs != 0:
-                carry(ensemble, state, drive)
-            flow(ensemble, state, drive)
+        if drive.hubs != 0:
+            carry(ensemble, state, drive)
+        flow(ensemble, state, drive)
 
     @wp.func
     def stage_bodies(ensemble: Ensemble, state: State, drive: Drive, at: Stage):
         """All bodies after a stage."""
-        if wp.static(not plain):
-            if at.number == 0:
-                feed(ensemble, state, drive, at.time)
+        if at.number == 0:
+            feed(ensemble, state, drive, at.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             body, base, slopes = stage_body(
                 at,
@@ -342,11 +333,10 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
             state.bodies[b] = body
             state.body_stages[2 * b] = base
             state.body_stages[2 * b + 1] = slopes
-        if wp.static(not plain):
-            if drive.hubs != 0:
-                carry(ensemble, state, drive)
-            if at.last == 1:
-                flow(ensemble, state, drive)
+        if drive.hubs != 0:
+            carry(ensemble, state, drive)
+        if at.last == 1:
+            flow(ensemble, state, drive)
 
     @wp.func
     def body_now(ensemble: Ensemble, state: State, b: int, time: wp.float64, lag: wp.float64):
@@ -401,14 +391,11 @@ def moving(Real: type, plain: bool) -> SimpleNamespace:
 
 
 @cache
-def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
-    """The functions that evaluate the forces of one variant, for rows of `capacity` values of type `Real`.
-
-    For `plain` see `serial.advance_kernel`, as everywhere here.
-    """
+def evaluating(Real: type, capacity: int) -> SimpleNamespace:
+    """The functions that evaluate the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity, plain).see_bodies
-    evaluate_all = contact_pairs(Real, capacity, plain).evaluate_all
+    link_pass, see_bodies = passes(Real, capacity).link_pass, nearness(Real, capacity).see_bodies
+    evaluate_all = contact_pairs(Real, capacity).evaluate_all
     clear, row = passes(Real, capacity).clear, rows(capacity)
     hang = hanging(Real).hang
     joints = joint_passes(Real, capacity)
@@ -435,11 +422,10 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
             joints.bend_links(w, n)
         if memory.wanted.sizes != 0:
             clear(w, row.sprocket_force, row.guide_force, n)
-        if wp.static(not plain):
-            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-                tensioner = ensemble.tensioners[t]
-                pushed = state.poses[drive.first_body + tensioner.body]
-                state.pushes[t] = push_by(pushed, memory.stage == 0, state.tensioners[t], tensioner)
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            tensioner = ensemble.tensioners[t]
+            pushed = state.poses[drive.first_body + tensioner.body]
+            state.pushes[t] = push_by(pushed, memory.stage == 0, state.tensioners[t], tensioner)
 
     @wp.func
     def push(
@@ -453,21 +439,20 @@ def evaluating(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         evaluate_all(ensemble, state, drive, w, memory)
-        if wp.static(not plain):
-            if drive.hubs != 0:
-                hang(ensemble, state, drive, memory.stage, wp.float64(memory.stretched))
+        if drive.hubs != 0:
+            hang(ensemble, state, drive, memory.stage, wp.float64(memory.stretched))
 
     return SimpleNamespace(**locals())
 
 
 @cache
-def stepping(Real: type, capacity: int, plain: bool) -> SimpleNamespace:
+def stepping(Real: type, capacity: int) -> SimpleNamespace:
     """The functions that take one variant a step on, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     part = passes(Real, capacity)
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    leapfrog_bodies, stage_bodies = moving(Real, plain).leapfrog_bodies, moving(Real, plain).stage_bodies
+    leapfrog_bodies, stage_bodies = moving(Real).leapfrog_bodies, moving(Real).stage_bodies
     invalidate = neighbor_list(Real, capacity).invalidate
     acceleration, kick_drift, move = part.acceleration, part.kick_drift, part.move
     row = rows(capacity)

@@ -13,7 +13,7 @@ import pytest
 import warp as wp
 
 from warpchain.kernels import modules
-from warpchain.kernels.cpu import serial
+from warpchain.kernels.cpu import advance
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KERNELS = ROOT / "kernels"
 
 
-digest = partial(modules.digest, serial.__file__)
+digest = partial(modules.digest, advance.__file__)
 
 
 def factories():
@@ -81,7 +81,7 @@ def test_a_law_that_is_added_while_running_tells_it_apart(monkeypatch):
 
 def test_another_version_of_warp_hashes_kernels_itself(monkeypatch):
     monkeypatch.setattr(wp, "__version__", "1.18.0")
-    assert modules.own_module(serial.__file__, "advance", wp.float64) == "unique"
+    assert modules.own_module(advance.__file__, "advance", wp.float64) == "unique"
 
 
 def test_no_compiler_contracts_the_kernels_of_gpus(monkeypatch):
@@ -106,8 +106,8 @@ sys.modules[name] = held
 start_warp()
 assert _started()
 start_warp(precompiled=False)
-from warpchain.kernels.cpu import relax, serial
-assert modules.own_module(serial.__file__, "advance", wp.float64) == "unique"
+from warpchain.kernels.cpu import advance, relax
+assert modules.own_module(advance.__file__, "advance", wp.float64) == "unique"
 print(wp.is_cpu_available())
 """
 
@@ -140,13 +140,13 @@ def test_runs_are_the_same_where_warp_hashes_kernels_itself():
 def test_this_version_of_warp_is_known():
     # else starts are slower by half a second: see whether `_Hasher` and `_Module` still fit, and add it to `KNOWN`
     assert wp.__version__.startswith(modules.KNOWN)
-    kernel = serial.advance_kernel(wp.float64, 264, FRAME, plain=True)
+    kernel = advance.advance_kernel(wp.float64, 264, FRAME, several=False)
     assert isinstance(kernel.module, modules._Module)
     kernel.module.get_module_hash(1)
     assert kernel.module.hashers and all(isinstance(of, modules._Hasher) for of in kernel.module.hashers.values())
 
 
-KERNEL_FILES = ("cpu/serial.py", "cpu/relax.py", "gpu/block.py", "gpu/relax.py")
+KERNEL_FILES = ("cpu/advance.py", "cpu/relax.py", "gpu/block.py", "gpu/relax.py")
 IMPORTED = """
 import sys
 from importlib import import_module
@@ -180,8 +180,8 @@ def copied(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("file", "changed"),
     [
-        ("cpu/serial.py", ["cpu/serial.py"]),
-        ("cpu/teeth.py", ["cpu/serial.py", "cpu/relax.py"]),
+        ("cpu/advance.py", ["cpu/advance.py"]),
+        ("cpu/teeth.py", ["cpu/advance.py", "cpu/relax.py"]),
         ("relaxation.py", ["cpu/relax.py", "gpu/relax.py"]),
         ("gpu/contacts.py", ["gpu/block.py", "gpu/relax.py"]),
         ("physics/link.py", list(KERNEL_FILES)),

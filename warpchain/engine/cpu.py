@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
-from warpchain.kernels.cpu import chains, relax, serial
-from warpchain.kernels.physics.mount import PRESCRIBED
+from warpchain.kernels.cpu.advance import SCRATCH_ROWS, advance_kernel
+from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -29,20 +29,9 @@ BEYOND = 32
 def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     """The kernel "advance" or "relax" for an ensemble at a precision, not loaded; for one thread at a time."""
     form = real_of(precision), _capacity(packed)
-    drives = packed.drives
-    plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces", "tied", "hubs"))
     if name == "relax":
-        return relax.relax_kernel(*form, plain)
-    led = bool((packed.mounts["moves"] == PRESCRIBED).any())
-    plain = plain and not led and not drives["integrator"].any()
-    if most_chains(packed) > 1:
-        return chains.chains_kernel(*form, packed.frame, plain)
-    return serial.advance_kernel(*form, packed.frame, plain)
-
-
-def most_chains(packed: Packed) -> int:
-    """The most chains that a variant of an ensemble has."""
-    return int(packed.drives["rings"].max())
+        return relax_kernel(*form)
+    return advance_kernel(*form, packed.frame, several=bool(packed.drives["rings"].max() > 1))
 
 
 class CpuEngine(Engine):
@@ -61,9 +50,8 @@ class CpuEngine(Engine):
         self._kernels: dict[str, Any] = {}
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
         self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
-        self._chains = most_chains(packed)
         partners = int((packed.drives["sprockets"] + packed.drives["guides"]).max())
-        shape = (self._chains, (serial.SCRATCH_ROWS + partners) * self.capacity)
+        shape = (int(packed.drives["rings"].max()), (SCRATCH_ROWS + partners) * self.capacity)
         for _ in range(workers):
             self._scratch.put(wp.zeros(shape, dtype=packed.real, device="cpu"))
         self.ensemble = upload_ensemble(packed, "cpu")
@@ -88,7 +76,7 @@ class CpuEngine(Engine):
             scratch = self._scratch.get()
             try:
                 count = min(group, self.variants - first)
-                rows = scratch if name == "advance" and self._chains > 1 else scratch[0]
+                rows = scratch if name == "advance" else scratch[0]
                 wp.launch(kernel, dim=count, inputs=[*before, rows, first, *after], device="cpu", block_dim=1)
             finally:
                 self._scratch.put(scratch)

@@ -24,7 +24,7 @@ from warpchain.engine.recorder import Recorder
 from warpchain.engine.share import How, Members, Outcome, Share
 from warpchain.errors import DeviceError, SimulationError, warn_caller
 from warpchain.progress import COMPILING, ProgressReport, StopRequest
-from warpchain.results.channels import FrameLayout
+from warpchain.results.channels import WHOLE_FRAME, FrameLayout
 from warpchain.results.metrics import joined
 
 if TYPE_CHECKING:
@@ -94,6 +94,8 @@ def begun(
     if len(parts) > 1 and choice.devices != gpus:  # not what they were cut for
         parts = parts_of(members, 0 if choice.devices == ("cpu",) else len(choice.devices), most)
         share = Share(parts[0], frame)
+    if choice.devices == ("cpu",):
+        share.packed = replace(share.packed, frame=WHOLE_FRAME)
     return parts, share, choice
 
 

@@ -207,6 +207,9 @@ def _block(kind: Kind) -> Kind:
 FRAME = FrameLayout(tuple(CHANNEL[name] for name in DEFAULT))
 """Layout of the kernels' frames where nothing else is asked for."""
 
+WHOLE_FRAME = FrameLayout(CHANNELS)
+"""Layout of frames that hold every channel, which the CPU's kernel writes: it is then one, whatever is recorded."""
+
 
 def frame_of(channels: Iterable[str]) -> FrameLayout:
     """Layout of frames that hold, beside what all do, those of these channels that are on request."""

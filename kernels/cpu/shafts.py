@@ -1,0 +1,72 @@
+"""Shafts that several chains of a drive have in common, on the CPU.
+
+Each chain is a row of `Drive` with bodies of its own, one row after the other. Accelerations of the bodies of one
+shaft, whose inertia each of them has, are added in their order, and all of them take the sum.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..physics.valve import valves_share
+from ..structs import types
+from .steps import loading
+
+
+@cache
+def shafts(Real: type) -> SimpleNamespace:
+    """The functions that make the bodies of each shaft of a variant turn as one."""
+    kinds = types(Real)
+    Ensemble, State = kinds.Ensemble, kinds.State
+    cam_on, kick_of = loading(Real).cam_on, loading(Real).kick_of
+
+    @wp.func
+    def bodies_of(ensemble: Ensemble, first: int, rings: int):
+        """Number of bodies of a variant whose chains begin at row `first`."""
+        last = ensemble.drives[first + rings - 1]
+        return last.first_body + last.bodies - ensemble.drives[first].first_body
+
+    @wp.func
+    def hand_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int, kick: wp.float64, lifting: bool):
+        """Adds to the accelerations of a train what the moment on body `b` does, which is of another chain.
+
+        Args:
+            kick: as `kick_of`.
+            lifting: whether cams lift valves.
+        """
+        first = b + ensemble.motions[b].apart
+        mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
+        if lifting:
+            cam = cam_on(ensemble, state, begin, count, first)
+            share = valves_share(state.bodies[first].speed, kick, cam, mine)
+            more = more / (wp.float64(1.0) + share)
+        state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
+        if ensemble.motions[b].prescribed == 0:
+            for other in range(begin, begin + count):
+                motion = ensemble.motions[other]
+                if motion.train == mine.train and motion.apart == 0:
+                    rates = state.rates[other]
+                    rates[2] = rates[2] + motion.ratio / mine.ratio * more
+                    state.rates[other] = rates
+
+    @wp.func
+    def join(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
+        """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
+        for b in range(begin, begin + count):
+            if ensemble.motions[b].apart != 0:
+                hand_on(ensemble, state, begin, count, b, kick, lifting)
+        for b in range(begin, begin + count):
+            if ensemble.motions[b].apart != 0 and ensemble.motions[b].prescribed == 0:
+                rates = state.rates[b]
+                rates[2] = state.rates[b + ensemble.motions[b].apart][2]
+                state.rates[b] = rates
+
+    @wp.func
+    def join_all(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
+        """`join`, of all bodies of a variant, at a stage's `time`."""
+        drive, last = ensemble.drives[variant], ensemble.drives[variant + rings - 1]
+        lifting = last.first_valve + last.valves > drive.first_valve
+        join(ensemble, state, drive.first_body, bodies_of(ensemble, variant, rings), kick_of(drive, time), lifting)
+
+    return SimpleNamespace(**locals())
