@@ -9,12 +9,12 @@ A speed is worth something as a ratio taken in one run on one machine. The cases
 
 from functools import partial
 
-from common.cases import cases_of, parser_of, run
-from common.timing import environment
+from common.cases import cases_of, cases_parser, run_case
+from common.timing import machine_line
 
 CASES = cases_of("benches")
-parser = partial(parser_of, __doc__, CASES)
-main = partial(run, __doc__, CASES, environment)
+parser = partial(cases_parser, __doc__, CASES)
+main = partial(run_case, __doc__, CASES, machine_line)
 
 if __name__ == "__main__":
     main()

@@ -8,11 +8,11 @@ With `--help` after its name a case says what it makes and its options. The case
 
 from functools import partial
 
-from common.cases import cases_of, parser_of, run
+from common.cases import cases_of, cases_parser, run_case
 
 CASES = cases_of("pages")
-parser = partial(parser_of, __doc__, CASES)
-main = partial(run, __doc__, CASES)
+parser = partial(cases_parser, __doc__, CASES)
+main = partial(run_case, __doc__, CASES)
 
 if __name__ == "__main__":
     main()

@@ -28,8 +28,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from common.cases import described
-from common.drives import example
+from common.cases import described_parser
+from common.drives import example_drive
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
@@ -113,40 +113,40 @@ DESIGNS = (
 Draw = Callable[[st.SearchStrategy[Any]], Any]
 
 
-def one(values: Any) -> st.SearchStrategy[Any]:
+def one_of(values: Any) -> st.SearchStrategy[Any]:
     """One of some values."""
     return st.sampled_from(values.split() if isinstance(values, str) else values)
 
 
-def below(count: int) -> st.SearchStrategy[int]:
+def number_below(count: int) -> st.SearchStrategy[int]:
     """A number from 0 on."""
     return st.integers(0, count - 1)
 
 
-ATOMS = one("torque double 1 0 2.5 -1 1e308 10000 999999999999999999999999999999 pi true 'x'")
-WRONG = one("'' [1] both x.y x[0] {} None 1j b'x' f'{1}' len(torque) max lambda:1")
-CALLS = one("abs ceil exp floor log max min round sin sqrt tan")
+ATOMS = one_of("torque double 1 0 2.5 -1 1e308 10000 999999999999999999999999999999 pi true 'x'")
+WRONG = one_of("'' [1] both x.y x[0] {} None 1j b'x' f'{1}' len(torque) max lambda:1")
+CALLS = one_of("abs ceil exp floor log max min round sin sqrt tan")
 EXPRESSIONS = st.recursive(
     st.one_of(*[ATOMS] * 9, WRONG),
     lambda inner: st.one_of(
-        st.builds("({} {} {})".format, inner, one("+ - * / // % ** < <= == != and or"), inner),
+        st.builds("({} {} {})".format, inner, one_of("+ - * / // % ** < <= == != and or"), inner),
         st.builds("{}({})".format, CALLS, st.lists(inner, max_size=3).map(", ".join)),
         st.builds("({} if {} else {})".format, inner, inner, inner),
     ),
     max_leaves=12,
-) | st.builds(lambda sign, count: sign * count + "torque", one(["-", "not ", "(", "abs("]), st.integers(1, 1000))
+) | st.builds(lambda sign, count: sign * count + "torque", one_of(["-", "not ", "(", "abs("]), st.integers(1, 1000))
 """Arithmetic of factors, numbers, texts and what is no arithmetic; now and then deep."""
 
 
 @st.composite
-def changed(draw: Draw, data: bytes) -> bytes:
+def changed_bytes(draw: Draw, data: bytes) -> bytes:
     """Bytes with a few changes of any kind."""
     out = bytearray(data)
     for _ in range(draw(st.integers(1, 3))):
         at, size = draw(st.integers(0, len(out))), draw(st.integers(1, 128))
-        match draw(below(6)):
+        match draw(number_below(6)):
             case 0 if at < len(out):
-                out[at] ^= 1 << draw(below(8))
+                out[at] ^= 1 << draw(number_below(8))
             case 1:
                 out[at : at + size] = draw(st.binary(min_size=size, max_size=size))
             case 2:
@@ -154,7 +154,7 @@ def changed(draw: Draw, data: bytes) -> bytes:
             case 3:
                 out[at:at] = out[draw(st.integers(0, len(out))) :][:size]
             case 4:
-                out[at : at + 8] = draw(one([b"\xff" * 8, b"\0" * 8, b"\xff" * 7 + b"\x7f"]))
+                out[at : at + 8] = draw(one_of([b"\xff" * 8, b"\0" * 8, b"\xff" * 7 + b"\x7f"]))
             case 5:
                 del out[at:]
     return bytes(out)
@@ -165,21 +165,21 @@ def changed_text(draw: Draw, text: str) -> bytes:
     """Text with other numbers, without or with repeated lines, or with other bytes."""
     lines = text.splitlines()
     for _ in range(draw(st.integers(1, 3))):
-        at, word = draw(below(len(lines))), draw(one(VALUES))
+        at, word = draw(number_below(len(lines))), draw(one_of(VALUES))
         head, mark, _ = lines[at].partition("=")
-        match draw(below(5)):
+        match draw(number_below(5)):
             case 0:
                 lines[at] = f"{head}{mark} {word}" if mark else word
             case 1:
                 cells = lines[at].split(",")
-                cells[draw(below(len(cells)))] = word
+                cells[draw(number_below(len(cells)))] = word
                 lines[at] = ",".join(cells)
             case 2:
-                lines.insert(at, draw(one(lines)))
+                lines.insert(at, draw(one_of(lines)))
             case 3 if len(lines) > 1:
                 del lines[at]
             case 4:
-                return draw(changed("\n".join(lines).encode()))
+                return draw(changed_bytes("\n".join(lines).encode()))
     return "\n".join(lines).encode("utf-8", "replace")
 
 
@@ -187,22 +187,22 @@ def changed_text(draw: Draw, text: str) -> bytes:
 def changed_study(draw: Draw, text: str) -> bytes:
     """A study file with other expressions, or with keys that are there or not given values of any kind."""
     if draw(st.booleans()):
-        text = text.replace(draw(one(RULES)), draw(EXPRESSIONS))
+        text = text.replace(draw(one_of(RULES)), draw(EXPRESSIONS))
     else:
-        at = draw(one([match.end() for match in re.finditer(r"\]\n", text)]))
-        text = f"{text[:at]}{draw(one(KEYS))} = {draw(one(VALUES))}\n{text[at:]}"
+        at = draw(one_of([match.end() for match in re.finditer(r"\]\n", text)]))
+        text = f"{text[:at]}{draw(one_of(KEYS))} = {draw(one_of(VALUES))}\n{text[at:]}"
     return text.encode("utf-8", "replace")
 
 
 @st.composite
-def cells(draw: Draw, head: str) -> bytes:
+def odd_csv_cells(draw: Draw, head: str) -> bytes:
     """A CSV table of odd cells; now and then a huge one, zero bytes, or rows of unlike lengths."""
-    row = st.lists(one(VALUES), min_size=2, max_size=2) | st.lists(
-        one([*VALUES, "x" * 140_000]), min_size=1, max_size=3
+    row = st.lists(one_of(VALUES), min_size=2, max_size=2) | st.lists(
+        one_of([*VALUES, "x" * 140_000]), min_size=1, max_size=3
     )
     rows = draw(st.lists(row.map(",".join), min_size=1, max_size=3))
     text = "\n".join([head, *rows, ""]).encode()
-    return draw(st.just(text) | changed(text))
+    return draw(st.just(text) | changed_bytes(text))
 
 
 DAY, NOON = datetime.date(2024, 1, 1), datetime.datetime(2024, 1, 1)
@@ -224,18 +224,18 @@ def changed_records(draw: Draw, data: bytes) -> bytes:
     """
     start = int.from_bytes(data[-28:-20], "little")
     if draw(st.booleans()):
-        names = [f"/variant/0000{v}/{draw(one(tuple(TOPICS)))}".encode() for v in (0, 1)]
+        names = [f"/variant/0000{v}/{draw(one_of(tuple(TOPICS)))}".encode() for v in (0, 1)]
         out = bytearray(data)
         for match in re.finditer(b"|".join(map(re.escape, names)), data):
-            if draw(below(3)):
+            if draw(number_below(3)):
                 new = names[match.group() == names[0]]
                 out[match.start() : match.end()] = (new + match.group()[len(new) :])[: len(match.group())]
         if draw(st.booleans()):
             out[-12:-8] = struct.pack("<I", zlib.crc32(out[start:-12]))
         return bytes(out)
     pieces = [data[begin - RECORD_HEAD.size : end] for _, begin, end in iterate_records(data[:start], 8)]
-    i, j = draw(below(len(pieces))), draw(below(len(pieces)))
-    match draw(below(3)):
+    i, j = draw(number_below(len(pieces))), draw(number_below(len(pieces)))
+    match draw(number_below(3)):
         case 0:
             pieces[i], pieces[j] = pieces[j], pieces[i]
         case 1:
@@ -245,7 +245,7 @@ def changed_records(draw: Draw, data: bytes) -> bytes:
     return data[:8] + b"".join(pieces) + (data[start:] if draw(st.booleans()) else b"")
 
 
-def built(drive: Drive, study: Study, rows: pa.Table) -> None:
+def build_drives(drive: Drive, study: Study, rows: pa.Table) -> None:
     """Makes drives of the first rows, or has them refused as a study refuses them."""
     for row in rows.slice(0, 4).to_pylist():
         values = {path: row[factor.name] for factor in study.factors for _, path in factor.target_paths()}
@@ -259,8 +259,10 @@ class Fuzz:
 
     def __init__(self, folder: Path, chosen: Sequence[str] = NAMES) -> None:
         self.folder, self.home = folder, folder / "home"
-        self.base = example(NAMES[0])
-        self.texts = [dumps_drive(load_drive(name) if name.endswith(".toml") else example(name)) for name in chosen]
+        self.base = example_drive(NAMES[0])
+        self.texts = [
+            dumps_drive(load_drive(name) if name.endswith(".toml") else example_drive(name)) for name in chosen
+        ]
         names = ("kind", "more", "first", "second")
         self.texts_of_studies = [STUDY.format(**dict(zip(names, design, strict=True))) for design in DESIGNS]
         (folder / "t.csv").write_text("torque,double\n1000.0,74\n1500.0,76\n")
@@ -281,33 +283,33 @@ class Fuzz:
 
     def drives(self, draw: Draw) -> None:
         path = self.folder / "case.toml"
-        path.write_bytes(draw(changed_text(draw(one(self.texts)))))
+        path.write_bytes(draw(changed_text(draw(one_of(self.texts)))))
         drive = load_drive(path)
         resolve_step(drive)
         assemble_chains(drive)
         assert loads_drive(dumps_drive(drive)) == drive
 
     def studies(self, draw: Draw) -> None:
-        path, text = self.folder / "study.toml", draw(one(self.texts_of_studies))
+        path, text = self.folder / "study.toml", draw(one_of(self.texts_of_studies))
         path.write_bytes(draw(changed_study(text) | changed_text(text)))
         study = load_study(path)
         check_base_drive(study, self.base, "study.toml")
         if study.design.count is None or study.design.count < 10_000:
-            built(self.base, study, make_design(study, path))
+            build_drives(self.base, study, make_design(study, path))
         assert loads_study(dumps_study(study)) == study
 
     def tables(self, draw: Draw) -> None:
         path, file = self.folder / "case.csv", self.folder / "case.toml"
-        match draw(below(7)):
+        match draw(number_below(7)):
             case 0 | 1:
                 path = self.folder / "table.parquet"
-                path.write_bytes(draw(changed(self.parquet)))
+                path.write_bytes(draw(changed_bytes(self.parquet)))
                 assert read_table(path).equals(self.run.metrics)
             case 2:
                 path.write_bytes(draw(changed_text("time,torque\n0,1\n0.5,2\n1,1\n")))
                 read_csv(path)
             case 3:
-                path.write_bytes(draw(cells("time,torque")))
+                path.write_bytes(draw(odd_csv_cells("time,torque")))
                 table = self.base.with_values({"sprockets.camshaft.load.torque": 0.0})
                 file.write_text(dumps_drive(table).replace("torque = 0.0", 'table = { file = "case.csv" }'))
                 load_drive(file)
@@ -317,17 +319,19 @@ class Fuzz:
             case kind:
                 name = "t.csv" if kind == 5 else "t.parquet"
                 if kind == 5:
-                    (self.folder / name).write_bytes(draw(cells("torque,double")))
+                    (self.folder / name).write_bytes(draw(odd_csv_cells("torque,double")))
                 else:
-                    columns = {of: draw(one(COLUMNS)) for of in draw(one(["torque double", "torque double x"])).split()}
+                    columns = {
+                        of: draw(one_of(COLUMNS)) for of in draw(one_of(["torque double", "torque double x"])).split()
+                    }
                     parquet.write_table(pa.table(columns), self.folder / name)
                 file.write_text(self.texts_of_studies[-1].replace("t.csv", name))
                 study = load_study(file)
-                built(self.base, study, make_design(study, file))
+                build_drives(self.base, study, make_design(study, file))
 
     def archives(self, draw: Draw) -> None:
-        path, fixed, data = self.folder / "case.mcap", self.folder / "fixed.mcap", draw(one(self.files))
-        path.write_bytes(draw(changed(data) | changed(data) | changed_records(data)))
+        path, fixed, data = self.folder / "case.mcap", self.folder / "fixed.mcap", draw(one_of(self.files))
+        path.write_bytes(draw(changed_bytes(data) | changed_bytes(data) | changed_records(data)))
         with contextlib.suppress(WarpchainError):  # a lost drive
             recover_archive(path, fixed, overwrite=True)
             self.compare(fixed, whole=False)
@@ -339,13 +343,13 @@ class Fuzz:
         shutil.copytree(self.home, home)
         files = [path for path in sorted(home.rglob("*")) if path.is_file()]
         for _ in range(draw(st.integers(1, 2))):
-            file = draw(one(files))
+            file = draw(one_of(files))
             alike = [path for path in files if path.suffix == file.suffix and path != file and path.exists()]
-            match draw(below(5)):
+            match draw(number_below(5)):
                 case 0 | 1 if file.exists():
-                    file.write_bytes(draw(changed(file.read_bytes())))
+                    file.write_bytes(draw(changed_bytes(file.read_bytes())))
                 case 2 | 3 if alike:
-                    shutil.copy(draw(one(alike)), file)
+                    shutil.copy(draw(one_of(alike)), file)
                 case 4:
                     file.unlink(missing_ok=True)
         study_status(home)
@@ -401,7 +405,7 @@ def fuzz(case: Callable[[Draw], None], count: int, first: int) -> Counter[str]:
 
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
-    words = described(__doc__)
+    words = described_parser(__doc__)
     words.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
     words.add_argument("--drives", nargs="+", metavar="DRIVE", default=NAMES, help="examples or drive files to change")
     words.add_argument("--count", type=int, default=1000)

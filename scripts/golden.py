@@ -29,14 +29,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import warp as wp
-from common.cases import described
+from common.cases import described_parser
 from golden_runs.cases import CASES
 
 import warpchain
 from warpchain import Run, Trajectory
 
 
-def parts(value: Any) -> dict[Any, Any] | None:
+def value_parts(value: Any) -> dict[Any, Any] | None:
     """The parts of a value, by name; None if it is a leaf."""
     if isinstance(value, Run):
         return {"metrics": value.metrics, "ended": value.info.ended, "run": dict(value.items())}
@@ -44,7 +44,7 @@ def parts(value: Any) -> dict[Any, Any] | None:
         return {"drive": warpchain.dumps_drive(value.drive), "time": value.time, **value.channels()}
     if isinstance(value, pa.Table):
         fields = {f.name: f"{f.type} {f.nullable} {f.metadata}" for f in value.schema}
-        columns = {name: column(value[name]) for name in value.column_names}
+        columns = {name: column_values(value[name]) for name in value.column_names}
         return {"columns": columns, "fields": fields, "names": repr((value.column_names, value.schema.metadata))}
     if dataclasses.is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
@@ -55,23 +55,23 @@ def parts(value: Any) -> dict[Any, Any] | None:
     return value if isinstance(value, dict) else None
 
 
-def column(values: pa.ChunkedArray) -> Any:
+def column_values(values: pa.ChunkedArray) -> Any:
     """A table's column: numbers and where there are none, or else its text."""
     if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
         return {"value": values.fill_null(0).to_numpy(), "null": values.is_null().to_numpy()}
     return repr(values.to_pylist())
 
 
-def flat(value: Any, name: str = "") -> dict[str, np.ndarray]:
+def flat_arrays(value: Any, name: str = "") -> dict[str, np.ndarray]:
     """Arrays by name; text as bytes.
 
     Raises:
         TypeError: what is no array.
     """
     value = value.numpy() if isinstance(value, wp.array) else value
-    inner = parts(value)
+    inner = value_parts(value)
     if inner is not None:
-        each = (flat(part, f"{name}/{key}".removeprefix("/")) for key, part in inner.items())
+        each = (flat_arrays(part, f"{name}/{key}".removeprefix("/")) for key, part in inner.items())
         return {key: array for part in each for key, array in part.items()}
     if value is None or isinstance(value, str):
         value = str(value).encode()
@@ -81,7 +81,7 @@ def flat(value: Any, name: str = "") -> dict[str, np.ndarray]:
     return {name: array}
 
 
-def difference(old: np.ndarray, new: np.ndarray) -> str:
+def array_difference(old: np.ndarray, new: np.ndarray) -> str:
     """The difference of two arrays, "" if not in a single bit."""
     if (old.dtype, old.shape) != (new.dtype, new.shape):
         return f"{new.dtype}{list(new.shape)} instead of {old.dtype}{list(old.shape)}"
@@ -95,8 +95,8 @@ def difference(old: np.ndarray, new: np.ndarray) -> str:
     return f"{count} of {new.size} values, largest difference {largest:.3g}"
 
 
-def only_added(name: str, old: np.ndarray, new: np.ndarray) -> bool:
-    """Whether the names of a table's columns (`parts`) are what they were but for further ones among them."""
+def are_only_added(name: str, old: np.ndarray, new: np.ndarray) -> bool:
+    """Whether the names of a table's columns (`value_parts`) are what they were but for further ones among them."""
     if not name.endswith("names"):
         return False
     (before, facts), (after, new_facts) = (ast.literal_eval(names.tobytes().decode()) for names in (old, new))
@@ -104,26 +104,26 @@ def only_added(name: str, old: np.ndarray, new: np.ndarray) -> bool:
     return facts == new_facts and all(column in rest for column in before)
 
 
-def some(found: Sequence[str]) -> str:
+def first_names(found: Sequence[str]) -> str:
     """The first five of them, and how many more there are."""
     return "; ".join(found[:5]) + (f"; and {len(found) - 5} more" if len(found) > 5 else "")
 
 
-def compare(path: Path, new: dict[str, np.ndarray]) -> tuple[str, str]:
+def case_difference(path: Path, new: dict[str, np.ndarray]) -> tuple[str, str]:
     """The difference of a case from what is stored, "" if not in a single bit; and what it has beyond that."""
     if not path.exists():
         return f"missing: {path}", ""
     with np.load(path) as old:
         found = [f"{name} is missing" for name in old.files if name not in new]
-        pairs = [(name, difference(old[name], new[name])) for name in new if name in old.files]
-        found += [f"{name}: {text}" for name, text in pairs if text and not only_added(name, old[name], new[name])]
+        pairs = [(name, array_difference(old[name], new[name])) for name in new if name in old.files]
+        found += [f"{name}: {text}" for name, text in pairs if text and not are_only_added(name, old[name], new[name])]
         added = [name for name in new if name not in old.files]
-    return some(found), some(added)
+    return first_names(found), first_names(added)
 
 
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
-    made = described(__doc__)
+    made = described_parser(__doc__)
     made.add_argument("--compare", action="store_true", help="compare with what is stored")
     made.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("out/golden"), help="the store")
     made.add_argument("--only", nargs="+", metavar="NAME", choices=CASES, default=list(CASES), help="cases to run")
@@ -142,10 +142,10 @@ def main(words: Sequence[str] | None = None) -> int:
         begun, path = time.perf_counter(), arguments.output.resolve() / f"{name}.npz"
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            arrays = flat(CASES[name](Path(folder)))
+            arrays = flat_arrays(CASES[name](Path(folder)))
         line = f"stored {len(arrays)} arrays"
         if arguments.compare:
-            differs, added = compare(path, arrays)
+            differs, added = case_difference(path, arrays)
             failed += bool(differs)
             line = (differs or "same") + (f"; added: {added}" if added else "")
         else:

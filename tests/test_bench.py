@@ -28,7 +28,7 @@ def drives():
 
 
 def test_the_kinds_are_224_and_can_be_assembled(drives):
-    kinds = drives.kinds()
+    kinds = drives.two_sprocket_kinds()
     assert len({(drive.chain.links, drive.sprockets[0].teeth) for drive in kinds}) == len(kinds) == 224
     chosen = [kinds[0], kinds[15], kinds[-16], kinds[-1]]
     packed = pack(chosen, [Schedule(1e-6, 10, 0, 10, 0)] * len(chosen))
@@ -38,8 +38,8 @@ def test_the_kinds_are_224_and_can_be_assembled(drives):
 
 @pytest.mark.parametrize("name", ["two", "marine", "smooth", "car", "harmonics", "industrial", "engine"])
 def test_designs_differ_in_every_range_by_all_of_it_and_can_be_assembled(drives, name):
-    drive, ranges = drives.named(name), drives.RANGES[name]
-    many = drives.designs(drive, name, 40)
+    drive, ranges = drives.drive_by_name(name), drives.RANGES[name]
+    many = drives.varied_designs(drive, name, 40)
     pack(many, [Schedule(1e-6, 10, 0, 10, 0)] * len(many))
     assert len(ranges) >= 4
     for path, to in ranges.items():
@@ -55,10 +55,10 @@ def test_designs_differ_in_every_range_by_all_of_it_and_can_be_assembled(drives,
 def test_less_is_measured_quickly():
     gpu = load_script("benches.gpu")
     for name in gpu.PARTS:
-        quick, every = gpu.rows_of(name, True), gpu.rows_of(name, False)
+        quick, every = gpu.part_rows(name, True), gpu.part_rows(name, False)
         assert quick and set(quick) <= set(every)
-    assert {row[2] for row in gpu.rows_of("table", True)} == {1, 1056, 16896}
-    assert {row[0] for row in gpu.rows_of("rollers", True)} == {118, 510, 1022, 4000}
+    assert {row[2] for row in gpu.part_rows("table", True)} == {1, 1056, 16896}
+    assert {row[0] for row in gpu.part_rows("rollers", True)} == {118, 510, 1022, 4000}
 
 
 @pytest.mark.parametrize("rounds", [1, 2])
@@ -70,9 +70,9 @@ def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(mon
         asked.append((len(drives), options["window"], options["precision"]))
         return types.SimpleNamespace(info=types.SimpleNamespace(wall_time=next(seconds))), 11.0
 
-    monkeypatch.setattr(gpu, "timed", timed)
-    monkeypatch.setattr(gpu, "designs", lambda drive, name, count: [drive] * count)
-    row = gpu.runs("smooth", "float32", gpu.Effort(2000, rounds, ""))
+    monkeypatch.setattr(gpu, "timed_run", timed)
+    monkeypatch.setattr(gpu, "varied_designs", lambda drive, name, count: [drive] * count)
+    row = gpu.runs("smooth", "float32", gpu.BenchEffort(2000, rounds, ""))
     step = resolve_step(example("marine"))
     last = (2.0 - step, 2.0)  # its last step
     assert asked == [(16896, last, "float32"), (16896, None, "float32")] * rounds
@@ -84,7 +84,7 @@ def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(mon
 def test_windows_are_joined_batch_by_batch():
     """Two windows of 4 batches, of 3 means of 2 copies: the first two batches are the first of the whole."""
     values = np.arange(2 * 3 * 2 * 4, dtype=float).reshape(2, 3, 2, 4)
-    whole = load_script("benches.coverage").joined(values, 2)
+    whole = load_script("benches.coverage").joined_windows(values, 2)
     assert whole.shape == (1, 3, 2, 4)
     assert whole[0, 1, 0].tolist() == [*values[0, 1, 0].reshape(2, 2).mean(1), *values[1, 1, 0].reshape(2, 2).mean(1)]
 
@@ -92,7 +92,7 @@ def test_windows_are_joined_batch_by_batch():
 def test_calls_are_timed_and_functions_put_back():
     owner = types.SimpleNamespace(wait=lambda seconds, more=0.0: time.sleep(seconds + more) or "waited", left=len)
     wait = owner.wait
-    with load_script("common.timing").times_of(time.thread_time, (owner, "wait"), (owner, "left")) as found:
+    with load_script("common.timing").function_times(time.thread_time, (owner, "wait"), (owner, "left")) as found:
         assert owner.wait(0.02, more=0.01) == "waited" and owner.left("abc") == 3
     assert len(found) == 2 and 0.03 > found[0] >= 0.0  # it slept
     assert owner.wait is wait and owner.left is len
@@ -104,7 +104,7 @@ def cases():
 
 
 def test_without_a_case_they_are_listed(cases, monkeypatch, capsys):
-    @cases.case(cases.option("--count", type=int, default=2))
+    @cases.case(cases.case_option("--count", type=int, default=2))
     def some_rows(asked):
         """Some rows."""
         yield "text"
@@ -123,15 +123,15 @@ def test_without_a_case_they_are_listed(cases, monkeypatch, capsys):
         (["some_rows", "--count", "1"], "machine\ntext\n| name | value |\n|---|---|\n| x | 1.235 |\n"),
     ):
         monkeypatch.setattr(sys, "argv", ["bench.py", *words])
-        cases.run("words", held, lambda: ["machine"])
+        cases.run_case("words", held, lambda: ["machine"])
         assert said in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", ["bench.py", "refused"])
     with pytest.raises(SystemExit, match=r"^no such device$"):
-        cases.run("words", held)
+        cases.run_case("words", held)
 
 
 def test_figures_are_saved_where_they_are_asked_for(cases, tmp_path, capsys):
-    cases.show([{"empty": Figure()}], tmp_path)
+    cases.print_lines([{"empty": Figure()}], tmp_path)
     assert capsys.readouterr().out == f"{tmp_path / 'empty.png'}\n" and (tmp_path / "empty.png").exists()
 
 
@@ -149,27 +149,27 @@ def test_the_c_program_takes_the_same_steps(name, values, drives, tmp_path):
     mean over a step 8e-10 to 3e-7 m. In `LIGHTER` camshaft and arm are light."""
     cpu, reference = load_script("benches.cpu"), load_script("benches.reference")
     drive = drives.without_valves(name).with_values(values)
-    assert cpu.difference(drive, reference.c_program(tmp_path), 500) < 1e-12
+    assert cpu.c_program_distance(drive, reference.c_program(tmp_path), 500) < 1e-12
 
 
 def test_the_c_program_refuses_what_it_does_not_know(drives):
     cpu = load_script("benches.cpu")
     with pytest.raises(SystemExit, match=r"^the C program takes no drive with stages$"):
-        cpu.difference(drives.named("rk4"), Path("none"), 1)
+        cpu.c_program_distance(drives.drive_by_name("rk4"), Path("none"), 1)
     with pytest.raises(SystemExit, match="mounts"):
-        cpu.difference(drives.named("engine"), Path("none"), 1)
+        cpu.c_program_distance(drives.drive_by_name("engine"), Path("none"), 1)
 
 
 @pytest.mark.parametrize(("name", "values"), KINDS)
 def test_the_cuda_program_is_compiled_for_the_parts_that_its_input_has(name, values, drives):
     """The first numbers of the input are those of parts."""
     reference = load_script("benches.reference")
-    packed = reference.one(drives.without_valves(name).with_values(values))
-    compiled = {precision: reference.constants(packed, precision) for precision in ("float64", "float32")}
+    packed = reference.packed_variant(drives.without_valves(name).with_values(values))
+    compiled = {precision: reference.cuda_constants(packed, precision) for precision in ("float64", "float32")}
     assert compiled["float64"].pop("real") == "double" and compiled["float32"].pop("real") == "float"
     assert compiled["float64"] == compiled["float32"]
     *parts, rubs = compiled["float64"].values()
-    assert parts == np.frombuffer(reference.layout(packed))[:6].tolist()
+    assert parts == np.frombuffer(reference.variant_layout(packed))[:6].tolist()
     assert rubs == (name in ("marine", "car"))
 
 
@@ -186,7 +186,7 @@ def test_the_cuda_program_takes_the_same_steps(name, values, precision, drives, 
     program = reference.cuda_program(drive, precision, tmp_path)
     assert program.exists()
     if wp.is_cuda_available():
-        assert cpu.difference(drive, program, 500) < (1e-12 if precision == "float64" else 1e-3)
+        assert cpu.c_program_distance(drive, program, 500) < (1e-12 if precision == "float64" else 1e-3)
 
 
 def test_car_and_whole_runs_stand_beside_the_cuda_program(monkeypatch):
@@ -202,28 +202,28 @@ def test_car_and_whole_runs_stand_beside_the_cuda_program(monkeypatch):
         return types.SimpleNamespace(metrics=metrics, info=types.SimpleNamespace(wall_time=8.0)), 10.0
 
     monkeypatch.setattr(gpu, "cuda_seconds", cuda_seconds)
-    monkeypatch.setattr(gpu, "loop", lambda *words: (2.0 if words[5] is False else 4.0, 0.0))
-    monkeypatch.setattr(gpu, "timed", timed)
-    step = resolve_step(gpu.named("harmonics"))
-    finer = gpu.named("harmonics").with_values({"run.step": 0.5 * step})
-    monkeypatch.setattr(gpu, "designs", lambda drive, name, count: [drive, finer] * (count // 2))
-    effort = gpu.Effort(2000, 1, "")
+    monkeypatch.setattr(gpu, "time_loop_seconds", lambda *words: (2.0 if words[5] is False else 4.0, 0.0))
+    monkeypatch.setattr(gpu, "timed_run", timed)
+    step = resolve_step(gpu.drive_by_name("harmonics"))
+    finer = gpu.drive_by_name("harmonics").with_values({"run.step": 0.5 * step})
+    monkeypatch.setattr(gpu, "varied_designs", lambda drive, name, count: [drive, finer] * (count // 2))
+    effort = gpu.BenchEffort(2000, 1, "")
     assert gpu.car("harmonics", "float32", 1056, effort) == pytest.approx((150.0, 100.0, 1.5, 200.0))
-    assert gpu.shown(gpu.car("valves", "float32", 1056, effort)) == ("-", 100.0, "-", 200.0)
+    assert gpu.row_with_dashes(gpu.car("valves", "float32", 1056, effort)) == ("-", 100.0, "-", 200.0)
     steps = 1.5 * 0.2 / step  # in the mean
     assert gpu.headline("harmonics", "float64", effort) == pytest.approx((10.0, 2.0, 150e-6 * steps, 1, 2.0, 2.0))
     assert asked == [("float32", 20_000, 1056), ("float64", 2000, 10_000)]
 
 
 def test_rows_have_a_dash_for_what_was_not_measured():
-    assert load_script("benches.gpu").shown(("car", 1.5, float("nan"), 3)) == ("car", 1.5, "-", 3)
+    assert load_script("benches.gpu").row_with_dashes(("car", 1.5, float("nan"), 3)) == ("car", 1.5, "-", 3)
 
 
 def test_one_chain_has_as_many_rollers_and_partners_as_three():
     """And as many rollers on its sprockets: halves of 6 with 14 teeth, and 42 of 20 teeth on a star of as long
     strands; ends of strands are within one roller of each."""
     chains = load_script("benches.chains")
-    three, one = chains.in_a_row(None), chains.in_a_star(None)
+    three, one = chains.chains_in_a_row(None), chains.chain_around_a_star(None)
     assert three.links == one.links == 180
     assert len(three.sprockets) == len(one.sprockets) == 6
     assemblies = [assemble(part.drive) for part in rings_of(three)], [assemble(one)]

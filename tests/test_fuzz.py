@@ -16,7 +16,7 @@ def test_a_few_hundred_cases_of_each_kind(kind, tmp_path):
 
 def test_what_is_broken_is_raised():
     def wrong(draw):
-        if draw(fuzz.below(10)) > 5:
+        if draw(fuzz.number_below(10)) > 5:
             raise KeyError("wrong")
 
     with pytest.raises(KeyError, match="wrong"):

@@ -55,36 +55,36 @@ def test_what_is_added_is_no_difference(golden, tmp_path, capsys):
 
 def test_bits_count(golden):
     zero = np.zeros(3)
-    assert golden.difference(zero, zero.copy()) == ""
-    assert golden.difference(np.full(2, np.nan), np.full(2, np.nan)) == ""
-    assert golden.difference(zero, -zero) == "3 of 3 values, largest difference 0"
-    assert golden.difference(zero, zero.astype(np.float32)) == "float32[3] instead of float64[3]"
-    assert golden.difference(np.zeros(0), np.zeros(0)) == ""
+    assert golden.array_difference(zero, zero.copy()) == ""
+    assert golden.array_difference(np.full(2, np.nan), np.full(2, np.nan)) == ""
+    assert golden.array_difference(zero, -zero) == "3 of 3 values, largest difference 0"
+    assert golden.array_difference(zero, zero.astype(np.float32)) == "float32[3] instead of float64[3]"
+    assert golden.array_difference(np.zeros(0), np.zeros(0)) == ""
     with pytest.raises(TypeError, match="a/b: object is no array"):
-        golden.flat({"a": {"b": object()}})
+        golden.flat_arrays({"a": {"b": object()}})
 
 
 def test_two_archives_of_a_run_are_the_same_but_for_their_random_names(golden, tmp_path):
     """Names of sets are random and stand in metadata, whose digests are over them; a changed value still shows."""
     cases = load_script("golden_runs.cases")
-    content, pair = cases.content, cases.pair
+    content, pair = cases.archive_content, cases.two_sprockets
 
     run = warpchain.simulate(pair(), device="cpu", duration=2e-4)
     found = []
     for k, seed in enumerate((1, 1, 2)):
         path = warpchain.write_archive(run, tmp_path / f"{k}.mcap", options=warpchain.ArchiveOptions(seed=seed))
-        found.append(golden.flat(content(path)))
+        found.append(golden.flat_arrays(content(path)))
     assert (tmp_path / "0.mcap").read_bytes() != (tmp_path / "1.mcap").read_bytes()
 
     def differing(one, other):
-        return [name for name in one if golden.difference(one[name], other[name])]
+        return [name for name in one if golden.array_difference(one[name], other[name])]
 
     assert found[0].keys() == found[1].keys() and differing(found[0], found[1]) == []
     assert len(differing(found[0], found[2])) == 1  # the seed, in the metadata at the start
 
 
 def test_blocks_rub_where_drives_do(monkeypatch):
-    """The kernels that `on_blocks` makes have the friction of contacts and joints that the drives of `guides` have."""
+    """Kernels of `run_on_blocks` have the friction of contacts and joints that the drives have."""
     blocks, kinds = load_script("golden_runs.blocks"), []
 
     class Enough(Exception):
@@ -95,7 +95,7 @@ def test_blocks_rub_where_drives_do(monkeypatch):
         raise Enough
 
     monkeypatch.setattr(blocks, "block_kernel", stop)
-    monkeypatch.setattr(blocks, "shapes", lambda drives: blocks.on_blocks(drives, True, "float32"))
+    monkeypatch.setattr(blocks, "block_shapes", lambda drives: blocks.run_on_blocks(drives, True, "float32"))
     with pytest.raises(Enough):
-        blocks.guides(None)
+        blocks.guide_blocks(None)
     assert kinds[0].friction == blocks.Friction(contacts=blocks.BY_SPEED, joints=blocks.BY_SPEED)

@@ -25,7 +25,12 @@ def asked(*words):
 def test_cases_below_the_limit_are_marked(guard):
     before = {"loop": 100.0, "metrics": 100.0, "assembly": 10.0}
     after = {"loop": 97.0, "metrics": 96.9, "assembly": 20.0}
-    assert [row[-1] for row in guard.table(before, after, 0.97)] == ["", "", "slower", ""]  # the first row is the head
+    assert [row[-1] for row in guard.guard_table(before, after, 0.97)] == [
+        "",
+        "",
+        "slower",
+        "",
+    ]  # the first row is the head
 
 
 def test_the_status_says_whether_a_case_is_slower(guard, monkeypatch, tmp_path):
@@ -39,8 +44,8 @@ def test_the_status_says_whether_a_case_is_slower(guard, monkeypatch, tmp_path):
         found.append(tree.name)
         return {"loop": 100.0 if tree.name == "a" else speed[0] * len(found)}
 
-    monkeypatch.setattr(guard, "checkout", checkout)
-    monkeypatch.setattr(guard, "rates", rates)
+    monkeypatch.setattr(guard, "tree_checkout", checkout)
+    monkeypatch.setattr(guard, "tree_rates", rates)
     words = asked("main", "HEAD", "--rounds", "2", "--drives", "two")
     for speed[0], slower in ((10.0, True), (20.0, False)):  # the best of B is its last, the eighth: 80 and 160
         found.clear()
@@ -82,12 +87,12 @@ class Launched:
 def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeypatch, name, links, looks):
     probe = load_script("benches.probe")
     Launched.asked.clear()
-    monkeypatch.setattr(probe, "engine_on", Launched)
+    monkeypatch.setattr(probe, "engine_of_device", Launched)
     clock = count(0)
     monkeypatch.setattr(time, "perf_counter", lambda: 1e-3 * next(clock))
-    found = probe.rates(
+    found = probe.rates_by_case(
         {
-            "drives": guard.drives_of(guard.ROOT, [name]),
+            "drives": guard.guard_drives(guard.ROOT, [name]),
             "precisions": ["float32"],
             "variants": [1, 4224],
             "device": "cuda:0",
@@ -105,20 +110,20 @@ def test_drives_of_any_name_are_measured_with_metrics_and_without(guard, monkeyp
 
 
 def test_both_trees_run_the_drives_of_one(guard, tmp_path):
-    found = guard.drives_of(tmp_path, ["marine", "smooth"])
+    found = guard.guard_drives(tmp_path, ["marine", "smooth"])
     assert found["marine"][0].startswith(str(tmp_path)) and found["smooth"][0] == found["marine"][0]
-    assert guard.drives_of(guard.ROOT, ["marine"])["marine"] == (str(drive_path("marine")), {})
+    assert guard.guard_drives(guard.ROOT, ["marine"])["marine"] == (str(drive_path("marine")), {})
 
 
 def test_a_commit_that_is_none_is_named_in_one_line(guard, tmp_path):
     refused = pytest.raises(SystemExit, match=r"^no-such-commit: .*invalid reference: no-such-commit$")
-    with refused, guard.checkout(tmp_path, "a", "no-such-commit"):
+    with refused, guard.tree_checkout(tmp_path, "a", "no-such-commit"):
         pass
     assert not (tmp_path / "a").exists()
 
 
 def test_a_folder_is_taken_as_it_is(guard, tmp_path):
-    with guard.checkout(tmp_path, "a", str(guard.ROOT)) as tree:
+    with guard.tree_checkout(tmp_path, "a", str(guard.ROOT)) as tree:
         assert tree == guard.ROOT
     assert tree.exists()
 
@@ -128,4 +133,4 @@ def test_a_folder_is_taken_as_it_is(guard, tmp_path):
     [([], 0.0), ([3.0], 3.0), ([2.0, 4.0], 4.0), ([5.0, 900.0, 4.0], 5.0), ([1.0, 3.0, 2.0, 4.0], 3.0)],
 )
 def test_a_clock_that_once_jumps_makes_no_best(guard, rates, taken):
-    assert guard.best_but_one(rates) == taken
+    assert guard.second_best_rate(rates) == taken

@@ -13,7 +13,7 @@ WORDS = "One chain runs over two sprockets of nineteen teeth each"  # ten words
 
 def found(path):
     """Line and rule of each fault of a page."""
-    for fault in load_script("pages.lint").faults(path):
+    for fault in load_script("pages.lint").page_faults(path):
         line, rule = fault.removeprefix(f"{path}:").split(": ")[:2]
         yield int(line), rule
 
@@ -54,4 +54,4 @@ def test_cells_of_notebooks_are_read(tmp_path):
 
     page = tmp_path / "page.ipynb"
     page.write_text(book.writes(book.new_notebook(cells=[book.new_code_cell("told"), book.new_markdown_cell("told")])))
-    assert [fault.split(": ")[0] for fault in load_script("pages.lint").faults(page)] == [f"{page}, cell 2:1"]
+    assert [fault.split(": ")[0] for fault in load_script("pages.lint").page_faults(page)] == [f"{page}, cell 2:1"]

@@ -22,14 +22,14 @@ def site(tmp_path_factory):
     for needed in ("zensical", "mkdocstrings"):
         pytest.importorskip(needed)
     folder = tmp_path_factory.mktemp("site")
-    done = load_script("pages.site").build(folder)
+    done = load_script("pages.site").build_site(folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
 
 @pytest.mark.parametrize("top", [Drive, Study])
 def test_every_key_of_a_file_is_described(top):
-    rows = [(kind.__name__, row) for kind in reference.sections(top) for row in reference.key_rows(kind)]
+    rows = [(kind.__name__, row) for kind in reference.file_sections(top) for row in reference.key_rows(kind)]
     assert rows and not [(kind, row[0]) for kind, row in rows if not row[3]]
 
 
@@ -37,7 +37,7 @@ def test_every_key_of_a_file_is_described(top):
 def test_keys_are_described_by_whole_phrases(top):
     """Not by the rest of a line that only its neighbors make whole."""
     fragment = re.compile(r"\[|(of|by|in|at|to|as|about|without|along|that|for)\b|.*; or$")
-    rows = [(kind.__name__, row) for kind in reference.sections(top) for row in reference.key_rows(kind)]
+    rows = [(kind.__name__, row) for kind in reference.file_sections(top) for row in reference.key_rows(kind)]
     assert [(kind, row[0], row[3]) for kind, row in rows if fragment.match(row[3])] == []
 
 
@@ -56,15 +56,15 @@ def test_keys_are_described_by_whole_phrases(top):
 def test_a_fault_of_a_page_ends_the_build(tmp_path, monkeypatch, text, fault):
     """Those of this project's own rules, and those of Zensical's strict mode."""
     site = load_script("pages.site")
-    monkeypatch.setattr(site, "sources", lambda folder: (folder.mkdir(), (folder / "a.md").write_text(text)))
-    monkeypatch.setattr(site, "menu", lambda folder: ["gone.md"] if "menu" in fault else ["a.md"])
-    done = site.build(tmp_path / "site")
+    monkeypatch.setattr(site, "lay_sources", lambda folder: (folder.mkdir(), (folder / "a.md").write_text(text)))
+    monkeypatch.setattr(site, "site_menu", lambda folder: ["gone.md"] if "menu" in fault else ["a.md"])
+    done = site.build_site(tmp_path / "site")
     assert done.returncode == 1 and fault in done.stdout + done.stderr
     assert not (tmp_path / "site").exists()
 
 
 def test_keys_are_found_however_deep():
-    held = reference.sections(Drive)
+    held = reference.file_sections(Drive)
     places = {kind.__name__: paths for kind, paths in held.items()}
     assert places["Chain"] == ["[chain]"]
     assert places["Harmonic"] == ["[[sprockets.prescribed.harmonics]]", "[[sprockets.load.harmonics]]"]
@@ -77,7 +77,7 @@ def test_keys_are_found_however_deep():
 
 
 def test_documents_have_every_metric_and_the_reference_every_command():
-    held, documents = reference.pages(), "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
+    held, documents = reference.reference_pages(), "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
     for name in COLUMNS:
         assert re.search(rf"`[A-Za-z.]*{re.escape(name)}`", documents), name
     for command in ("check", "run", "import", "study report"):

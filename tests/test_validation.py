@@ -62,7 +62,7 @@ def test_every_result_has_all_items():
 
 
 def test_results_are_written_in_place_and_keep_the_words_of_the_page():
-    made, renewed = load_script("drawings.closed_forms").Row, load_script("drawings.validation").renewed
+    made, renewed = load_script("drawings.closed_forms").ValidationRow, load_script("drawings.validation").renewed_page
     path, stated, written = renewed(made("restitution", gives="other"), PAGES)
     lines, new = stated.splitlines(), written.splitlines()
     assert path.name == "validation.md" and stated in PAGES[path]

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import example
+from common.cases import Line, case, case_option
+from common.drives import example_drive
 from numpy.typing import NDArray
 
-from benches.drives import named
+from benches.drives import drive_by_name
 from warpchain import Drive, Record, simulate
 from warpchain.drive.batch import stacks_of
 from warpchain.engine.recorder import Recording
@@ -25,9 +25,11 @@ COLUMNS = ("tension_mean", "tension_std", "tension_max")
 
 
 @case(
-    option("names", metavar="NAME", nargs="*", default=["two", "marine", "engine"], help=f"of {', '.join(SECONDS)}"),
-    option("--copies", type=int, default=64, help="of each drive (default 64)"),
-    option("--device", default="cuda:0", help="such as cpu (default cuda:0)"),
+    case_option(
+        "names", metavar="NAME", nargs="*", default=["two", "marine", "engine"], help=f"of {', '.join(SECONDS)}"
+    ),
+    case_option("--copies", type=int, default=64, help="of each drive (default 64)"),
+    case_option("--device", default="cuda:0", help="such as cpu (default cuda:0)"),
 )
 def accuracy(asked: argparse.Namespace) -> Iterator[Line]:
     """Energy residual and tension at float32 beside float64: copies unlike by 0.1 % in the links' stiffness.
@@ -36,7 +38,7 @@ def accuracy(asked: argparse.Namespace) -> Iterator[Line]:
     """
     yield ("drive", "precision", "ok", "residual", "its largest", *(f"{name} [N]" for name in COLUMNS))
     for name in asked.names:
-        drive, factors = named(name), 1.0 + 1e-3 * np.random.default_rng(1).uniform(-1.0, 1.0, asked.copies)
+        drive, factors = drive_by_name(name), 1.0 + 1e-3 * np.random.default_rng(1).uniform(-1.0, 1.0, asked.copies)
         drives = [drive.with_values({"chain.stiffness": drive.chain.stiffness * factor}) for factor in factors]
         for precision in ("float32", "float64"):
             options = {"device": asked.device, "precision": precision, "record": Record("none")}
@@ -47,7 +49,9 @@ def accuracy(asked: argparse.Namespace) -> Iterator[Line]:
             yield (name, precision, int(run.ok.sum()), *errors, *means)
 
 
-def _started(drive: Drive, device: str, rounding: float) -> tuple[NDArray[np.floating], dict[str, Any]]:
+def _mean_tensions_after_start(
+    drive: Drive, device: str, rounding: float
+) -> tuple[NDArray[np.floating], dict[str, Any]]:
     """10 ms of a drive whose rollers lie `rounding` of their coordinates elsewhere before settling: where they begin,
     and the metrics.
     """
@@ -61,8 +65,10 @@ def _started(drive: Drive, device: str, rounding: float) -> tuple[NDArray[np.flo
 
 
 @case(
-    option("names", metavar="NAME", nargs="*", default=["car", "marine", "engine", "v6", "balance_shafts"]),
-    option("--device", default="cpu", help="that is held against the CPU (default: the CPU after another rounding)"),
+    case_option("names", metavar="NAME", nargs="*", default=["car", "marine", "engine", "v6", "balance_shafts"]),
+    case_option(
+        "--device", default="cpu", help="that is held against the CPU (default: the CPU after another rounding)"
+    ),
 )
 def settled(asked: argparse.Namespace) -> Iterator[Line]:
     """Settled chains and the largest change of a mean tension over 10 ms, on a device beside the CPU, float64.
@@ -72,9 +78,9 @@ def settled(asked: argparse.Namespace) -> Iterator[Line]:
     """
     yield ("drive", "steps", "its steps", "apart by [m]", "mean tension")
     for name in asked.names:
-        drive = example(name)
-        first, row = _started(drive, "cpu", 0.0)
-        second, its_row = _started(drive, asked.device, 1e-16 if asked.device == "cpu" else 0.0)
+        drive = example_drive(name)
+        first, row = _mean_tensions_after_start(drive, "cpu", 0.0)
+        second, its_row = _mean_tensions_after_start(drive, asked.device, 1e-16 if asked.device == "cpu" else 0.0)
         apart = float(np.abs(first - second).max())
         means = [key for key in row if key.endswith("tension_mean") and "->" not in key]
         steps = [sum(value for key, value in of.items() if key.endswith("settle_steps")) for of in (row, its_row)]

@@ -13,9 +13,9 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from common.cases import Line, case, head, option
-from common.drives import example
-from common.timing import least
+from common.cases import Line, case, case_option, table_head
+from common.drives import example_drive
+from common.timing import least_seconds
 
 from warpchain import ArchiveOptions, Record, read_archive, simulate, write_archive
 from warpchain.archive import mcap_write
@@ -29,7 +29,7 @@ Messages = list[tuple[str, int, bytes]]
 """Topic, log time and payload of the messages of one variant."""
 
 
-def messages_of(path: Path) -> Messages:
+def archive_messages(path: Path) -> Messages:
     """The messages of an archive."""
     from mcap.reader import make_reader
 
@@ -99,19 +99,19 @@ def read_views(path: Path) -> None:
             assert all(np.isfinite(values[-1].flat[-1]) for values in block.channels().values())
 
 
-def write(run: Run, path: Path, **options: Any) -> None:
+def write_with_warpchain(run: Run, path: Path, **options: Any) -> None:
     """Trajectories in arrays through warpchain."""
     write_archive(run, path, overwrite=True, options=ArchiveOptions(**options))
 
 
-def level_3(run: Run, path: Path) -> None:
+def write_at_level_3(run: Run, path: Path) -> None:
     """The same, compressed as others compress."""
     with patch.object(mcap_write, "ZSTD_LEVEL", 3):
-        write(run, path, encoders=1)
+        write_with_warpchain(run, path, encoders=1)
 
 
 @contextmanager
-def on_cores(count: int | None) -> Iterator[None]:
+def limited_cores(count: int | None) -> Iterator[None]:
     """So many of the process's cores."""
     held = os.sched_getaffinity(0)
     os.sched_setaffinity(0, sorted(held)[:count])
@@ -121,27 +121,29 @@ def on_cores(count: int | None) -> Iterator[None]:
         os.sched_setaffinity(0, held)
 
 
-def table(run: Run, messages: Messages, folder: Path, compression: str, size: float, rounds: int) -> Iterator[Line]:
+def compression_rows(
+    run: Run, messages: Messages, folder: Path, compression: str, size: float, rounds: int
+) -> Iterator[Line]:
     """One compression's lines, all on one core."""
     bytes_, variants = "mcap.Writer, bytes", len(run)
     path = {
         who: folder / f"{who}.mcap" for who in ("warpchain", bytes_, "warpchain, level 3", "foxglove-sdk, PointCloud")
     }
     jobs: dict[str, Callable[[], object]] = {
-        "warpchain": partial(write, run, path["warpchain"], compression=compression, encoders=1),
+        "warpchain": partial(write_with_warpchain, run, path["warpchain"], compression=compression, encoders=1),
         bytes_: partial(write_mcap, path[bytes_], messages, variants, compression),
     }
     if compression == "zstd":
-        jobs["warpchain, level 3"] = partial(level_3, run, path["warpchain, level 3"])
+        jobs["warpchain, level 3"] = partial(write_at_level_3, run, path["warpchain, level 3"])
     others = ("foxglove-sdk, PointCloud", messages, variants, compression)
     jobs[others[0]] = partial(write_foxglove, path[others[0]], *others[1:])
     reading: dict[str, Callable[[], object]] = {
         "warpchain": partial(read_arrays, path["warpchain"]),
         "views": partial(read_views, path["warpchain"]),
-        bytes_: partial(messages_of, path[bytes_]),
+        bytes_: partial(archive_messages, path[bytes_]),
     }
-    with on_cores(1):
-        wrote, read = least(jobs, rounds), least(reading, rounds)
+    with limited_cores(1):
+        wrote, read = least_seconds(jobs, rounds), least_seconds(reading, rounds)
     for who, took in wrote.items():
         rate = f"{size / read[who]:.0f}" if who in read else "-"
         rate += f" (views {size / read['views']:.0f})" if who == "warpchain" else ""
@@ -150,7 +152,7 @@ def table(run: Run, messages: Messages, folder: Path, compression: str, size: fl
         path[who].unlink()
 
 
-def bare_zstd(threads: int) -> None:
+def bare_zstd_rates(threads: int) -> None:
     """The same compressing in one thread or in two, and nothing else."""
     import zstandard
 
@@ -159,7 +161,7 @@ def bare_zstd(threads: int) -> None:
         list(pool.map(lambda _: zstandard.compress(data), range(24)))
 
 
-def scaling(run: Run, folder: Path, size: float, rounds: int) -> Iterator[Line]:
+def core_scaling(run: Run, folder: Path, size: float, rounds: int) -> Iterator[Line]:
     """Two cores against one: MB/s and the ratio."""
     cases: dict[str, dict[str, Any]] = {
         "1 core": {"encoders": 1},
@@ -170,23 +172,31 @@ def scaling(run: Run, folder: Path, size: float, rounds: int) -> Iterator[Line]:
     lines: dict[str, list[str]] = {name: [] for name in (*cases, bare)}
 
     def on(cores: int, job: Callable[..., None], *words: Any, **options: Any) -> None:
-        with on_cores(cores):
+        with limited_cores(cores):
             job(*words, **options)
 
     for compression in COMPRESSIONS:
         jobs = {
-            name: partial(on, options["encoders"], write, run, folder / "a.mcap", compression=compression, **options)
+            name: partial(
+                on,
+                options["encoders"],
+                write_with_warpchain,
+                run,
+                folder / "a.mcap",
+                compression=compression,
+                **options,
+            )
             for name, options in cases.items()
         }
-        jobs |= {"1 thread": partial(on, 1, bare_zstd, 1), bare: partial(on, 2, bare_zstd, 2)}
-        times = least(jobs, rounds)
+        jobs |= {"1 thread": partial(on, 1, bare_zstd_rates, 1), bare: partial(on, 2, bare_zstd_rates, 2)}
+        times = least_seconds(jobs, rounds)
         for name in cases:
             lines[name].append(f"{size / times[name]:.0f} ({times['1 core'] / times[name]:.2f})")
         lines[bare].append(f"({times['1 thread'] / times[bare]:.2f})")
     yield from ((name, *cells) for name, cells in lines.items())
 
 
-@case(option("--variants", type=int, default=4), option("--rounds", type=int, default=10))
+@case(case_option("--variants", type=int, default=4), case_option("--rounds", type=int, default=10))
 def archive(asked: argparse.Namespace) -> Iterator[Line]:
     """Writing and reading, beside writers of the same messages that only pass bytes on.
 
@@ -206,18 +216,20 @@ def archive(asked: argparse.Namespace) -> Iterator[Line]:
     """
     variants, rounds, memory = asked.variants, asked.rounds, Path("/dev/shm")
     free = memory.is_dir() and shutil.disk_usage(memory).free > 30e6 * variants
-    one = simulate(example("marine"), duration=0.5, record=Record(rate=2000.0))
+    one = simulate(example_drive("marine"), duration=0.5, record=Record(rate=2000.0))
     run = Run(
         [one[0].drive] * variants, one.metrics.take([0] * variants), dict.fromkeys(range(variants), one[0]), one.info
     )
     with tempfile.TemporaryDirectory(dir=memory if free else None) as name:
         folder = Path(name)
-        messages = messages_of(write_archive(one, folder / "one.mcap"))
+        messages = archive_messages(write_archive(one, folder / "one.mcap"))
         size = sum(len(data) for _, _, data in messages) * variants / 1e6
         yield f"{variants} variants of {size / variants:.1f} MB, best of {rounds} rounds; files in {folder.parent}\n"
-        yield head("on one core | compression | write MB/s | variants/s | of mcap.Writer | read MB/s | file / payload")
+        yield table_head(
+            "on one core | compression | write MB/s | variants/s | of mcap.Writer | read MB/s | file / payload"
+        )
         for compression in COMPRESSIONS:
-            yield from table(run, messages, folder, compression, size, rounds)
+            yield from compression_rows(run, messages, folder, compression, size, rounds)
         yield ""
         yield ("write MB/s (against one core)", *COMPRESSIONS)
-        yield from scaling(run, folder, size, rounds)
+        yield from core_scaling(run, folder, size, rounds)

@@ -10,11 +10,11 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import Values, example
-from common.timing import times_of
+from common.cases import Line, case, case_option
+from common.drives import Values, example_drive
+from common.timing import function_times
 
-from benches.drives import kinds
+from benches.drives import two_sprocket_kinds
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.assemble_batch import assemble_all, layouts_of
@@ -33,7 +33,7 @@ SLOW = 10
 """Laying chains around guides takes its time: so many times fewer variants of a drive with arms."""
 
 
-def links_of(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
+def varied_link_values(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
     """Values of a variant's links: three worn ones, all worn, other outer ones, or play, each within a hundredth."""
     chain, about = drive.chain, 1.0 + 0.01 * random.random(drive.chain.links)
     places = {"worn": random.choice(chain.links, 3, replace=False), "each": np.arange(chain.links)}
@@ -43,7 +43,7 @@ def links_of(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
     return {"": {}, "outer": {"chain.outer": outer}, "play": {"chain.play": 1e-3 * chain.pitch * about[0]}}[unlike]
 
 
-def values_of(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
+def variant_values(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
     """Values of a variant: each within a hundredth of the drive's own, the place within a fiftieth of a pitch."""
 
     def about(value: float) -> float:
@@ -57,80 +57,85 @@ def values_of(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
         f"sprockets.{drive.sprockets[1].name}.center.0": x + 0.02 * drive.chain.pitch * float(random.random() - 0.5),
         f"sprockets.{last.name}.load.torque": about(last.load.torque if last.load else 1.0),
         f"sprockets.{last.name}.inertia": about(last.inertia or 1.0),
-        **links_of(drive, unlike, random),
+        **varied_link_values(drive, unlike, random),
     }
 
 
 @contextmanager
-def spent(times: dict[str, float], stage: str, count: int) -> Iterator[None]:
+def note_least_time(times: dict[str, float], stage: str, count: int) -> Iterator[None]:
     """Notes the microseconds a variant that what is done inside takes, if it is the least so far."""
     begin = time.process_time()
     yield
     times[stage] = min(times.get(stage, np.inf), 1e6 * (time.process_time() - begin) / count)
 
 
-def adjustment(base: Drive) -> Adjust:
+def strain_adjustment(base: Drive) -> Adjust:
     """The second sprocket moved along x for the strain of the drive file."""
     return Adjust(sprocket=base.sprockets[1].name, direction=(1.0, 0.0), strain=float(assemble(base).strain))
 
 
-def schedules(drives: list[Drive], stacks: Any) -> Any:
+def run_schedules(drives: list[Drive], stacks: Any) -> Any:
     """Whole runs without recordings."""
     return simulation.schedules_of(drives, None, None, NONE, None, stacks)
 
 
-def stages(bases: list[Drive], unlike: str, count: int, rounds: int) -> dict[str, float]:
+def stage_times(bases: list[Drive], unlike: str, count: int, rounds: int) -> dict[str, float]:
     """Microseconds a variant of each stage, and of one drive by itself."""
     random, times = np.random.default_rng(1), dict.fromkeys((*STAGES, *ALONE), np.inf)
-    wanted = adjustment(bases[0])
+    wanted = strain_adjustment(bases[0])
     for _ in range(rounds):
-        values = [values_of(bases[v % len(bases)], unlike, random) for v in range(count)]
-        with spent(times, "made", count):
+        values = [variant_values(bases[v % len(bases)], unlike, random) for v in range(count)]
+        with note_least_time(times, "made", count):
             drives = [bases[v % len(bases)].with_values(each) for v, each in enumerate(values)]
         changes = [Changes(base) for base in bases]
-        with spent(times, "by changes", count):
+        with note_least_time(times, "by changes", count):
             for v, each in enumerate(values):
                 changes[v % len(bases)].drive(each)
-        with spent(times, "adjusted", count):
+        with note_least_time(times, "adjusted", count):
             adjusted_drives(drives, [wanted], [{}] * count)
-        with spent(times, "sorted", count):
+        with note_least_time(times, "sorted", count):
             stacks = stacks_of(drives)
-        with spent(times, "steps", count):
-            when = schedules(drives, stacks)
-        with spent(times, "assembled", count):
+        with note_least_time(times, "steps", count):
+            when = run_schedules(drives, stacks)
+        with note_least_time(times, "assembled", count):
             assemblies = assemble_all(stacks)
-        with spent(times, "packed", count), mock.patch.object(packing, "assemble_all", return_value=assemblies):
+        with (
+            note_least_time(times, "packed", count),
+            mock.patch.object(packing, "assemble_all", return_value=assemblies),
+        ):
             packing.pack(drives, when, stacks)
-        with spent(times, "layouts", count):
+        with note_least_time(times, "layouts", count):
             layouts_of(drives, assemblies, stacks)
     for drive in drives[:5] * rounds:
-        with spent(times, "alone", 1):
+        with note_least_time(times, "alone", 1):
             stacks = stacks_of([drive])
-            packing.pack([drive], schedules([drive], stacks), stacks)
-        with spent(times, "assembled alone", 1):
+            packing.pack([drive], run_schedules([drive], stacks), stacks)
+        with note_least_time(times, "assembled alone", 1):
             assemble(drive)
-        with spent(times, "fit alone", 1):
+        with note_least_time(times, "fit alone", 1):
             adjusted_drives([drive], [wanted], [{}])
     return times
 
 
-def metrics(base: Drive, count: int) -> float:
+def metrics_time(base: Drive, count: int) -> float:
     """Microseconds a variant to form the metrics of a run of a few steps on the CPU."""
     random, times = np.random.default_rng(2), []
-    drives = [base.with_values({"run.settle": False} | values_of(base, "", random)) for _ in range(count)]
+    drives = [base.with_values({"run.settle": False} | variant_values(base, "", random)) for _ in range(count)]
     for _ in range(2):
-        with times_of(time.thread_time, (share, "metrics_blocks"), (simulation, "metrics_table")) as found:
+        with function_times(time.thread_time, (share, "metrics_blocks"), (simulation, "metrics_table")) as found:
             simulate(drives, device="cpu", duration=40 * simulation.resolve_step(base), record=NONE)
         times.append(sum(found))
     return 1e6 * min(times) / count
 
 
 @case(
-    option("--drives", nargs="*", default=["marine", "engine", "car"], metavar="NAME", help="examples, or kinds"),
-    option("--count", type=int, default=10_000, help="variants (of the car, a tenth of them)"),
-    option("--links", nargs="*", default=[""], choices=("worn", "each", "outer", "play"), help="ways links are unlike"),
-    option("--rounds", type=int, default=3),
-    option("--metrics", action="store_true", help="simulate 2,000 variants for a few steps, too"),
+    case_option("--drives", nargs="*", default=["marine", "engine", "car"], metavar="NAME", help="examples, or kinds"),
+    case_option("--count", type=int, default=10_000, help="variants (of the car, a tenth of them)"),
+    case_option(
+        "--links", nargs="*", default=[""], choices=("worn", "each", "outer", "play"), help="ways links are unlike"
+    ),
+    case_option("--rounds", type=int, default=3),
+    case_option("--metrics", action="store_true", help="simulate 2,000 variants for a few steps, too"),
 )
 def assembly(asked: argparse.Namespace) -> Iterator[Line]:
     """Many drives that differ: microseconds of CPU time a variant of each stage before the kernels, on one core.
@@ -151,10 +156,10 @@ def assembly(asked: argparse.Namespace) -> Iterator[Line]:
     warnings.simplefilter("ignore")
     yield ("us a variant", "variants", *STAGES, "all packing", *ALONE)
     for name, links in product(asked.drives, asked.links):
-        bases = kinds() if name == "kinds" else [example(name)]
+        bases = two_sprocket_kinds() if name == "kinds" else [example_drive(name)]
         count = max(20, asked.count // SLOW) if bases[0].arms else asked.count
-        times = stages(bases, links, count, asked.rounds)
+        times = stage_times(bases, links, count, asked.rounds)
         whole = sum(times[stage] for stage in ("sorted", "steps", "assembled", "packed"))
         yield (f"{name} {links}".strip(), count, *(times[of] for of in STAGES), whole, *(times[of] for of in ALONE))
     if asked.metrics:
-        yield f"metrics of 2000 marine variants: {metrics(example('marine'), 2000):.1f} us each"
+        yield f"metrics of 2000 marine variants: {metrics_time(example_drive('marine'), 2000):.1f} us each"

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
-from common.cases import Line, case, option
-from common.drives import example
-from common.timing import best_but_one, in_turns
+from common.cases import Line, case, case_option
+from common.drives import example_drive
+from common.timing import run_in_turns, second_best_rate
 
-from benches.probe import launch, schedule
+from benches.probe import endless_schedule, launch_seconds
 from warpchain import Drive
 from warpchain.drive.batch import stacks_of
 from warpchain.engine.chains import Rows
@@ -25,7 +25,7 @@ OUTER, INNER = 26.594, 6.5
 """Pitches from the middle of a star to its sprockets, at which 180 links are taut by a thousandth."""
 
 
-def _drive(sprockets: list[dict[str, Any]], **parts: Any) -> Drive:
+def sprocket_row_drive(sprockets: list[dict[str, Any]], **parts: Any) -> Drive:
     """A drive of such sprockets, the first of which leads the chain at 10 pitches of 20 teeth a radian."""
     run = {"duration": 1.0, "step": 5e-6, "settle": False, "sample_rate": 2000.0}
     driver, *driven = sprockets
@@ -35,7 +35,7 @@ def _drive(sprockets: list[dict[str, Any]], **parts: Any) -> Drive:
     return Drive(**values, **parts)
 
 
-def in_a_row(joint: dict[str, float] | None) -> Drive:
+def chains_in_a_row(joint: dict[str, float] | None) -> Drive:
     """Three chains of 60 links one after the other, each around half of two sprockets of 14 teeth."""
     span, sprockets = SIDE * PITCH * 1.001, []
     for c in range(3):
@@ -44,10 +44,10 @@ def in_a_row(joint: dict[str, float] | None) -> Drive:
             shaft = {"shaft": f"s{end}"} if 0 < end < 3 else {}
             sprockets.append({"name": f"on {c} {end}", "teeth": 14, **place, **shaft})
     chains = [{"name": f"c{c}", "links": 60, "joint": joint, **CHAIN} for c in range(3)]
-    return _drive(sprockets, chains=chains, shafts=[{"name": f"s{end}"} for end in (1, 2)])
+    return sprocket_row_drive(sprockets, chains=chains, shafts=[{"name": f"s{end}"} for end in (1, 2)])
 
 
-def in_a_star(joint: dict[str, float] | None) -> Drive:
+def chain_around_a_star(joint: dict[str, float] | None) -> Drive:
     """One chain of 180 links around the outside of three sprockets of 20 teeth and the inside of three: as many
     rollers and sprockets, 42 rollers on these as on those, and strands as long."""
     sprockets = []
@@ -55,25 +55,27 @@ def in_a_star(joint: dict[str, float] | None) -> Drive:
         turn, away = math.pi * k / 3.0, PITCH * (INNER if k % 2 else OUTER)
         place = {"center": [away * math.cos(turn), away * math.sin(turn)], "wrap": "cw" if k % 2 else "ccw"}
         sprockets.append({"name": f"s{k}", "teeth": 20, **place})
-    return _drive(sprockets, chain={"links": 180, "joint": joint, **CHAIN})
+    return sprocket_row_drive(sprockets, chain={"links": 180, "joint": joint, **CHAIN})
 
 
-def rate(drive: Drive, device: str, count: int, steps: int, precision: str, metrics: bool, tied: bool = True) -> float:
+def roller_step_rate(
+    drive: Drive, device: str, count: int, steps: int, precision: str, metrics: bool, tied: bool = True
+) -> float:
     """1e6 roller-steps a second, on the CPU of CPU time on one core, compilation and start apart."""
     drives = [drive] * count
     rows = Rows(drives, stacks_of(drives))
-    when = schedule(rows.drives[0], metrics)
+    when = endless_schedule(rows.drives[0], metrics)
     packed = pack(rows.drives, [when] * len(rows.drives), rows.stacks)
     if tied:
         rows.couple(packed)
-    return count * drive.links * steps / launch(packed.at_precision(precision), device, steps)[0] / 1e6
+    return count * drive.links * steps / launch_seconds(packed.at_precision(precision), device, steps)[0] / 1e6
 
 
 @case(
-    option("--steps", type=int, default=100_000, help="of each timed run, of `v6` a fourth (default 100000)"),
-    option("--rounds", type=int, default=7, help="of which the best but one counts (default 7)"),
-    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
-    option("--variants", type=int, default=1, help="how many at once"),
+    case_option("--steps", type=int, default=100_000, help="of each timed run, of `v6` a fourth (default 100000)"),
+    case_option("--rounds", type=int, default=7, help="of which the best but one counts (default 7)"),
+    case_option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    case_option("--variants", type=int, default=1, help="how many at once"),
 )
 def chains(asked: argparse.Namespace) -> Iterator[Line]:
     """Roller-steps a second of drives with several chains.
@@ -89,15 +91,15 @@ def chains(asked: argparse.Namespace) -> Iterator[Line]:
     for precision in ("float64", "float32"):
         for title in ("three", "three, joint friction", "v6"):
             joint = FRICTION if "joint" in title else None
-            drive = example("v6") if title == "v6" else in_a_row(joint)
+            drive = example_drive("v6") if title == "v6" else chains_in_a_row(joint)
             steps = asked.steps // 4 if title == "v6" else asked.steps
             for metrics in (False, True):
                 fixed = {"device": asked.device, "count": asked.variants, "precision": precision, "metrics": metrics}
-                timed = partial(rate, steps=steps, **fixed)
+                timed = partial(roller_step_rate, steps=steps, **fixed)
                 jobs = {"tied": partial(timed, drive), "untied": partial(timed, drive, tied=False)}
                 if title != "v6":
-                    jobs["one"] = partial(timed, in_a_star(joint))
-                best = {kind: best_but_one(found) for kind, found in in_turns(jobs, asked.rounds).items()}
+                    jobs["one"] = partial(timed, chain_around_a_star(joint))
+                best = {kind: second_best_rate(found) for kind, found in run_in_turns(jobs, asked.rounds).items()}
                 one = f"{best['tied'] / best['one']:.2f}" if "one" in best else ""
                 words = f"{title}, {precision}{', metrics' if metrics else ''}"
                 yield (words, best["tied"], one, f"{best['tied'] / best['untied']:.2f}")

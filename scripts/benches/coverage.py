@@ -7,8 +7,8 @@ from functools import partial
 from unittest.mock import patch
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import Values, equal, example, pair, without_friction
+from common.cases import Line, case, case_option
+from common.drives import Values, equal_sprocket_values, example_drive, two_sprockets, without_friction
 
 from warpchain import Drive, Record, simulate
 from warpchain.engine.checkpoint import States
@@ -24,7 +24,7 @@ LEAST = 4
 """Windows that tell what lies behind them."""
 SAME = 1e-5
 """A mean that scatters by less than this of itself is the same in all windows, or prescribed."""
-CHATTERING: Values = equal(17, 50, 0.05) | {
+CHATTERING: Values = equal_sprocket_values(17, 50, 0.05) | {
     "sprockets.driver.prescribed": {"speed": 30.0, "ramp_time": 0.1},
     "run.settle": True,
     "run.gravity": [0.0, 0.0],
@@ -43,18 +43,18 @@ TWO: dict[str, Values] = {
     | {"sprockets.driver.prescribed": {"speed": 50.0, "ramp_time": 0.1}, "sprockets.driven.load": {"torque": 600.0}},
     "two, light load": AUTO | {"sprockets.driven.load": {"torque": 100.0}},
     "two, light damping": AUTO | {"chain.damping": 300.0, "sprockets.driven.inertia": 5.0},
-    "two, taut": AUTO | equal(25, 70, 0.05),
+    "two, taut": AUTO | equal_sprocket_values(25, 70, 0.05),
     "two, friction": AUTO | {"chain.joint": {"friction": 0.1, "pin_radius": 0.007}, "contact.sprocket.friction": 0.1},
 }
 """The values of two equal sprockets."""
-LONG: Values = AUTO | equal(17, 150, 0.05)
+LONG: Values = AUTO | equal_sprocket_values(17, 150, 0.05)
 
 MEMORIES = (0.025, 0.05, 0.1, 0.125, 0.2, 0.25, 0.5, 1.0, 2.0)
 """Over the window, of sequences whose correlation falls by e within one."""
 
 
 @dataclass(frozen=True)
-class Sample:
+class CoverageSample:
     """A drive, the turns of the chain that are left out at the start, windows that follow, and copies."""
 
     drive: Drive
@@ -63,24 +63,27 @@ class Sample:
     copies: int = 8
 
 
-SAMPLES: dict[str, Callable[[], Sample]] = {
-    **{name: partial(lambda values: Sample(pair(values), 10, copies=16), values) for name, values in TWO.items()},
-    "two, long": lambda: Sample(pair(LONG), 10, 8),
-    "motorcycle without friction": lambda: Sample(without_friction(example("motorcycle"))),
-    "marine without friction": lambda: Sample(
-        without_friction(example("marine")), 32, 8
+SAMPLES: dict[str, Callable[[], CoverageSample]] = {
+    **{
+        name: partial(lambda values: CoverageSample(two_sprockets(values), 10, copies=16), values)
+        for name, values in TWO.items()
+    },
+    "two, long": lambda: CoverageSample(two_sprockets(LONG), 10, 8),
+    "motorcycle without friction": lambda: CoverageSample(without_friction(example_drive("motorcycle"))),
+    "marine without friction": lambda: CoverageSample(
+        without_friction(example_drive("marine")), 32, 8
     ),  # whose waves take so long to grow
-    "industrial without friction": lambda: Sample(without_friction(example("industrial")), 10, 8),
-    "engine without friction": lambda: Sample(without_friction(example("engine")), 10),
-    "car without friction": lambda: Sample(without_friction(example("car")), 10),
-    "motorcycle": lambda: Sample(example("motorcycle")),
-    "marine": lambda: Sample(example("marine"), windows=8),
-    "engine": lambda: Sample(example("engine"), 10),
-    "car": lambda: Sample(example("car"), 10),
+    "industrial without friction": lambda: CoverageSample(without_friction(example_drive("industrial")), 10, 8),
+    "engine without friction": lambda: CoverageSample(without_friction(example_drive("engine")), 10),
+    "car without friction": lambda: CoverageSample(without_friction(example_drive("car")), 10),
+    "motorcycle": lambda: CoverageSample(example_drive("motorcycle")),
+    "marine": lambda: CoverageSample(example_drive("marine"), windows=8),
+    "engine": lambda: CoverageSample(example_drive("engine"), 10),
+    "car": lambda: CoverageSample(example_drive("car"), 10),
 }
 
 
-def windows_of(sample: Sample) -> tuple[Array, Array]:
+def window_batches(sample: CoverageSample) -> tuple[Array, Array]:
     """Means of batches, and their weights (W, M, copies, batches), of the M means that have errors."""
     driver = sample.drive.sprockets[sample.drive.driver]
     assert driver.prescribed is not None and driver.prescribed.speed is not None
@@ -108,14 +111,14 @@ def windows_of(sample: Sample) -> tuple[Array, Array]:
     return means, weights
 
 
-def joined(values: Array, count: int) -> Array:
+def joined_windows(values: Array, count: int) -> Array:
     """Batches (W, M, copies, batches) of `count` windows that follow one another as those of one."""
     whole = len(values) // count
     split = np.moveaxis(values[: whole * count].reshape(whole, count, *values.shape[1:]), 1, -2)
     return split.reshape(whole, *values.shape[1:], count).mean(axis=-1)
 
 
-def long_run(means: Array) -> Array:
+def long_run_means(means: Array) -> Array:
     """(M, copies) means of all windows by a Hann window, in which ripple leaves nothing: those of all copies.
 
     Where copies differ by more than their windows do, as friction holds a chain in one of many states, their own.
@@ -127,12 +130,12 @@ def long_run(means: Array) -> Array:
     return np.where(own.std(axis=1, keepdims=True) > within, own, own.mean(axis=1, keepdims=True))
 
 
-def lengths(name: str, means: Array, weights: Array) -> Iterator[Line]:
+def window_length_rows(name: str, means: Array, weights: Array) -> Iterator[Line]:
     """A row for windows of each length, as `coverage` says."""
-    truth = long_run(means)
+    truth = long_run_means(means)
     for count in (count for count in JOINED if len(means) >= LEAST * count):
-        heavy = joined(weights, count)
-        batches = joined(means * weights, count) / heavy
+        heavy = joined_windows(weights, count)
+        batches = joined_windows(means * weights, count) / heavy
         errors = standard_error(batches, heavy)
         off = (batches * heavy).sum(axis=-1) / heavy.sum(axis=-1) - truth
         spread = np.sqrt((off * off).mean(axis=(0, 2)))
@@ -146,7 +149,7 @@ def lengths(name: str, means: Array, weights: Array) -> Iterator[Line]:
         yield (name, int(count * TURNS), off[:, 0].size, *shares, *sizes)
 
 
-@case(option("names", metavar="NAME", nargs="*", default=list(SAMPLES), help=f"of {', '.join(SAMPLES)}"))
+@case(case_option("names", metavar="NAME", nargs="*", default=list(SAMPLES), help=f"of {', '.join(SAMPLES)}"))
 def coverage(asked: argparse.Namespace) -> Iterator[Line]:
     """Do standard errors cover? Windows of drives whose long-run means are those of all their windows together.
 
@@ -159,10 +162,10 @@ def coverage(asked: argparse.Namespace) -> Iterator[Line]:
     """
     yield ("drive", "turns", "windows", "unknown", "covered", "least", "width", "from", "to")
     for name in asked.names:
-        yield from lengths(name, *windows_of(SAMPLES[name]()))
+        yield from window_length_rows(name, *window_batches(SAMPLES[name]()))
 
 
-def forgetting(memory: float, count: int = 4000, length: int = 400) -> Array:
+def correlated_windows(memory: float, count: int = 4000, length: int = 400) -> Array:
     """(count, length) windows of a sequence of mean 0 and deviation 1 whose correlation falls by e within `memory`."""
     random, keep = np.random.default_rng(1), np.exp(-1.0 / (memory * length))
     x = random.normal(size=(count, length))
@@ -181,7 +184,7 @@ def memory(_: argparse.Namespace) -> Iterator[Line]:
     """
     yield ("memory", "unknown", "covered", "width")
     for share in MEMORIES:
-        x = forgetting(share)
+        x = correlated_windows(share)
         error, mean = standard_error(x.reshape(len(x), int(BATCHES), -1).mean(axis=-1)), x.mean(axis=-1)
         known = np.isfinite(error)
         covered = (np.abs(mean) <= INTERVAL * error)[known].mean()

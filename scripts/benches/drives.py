@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
-from common.drives import Values, equal, example, pair, without_friction
+from common.drives import Values, equal_sprocket_values, example_drive, two_sprockets, without_friction
 
 from warpchain import Drive
 
 Range = Callable[[float, float], float]
 """A value, given a drive's own and a share of the range."""
 PITCH, SLACK = 0.1, 0.0004
-TWO = equal(30, 118, PITCH, SLACK) | {
+TWO = equal_sprocket_values(30, 118, PITCH, SLACK) | {
     "chain.roller_mass": 3.0,
     "chain.stiffness": 2e8,
     "chain.roller_radius": 0.03,
@@ -37,58 +37,58 @@ HARMONICS: Values = {
 """Two orders of a camshaft's torque at 3000 rpm, for valves, which the C program does not know."""
 
 
-def named(name: str) -> Drive:
+def drive_by_name(name: str) -> Drive:
     """A drive by name: `two` equal sprockets, the same by `rk4`, `smooth` (marine without friction), `harmonics` (`car`
     with these for its valves), or an example.
     """
     if name in ("two", "rk4"):
-        return pair(TWO | ({"run.integrator": "rk4"} if name == "rk4" else {}))
+        return two_sprockets(TWO | ({"run.integrator": "rk4"} if name == "rk4" else {}))
     if name == "harmonics":
-        return example("car", {"valves": ()} | HARMONICS)
-    return without_friction(example("marine")) if name == "smooth" else example(name)
+        return example_drive("car", {"valves": ()} | HARMONICS)
+    return without_friction(example_drive("marine")) if name == "smooth" else example_drive(name)
 
 
 def without_valves(name: str) -> Drive:
     """A drive by name as the C program knows it: camshafts of `car` have harmonics for valves."""
-    return named("harmonics" if name == "car" else name)
+    return drive_by_name("harmonics" if name == "car" else name)
 
 
-def of_length(links: int) -> Drive:
+def two_sprockets_of_length(links: int) -> Drive:
     """Two equal sprockets with a chain of so many links."""
-    return named("two").with_values(equal(30, links, PITCH, SLACK))
+    return drive_by_name("two").with_values(equal_sprocket_values(30, links, PITCH, SLACK))
 
 
-def times(low: float, high: float) -> Range:
+def varied_factor(low: float, high: float) -> Range:
     """The drive's own value, times something between these."""
     return lambda own, share: own * (low + (high - low) * share)
 
 
-def between(low: float, high: float) -> Range:
+def varied_value(low: float, high: float) -> Range:
     """A value between these."""
     return lambda own, share: low + (high - low) * share
 
 
 MARINE = {
-    "sprockets.camshaft.load.torque": between(6e3, 12e3),
-    "chain.stiffness": times(0.8, 1.2),
-    "chain.damping": times(0.5, 1.5),
-    "sprockets.camshaft.inertia": times(0.7, 1.3),
-    "sprockets.tightener.center.0": between(1.190, 1.196),
-    "sprockets.tightener.center.1": between(3.0, 3.05),
+    "sprockets.camshaft.load.torque": varied_value(6e3, 12e3),
+    "chain.stiffness": varied_factor(0.8, 1.2),
+    "chain.damping": varied_factor(0.5, 1.5),
+    "sprockets.camshaft.inertia": varied_factor(0.7, 1.3),
+    "sprockets.tightener.center.0": varied_value(1.190, 1.196),
+    "sprockets.tightener.center.1": varied_value(3.0, 3.05),
 }
 TWO_EQUAL = {
-    "sprockets.driven.load.torque": times(0.6, 1.3),
-    "chain.stiffness": times(0.8, 1.2),
-    "chain.damping": times(0.5, 1.5),
-    "sprockets.driven.inertia": times(0.5, 2.0),
-    "contact.sprocket.restitution": between(0.6, 0.9),
+    "sprockets.driven.load.torque": varied_factor(0.6, 1.3),
+    "chain.stiffness": varied_factor(0.8, 1.2),
+    "chain.damping": varied_factor(0.5, 1.5),
+    "sprockets.driven.inertia": varied_factor(0.5, 2.0),
+    "contact.sprocket.restitution": varied_value(0.6, 0.9),
 }
 CAR = {
-    "tensioners.tensioner.spring.preload": between(30.0, 90.0),
-    "chain.stiffness": times(0.8, 1.2),
-    "chain.joint.friction": between(0.05, 0.11),
-    "sprockets.intake cam.inertia": times(0.7, 1.3),
-    "chain.damping_ratio": times(0.5, 3.0),
+    "tensioners.tensioner.spring.preload": varied_value(30.0, 90.0),
+    "chain.stiffness": varied_factor(0.8, 1.2),
+    "chain.joint.friction": varied_value(0.05, 0.11),
+    "sprockets.intake cam.inertia": varied_factor(0.7, 1.3),
+    "chain.damping_ratio": varied_factor(0.5, 3.0),
 }
 RANGES = {
     "two": TWO_EQUAL,
@@ -97,24 +97,24 @@ RANGES = {
     "car": CAR,
     "harmonics": CAR,
     "industrial": {
-        "sprockets.conveyor.load.torque": times(0.6, 1.3),
-        "sprockets.conveyor.inertia": times(0.5, 2.0),
-        "chain.joint.friction": between(0.05, 0.2),
-        "chain.damping_ratio": times(0.5, 3.0),
-        "contact.sprocket.restitution": between(0.2, 0.5),
+        "sprockets.conveyor.load.torque": varied_factor(0.6, 1.3),
+        "sprockets.conveyor.inertia": varied_factor(0.5, 2.0),
+        "chain.joint.friction": varied_value(0.05, 0.2),
+        "chain.damping_ratio": varied_factor(0.5, 3.0),
+        "contact.sprocket.restitution": varied_value(0.2, 0.5),
     },
     "engine": {
-        "chain.stiffness": times(0.7, 1.4),
-        "chain.damping_ratio": times(0.5, 3.0),
-        "sprockets.exhaust cam.inertia": times(0.7, 1.3),
-        "sprockets.intake cam.inertia": times(0.7, 1.3),
+        "chain.stiffness": varied_factor(0.7, 1.4),
+        "chain.damping_ratio": varied_factor(0.5, 3.0),
+        "sprockets.exhaust cam.inertia": varied_factor(0.7, 1.3),
+        "sprockets.intake cam.inertia": varied_factor(0.7, 1.3),
     },
 }
 """By how much drives of a name differ in a design: in what an engineer may choose, and in what is not known."""
 
 
 @cache
-def designs(drive: Drive, name: str, count: int) -> Sequence[Drive]:
+def varied_designs(drive: Drive, name: str, count: int) -> Sequence[Drive]:
     """Drives that differ as those of a design of experiments do: one with values uniform over the ranges of a name.
 
     Their automatic steps differ, too: those of marine drives twofold.
@@ -126,8 +126,8 @@ def designs(drive: Drive, name: str, count: int) -> Sequence[Drive]:
     return [drive.with_values(each) for each in values]
 
 
-def kinds() -> list[Drive]:
+def two_sprocket_kinds() -> list[Drive]:
     """Two-sprocket drives of 224 kinds: 14 numbers of teeth by 16 of links."""
-    base = named("two")
+    base = drive_by_name("two")
     sizes = [(teeth, links) for teeth in range(20, 34) for links in range(104, 136, 2)]
-    return [base.with_values(equal(teeth, links, PITCH, SLACK)) for teeth, links in sizes]
+    return [base.with_values(equal_sprocket_values(teeth, links, PITCH, SLACK)) for teeth, links in sizes]

@@ -13,10 +13,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from common.cases import ROOT, Line, case, option
+from common.cases import ROOT, Line, case, case_option
 from common.drives import SMOOTH
 from common.drives import TWO as TWO_FILE
-from common.timing import best_but_one
+from common.timing import second_best_rate
 
 from benches.drives import TWO
 
@@ -33,7 +33,7 @@ USUAL: dict[str, list[Any]] = {
 """The values of options that are not given, on the CPU and on a GPU."""
 
 
-def rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
+def tree_rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
     """Rates of a tree by case, measured by `probe.py` in a process of its own.
 
     Raises:
@@ -53,7 +53,7 @@ def rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
 
 
 @contextmanager
-def checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
+def tree_checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
     """A folder as it is, or a commit's tree in a folder of its own, while it is wanted."""
     if Path(commit).is_dir():
         yield Path(commit).resolve()
@@ -68,21 +68,21 @@ def checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
         subprocess.run([*git, "remove", "--force", str(tree)], capture_output=True)
 
 
-def drives_of(tree: Path, names: Sequence[str]) -> dict[str, tuple[str, dict[str, Any]]]:
+def guard_drives(tree: Path, names: Sequence[str]) -> dict[str, tuple[str, dict[str, Any]]]:
     """File and values of the drives that both trees run; the files are those of one tree."""
     examples = tree / "warpchain" / "drive" / "examples"
     special = {"two": (str(TWO_FILE), TWO), "smooth": (str(examples / "marine.toml"), SMOOTH)}
     return {name: special.get(name, (str(examples / f"{name}.toml"), {})) for name in names}
 
 
-def table(a: Mapping[str, float], b: Mapping[str, float], limit: float) -> list[tuple[Any, ...]]:
+def guard_table(a: Mapping[str, float], b: Mapping[str, float], limit: float) -> list[tuple[Any, ...]]:
     """A row for each case; those where B is slower than `limit` times A end in a mark."""
     head = ("drive, precision, variants", "A", "B", "B/A", "")
     rows = [(name, a[name], b[name], f"{b[name] / a[name]:.3f}") for name in a]
     return [head, *((*row, "slower" if b[row[0]] / a[row[0]] < limit else "") for row in rows)]
 
 
-def compile_in(trees: Sequence[Path], asked: Mapping[str, Any]) -> None:
+def compile_in_trees(trees: Sequence[Path], asked: Mapping[str, Any]) -> None:
     """Compiles what the trees run, side by side: a drive and a precision in each process."""
     short = {**asked, "steps": 64, "after": 0, "repeats": 1, "assemble": 0}
     jobs = [
@@ -91,20 +91,20 @@ def compile_in(trees: Sequence[Path], asked: Mapping[str, Any]) -> None:
         for tree, precision in product(trees, asked["precisions"])
     ]
     with ThreadPoolExecutor(min(8, len(os.sched_getaffinity(0)))) as pool:
-        list(pool.map(lambda job: rates(*job), jobs))
+        list(pool.map(lambda job: tree_rates(*job), jobs))
 
 
 @case(
-    option("a", metavar="A", help="a commit, or the folder of a tree"),
-    option("b", metavar="B", nargs="?", default=str(ROOT), help="what to hold against it (default this tree)"),
-    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
-    option("--drives", nargs="+", metavar="NAME", help="two, smooth (marine without friction), or examples"),
-    option("--variants", nargs="+", type=int, metavar="N", help="how many at once"),
-    option("--steps", type=int, help="of a launch (of one variant on the CPU, of any number on a GPU)"),
-    option("--after", type=int, default=0, help="steps before them, which the metrics leave out"),
-    option("--rounds", type=int, help="of which the best but one counts"),
-    option("--assembled", type=int, help="variants of each drive that are assembled"),
-    option("--limit", type=float, default=LIMIT, help=f"least B over A (default {LIMIT})"),
+    case_option("a", metavar="A", help="a commit, or the folder of a tree"),
+    case_option("b", metavar="B", nargs="?", default=str(ROOT), help="what to hold against it (default this tree)"),
+    case_option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    case_option("--drives", nargs="+", metavar="NAME", help="two, smooth (marine without friction), or examples"),
+    case_option("--variants", nargs="+", type=int, metavar="N", help="how many at once"),
+    case_option("--steps", type=int, help="of a launch (of one variant on the CPU, of any number on a GPU)"),
+    case_option("--after", type=int, default=0, help="steps before them, which the metrics leave out"),
+    case_option("--rounds", type=int, help="of which the best but one counts"),
+    case_option("--assembled", type=int, help="variants of each drive that are assembled"),
+    case_option("--limit", type=float, default=LIMIT, help=f"least B over A (default {LIMIT})"),
 )
 def guard(asked: argparse.Namespace) -> Iterator[Line]:
     """Speed of one tree beside another's in one run: what a change has cost.
@@ -121,9 +121,9 @@ def guard(asked: argparse.Namespace) -> Iterator[Line]:
     on_gpu = asked.device != "cpu"
     chosen = {name: getattr(asked, name) or usual[on_gpu] for name, usual in USUAL.items()}
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
-        trees = [stack.enter_context(checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
+        trees = [stack.enter_context(tree_checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
         what = {
-            "drives": drives_of(trees[0], chosen["drives"]),
+            "drives": guard_drives(trees[0], chosen["drives"]),
             "precisions": PRECISIONS,
             "variants": chosen["variants"],
             "device": asked.device,
@@ -132,15 +132,15 @@ def guard(asked: argparse.Namespace) -> Iterator[Line]:
             "repeats": 2 if on_gpu else 1,
             "assemble": chosen["assembled"],
         }
-        compile_in(trees, what)
+        compile_in_trees(trees, what)
         found: list[dict[str, list[float]]] = [{}, {}]
         for _ in range(chosen["rounds"]):
             for tree, mine in zip(trees, found, strict=True):
-                for row, rate in rates(tree, what).items():
+                for row, rate in tree_rates(tree, what).items():
                     mine.setdefault(row, []).append(rate)
-    before, after = ({row: best_but_one(of) for row, of in mine.items()} for mine in found)
+    before, after = ({row: second_best_rate(of) for row, of in mine.items()} for mine in found)
     yield f"A: {asked.a}, B: {asked.b}; {asked.device}"
-    rows = table(before, after, asked.limit)
+    rows = guard_table(before, after, asked.limit)
     yield from rows
     if any(row[-1] for row in rows):
         raise SystemExit(1)

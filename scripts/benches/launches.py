@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 from heapq import heapify, heappop, heappush, heapreplace
 
 import numpy as np
-from common.cases import Line, case, option
+from common.cases import Line, case, case_option
 from numpy.typing import NDArray
 
-from benches.drives import RANGES, designs, named
+from benches.drives import RANGES, drive_by_name, varied_designs
 from benches.gpu import DESIGNS
 from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.gpu import launch_steps
@@ -21,7 +21,7 @@ MEASURED = 1.5
 Lanes = Sequence[Sequence[Launch]]
 
 
-def runs_of(steps: NDArray[np.integer]) -> NDArray[np.void]:
+def counted_runs(steps: NDArray[np.integer]) -> NDArray[np.void]:
     """Variants of so many steps, measured over the latter half."""
     drives = np.zeros(len(steps), DRIVES)
     drives["steps"] = drives["window_end"] = steps
@@ -29,7 +29,7 @@ def runs_of(steps: NDArray[np.integer]) -> NDArray[np.void]:
     return drives
 
 
-def calls(drives: NDArray[np.void], most: int, turn: int) -> Iterator[Lanes]:
+def launch_calls(drives: NDArray[np.void], most: int, turn: int) -> Iterator[Lanes]:
     """Launches of a run, call by call and group by group, as the engine makes them."""
     progress = np.zeros(len(drives), PROGRESS)
     while (left := steps_left(drives, progress)).any():
@@ -40,7 +40,7 @@ def calls(drives: NDArray[np.void], most: int, turn: int) -> Iterator[Lanes]:
         progress["step"] += share
 
 
-def time_of(lanes: Lanes, slots: int, at: NDArray[np.integer]) -> float:
+def slots_time(lanes: Lanes, slots: int, at: NDArray[np.integer]) -> float:
     """When so many slots have taken variants, which stand `at` a step, through launches: a lane's one after another."""
     free, waiting = [0.0] * slots, [(0.0, 0, lane) for lane in range(len(lanes))]
     heapify(waiting)
@@ -58,17 +58,17 @@ def time_of(lanes: Lanes, slots: int, at: NDArray[np.integer]) -> float:
     return max(free)
 
 
-def occupied(drives: NDArray[np.void], most: int, slots: int) -> float:
+def occupied_share(drives: NDArray[np.void], most: int, slots: int) -> float:
     """Time of a run in launches of at most so many steps, over that of as many steps spread evenly over all slots."""
     at = np.zeros(len(drives), int)
-    taken = sum(time_of(lanes, slots, at) for lanes in calls(drives, most, slots))
+    taken = sum(slots_time(lanes, slots, at) for lanes in launch_calls(drives, most, slots))
     bare = np.minimum(measured_from(drives, at * 0), drives["steps"] + 1)
     return taken * slots / float((bare + MEASURED * (drives["steps"] + 1 - bare)).sum())
 
 
 @case(
-    option("--drives", nargs="+", choices=list(RANGES), default=["marine", "car"], help="default marine car"),
-    option("--slots", type=int, default=1584, help="blocks that a GPU holds at once (default 1584)"),
+    case_option("--drives", nargs="+", choices=list(RANGES), default=["marine", "car"], help="default marine car"),
+    case_option("--slots", type=int, default=1584, help="blocks that a GPU holds at once (default 1584)"),
 )
 def launches(asked: argparse.Namespace) -> Iterator[Line]:
     """Time of 10,000 designs in a GPU's launches, over that of as many steps spread evenly, counted on the host.
@@ -80,13 +80,13 @@ def launches(asked: argparse.Namespace) -> Iterator[Line]:
     """
     yield ("drive", "most of least steps", "of evenly spread", "drives of equal steps", "ratio")
     for name in asked.drives:
-        drive = named(name)
-        steps = np.array([drive.run.duration / resolve_step(each) for each in designs(drive, name, DESIGNS)]).astype(
-            int
-        )
+        drive = drive_by_name(name)
+        steps = np.array(
+            [drive.run.duration / resolve_step(each) for each in varied_designs(drive, name, DESIGNS)]
+        ).astype(int)
         most = launch_steps(0.5 * DESIGNS * drive.chain.links, 2**31 - 1)
         found = [
-            np.mean([occupied(runs_of(part), most, asked.slots) for part in np.array_split(each, 2)])
+            np.mean([occupied_share(counted_runs(part), most, asked.slots) for part in np.array_split(each, 2)])
             for each in (steps, np.full(len(steps), int(steps.mean())))
         ]
         yield (name, steps.max() / steps.min(), *map(float, found), float(found[0] / found[1]))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
+from common.cases import Line, case, case_option
 
 from warpchain.study.optimize import Optimizer, goals_of_study, recommend
 from warpchain.study.results import read_results
@@ -17,25 +17,25 @@ Array = Any
 """Numbers by row and column."""
 
 
-def front(x: Array) -> Array:
+def front_objectives(x: Array) -> Array:
     """Two squares: the front is b = 0, a from -1 to 1."""
     return np.stack([(x[:, 0] - 1.0) ** 2 + x[:, 1] ** 2, (x[:, 0] + 1.0) ** 2 + x[:, 1] ** 2], axis=1)
 
 
-def ishigami(x: Array) -> Array:
+def ishigami_function(x: Array) -> Array:
     """Least -1 - pi^4 / 10 = -10.74 at (-pi/2, 0, +-pi)."""
     a, b, c = x.T
     return (np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))[:, None]
 
 
-def volume(costs: Array) -> float:
+def front_volume(costs: Array) -> float:
     """Area that rows beat, up to the reference."""
     from pymoo.indicators.hv import HV
 
     return float(HV(ref_point=np.array([4.0, 4.0]))(costs))
 
 
-def study_of(names: str, ends: float, metrics: dict[str, float | None], seed: int) -> Study:
+def optimizer_study(names: str, ends: float, metrics: dict[str, float | None], seed: int) -> Study:
     """A study of factors from -ends to ends: of metrics with a number that is a limit, of others an objective."""
     text = f'[study]\ndrive = "none"\n[design]\nkind = "sobol"\ncount = {START}\nseed = {seed}\n'
     for name in names:
@@ -46,7 +46,7 @@ def study_of(names: str, ends: float, metrics: dict[str, float | None], seed: in
     return loads_study(text + f"[optimize]\nbatch = {BATCH}\nseed = {seed}\n")
 
 
-def by_bayes(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
+def search_by_bayes(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
     """All rows, and the row that is recommended."""
     import pyarrow as pa
 
@@ -67,7 +67,7 @@ def by_bayes(study: Study, function: Callable[[Array], Array], noise: float, see
     return x, x[best.row]
 
 
-def by_egobox(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
+def search_by_egobox(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
     """The same by egobox: EHVI for two objectives, LogEI with limits for one."""
     import egobox as egx
 
@@ -90,36 +90,36 @@ def by_egobox(study: Study, function: Callable[[Array], Array], noise: float, se
     return np.asarray(found.result.x_doe), np.asarray(found.result.x_opt)
 
 
-ENGINES = {"bayes": by_bayes, "egobox": by_egobox}
+ENGINES = {"bayes": search_by_bayes, "egobox": search_by_egobox}
 
 
-def of_front(x: Array, best: Array) -> float:
+def front_score(x: Array, best: Array) -> float:
     """Part of the front's volume that rows beat [-]."""
-    whole = front(np.stack([np.linspace(-1, 1, 2001), np.zeros(2001)], axis=1))
-    return volume(front(x)) / volume(whole)
+    whole = front_objectives(np.stack([np.linspace(-1, 1, 2001), np.zeros(2001)], axis=1))
+    return front_volume(front_objectives(x)) / front_volume(whole)
 
 
-def of_corner(x: Array, best: Array) -> float:
+def corner_score(x: Array, best: Array) -> float:
     """First square at the recommended row, 9 where it oversteps the limit by more than 0.1; 1 is least."""
-    (values,) = front(best[None])
+    (values,) = front_objectives(best[None])
     return float(values[0]) if values[1] < 1.1 else 9.0
 
 
-def of_ishigami(x: Array, best: Array) -> float:
+def ishigami_score(x: Array, best: Array) -> float:
     """The function at the recommended row; -10.74 is least."""
-    return float(ishigami(best[None])[0, 0])
+    return float(ishigami_function(best[None])[0, 0])
 
 
-TWO = ("ab", 2.0, {"f1": None, "f2": None}, front)
+TWO = ("ab", 2.0, {"f1": None, "f2": None}, front_objectives)
 JOBS: dict[str, tuple[Any, float, Callable[[Array, Array], float]]] = {
-    "front, exact": (TWO, 0.0, of_front),
-    "front, noise 0.1": (TWO, 0.1, of_front),
-    "limit, noise 0.1": (("ab", 2.0, {"f1": None, "f2": 1.0}, front), 0.1, of_corner),
-    "Ishigami, noise 0.5": (("abc", np.pi, {"f1": None}, ishigami), 0.5, of_ishigami),
+    "front, exact": (TWO, 0.0, front_score),
+    "front, noise 0.1": (TWO, 0.1, front_score),
+    "limit, noise 0.1": (("ab", 2.0, {"f1": None, "f2": 1.0}, front_objectives), 0.1, corner_score),
+    "Ishigami, noise 0.5": (("abc", np.pi, {"f1": None}, ishigami_function), 0.5, ishigami_score),
 }
 
 
-@case(option("seeds", metavar="SEEDS", nargs="?", type=int, default=3, help="runs of each (default 3)"))
+@case(case_option("seeds", metavar="SEEDS", nargs="?", type=int, default=3, help="runs of each (default 3)"))
 def optimizers(asked: argparse.Namespace) -> Iterator[Line]:
     """Engines for costly searches side by side, on functions with known answers.
 
@@ -134,9 +134,9 @@ def optimizers(asked: argparse.Namespace) -> Iterator[Line]:
             scores, begin = [], time.perf_counter()
             try:
                 for seed in range(1, asked.seeds + 1):
-                    scores.append(score(*run(study_of(names, ends, metrics, seed), function, noise, seed)))
+                    scores.append(score(*run(optimizer_study(names, ends, metrics, seed), function, noise, seed)))
             except ImportError as error:
                 yield (job, engine, error, "", "")
                 continue
-            worst = min(scores) if score is of_front else max(scores)
+            worst = min(scores) if score is front_score else max(scores)
             yield (job, engine, float(np.median(scores)), worst, (time.perf_counter() - begin) / asked.seeds)

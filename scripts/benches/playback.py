@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import equal, pair
+from common.cases import Line, case, case_option
+from common.drives import equal_sprocket_values, two_sprockets
 
 from warpchain import Record, Trajectory, simulate
 
-LONG = equal(30, 150, 0.05) | {
+LONG = equal_sprocket_values(30, 150, 0.05) | {
     "sprockets.driver.prescribed.speed": 30.0,
     "contact.sprocket.seat_angle": 137.0,
     "run": {"duration": 0.4995, "step": 1e-5, "sample_rate": 2000.0},
 }
 
 
-def frame_by_frame(stream: Any, trajectory: Trajectory) -> None:
+def log_frame_by_frame(stream: Any, trajectory: Trajectory) -> None:
     """The chain's rollers and colors through Rerun's own archetypes, logged one frame after the other."""
     import rerun as rr
 
@@ -36,7 +36,7 @@ def frame_by_frame(stream: Any, trajectory: Trajectory) -> None:
         stream.log("reference/loop", rr.Points2D(x, colors=colors))
 
 
-@case(option("--rounds", type=int, default=7, help="of which the best counts (default 7)"))
+@case(case_option("--rounds", type=int, default=7, help="of which the best counts (default 7)"))
 def playback(asked: argparse.Namespace) -> Iterator[Line]:
     """Milliseconds to build a recording of a variant of 1,000 frames and 150 rollers.
 
@@ -54,7 +54,7 @@ def playback(asked: argparse.Namespace) -> Iterator[Line]:
     from warpchain.view.rerun.run_playback import log_recording, log_variant
     from warpchain.view.rerun.signal_charts import log_curves, log_spectrum_charts, log_tension_image, spectrum_lines
 
-    one = recorded_variant(simulate(pair(LONG), record=Record()), None)
+    one = recorded_variant(simulate(two_sprockets(LONG), record=Record()), None)
     trajectory, frames = one.trajectory, len(one.trajectory.time)
     top, colors = tension_scale_top([trajectory]), curve_colors(trajectory.drive)
     parts: dict[str, Callable[[Any], object]] = {
@@ -64,7 +64,7 @@ def playback(asked: argparse.Namespace) -> Iterator[Line]:
         "a variant (the three)": lambda stream: log_variant(stream, one, frames, top),
         "spectra": lambda stream: log_spectrum_charts(stream, spectrum_lines(trajectory, colors), [30]),
         "whole recording with layout": lambda stream: log_recording(stream, [one], frames),
-        "rollers frame by frame": lambda stream: frame_by_frame(stream, trajectory),
+        "rollers frame by frame": lambda stream: log_frame_by_frame(stream, trajectory),
     }
     best = dict.fromkeys(parts, np.inf)
     with tempfile.TemporaryDirectory() as folder:

@@ -27,31 +27,31 @@ except ImportError:  # of a tree before commit a898f41
 FOREVER = 10**9
 
 
-def schedule(drive: Any, metrics: bool) -> Any:
+def endless_schedule(drive: Any, metrics: bool) -> Any:
     """A run without end, without frames; the window is either all of it or far away."""
     step = resolve_step(drive)
     apart = int(longest_apart(drive, step))  # as in a long window
     return Schedule(step, FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0, apart)
 
 
-def packed_of(drive: Any, variants: int, precision: str, when: Any) -> Any:
+def packed_copies(drive: Any, variants: int, precision: str, when: Any) -> Any:
     """A drive packed so many times over, without assembling each."""
     return pack([drive], [when]).at_precision(precision).taken([0] * variants)
 
 
-def engine_on(packed: Any, device: str, cores: int) -> Any:
+def engine_of_device(packed: Any, device: str, cores: int) -> Any:
     """An engine on a GPU, or on some cores."""
     return CpuEngine(packed, cores) if device == "cpu" else GpuEngine(packed, device)
 
 
-def launch(packed: Any, device: str, steps: int, after: int = 0, cores: int = 1) -> tuple[float, float]:
+def launch_seconds(packed: Any, device: str, steps: int, after: int = 0, cores: int = 1) -> tuple[float, float]:
     """Seconds of `steps` steps, and of the 64 and `after` before them; of CPU time on one core.
 
     Raises:
         SystemExit: the run diverged.
     """
     clock = time.process_time if device == "cpu" and cores == 1 else time.perf_counter
-    engine, taken = engine_on(packed, device, cores), []
+    engine, taken = engine_of_device(packed, device, cores), []
     frames = engine.frame_buffer(1 if device == "cpu" else 0)
     for count in (64 + after, steps):
         begin = clock()
@@ -64,16 +64,16 @@ def launch(packed: Any, device: str, steps: int, after: int = 0, cores: int = 1)
     return taken[1], taken[0]
 
 
-def rate(
+def roller_step_rate(
     drive: Any, steps: int, precision: str, metrics: bool, variants: int, device: str, cores: int = 1, after: int = 0
 ) -> float:
     """1e6 roller-steps a second, compilation and start apart; metrics are taken from step `after` on."""
-    when = schedule(drive, metrics)
-    packed = packed_of(drive, variants, precision, replace(when, window_start=after) if metrics else when)
-    return variants * int(drive.chain.links) * steps / launch(packed, device, steps, after, cores)[0] / 1e6
+    when = endless_schedule(drive, metrics)
+    packed = packed_copies(drive, variants, precision, replace(when, window_start=after) if metrics else when)
+    return variants * int(drive.chain.links) * steps / launch_seconds(packed, device, steps, after, cores)[0] / 1e6
 
 
-def assembled(drive: Any, count: int) -> float:
+def assembly_rate(drive: Any, count: int) -> float:
     """So many drives that differ, assembled and packed in a second of CPU time."""
     sprocket = drive.sprockets[-1]
     x, y = sprocket.center
@@ -86,7 +86,7 @@ def assembled(drive: Any, count: int) -> float:
     return count / (time.process_time() - begin)
 
 
-def changes(drive: Any, finer: int) -> dict[str, float]:
+def step_changes(drive: Any, finer: int) -> dict[str, float]:
     """The drive's step [s], and by how much results at it differ from those at a `finer`-th of it, if that is not 0."""
     step = float(resolve_step(drive))
     if not finer:
@@ -102,7 +102,7 @@ def changes(drive: Any, finer: int) -> dict[str, float]:
     return {"step": step, **found, "losses": lost[0] / lost[1] - 1.0}
 
 
-def rates(asked: dict[str, Any]) -> dict[str, float]:
+def rates_by_case(asked: dict[str, Any]) -> dict[str, float]:
     """Rates by case: 1e6 roller-steps a second, and drives assembled in a second.
 
     Args:
@@ -115,16 +115,16 @@ def rates(asked: dict[str, Any]) -> dict[str, float]:
     for title, (file, values) in asked["drives"].items():
         drive = warpchain.load_drive(Path(file)).with_values(values)
         if "finer" in asked:
-            found |= {f"{title}, {name}": value for name, value in changes(drive, asked["finer"]).items()}
+            found |= {f"{title}, {name}": value for name, value in step_changes(drive, asked["finer"]).items()}
         for precision in asked["precisions"]:
             for variants in asked["variants"]:
                 for metrics in (False, True):
                     steps = max(1, asked["steps"] // variants) if device == "cpu" else asked["steps"]
                     name = f"{title}, {precision}, {variants}{', metrics' if metrics else ''}"
                     case = (drive, steps, precision, metrics, variants, device)
-                    found[name] = max(rate(*case, after=asked["after"]) for _ in range(asked["repeats"]))
+                    found[name] = max(roller_step_rate(*case, after=asked["after"]) for _ in range(asked["repeats"]))
         if asked["assemble"]:
-            found[f"{title}, assembly of {asked['assemble']}"] = assembled(drive, asked["assemble"])
+            found[f"{title}, assembly of {asked['assemble']}"] = assembly_rate(drive, asked["assemble"])
     return found
 
 
@@ -136,7 +136,7 @@ def main() -> None:
     package = Path(str(warpchain.__file__)).resolve()
     if not package.is_relative_to(Path(asked["tree"]).resolve()):
         raise SystemExit(f"{package} is not of {asked['tree']}")
-    print(json.dumps(rates(asked)))
+    print(json.dumps(rates_by_case(asked)))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from common.cases import SCRIPTS
 
-from benches.probe import packed_of, schedule
+from benches.probe import endless_schedule, packed_copies
 from warpchain import Drive
 from warpchain.engine.packed import Packed
 
@@ -37,25 +37,25 @@ BEHIND = "density laminar_limit bottom stop_stiffness stop_damping"
 REAL = {"float64": "double", "float32": "float"}
 
 
-def numbers(row: Any, names: str) -> list[float]:
+def struct_numbers(row: Any, names: str) -> list[float]:
     """Numbers of a struct's fields, those of vectors one by one."""
     return [float(value) for name in names.split() for value in np.ravel(row[name])]
 
 
-def harmonics_of(packed: Packed, motion: Any) -> tuple[int, list[float]]:
+def motion_harmonics(packed: Packed, motion: Any) -> tuple[int, list[float]]:
     """Number of a motion's harmonics, and their orders, amplitudes and phases with room for eight."""
     rows, found = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"], np.zeros((8, 3))
     found[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
     return rows["count"], [*found.ravel()]
 
 
-def rubbing(partner: Any, names: str, friction: Any) -> list[float]:
+def friction_numbers(partner: Any, names: str, friction: Any) -> list[float]:
     """Numbers of a sprocket or a guide, of its contact law and of its friction."""
-    law = numbers(partner["law"], LAW)
-    return [*numbers(partner, names), *law, friction["inertia"] > 0.0, *numbers(friction, FRICTION)]
+    law = struct_numbers(partner["law"], LAW)
+    return [*struct_numbers(partner, names), *law, friction["inertia"] > 0.0, *struct_numbers(friction, FRICTION)]
 
 
-def lacking(packed: Packed) -> list[str]:
+def unknown_parts(packed: Packed) -> list[str]:
     """Parts of variant 0 that the programs do not know."""
     drive = packed.drives[0]
     found = {
@@ -71,7 +71,7 @@ def lacking(packed: Packed) -> list[str]:
     return [name for name, there in found.items() if there]
 
 
-def counts(packed: Packed) -> dict[str, int]:
+def part_counts(packed: Packed) -> dict[str, int]:
     """Numbers of variant 0's parts."""
     drive = packed.drives[0]
     return {
@@ -84,57 +84,61 @@ def counts(packed: Packed) -> dict[str, int]:
     }
 
 
-def layout(packed: Packed) -> bytes:
+def variant_layout(packed: Packed) -> bytes:
     """Variant 0 in the layout that the programs read.
 
     Raises:
         SystemExit: what they do not know, in one line.
     """
-    if unknown := lacking(packed):
+    if unknown := unknown_parts(packed):
         raise SystemExit(f"the C program takes no drive with {', '.join(unknown)}")
     drive, chain = packed.drives[0], packed.chains[0]
-    n, sprockets, guides, pieces, arms, tensioners = counts(packed).values()
+    n, sprockets, guides, pieces, arms, tensioners = part_counts(packed).values()
     bodies = sprockets + arms
     values: list[float] = [n, sprockets, guides, pieces, arms, tensioners]
-    values += [drive["step"], packed.lengths[0], *numbers(chain, "stiffness damping mass gravity")]
+    values += [drive["step"], packed.lengths[0], *struct_numbers(chain, "stiffness damping mass gravity")]
     values += [
         chain["joint"]["inertia"] > 0.0,
-        *numbers(chain, "pin_radius joint_arm"),
-        *numbers(chain["joint"], FRICTION),
+        *struct_numbers(chain, "pin_radius joint_arm"),
+        *struct_numbers(chain["joint"], FRICTION),
     ]
     for motion, body in zip(packed.motions[:bodies], packed.bodies, strict=False):
-        count, harmonics = harmonics_of(packed, motion)
-        values += [*numbers(motion, BODY), count, *harmonics, *numbers(body, PLACED)]
+        count, harmonics = motion_harmonics(packed, motion)
+        values += [*struct_numbers(motion, BODY), count, *harmonics, *struct_numbers(body, PLACED)]
     for partner, friction in zip(packed.sprockets[:sprockets], packed.tooth_friction, strict=False):
-        values += rubbing(partner, TEETH, friction)
+        values += friction_numbers(partner, TEETH, friction)
     for partner, friction in zip(packed.guides[:guides], packed.guide_friction, strict=False):
-        values += rubbing(partner, GUIDE, friction)
+        values += friction_numbers(partner, GUIDE, friction)
     for piece in packed.pieces[:pieces]:
-        values += numbers(piece, PIECE)
+        values += struct_numbers(piece, PIECE)
     for arm in packed.arms[:arms]:
-        values += numbers(arm, ARM)
+        values += struct_numbers(arm, ARM)
     for tensioner, oil in zip(packed.tensioners[:tensioners], packed.oil, strict=False):
-        values += [*numbers(tensioner, TENSIONER), *numbers(tensioner["check"], VALVE), *numbers(tensioner, BEHIND)]
-        values += numbers(oil, "content root")
+        values += [
+            *struct_numbers(tensioner, TENSIONER),
+            *struct_numbers(tensioner["check"], VALVE),
+            *struct_numbers(tensioner, BEHIND),
+        ]
+        values += struct_numbers(oil, "content root")
     values += [*packed.rollers[: 4 * n], *packed.seat[: (sprockets + guides) * n]]
     return np.array(values, dtype=np.float64).tobytes()
 
 
-def one(drive: Drive) -> Packed:
+def packed_variant(drive: Drive) -> Packed:
     """One variant of a drive, as the programs take it."""
-    return packed_of(drive, 1, "float64", schedule(drive, False))
+    return packed_copies(drive, 1, "float64", endless_schedule(drive, False))
 
 
-def run(program: Path, drive: Drive, *words: object) -> tuple[float, np.ndarray]:
+def run_program(program: Path, drive: Drive, *words: object) -> tuple[float, np.ndarray]:
     """A program's seconds for a drive, and the final x, y, vx, vy rows."""
     with tempfile.TemporaryDirectory() as name:
-        (Path(name) / "in").write_bytes(layout(one(drive)))
+        (Path(name) / "in").write_bytes(variant_layout(packed_variant(drive)))
         command = [str(program), f"{name}/in", f"{name}/out", *map(str, words)]
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         return float(said), np.fromfile(f"{name}/out")
 
 
-def compiled(folder: Path, compiler: str, *words: str) -> Path | None:
+def compiled_program(folder: Path, compiler: str, *words: str) -> Path | None:
     """A program that a compiler makes in a folder, if it is not there yet; None without the compiler."""
     if shutil.which(compiler) is None:
         return None
@@ -148,23 +152,23 @@ def compiled(folder: Path, compiler: str, *words: str) -> Path | None:
 
 def c_program(folder: Path, *flags: str) -> Path | None:
     """The C program in a folder."""
-    return compiled(folder, "cc", "-march=native", *flags, "chain_reference.c", "-lm")
+    return compiled_program(folder, "cc", "-march=native", *flags, "chain_reference.c", "-lm")
 
 
-def constants(packed: Packed, precision: str) -> dict[str, object]:
+def cuda_constants(packed: Packed, precision: str) -> dict[str, object]:
     """Numbers that the CUDA program is compiled for."""
     joint, contacts = packed.chains[0]["joint"], (packed.tooth_friction, packed.guide_friction)
     rubs = joint["inertia"] > 0.0 or any(of["inertia"].any() for of in contacts)
-    return {"real": REAL[precision], **counts(packed), "rubs": int(rubs)}
+    return {"real": REAL[precision], **part_counts(packed), "rubs": int(rubs)}
 
 
 def cuda_program(drive: Drive, precision: str, folder: Path) -> Path | None:
     """The CUDA program for a kind of drive in a folder."""
-    flags = [f"-D{name.upper()}={value}" for name, value in constants(one(drive), precision).items()]
-    return compiled(folder, "nvcc", "-arch=native", *flags, "chain_reference.cu")
+    flags = [f"-D{name.upper()}={value}" for name, value in cuda_constants(packed_variant(drive), precision).items()]
+    return compiled_program(folder, "nvcc", "-arch=native", *flags, "chain_reference.cu")
 
 
 def cuda_seconds(drive: Drive, precision: str, steps: int, variants: int, folder: Path) -> float:
     """Seconds of the CUDA program; NaN without nvcc."""
     program = cuda_program(drive, precision, folder)
-    return run(program, drive, steps, variants)[0] if program else math.nan
+    return run_program(program, drive, steps, variants)[0] if program else math.nan

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
+from common.cases import Line, case, case_option
 
-from benches.drives import named
+from benches.drives import drive_by_name
 from benches.steps import EXAMPLES, SHORT
 from warpchain import Drive, Limits, Record, simulate
 from warpchain.assembly.timestep import automatic_step
@@ -21,9 +21,9 @@ TIMES = {"joint friction": (1.0, 5.0, 10.0, 20.0, 50.0), "ramp": (1e-4, 1e-3, 3e
 
 
 @case(
-    option("--copies", type=int, default=4, help="1e-9 pitches apart"),
-    option("--of", nargs="+", choices=TIMES, default=list(TIMES), help="what is varied"),
-    option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
+    case_option("--copies", type=int, default=4, help="1e-9 pitches apart"),
+    case_option("--of", nargs="+", choices=TIMES, default=list(TIMES), help="what is varied"),
+    case_option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
 )
 def resolution(asked: argparse.Namespace) -> Iterator[Line]:
     """Examples with more and more friction in the joints, and shorter ramps, at the automatic step and at half of it.
@@ -37,7 +37,7 @@ def resolution(asked: argparse.Namespace) -> Iterator[Line]:
     warnings.simplefilter("ignore")
     yield ("drive", "times", "fewest steps", "drift [%]", "half the step changes", "by [%]", "scatter [%]", "status")
     for name in asked.drives:
-        drive = named(name)
+        drive = drive_by_name(name)
         paths = {
             "joint friction": "chain.joint.friction",
             "ramp": f"sprockets.{drive.sprockets[drive.driver].name}.prescribed.ramp_time",
@@ -80,7 +80,7 @@ STARTS: dict[str, dict[str, Any]] = {
 """Starts of `conveyor`: what is changed of it."""
 
 
-def _start_rows(drive: Drive, part: int, copies: int) -> list[dict[str, Any]]:
+def start_metrics(drive: Drive, part: int, copies: int) -> list[dict[str, Any]]:
     """Metrics of copies of a start, 1e-9 pitches apart, at a part of the automatic step."""
     drive = changed(drive, {"run.duration": START[1], "run.step": automatic_step(drive) / part})
     run = simulate(drive, window=START, replicates=copies, replicate_by="perturbation", record=Record("none"),
@@ -99,7 +99,7 @@ def starts(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("conveyor", "step", "tension_q999 [N]", "joint_give [%]", "joints.resolution", "status")
     for words, values in STARTS.items():
         for part in (1, 2, 4, 8):
-            (row,) = _start_rows(changed(named("conveyor"), values), part, 1)
+            (row,) = start_metrics(changed(drive_by_name("conveyor"), values), part, 1)
             give = f"{100.0 * row[f'{slack}.joint_give']:.2f}"
             fewest = f"{row['joints.resolution']:.0f}"
             yield (words, f"1/{part}", f"{row[f'{slack}.tension_q999']:.0f}", give, fewest, row["status"])
@@ -130,9 +130,9 @@ VARIED = {
 
 
 @case(
-    option("--count", type=int, default=16, help="starts of each drive"),
-    option("--seed", type=int, default=1, help="of what is varied"),
-    option("--drives", nargs="+", metavar="NAME", choices=VARIED, default=list(VARIED), help="examples"),
+    case_option("--count", type=int, default=16, help="starts of each drive"),
+    case_option("--seed", type=int, default=1, help="of what is varied"),
+    case_option("--drives", nargs="+", metavar="NAME", choices=VARIED, default=list(VARIED), help="examples"),
 )
 def gives(asked: argparse.Namespace) -> Iterator[Line]:
     """Random starts: how often a strand's 99.9 % tension changes by more than 5 % where the give of joints tells so.
@@ -147,13 +147,13 @@ def gives(asked: argparse.Namespace) -> Iterator[Line]:
     found = []
     for name in asked.drives:
         for _ in range(asked.count):
-            drive = named(name)
+            drive = drive_by_name(name)
             values = {path: drive.get_value(path) * math.exp(0.5 * rng.normal()) for path in VARIED[name]}
             values["chain.stiffness"] = drive.chain.stiffness * math.exp(0.5 * rng.normal())
             values["contact.sprocket.restitution"] = min(values["contact.sprocket.restitution"], 0.9)
             drive = changed(drive, values)
-            whole, half, quarter = (_start_rows(drive, part, 2) for part in (1, 2, 4))
-            found += [_give_and_change(drive, rows, quarter) for rows in (whole, half)]
+            whole, half, quarter = (start_metrics(drive, part, 2) for part in (1, 2, 4))
+            found += [joint_give_and_change(drive, rows, quarter) for rows in (whole, half)]
     yield ("limit [%]", "runs", "suspect, and changes", "suspect, does not", "ok, but changes", "ok, does not")
     give, change = np.array(found).T
     for limit in (0.01, 0.02, 0.05, 0.1):
@@ -162,7 +162,7 @@ def gives(asked: argparse.Namespace) -> Iterator[Line]:
         yield (f"{100.0 * limit:g}", str(len(found)), *(str(int(each.sum())) for each in counts))
 
 
-def _give_and_change(drive: Drive, rows: list[dict[str, Any]], finer: list[dict[str, Any]]) -> tuple[float, float]:
+def joint_give_and_change(drive: Drive, rows: list[dict[str, Any]], finer: list[dict[str, Any]]) -> tuple[float, float]:
     """The largest `joint_give` of strands, and by how much of it a strand's `tension_q999` changes to finer steps."""
     most = 0.0
     for strand in drive.strand_names:

@@ -11,12 +11,12 @@ from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from common.cases import ROOT, Line, case, option
+from common.cases import ROOT, Line, case, case_option
 
 COMMAND = ("run", "industrial", "--duration", "0.001", "--quiet", "--overwrite")
 
 
-def seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
+def command_seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
     """CPU and clock seconds of the command in a tree, whose kernels are cached in `folder`."""
     command = [sys.executable, "-m", "warpchain", *COMMAND, "--device", device, "-o", str(folder / "run.mcap")]
     caches = {"WARP_CACHE_PATH": str(folder / "kernels"), "PYTHONPYCACHEPREFIX": str(folder / "python")}
@@ -34,10 +34,10 @@ def seconds(tree: Path, folder: Path, device: str) -> tuple[float, float]:
 
 
 @case(
-    option("trees", nargs="*", type=Path, help="other checkouts"),
-    option("--device", default="cpu", help="such as cuda:0 (default cpu)"),
-    option("--empty", type=int, default=3, help="times with an empty cache (default 3)"),
-    option("--compiled", type=int, default=4, help="times with compiled kernels (default 4)"),
+    case_option("trees", nargs="*", type=Path, help="other checkouts"),
+    case_option("--device", default="cpu", help="such as cuda:0 (default cpu)"),
+    case_option("--empty", type=int, default=3, help="times with an empty cache (default 3)"),
+    case_option("--compiled", type=int, default=4, help="times with compiled kernels (default 4)"),
 )
 def start(asked: argparse.Namespace) -> Iterator[Line]:
     """CPU and clock time of a short command, in this tree and in others: with compiled kernels, and with none.
@@ -59,9 +59,9 @@ def start(asked: argparse.Namespace) -> Iterator[Line]:
                 folders = [Path(place) / str(number) for number in range(len(trees))]
                 for folder in folders:
                     folder.mkdir()
-                empty.append(list(pool.map(seconds, trees, folders, devices)))
+                empty.append(list(pool.map(command_seconds, trees, folders, devices)))
                 if len(empty) == asked.empty:
-                    compiled += [list(map(seconds, trees, folders, devices)) for _ in range(asked.compiled)]
+                    compiled += [list(map(command_seconds, trees, folders, devices)) for _ in range(asked.compiled)]
     yield ("cache", "CPU [s]", "clock [s]", "tree")
     for title, rounds in (("empty", empty), ("compiled", compiled)):
         for number, tree in enumerate(trees):
@@ -81,7 +81,7 @@ print(time.perf_counter() - begin)
 ENSEMBLES = (("car", 2000), ("marine", 2000), ("marine", 1))
 
 
-@case(option("--device", default="cuda:0", help="such as cpu (default cuda:0)"))
+@case(case_option("--device", default="cuda:0", help="such as cpu (default cuda:0)"))
 def cold(asked: argparse.Namespace) -> Iterator[Line]:
     """Seconds of whole runs with no kernel compiled, and of the same drive in another number with these.
 

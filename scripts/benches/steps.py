@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common.cases import ROOT, Line, case, option
+from common.cases import ROOT, Line, case, case_option
 
-from benches.drives import named
-from benches.guard import checkout, rates
+from benches.drives import drive_by_name
+from benches.guard import tree_checkout, tree_rates
 from warpchain import Record, simulate
 from warpchain.assembly.timestep import automatic_step, step_limit
 from warpchain.drive.paths import changed
@@ -24,13 +24,13 @@ CHANGES = ("tension_mean", "tension_q999", "tension_max", "losses")
 
 
 @case(
-    option("a", metavar="A", help="a commit, or the folder of a tree"),
-    option("b", metavar="B", nargs="?", default=str(ROOT), help="what to hold against it (default this tree)"),
-    option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
-    option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
-    option("--variants", type=int, default=1, help="how many at once"),
-    option("--precision", default="float64", help="float64 (default) or float32"),
-    option("--finer", type=int, default=8, help="the part of each step that results are held against; 0: none"),
+    case_option("a", metavar="A", help="a commit, or the folder of a tree"),
+    case_option("b", metavar="B", nargs="?", default=str(ROOT), help="what to hold against it (default this tree)"),
+    case_option("--device", default="cpu", help="cpu (one core, CPU time; default) or such as cuda:0"),
+    case_option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
+    case_option("--variants", type=int, default=1, help="how many at once"),
+    case_option("--precision", default="float64", help="float64 (default) or float32"),
+    case_option("--finer", type=int, default=8, help="the part of each step that results are held against; 0: none"),
 )
 def steps(asked: argparse.Namespace) -> Iterator[Line]:
     """Simulated seconds a second of examples in two trees, at the step of the file of each, and at "auto".
@@ -42,7 +42,7 @@ def steps(asked: argparse.Namespace) -> Iterator[Line]:
     what is chaotic scatters by some percent at any step.
     """
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
-        trees = [stack.enter_context(checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
+        trees = [stack.enter_context(tree_checkout(Path(name), side, getattr(asked, side))) for side in ("a", "b")]
         yield ("drive, step", "tree", "step [us]", *(f"{change} [%]" for change in CHANGES), "s a s", "B/A")
         for drive in asked.drives:
             duration = {"run.duration": SHORT[drive]} if drive in SHORT else {}
@@ -50,7 +50,7 @@ def steps(asked: argparse.Namespace) -> Iterator[Line]:
                 speeds = []
                 for side, tree in zip("AB", trees, strict=True):
                     file = tree / "warpchain" / "drive" / "examples" / f"{drive}.toml"
-                    found = rates(
+                    found = tree_rates(
                         tree,
                         {
                             "drives": {drive: (str(file), values | duration)},
@@ -77,8 +77,8 @@ FINE, SHARES = 0.15, (0.3, 0.6, 0.8, 0.95)
 
 
 @case(
-    option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
-    option("--builds", type=int, default=4, help="of each drive"),
+    case_option("--drives", nargs="+", metavar="NAME", default=list(EXAMPLES), help="examples"),
+    case_option("--builds", type=int, default=4, help="of each drive"),
 )
 def shares(asked: argparse.Namespace) -> Iterator[Line]:
     """Changes of examples by steps up to the limit of stability, from a step of 0.15 of it.
@@ -90,7 +90,7 @@ def shares(asked: argparse.Namespace) -> Iterator[Line]:
     names = {"tension_mean": "mean", "tension_q999": "99.9 %", "friction_power": "friction", "tension_max": "largest"}
     yield ("drive", "of the limit", *(f"{name} [%]" for name in names.values()), "residual")
     for name in asked.drives:
-        drive, known = named(name), dict[str, float]()
+        drive, known = drive_by_name(name), dict[str, float]()
         for share in (FINE, *SHARES):
             run = simulate(drive, duration=SHORT.get(name), step=share * step_limit(drive), record=Record("none"),
                            replicates=asked.builds, replicate_by="build")  # fmt: skip
@@ -111,7 +111,7 @@ WINDOWS = {
 OF_CONTACTS = {"force_max": "largest force", "dissipated": "dissipated", "impacts": "impacts"}
 
 
-def _changes(coarse: list[dict[str, Any]], fine: list[dict[str, Any]], metric: str) -> tuple[float, float]:
+def metric_changes(coarse: list[dict[str, Any]], fine: list[dict[str, Any]], metric: str) -> tuple[float, float]:
     """Change of a metric's mean over copies, and its scatter over them at the fine step, over the mean [%]."""
     a, b = (np.array([float(row[metric]) for row in rows]) for rows in (coarse, fine))
     scatter = 100.0 * b.std(ddof=1) / abs(b.mean()) if len(b) > 1 else 0.0
@@ -119,9 +119,9 @@ def _changes(coarse: list[dict[str, Any]], fine: list[dict[str, Any]], metric: s
 
 
 @case(
-    option("--drives", nargs="+", metavar="NAME", choices=WINDOWS, default=list(WINDOWS), help="examples"),
-    option("--copies", type=int, default=4, help="1e-9 pitches apart"),
-    option("--finer", type=int, default=8, help="the part of the automatic step that it is held against"),
+    case_option("--drives", nargs="+", metavar="NAME", choices=WINDOWS, default=list(WINDOWS), help="examples"),
+    case_option("--copies", type=int, default=4, help="1e-9 pitches apart"),
+    case_option("--finer", type=int, default=8, help="the part of the automatic step that it is held against"),
 )
 def contacts(asked: argparse.Namespace) -> Iterator[Line]:
     """Single contacts of examples at the automatic step, held against an eighth of it.
@@ -135,7 +135,7 @@ def contacts(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("drive", *(f"{change} [%]" for change in CHANGES), *(f"{words} [%]" for words in OF_CONTACTS.values()))
     for name in asked.drives:
         begin, end = WINDOWS[name]
-        drive = changed(named(name), {"run.duration": end})
+        drive = changed(drive_by_name(name), {"run.duration": end})
         coarse, fine = (
             simulate(drive, step=automatic_step(drive) / part, window=(begin, end), replicates=asked.copies,
                      replicate_by="perturbation", device="cpu", record=Record("none")).metrics.to_pylist()
@@ -149,12 +149,12 @@ def contacts(asked: argparse.Namespace) -> Iterator[Line]:
         found = []
         for change in CHANGES:
             of_chains = [f"{chain.name}.{change}" for chain in drive.chains if change != "losses"] or [change]
-            found.append(f"{max((_changes(coarse, fine, key)[0] for key in of_chains), key=abs):+.1f}")
+            found.append(f"{max((metric_changes(coarse, fine, key)[0] for key in of_chains), key=abs):+.1f}")
         for metric in OF_CONTACTS:
             partners = [key for key in fine[0] if key.endswith(f".{metric}") and not key.startswith("links.")]
             least = 0.01 * sum(float(fine[0][key] or 0.0) for key in partners)
             counted = [key for key in partners if float(fine[0][key] or 0.0) > least]
-            changes = {key: _changes(coarse, fine, key) for key in counted}
+            changes = {key: metric_changes(coarse, fine, key) for key in counted}
             key = max(changes, key=lambda of: abs(changes[of][0]))
             found.append(f"{changes[key][0]:+.1f} ({changes[key][1]:.1f}), {key.rpartition('.')[0]}")
         yield (name, *found)

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from common.cases import Line, case, option
-from common.timing import seconds, times_of
+from common.cases import Line, case, case_option
+from common.timing import function_times, job_seconds
 
 from warpchain import Record, open_study, run_study, simulate
 from warpchain.engine import simulation
@@ -38,17 +38,17 @@ ADJUST = '[adjust]\nsprocket = "tightener"\ndirection = [1.0, 0.0]\npreload = 25
 def both_clocks(job: Callable[[], object]) -> tuple[float, float]:
     """Seconds of a job, and of CPU time."""
     begin = time.process_time()
-    return seconds(job), time.process_time() - begin
+    return job_seconds(job), time.process_time() - begin
 
 
 @case(
-    option("--count", type=int, default=1000, help="variants (default 1000)"),
-    option("--duration", type=float, default=0.005, help="simulated seconds (default 0.005)"),
-    option("--shards", type=int, default=2, help="number of shards (default 2)"),
-    option("--repeats", type=int, default=3, help="times that each is taken (default 3)"),
-    option("--precision", default="float64", choices=["float64", "float32"]),
-    option("--device", help="as in simulate; default the best there is"),
-    option("--adjust", action="store_true", help="also adjust the tightener to a preload"),
+    case_option("--count", type=int, default=1000, help="variants (default 1000)"),
+    case_option("--duration", type=float, default=0.005, help="simulated seconds (default 0.005)"),
+    case_option("--shards", type=int, default=2, help="number of shards (default 2)"),
+    case_option("--repeats", type=int, default=3, help="times that each is taken (default 3)"),
+    case_option("--precision", default="float64", choices=["float64", "float32"]),
+    case_option("--device", help="as in simulate; default the best there is"),
+    case_option("--adjust", action="store_true", help="also adjust the tightener to a preload"),
 )
 def study(asked: argparse.Namespace) -> Iterator[Line]:
     """Variants a second from study file to table, beside bare `simulate` of the same drives.
@@ -79,7 +79,7 @@ def study(asked: argparse.Namespace) -> Iterator[Line]:
         alone, whole, own = [], [], []
         for turn in range(asked.repeats):
             alone.append(both_clocks(bare))
-            with times_of(time.perf_counter, (simulation, "simulate")) as runs:
+            with function_times(time.perf_counter, (simulation, "simulate")) as runs:
                 whole.append(both_clocks(partial(run_study, file, Path(name) / f"{turn}")))
             own.append(whole[-1][0] - sum(runs))
     yield f"{asked.count} marine variants of {asked.duration:g} s, {asked.shards} shards, {asked.precision}"

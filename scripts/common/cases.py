@@ -30,7 +30,7 @@ class Case:
     options: tuple[Option, ...]
 
 
-def option(*names: str, **settings: Any) -> Option:
+def case_option(*names: str, **settings: Any) -> Option:
     """An option of a case, as argparse has it."""
     return names, settings
 
@@ -40,7 +40,7 @@ def case(*options: Option) -> Callable[[Callable[[argparse.Namespace], Iterable[
     return lambda run: Case(run, options)
 
 
-def described(words: str | None) -> argparse.ArgumentParser:
+def described_parser(words: str | None) -> argparse.ArgumentParser:
     """A command line whose help is a script's description as it stands."""
     return argparse.ArgumentParser(description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
 
@@ -53,9 +53,9 @@ def cases_of(folder: str) -> dict[str, Case]:
     return {one.run.__name__.replace("_", "-"): one for one in held}
 
 
-def parser_of(words: str | None, cases: Mapping[str, Case]) -> argparse.ArgumentParser:
+def cases_parser(words: str | None, cases: Mapping[str, Case]) -> argparse.ArgumentParser:
     """The command line: a case and its options."""
-    made = described(words)
+    made = described_parser(words)
     below = made.add_subparsers(dest="case", metavar="CASE")
     for name, one in cases.items():
         text = inspect.getdoc(one.run) or ""
@@ -67,17 +67,17 @@ def parser_of(words: str | None, cases: Mapping[str, Case]) -> argparse.Argument
     return made
 
 
-def head(words: str) -> tuple[str, ...]:
+def table_head(words: str) -> tuple[str, ...]:
     """A table's head, given as Markdown has it."""
     return tuple(words.split(" | "))
 
 
-def cell(value: object) -> str:
+def cell_text(value: object) -> str:
     """A table's cell: four digits of a number that is not whole."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def show(lines: Iterable[Line], folder: Path) -> None:
+def print_lines(lines: Iterable[Line], folder: Path) -> None:
     """Prints a case's lines as they come, and saves its figures."""
     first = True
     for line in lines:
@@ -89,19 +89,19 @@ def show(lines: Iterable[Line], folder: Path) -> None:
             print(line, flush=True)
         else:
             rule = "\n|" + "---|" * len(line) if first else ""
-            print(f"| {' | '.join(map(cell, line))} |{rule}", flush=True)
+            print(f"| {' | '.join(map(cell_text, line))} |{rule}", flush=True)
         first = not isinstance(line, tuple)
 
 
-def run(words: str | None, cases: Mapping[str, Case], before: Callable[[], Iterable[Line]] = tuple) -> None:
+def run_case(words: str | None, cases: Mapping[str, Case], before: Callable[[], Iterable[Line]] = tuple) -> None:
     """Runs the case that the command line names, after the lines `before`; without a name it lists them."""
-    made = parser_of(words, cases)
+    made = cases_parser(words, cases)
     asked = made.parse_args()
     if asked.case is None:
         made.print_help()
         return
     try:
-        show(before(), asked.output)
-        show(cases[asked.case].run(asked), asked.output)
+        print_lines(before(), asked.output)
+        print_lines(cases[asked.case].run(asked), asked.output)
     except WarpchainError as error:
         sys.exit(str(error))

@@ -21,7 +21,7 @@ SMOOTH: Values = {
 """The values that take friction from a drive."""
 
 
-def example(name: str, values: Values | None = None) -> Drive:
+def example_drive(name: str, values: Values | None = None) -> Drive:
     """One of the package's examples, with other values."""
     return load_drive(drive_path(name)).with_values(values or {})
 
@@ -39,12 +39,12 @@ def study_of_example(name: str) -> Results:
         return read_results(Path(folder) / "study" / "results.parquet")
 
 
-def pair(values: Values | None = None) -> Drive:
+def two_sprockets(values: Values | None = None) -> Drive:
     """Two equal sprockets, with other values."""
     return load_drive(TWO).with_values(values or {})
 
 
-def equal(teeth: int, links: int, pitch: float, slack: float = 0.0) -> Values:
+def equal_sprocket_values(teeth: int, links: int, pitch: float, slack: float = 0.0) -> Values:
     """Values that give both sprockets so many teeth, and put them apart by the chain's straight strands and `slack`."""
     span = (links - teeth) / 2 * pitch + slack
     return {

@@ -7,7 +7,7 @@ from typing import Any
 from unittest.mock import patch
 
 
-def environment() -> Iterator[str]:
+def machine_line() -> Iterator[str]:
     """The machine and the versions that times are of."""
     from warpchain.engine.device_choice import machine
     from warpchain.engine.devices import usable_gpus
@@ -15,7 +15,7 @@ def environment() -> Iterator[str]:
     yield ", ".join(f"{name}: {value}" for name, value in machine(usable_gpus()).items())
 
 
-def in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
+def run_in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
     """The numbers that jobs return, round by round: a spell in which the machine is slow slows all of them."""
     found: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(rounds):
@@ -24,26 +24,26 @@ def in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, 
     return found
 
 
-def seconds(job: Callable[[], object]) -> float:
+def job_seconds(job: Callable[[], object]) -> float:
     """Seconds that a job takes."""
     begin = time.perf_counter()
     job()
     return time.perf_counter() - begin
 
 
-def least(jobs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+def least_seconds(jobs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
     """The least time of each job [s], in turns."""
-    timed = {name: lambda job=job: seconds(job) for name, job in jobs.items()}
-    return {name: min(times) for name, times in in_turns(timed, rounds).items()}
+    timed = {name: lambda job=job: job_seconds(job) for name, job in jobs.items()}
+    return {name: min(times) for name, times in run_in_turns(timed, rounds).items()}
 
 
-def best_but_one(rates: Sequence[float]) -> float:
+def second_best_rate(rates: Sequence[float]) -> float:
     """The second of some rates, or the best of fewer than three, 0 of none: a clock that once jumps makes a best."""
     return sorted([0.0, *rates])[-2 if len(rates) > 2 else -1]
 
 
 @contextmanager
-def times_of(clock: Callable[[], float], *parts: tuple[Any, str]) -> Iterator[list[float]]:
+def function_times(clock: Callable[[], float], *parts: tuple[Any, str]) -> Iterator[list[float]]:
     """The time [s] by a clock of each call of some functions, each given by its owner and its name there."""
     found: list[float] = []
 

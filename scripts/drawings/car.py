@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import Values, example
+from common.drives import Values, example_drive
 from matplotlib.figure import Figure
 
-from drawings.closed_forms import Row
+from drawings.closed_forms import ValidationRow
 from warpchain import Drive, Record, Run, simulate
 from warpchain.results.rotation import order_amplitudes, turns_of
 from warpchain.results.scene import passing_link
@@ -44,12 +44,12 @@ ORDERS, TIGHT = (2, 4, 6, 8), 2
 Metrics = Mapping[str, Any]
 
 
-def ripple(rpm: float) -> float:
+def crankshaft_ripple(rpm: float) -> float:
     """Second order of the crankshaft's speed over its mean: 2 % at 1000 rpm, falling with the square; 0.5 to 3 %."""
     return min(max(0.02 * (1000.0 / rpm) ** 2, 0.005), 0.03)
 
 
-def at_speed(rpm: float) -> Drive:
+def drive_at_speed(rpm: float) -> Drive:
     """The drive at a speed of the crankshaft, with that speed's ripple; half the run is cycles, two at least: a line
     through the four waves of one is inclined by more than `Limits.start` allows.
     """
@@ -58,35 +58,35 @@ def at_speed(rpm: float) -> Drive:
     ramp = 0.3 * duration
     values: Values = {
         "sprockets.crank.prescribed.speed": rpm * math.pi / 30.0,
-        "sprockets.crank.prescribed.harmonics": [{"order": 2, "amplitude": ripple(rpm)}],
+        "sprockets.crank.prescribed.harmonics": [{"order": 2, "amplitude": crankshaft_ripple(rpm)}],
         "sprockets.crank.prescribed.ramp_time": ramp,
         "run.duration": duration,
         "run.step": 2.5e-6,  # of which frames are a whole number: the automatic step's last comes short of the cycle
     }
     for cam in CAMS:
         values[f"sprockets.{cam}.load.ramp_time"] = ramp
-    return example("car", values)
+    return example_drive("car", values)
 
 
-def changed(drive: Drive, key: str, value: float) -> Drive:
+def changed_drive(drive: Drive, key: str, value: float) -> Drive:
     """The drive with one value changed; `inertia` and `friction` are factors."""
     return drive.with_values({path: value * drive.get_value(path) for path in FACTORS.get(key, ())} or {key: value})
 
 
-def powers(row: Metrics) -> np.ndarray:
+def friction_powers(row: Metrics) -> np.ndarray:
     """Friction power [W] of each group, over the window."""
     span = row["window_end"] - row["window_start"]
     return np.array([sum(row[f"{name}.friction"] for name in names) / span for names in PARTS.values()])
 
 
-def later(trajectory: Any) -> np.ndarray:
+def second_half_frames(trajectory: Any) -> np.ndarray:
     """The frames of the second half of a recording."""
     return np.asarray(trajectory.time >= 0.5 * trajectory.time[-1])
 
 
-def crank_degrees(trajectory: Any, s: int) -> np.ndarray:
+def phase_error_degrees(trajectory: Any, s: int) -> np.ndarray:
     """Phase error of sprocket s over the second half of a recording [degrees of the crankshaft]."""
-    return np.degrees(phase_error(trajectory, s))[later(trajectory)]
+    return np.degrees(phase_error(trajectory, s))[second_half_frames(trajectory)]
 
 
 def sweep_table(run: Run, rows: Sequence[Metrics]) -> Iterator[Line]:
@@ -95,10 +95,12 @@ def sweep_table(run: Run, rows: Sequence[Metrics]) -> Iterator[Line]:
     force = ("stroke [mm]", "tensioner: least, mean, most [N]", "pressure [bar]")
     yield ("rpm", "friction [W]", *PARTS, *tension, "phase error [deg]", *force)
     for k, (rpm, row) in enumerate(zip(SPEEDS, rows, strict=True)):
-        power = powers(row)
+        power = friction_powers(row)
         shares = (f"{100 * part / power.sum():.0f} %" for part in power)
         tension = (f"{row[f'{end}.tension_mean']:.0f} / {row[f'{end}.tension_max']:.0f}" for end in ENDS)
-        phase = ", ".join(f"{e.mean():.2f} ± {0.5 * np.ptp(e):.2f}" for e in (crank_degrees(run[k], s) for s in (1, 2)))
+        phase = ", ".join(
+            f"{e.mean():.2f} ± {0.5 * np.ptp(e):.2f}" for e in (phase_error_degrees(run[k], s) for s in (1, 2))
+        )
         stroke = f"{1e3 * (row['tensioner.extension_max'] - row['tensioner.extension_min']):.2f}"
         forces = ", ".join(f"{row[f'tensioner.force_{part}']:.0f}" for part in ("min", "mean", "max"))
         pressure = " to ".join(f"{1e-5 * row[f'tensioner.pressure_{part}']:.1f}" for part in ("min", "max"))
@@ -110,14 +112,14 @@ def orders_table(run: Run) -> Iterator[Line]:
     yield ("rpm", "orders of the tensioner's force: amplitude [N]")
     orders = np.arange(0.5, 60.0, 0.5)
     for k, rpm in enumerate(SPEEDS):
-        part, force = later(run[k]), run[k].channels()["tensioner_force"][:, 0].astype(float)
+        part, force = second_half_frames(run[k]), run[k].channels()["tensioner_force"][:, 0].astype(float)
         size: Any = order_amplitudes(turns_of(run[k])[part], force[part], orders.tolist())
         yield (rpm, ", ".join(f"{orders[i]:g}: {size[i]:.0f}" for i in np.argsort(size)[:-5:-1]))
 
 
-def orders_of(trajectory: Any, values: np.ndarray, orders: Sequence[float]) -> np.ndarray:
+def crankshaft_order_amplitudes(trajectory: Any, values: np.ndarray, orders: Sequence[float]) -> np.ndarray:
     """Amplitudes of orders of the crankshaft over the second half of a recording."""
-    part = later(trajectory)
+    part = second_half_frames(trajectory)
     return np.asarray(order_amplitudes(turns_of(trajectory)[part], values[part].astype(float), list(orders)))
 
 
@@ -129,17 +131,17 @@ def published_table(run: Run, rows: Sequence[Metrics], light: Run, soft: Run) ->
     torsions = ("torsion [deg]", "torsion, a third of the stiffness [deg]")
     yield ("rpm", "largest link load [N]", *torsions, *words, *(f"{word}, no mass" for word in words))
     for k, (rpm, row) in enumerate(zip(SPEEDS, rows, strict=True)):
-        cells = [f"{np.ptp(crank_degrees(part[k], 2)):.2f}" for part in (run, soft)]
+        cells = [f"{np.ptp(phase_error_degrees(part[k], 2)):.2f}" for part in (run, soft)]
         for part in (run[k], light[k]):
             pull = strand_tension(part, TIGHT, passing_link(part, TIGHT))
-            cells += [f"{size:.0f}" for size in orders_of(part, pull, ORDERS)]
+            cells += [f"{size:.0f}" for size in crankshaft_order_amplitudes(part, pull, ORDERS)]
         yield (rpm, f"{row[f'{ENDS[1]}.tension_max']:.0f}", *cells)
 
 
 def sweep_figure(run: Run, rows: Sequence[Metrics]) -> Figure:
     """Friction power by group, tensions, phase error, stroke, force and pressure over speed."""
     figure, (friction, share, tension, phase, stroke, pressure) = panel_grid(6, 3, 4.0, 3.5)
-    power = np.array([powers(row) for row in rows]).T
+    power = np.array([friction_powers(row) for row in rows]).T
     friction.stackplot(SPEEDS, *power, labels=PARTS, colors=COLORS)
     friction.set(ylabel="friction [W]")
     share.plot(SPEEDS, 100 * power[1:3].sum(axis=0) / power.sum(axis=0), "k-o", ms=3)
@@ -152,7 +154,7 @@ def sweep_figure(run: Run, rows: Sequence[Metrics]) -> Figure:
     for s, (strand, color) in enumerate(zip(ENDS, COLORS, strict=False), 1):
         for values, style in zip(over(f"{strand}.tension"), (":", "-", "--"), strict=True):
             tension.plot(SPEEDS, values, style, color=color, label=strand if style == "-" else None)
-        error = [crank_degrees(run[k], s) for k in range(len(SPEEDS))]
+        error = [phase_error_degrees(run[k], s) for k in range(len(SPEEDS))]
         phase.plot(SPEEDS, [e.mean() for e in error], color=color, label=run[0].drive.sprockets[s].name)
         phase.fill_between(SPEEDS, [e.min() for e in error], [e.max() for e in error], color=color, alpha=0.2)
     tension.set(ylabel="tension: least, mean, most [N]")
@@ -172,13 +174,13 @@ def sweep_figure(run: Run, rows: Sequence[Metrics]) -> Figure:
     return figure
 
 
-def trends(rows: Iterator[Metrics], panels: Sequence[Any]) -> Iterator[Line]:
+def friction_trends(rows: Iterator[Metrics], panels: Sequence[Any]) -> Iterator[Line]:
     """Rows and curves of friction over what was changed, a line a speed."""
     yield ("changed", "", "rpm", "friction [W]", "of it arm and guide")
     for axes, (label, (_, values, scale)) in zip(panels, CHANGES.items(), strict=True):
         x = [scale * value for value in values]
         for rpm, color in zip(AT, COLORS, strict=False):
-            power = np.array([powers(next(rows)) for _ in values]).T
+            power = np.array([friction_powers(next(rows)) for _ in values]).T
             total, guides = power.sum(axis=0), power[1:3].sum(axis=0)
             axes.plot(x, total, "o-", ms=3, color=color, label=f"{rpm} rpm")
             axes.plot(x, guides, ":", color=color)
@@ -196,12 +198,15 @@ def car(asked: argparse.Namespace) -> Iterator[Line]:
     python scripts/figures.py car
 
     Prints the tables of docs/car.md and draws its figures. At each speed the crankshaft's ripple is that of a
-    four-cylinder engine (`ripple`). Every run takes its metrics over whole engine cycles, two revolutions of the
-    crankshaft.
+    four-cylinder engine (`crankshaft_ripple`). Every run takes its metrics over whole engine cycles, two revolutions of
+    the crankshaft.
     """
-    drives = [at_speed(rpm) for rpm in SPEEDS]
+    drives = [drive_at_speed(rpm) for rpm in SPEEDS]
     drives += [
-        changed(at_speed(rpm), key, value) for key, values, _ in CHANGES.values() for rpm in AT for value in values
+        changed_drive(drive_at_speed(rpm), key, value)
+        for key, values, _ in CHANGES.values()
+        for rpm in AT
+        for value in values
     ]
     channels = ("position", "tension", "sprocket_angle", "tensioner_force")
     record = Record(variants=range(len(SPEEDS)), rate=1e4, channels=channels)
@@ -220,22 +225,22 @@ def car(asked: argparse.Namespace) -> Iterator[Line]:
     )
     yield from published_table(run, sweep, light, soft)
     yield ""
-    yield from trends(iter(rows[len(SPEEDS) :]), panels)
+    yield from friction_trends(iter(rows[len(SPEEDS) :]), panels)
     worst = max(abs(row["energy_residual_relative"]) for row in rows)
     yield f"{len(rows)} runs, {int(run.ok.sum())} ok, largest energy residual {worst:.1e}"
     yield {"car-speed": sweep_figure(run, sweep), "car-trends": over}
 
 
-def engines() -> Row:
+def engines() -> ValidationRow:
     """Timing chains of engines: largest link load, and how far the camshafts lag, over speed."""
     record = Record(rate=1e4, channels=("sprocket_angle",))
-    run = simulate([at_speed(rpm) for rpm in range(1000, 6001, 1000)], record=record)
+    run = simulate([drive_at_speed(rpm) for rpm in range(1000, 6001, 1000)], record=record)
     largest = [row["tension_max"] for row in run.metrics.to_pylist()]
     lags = [(part, np.degrees(phase_error(part, s))) for part in run.values() for s in (1, 2)]
-    torsion = [np.ptp(lag[later(part)]) for part, lag in lags]
-    sizes = np.max([orders_of(part, lag, ORDERS) for part, lag in lags], axis=0)
+    torsion = [np.ptp(lag[second_half_frames(part)]) for part, lag in lags]
+    sizes = np.max([crankshaft_order_amplitudes(part, lag, ORDERS) for part, lag in lags], axis=0)
     orders = ", ".join(f"{order}: {size:.3f}" for order, size in zip(ORDERS, sizes, strict=True))
-    return Row(
+    return ValidationRow(
         "timing chains of three engines",
         gives=f"{min(largest):.0f} to {max(largest):.0f} N; camshafts swing by {min(torsion):.2f} to "
         f"{max(torsion):.2f} degrees; largest amplitudes of orders {orders} degrees",

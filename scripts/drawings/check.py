@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import example, without_friction
+from common.cases import Line, case, case_option
+from common.drives import example_drive, without_friction
 
 from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import chain_path
@@ -28,7 +28,7 @@ MARINE: dict[str, dict[str, Any]] = {
 }
 
 
-def bent(trajectory: Any, frames: Any) -> tuple[float, float]:
+def bent_length(trajectory: Any, frames: Any) -> tuple[float, float]:
     """Length of all strands beyond straight ones in frames of a run [m]: whole, and what is not standing.
 
     Half of the slopes' squares along the strand; the mean slope at each place, a pitch long, stands.
@@ -50,7 +50,7 @@ def bent(trajectory: Any, frames: Any) -> tuple[float, float]:
     return whole, waves
 
 
-@case(option("--marine", action="store_true", help="the second table instead"))
+@case(case_option("--marine", action="store_true", help="the second table instead"))
 def check(asked: argparse.Namespace) -> Iterator[Line]:
     """The tables of docs/model.md: mean strand tensions that `warpchain check` prints, and those of runs.
 
@@ -61,17 +61,17 @@ def check(asked: argparse.Namespace) -> Iterator[Line]:
     """
     if asked.marine:
         yield ("marine", "runs above `check` by", "strands' way longer than straight", "of it waves")
-        drives = [example("marine", changes) for changes in MARINE.values()]
+        drives = [example_drive("marine", changes) for changes in MARINE.values()]
         run = simulate(drives, record=Record(channels=("position",), rate=1000.0))
         for k, (name, row) in enumerate(zip(MARINE, run.metrics.to_pylist(), strict=True)):
             found = np.array([row[f"{strand}.tension_mean"] for strand in drives[0].strand_names])
             above, late = 1e-3 * (found - running(drives[k]).tension), run[k].time >= 0.5 * run[k].time[-1]
-            whole, waves = bent(run[k], late)
+            whole, waves = bent_length(run[k], late)
             yield (name, f"{above.min():.1f} to {above.max():.1f} kN", f"{1e3 * whole:.2f} mm", f"{1e3 * waves:.2f} mm")
         return
     yield ("strand", "`check`", "a run", "off, of the tightest")
     for name, duration in DURATION.items():
-        drive = example(name)
+        drive = example_drive(name)
         (row,) = simulate(drive, record=Record("none"), duration=duration).metrics.to_pylist()
         found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])
         for strand, said, seen in zip(drive.strand_names, running(drive).tension, found, strict=True):
@@ -91,7 +91,7 @@ def marine_waves(asked: argparse.Namespace) -> Iterator[Line]:
 
     Waves lengthen strands by dL, which stretches the N links by k dL / N. The last column has half the automatic step.
     """
-    drive = without_friction(example("marine"))
+    drive = without_friction(example_drive("marine"))
     step, per_length = automatic_step(drive), drive.chain.mean_stiffness / drive.chain.links
     record = Record(channels=("position", "tension"), rate=200.0)
     run, fine = (simulate(drive, duration=SPELL * SPELLS, step=step / n, record=record)[0] for n in (1, 2))
@@ -100,7 +100,7 @@ def marine_waves(asked: argparse.Namespace) -> Iterator[Line]:
     for k in range(SPELLS):
         own, other = ((of.time >= SPELL * k) & (of.time < SPELL * (k + 1)) for of in (run, fine))
         tension, again = 1e-3 * run.tension[own].mean(), 1e-3 * fine.tension[other].mean()
-        longer = bent(run, own)[1]
+        longer = bent_length(run, own)[1]
         pull = 1e-3 * per_length * longer
         numbers = tension, 1e3 * longer, pull, tension - pull, again
         yield (f"{SPELL * k:.0f} to {SPELL * (k + 1):.0f}", *(f"{number:.2f}" for number in numbers))

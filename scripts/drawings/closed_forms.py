@@ -18,7 +18,7 @@ from warpchain.fit import fit_links, fit_position
 from warpchain.modal.campbell import campbell
 
 
-class Row(NamedTuple):
+class ValidationRow(NamedTuple):
     """A result of others, and the same of warpchain. The page has the words of what is empty."""
 
     name: str
@@ -30,7 +30,7 @@ class Row(NamedTuple):
     verdict: str = ""
 
 
-def from_tests(place: str) -> Any:
+def test_helpers(place: str) -> Any:
     """A module of tests/, whose helpers compute what the tests hold."""
     before = sys.path[:]
     sys.path.insert(0, str(ROOT / "tests"))
@@ -44,18 +44,18 @@ def from_tests(place: str) -> Any:
         sys.path[:] = before
 
 
-def off(found: float, exact: float) -> str:
+def relative_difference(found: float, exact: float) -> str:
     """Relative difference."""
     return f"{found / exact - 1.0:+.1e}"
 
 
-def polygon_action() -> Row:
+def polygon_action() -> ValidationRow:
     """Speed ratio of two slow sprockets of 16 teeth, 7.5 pitches apart, as links and contacts stiffen."""
-    ratio_range = from_tests("engine/test_drive_physics").ratio_range
+    ratio_range = test_helpers("engine/test_drive_physics").ratio_range
     low, high = math.cos(math.pi / 16), 1.0 / math.cos(math.pi / 16)
     steps = [ratio_range(True, k, 4.0 * k, inertia) for k, inertia in ((1e8, 20.0), (5e8, 2.0))]
     errors = [max(abs(found[0] - low), abs(found[1] - high)) for found in steps]
-    return Row(
+    return ValidationRow(
         name="polygon action",
         states=f"speed ratio from cos(pi/16) = {low:.5f} to 1/cos(pi/16) = {high:.5f}, rigid links",
         gives=f"{steps[1][0]:.5f} to {steps[1][1]:.5f}",
@@ -63,12 +63,12 @@ def polygon_action() -> Row:
     )
 
 
-def string_modes() -> Row:
+def string_modes() -> ValidationRow:
     """Frequencies of a strand of nine rollers between fixed ends, by time steps."""
-    strand_frequency = from_tests("kernels/test_chain_physics").strand_frequency
+    strand_frequency = test_helpers("kernels/test_chain_physics").strand_frequency
     pairs = [strand_frequency(1, k) for k in (1, 2, 3)]
     exact = ", ".join(f"{exact:.4f}" for _, exact in pairs)
-    return Row(
+    return ValidationRow(
         name="string modes",
         states=f"f_k = (1/pi) sqrt(T/(m p)) sin(k pi/20), p stretched: {exact} Hz",
         gives=", ".join(f"{found:.4f}" for found, _ in pairs) + " Hz",
@@ -76,30 +76,30 @@ def string_modes() -> Row:
     )
 
 
-def wave_speed() -> Row:
+def wave_speed() -> ValidationRow:
     """First mode of a strand that travels, beside a moving string's."""
-    two_sprockets = from_tests("drives").two_sprockets
+    two_sprockets = test_helpers("drives").two_sprockets
     taut = two_sprockets(teeth=60, links=180, span=60.1, torque=0.0, inertia=200.0, stiffness=1e7)
     result = campbell(taut, [0.0, 4.0], 4).modes[1]
     v, length = 4.0 * taut.pitch_radius(0), 60.1 * taut.chain.pitch
     c = math.sqrt(float(result.tension[50:70].mean()) * taut.chain.pitch / taut.chain.mass)
     exact = (c * c - v * v) / (2.0 * length * c)
     found = float(result.frequency[int(np.argmax(result.across[:4] > 0.9))])
-    return Row(
+    return ValidationRow(
         name="wave speed",
         states=f"f_1 = (c^2 - v^2)/(2 L c), c = sqrt(T p/m) = {c:.2f} m/s, v = {v:.2f} m/s: {exact:.4f} Hz",
         gives=f"{found:.4f} Hz",
-        differs=off(found, exact),
+        differs=relative_difference(found, exact),
     )
 
 
-def restitution() -> Row:
+def restitution() -> ValidationRow:
     """Rebound of a mass from a contact, by the kernels' own contact force."""
-    laws = from_tests("drive/test_laws")
+    laws = test_helpers("drive/test_laws")
     parameters = (0.3, 0.5, 0.8)
     exact = [laws.hysteretic(0.75 * (1.0 - e * e)) for e in parameters]
     found = [laws.kernel_rebound(laws.drive("lankarani-nikravesh", e)) for e in parameters]
-    return Row(
+    return ValidationRow(
         name="restitution",
         states="d - ln(1 + d) = -d r - ln(1 - d r), d = 3 (1 - e^2)/4; e = 0.3, 0.5, 0.8: "
         + ", ".join(f"{r:.5f}" for r in exact),
@@ -108,18 +108,18 @@ def restitution() -> Row:
     )
 
 
-def sag() -> Row:
+def sag() -> ValidationRow:
     """Sag of a strand that has settled under its weight."""
-    test_fit = from_tests("assembly/test_fit")
+    test_fit = test_helpers("assembly/test_fit")
     start = test_fit.pair().with_values({"contact.sprocket.clearance": 0.0})
     fitted = fit_position(start, "s1", (1.0, 0.0), sag=4e-3, strand="s0->s1")
     found = 1e3 * test_fit.settled_sag(fitted)
-    return Row("sag", gives=f"{found:.4f} mm", differs=off(found, 4.0))
+    return ValidationRow("sag", gives=f"{found:.4f} mm", differs=relative_difference(found, 4.0))
 
 
-def centrifugal_tension() -> Row:
+def centrifugal_tension() -> ValidationRow:
     """Tension of a ring of rollers that turns freely."""
-    raw = from_tests("raw")
+    raw = test_helpers("raw")
     n, omega, pitch, mass, stiffness, steps = 40, 30.0, 0.1, 2.0, 5e6, 20_000
     vertices, radius = raw.polygon(n, pitch)
     s = 2.0 * math.sin(math.pi / n)
@@ -129,7 +129,7 @@ def centrifugal_tension() -> Row:
     given = {"mass": mass, "pitch": pitch, "stiffness": stiffness, "step": 1e-6, "steps": steps}
     sums = raw.run(raw.chain(position, velocity, window=(0, steps), **given))[0].sums()["chain"][0]
     found, exact = float(sums["tension"] / sums["samples"] / n), mass * omega**2 * r / s
-    return Row(
+    return ValidationRow(
         name="centrifugal tension",
         states=f"T = (m/p) v^2, p stretched: {exact:.5f} N",
         gives=f"{found:.5f} N",
@@ -137,9 +137,9 @@ def centrifugal_tension() -> Row:
     )
 
 
-def load_of_an_arc() -> Row:
+def load_of_an_arc() -> ValidationRow:
     """Tension from tooth to tooth of a seated chain whose sprocket is locked."""
-    arc_ratio = from_tests("kernels/test_sliding").arc_ratio
+    arc_ratio = test_helpers("kernels/test_sliding").arc_ratio
     found, pressure, pitch = arc_ratio(0.0)
     rubbed = arc_ratio(0.1)[0]
 
@@ -147,18 +147,18 @@ def load_of_an_arc() -> Row:
         return math.sin(angle) / math.sin(angle + pitch)
 
     series, leaning = exact(pressure), exact(pressure - math.atan(0.1))
-    return Row(
+    return ValidationRow(
         name="load along an arc",
         states="tension falls by sin(phi)/sin(phi + 2 pi/z) a tooth, with friction mu by that of phi - atan(mu): "
         f"{series:.4f}, with 0.1 {leaning:.4f}; measured on 20 teeth: hardly depends on elasticity",
         gives=f"{found:.4f}, with 0.1 {rubbed:.4f}",
-        differs=f"{off(found, series)}, {off(rubbed, leaning)}",
+        differs=f"{relative_difference(found, series)}, {relative_difference(rubbed, leaning)}",
     )
 
 
-def orders() -> Row:
+def orders() -> ValidationRow:
     """Order of convergence of a chain in smooth motion, beside DOP853."""
-    physics, raw = from_tests("kernels/test_chain_physics"), from_tests("raw")
+    physics, raw = test_helpers("kernels/test_chain_physics"), test_helpers("raw")
     position, _ = raw.polygon(16, physics.PITCH)
     velocity = np.random.default_rng(5).normal(scale=0.2, size=position.shape)
     exact, found = physics.reference(position, velocity, 0.004, 0.0), {}
@@ -169,7 +169,7 @@ def orders() -> Row:
             packed = raw.chain(position, velocity, step=0.004 / steps, steps=steps, integrator=integrator, **given)
             errors.append(np.abs(raw.state(raw.run(packed)[0])[:2].T - exact).max())
         found[integrator] = math.log2(errors[0] / errors[1])
-    return Row(
+    return ValidationRow(
         name="order in the step",
         gives=f"{found['leapfrog']:.2f} and {found['rk4']:.2f}",
         differs=f"{abs(found['leapfrog'] - 2.0):.0e} and {abs(found['rk4'] - 4.0):.0e}",
@@ -215,7 +215,7 @@ def rigid_centers(teeth: tuple[int, int], pitch: float, links: int, places: int 
     return [float(brentq(excess, 0.98 * about, 1.01 * about, args=(k / places,), xtol=1e-14)) for k in range(places)]
 
 
-def center_distance() -> Row:
+def center_distance() -> ValidationRow:
     """Links and center distance of 11 and 20 teeth about 400 mm apart."""
     values = {
         "chain.pitch": 0.0254,
@@ -229,7 +229,7 @@ def center_distance() -> Row:
     fitted = fit_position(start, "driven", (1.0, 0.0), strain=0.0)
     found, stated = 1e3 * fitted.sprockets[1].center[0], 398.338658801
     rigid = 1e3 * np.array(rigid_centers((11, 20), 0.0254, 47))
-    return Row(
+    return ValidationRow(
         name="links and centers",
         states=f"ASA 80, 11 and 20 teeth, about 400 mm: 47 links, {stated} mm",
         gives=f"{fitted.chain.links} links, {found:.6f} mm",
@@ -237,7 +237,7 @@ def center_distance() -> Row:
     )
 
 
-EXACT: tuple[Callable[[], Row], ...] = (
+EXACT: tuple[Callable[[], ValidationRow], ...] = (
     polygon_action,
     string_modes,
     wave_speed,

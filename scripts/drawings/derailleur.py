@@ -5,8 +5,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from common.cases import Line, case, head
-from common.drives import example
+from common.cases import Line, case, table_head
+from common.drives import example_drive
 from matplotlib.figure import Figure
 from scipy.optimize import fsolve
 from scipy.signal import find_peaks
@@ -46,7 +46,7 @@ Point = tuple[float, float]
 Path = Point | str | None
 
 
-def by_linkage(place: Point, cog: Point, rise: float) -> Point:
+def linkage_displacement(place: Point, cog: Point, rise: float) -> Point:
     """Displacement of a place of the stay [m] where the axle, at the cog, is so much higher [m]."""
     if rise == 0.0:
         return 0.0, 0.0
@@ -65,7 +65,7 @@ def by_linkage(place: Point, cog: Point, rise: float) -> Point:
     return moved.real, moved.imag
 
 
-def table_of(place: Point, cog: Point, about: Path) -> dict[str, list[float]]:
+def axle_table(place: Point, cog: Point, about: Path) -> dict[str, list[float]]:
     """The way of a place of the rear end until its axle, at the cog, is `RISE` higher, as a table: half a wave of a
     cosine, on a path of `PATHS`."""
     time = np.linspace(0.0, TIME, 37)
@@ -73,7 +73,7 @@ def table_of(place: Point, cog: Point, about: Path) -> dict[str, list[float]]:
     if about is None:
         x, y = 0.0 * part, RISE * part
     elif isinstance(about, str):
-        x, y = np.array([by_linkage(place, cog, RISE * share) for share in part]).T
+        x, y = np.array([linkage_displacement(place, cog, RISE * share) for share in part]).T
     else:
         dx, dy = np.subtract(cog, about)
         radius = math.hypot(dx, dy)
@@ -84,21 +84,21 @@ def table_of(place: Point, cog: Point, about: Path) -> dict[str, list[float]]:
     return {"time": (BEGIN + time).tolist(), "x": x.tolist(), "y": y.tolist()}
 
 
-def hit(drive: Drive, about: Path = PIVOT) -> Drive:
+def hit_drive(drive: Drive, about: Path = PIVOT) -> Drive:
     """The drive with its crank held and its cog free, whose rear end turns until its axle is `RISE` higher."""
     cog, pivot = drive.sprockets[COG].center, drive.arms[0].pivot
     return drive.with_values(
         {
             "sprockets.chainring.prescribed": {"speed": 0.0},
             "sprockets.cog.load": None,
-            "sprockets.cog.mount": {"kind": "prescribed", "table": table_of(cog, cog, about)},
-            "arms.cage.pivot_table": table_of(pivot, cog, about),
+            "sprockets.cog.mount": {"kind": "prescribed", "table": axle_table(cog, cog, about)},
+            "arms.cage.pivot_table": axle_table(pivot, cog, about),
             "run.duration": END,
         }
     )
 
 
-def swing_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
+def cage_swings(run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
     """Instants and heights of the cage's swings over where it comes to rest [s, deg], and that angle [deg]."""
     angle = np.degrees(np.asarray(run.arm_angle)[:, 0])
     after = run.time > BEGIN + TIME + 0.02
@@ -119,22 +119,22 @@ def twitch_rate(run: Trajectory) -> str:
     return f"{1.0 / gaps.mean():.1f}" if len(gaps) > 1 else "-"
 
 
-def moved(drive: Drive, about: Path = PIVOT) -> Drive:
+def drive_after_move(drive: Drive, about: Path = PIVOT) -> Drive:
     """The drive as it stands after the axle has moved."""
     cog, places = drive.sprockets[COG].center, {}
     for keys in (("sprockets.cog.center",), ("arms.cage.pivot", "arms.cage.center", *JOCKEYS)):  # as their first
-        way = table_of(drive.get_value(keys[0]), cog, about)
+        way = axle_table(drive.get_value(keys[0]), cog, about)
         for key in keys:
             x, y = drive.get_value(key)
             places[key] = [x + way["x"][-1], y + way["y"][-1]]
     return drive.with_values(places)
 
 
-def figure_of(drive: Drive, runs: list[Trajectory]) -> Figure:
+def cage_figure(drive: Drive, runs: list[Trajectory]) -> Figure:
     """The drive before and after, the cage's angle, and the tension of the lower strand."""
     figure = Figure(figsize=(10.0, 9.0), layout="constrained")
     where, cage, lower = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 1.0))
-    for one, color, label in ((drive, "0.5", "before"), (moved(drive), "tab:orange", "axle 36 mm higher")):
+    for one, color, label in ((drive, "0.5", "before"), (drive_after_move(drive), "tab:orange", "axle 36 mm higher")):
         pose = pose_at_start(one)
         where.plot(*(1e3 * chain_line(one, chain_path(one)).T), color=color, label=label)
         for s in one.sprockets_on(0):
@@ -156,10 +156,12 @@ def figure_of(drive: Drive, runs: list[Trajectory]) -> Figure:
     return figure
 
 
-def over_paths(drive: Drive) -> Iterator[Line]:
+def path_table(drive: Drive) -> Iterator[Line]:
     """A table of what the cage does by the path of the axle, with the friction and the damper of the example."""
-    result = simulate([hit(drive, about) for about in PATHS.values()], record=Record(rate=2000.0), window=(0.08, 0.68))
-    yield head(
+    result = simulate(
+        [hit_drive(drive, about) for about in PATHS.values()], record=Record(rate=2000.0), window=(0.08, 0.68)
+    )
+    yield table_head(
         "the rear end turns | back [mm] | before [deg] | largest [deg] | least [deg] | after [deg] | twitches [Hz] | "
         "most [N]"
     )
@@ -167,7 +169,7 @@ def over_paths(drive: Drive) -> Iterator[Line]:
         run, cog = result[v], drive.sprockets[COG].center
         angle, tension = np.degrees(np.asarray(run.arm_angle)[:, 0]), np.asarray(run.tension)
         seen, late = run.time > BEGIN, run.time > END - LATE
-        before, back = angle[~seen][-1], 0.0 - 1e3 * table_of(cog, cog, about)["x"][-1]
+        before, back = angle[~seen][-1], 0.0 - 1e3 * axle_table(cog, cog, about)["x"][-1]
         numbers = before, angle[seen].max(), angle[seen].min(), angle[late].mean()
         most = tension[run.time > BEGIN - 0.02].max()
         yield (name, f"{back:.1f}", *(f"{x:.2f}" for x in numbers), twitch_rate(run), f"{most:.0f}")
@@ -181,24 +183,25 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
 
     Prints the table of docs/derailleur.md and draws its figure.
     """
-    drive = example("derailleur")
-    yield from over_paths(drive)
+    drive = example_drive("derailleur")
+    yield from path_table(drive)
     damping = drive.arms[0].damping
     drives = [
-        hit(drive).with_values({"chain.joint.friction": mu, "arms.cage.damping": part * damping}) for mu, part in CASES
+        hit_drive(drive).with_values({"chain.joint.friction": mu, "arms.cage.damping": part * damping})
+        for mu, part in CASES
     ]
     drives[0] = drives[0].with_values({"contact.sprocket.friction": 0.0})
     result = simulate(drives, record=Record(rate=2000.0), window=(BEGIN - 0.02, END - 0.02))
     runs, rows = [result[v] for v in range(len(drives))], result.metrics.to_pylist()
-    modes = warpchain.modes(hit(drive))
+    modes = warpchain.modes(hit_drive(drive))
     for k in range(2):
         yield f"mode {k + 1} at rest, linear, without friction: {modes.frequency[k]:.2f} Hz"
-    yield head(
+    yield table_head(
         "friction | damper | before [deg] | largest [deg] | at [ms] | after [deg] | twitches [Hz] | swing [Hz] | "
         "decay [1/s] | most [N]"
     )
     for (mu, part), run in zip(CASES, runs, strict=True):
-        time, height, level = swing_of(run)
+        time, height, level = cage_swings(run)
         angle, tension = np.degrees(np.asarray(run.arm_angle)[:, 0]), np.asarray(run.tension)
         before = angle[np.searchsorted(run.time, BEGIN) - 1]
         top, found = angle.argmax(), [twitch_rate(run), "-", "-"]
@@ -210,4 +213,4 @@ def derailleur(asked: argparse.Namespace) -> Iterator[Line]:
     worst = max(abs(row["energy_residual_relative"]) for row in rows)
     work = [f"{row['cage.pivot_work']:.3f}" for row in rows]
     yield f"largest energy residual {worst:.1e}; work of what leads the cage's pivot {', '.join(work)} J"
-    yield {"derailleur": figure_of(drive, runs)}
+    yield {"derailleur": cage_figure(drive, runs)}

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import example, without_friction
+from common.cases import Line, case, case_option
+from common.drives import example_drive, without_friction
 
 from warpchain import Drive, Record, simulate
 from warpchain.assembly import assemble
@@ -26,7 +26,7 @@ def examples(asked: argparse.Namespace) -> Iterator[Line]:
     """
     yield ("drive", "links", "simulated [s]", "slackest strand [N]", "tightest strand [N]", "least [N]", "most [N]")
     for name in example_names():
-        run = simulate(example(name))
+        run = simulate(example_drive(name))
         drive, (row,) = run[0].drive, run.metrics.to_pylist()
         strands = [row[f"{strand}.tension_mean"] for strand in drive.strand_names]
         chains = [f"{chain.name}." for chain in drive.chains] or [""]
@@ -44,7 +44,7 @@ def v6(_: argparse.Namespace) -> Iterator[Line]:
     """
     yield ("drive", "chain", "rpm", "mean [N]", "least [N]", "most [N]", "efficiency", "residual")
     for name in ("v6", "car"):
-        base = example(name)
+        base = example_drive(name)
         path = f"sprockets.{base.sprockets[base.driver].name}.prescribed.speed"
         speeds = [rpm * math.pi / 30.0 for rpm in (1000.0, 3000.0, 5000.0, 6500.0)]
         run = simulate([base.with_values({path: speed}) for speed in speeds], record=Record("none"))
@@ -59,7 +59,7 @@ FRICTION = ("marine", "engine", "industrial", "motorcycle")
 """Drives that run with and without friction."""
 
 
-def copies(drive: Drive, count: int) -> list[Drive]:
+def nearby_copies(drive: Drive, count: int) -> list[Drive]:
     """The drive `count` times, each a part of 1e-9 faster than the one before."""
     path = f"sprockets.{drive.sprockets[drive.driver].name}.prescribed.speed"
     speed = drive.get_value(path)
@@ -82,7 +82,7 @@ def contact_share(trajectory: Any) -> float:
     return touching / inside
 
 
-def scattered(drive: Drive, count: int) -> tuple[str, ...]:
+def scatter_row(drive: Drive, count: int) -> tuple[str, ...]:
     """A row of a drive's builds: tension's mean, its scatter, quantiles, extremes; contact, efficiency, residual."""
     record = Record(channels=("position", "sprocket_force", "sprocket_center"))
     run = simulate(drive, replicates=count, replicate_by="build", record=record)
@@ -103,8 +103,10 @@ def scattered(drive: Drive, count: int) -> tuple[str, ...]:
 
 
 @case(
-    option("--copies", type=int, default=8),
-    option("--nearby", action="store_true", help="mean tensions of marine drives with loads up to 1 %% apart instead"),
+    case_option("--copies", type=int, default=8),
+    case_option(
+        "--nearby", action="store_true", help="mean tensions of marine drives with loads up to 1 %% apart instead"
+    ),
 )
 def example_table(asked: argparse.Namespace) -> Iterator[Line]:
     """Example drives with and without friction: builds that scatter.
@@ -116,7 +118,7 @@ def example_table(asked: argparse.Namespace) -> Iterator[Line]:
     the error of a single run's number; where impacts make the motion chaotic they are draws from one distribution.
     """
     if asked.nearby:
-        path, drive = "sprockets.camshaft.load.torque", example("marine")
+        path, drive = "sprockets.camshaft.load.torque", example_drive("marine")
         torques = drive.get_value(path) * np.linspace(0.99, 1.01, asked.copies)
         for how, one in (("with friction", drive), ("without friction", without_friction(drive))):
             run = simulate([one.with_values({path: float(torque)}) for torque in torques], record=Record("none"))
@@ -124,16 +126,16 @@ def example_table(asked: argparse.Namespace) -> Iterator[Line]:
         return
     tensions = ("tension [kN]", "scatter", "0.1 %", "50 %", "99.9 %", "least", "most", "scatter")
     yield ("drive", *tensions, "in contact", "efficiency", "residual")
-    for name, drive in ((name, example(name)) for name in FRICTION):
-        yield (f"{name}, without friction", *scattered(without_friction(drive), asked.copies))
-        yield (name, *scattered(drive, asked.copies))
+    for name, drive in ((name, example_drive(name)) for name in FRICTION):
+        yield (f"{name}, without friction", *scatter_row(without_friction(drive), asked.copies))
+        yield (name, *scatter_row(drive, asked.copies))
 
 
 ENGINE_SCALE = 12.7 / 9.525
 """Of the engine example when an 08B chain runs on it."""
 
 
-def with_gap(drive: Drive, name: str) -> Drive:
+def drive_with_tooth_gap(drive: Drive, name: str) -> Drive:
     """The drive with a tooth gap of ISO 606, entered at 0.02 m/s at least."""
     return drive.with_values(
         {
@@ -148,7 +150,7 @@ def with_gap(drive: Drive, name: str) -> Drive:
 
 def engine_08b() -> Drive:
     """The engine example a third larger, on 08B."""
-    drive = example("engine")
+    drive = example_drive("engine")
     values = {f"sprockets.{s.name}.center": [ENGINE_SCALE * x for x in s.center] for s in drive.sprockets}
     for guide in drive.guides:
         values[f"guides.{guide.name}.start"] = [ENGINE_SCALE * x for x in guide.bar.start]
@@ -157,8 +159,8 @@ def engine_08b() -> Drive:
 
 
 @case(
-    option("--copies", type=int, default=150, help="of each drive"),
-    option("--device", help="as of simulate"),
+    case_option("--copies", type=int, default=150, help="of each drive"),
+    case_option("--device", help="as of simulate"),
 )
 def step(asked: argparse.Namespace) -> Iterator[Line]:
     """Copies of four drives, 1e-9 apart, at half, once and 1.5 times the automatic step: does `step = "auto"` hold?
@@ -169,16 +171,16 @@ def step(asked: argparse.Namespace) -> Iterator[Line]:
     the scatter of the mean tension says what the residual is to be compared with.
     """
     drives = {
-        "engine on 08B, iso606 maximum": with_gap(engine_08b(), "maximum"),
-        "industrial, iso606 maximum": with_gap(example("industrial"), "maximum"),
-        "motorcycle, iso606 minimum": with_gap(example("motorcycle"), "minimum"),
-        "marine": example("marine"),
+        "engine on 08B, iso606 maximum": drive_with_tooth_gap(engine_08b(), "maximum"),
+        "industrial, iso606 maximum": drive_with_tooth_gap(example_drive("industrial"), "maximum"),
+        "motorcycle, iso606 minimum": drive_with_tooth_gap(example_drive("motorcycle"), "minimum"),
+        "marine": example_drive("marine"),
     }
     yield ("drive", "step [s]", "of the limit", "suspect", "residual", "tension [N]", "scatter", "largest [N]")
     for name, drive in drives.items():
         for times in (0.5, 1.0, 1.5):
             step = times * automatic_step(drive)
-            run = simulate(copies(drive, asked.copies), step=step, record=Record("none"), device=asked.device)
+            run = simulate(nearby_copies(drive, asked.copies), step=step, record=Record("none"), device=asked.device)
             found = [run.metrics[of] for of in ("energy_residual_relative", "tension_mean", "tension_max")]
             residual, mean, most = (np.ma.masked_invalid(np.asarray(values, float)) for values in found)
             share, suspect = f"{step / step_limit(drive):.2f}", f"{int((~run.ok).sum())} of {asked.copies}"

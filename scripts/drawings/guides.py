@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from common.cases import ROOT, Line, case, head
-from common.drives import example
+from common.cases import ROOT, Line, case, table_head
+from common.drives import example_drive
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tqdm import tqdm
@@ -29,7 +29,7 @@ RAMPS = ("sprockets.crankshaft.prescribed.ramp_time", "sprockets.camshaft.load.r
 SLOWLY = {"run.duration": DURATION} | dict.fromkeys(RAMPS, 6.0)
 
 
-def indented(drive: Drive, strand: int, indentation: float) -> Drive:
+def indented_bar_drive(drive: Drive, strand: int, indentation: float) -> Drive:
     """The drive with its bar's face where it presses the strand in by `indentation` [m], both ends alike."""
     path, (bar,) = chain_path(drive), drive.guides
     t = path.strand_end[strand] - path.strand_start[strand]
@@ -43,7 +43,7 @@ def indented(drive: Drive, strand: int, indentation: float) -> Drive:
     return drive.with_values(values)
 
 
-def displacement(run: Run) -> NDArray[np.float64]:
+def strand_displacement_mm(run: Run) -> NDArray[np.float64]:
     """The strand's mid-span displacement from START on [mm], left of travel positive."""
     return 1e3 * strand_displacement(run[0], STRAND)[run[0].time >= START]
 
@@ -60,15 +60,17 @@ def guide_bar(asked: argparse.Namespace) -> Iterator[Line]:
     amount off it a cycle. Shown and averaged are the 6 s from 8 s on.
     """
     record, window = Record(channels=("position", "guide_force"), rate=1000.0), (START, DURATION)
-    free = simulate(example("marine_no_guides", SLOWLY), record=record, window=window)
-    mean = float(displacement(free).mean())
-    guided = simulate(indented(example("marine", SLOWLY), STRAND, 1e-3 * mean), record=record, window=window)
+    free = simulate(example_drive("marine_no_guides", SLOWLY), record=record, window=window)
+    mean = float(strand_displacement_mm(free).mean())
+    guided = simulate(
+        indented_bar_drive(example_drive("marine", SLOWLY), STRAND, 1e-3 * mean), record=record, window=window
+    )
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     titles = ("without guide-bar (Figure 9)", f"guide-bar indented by {mean:.1f} mm (Figure 10)")
     yield ("", "mean [mm]", "rms about it", "least", "most", "tension [N]", "largest", "largest on a roller [N]")
     for axis, run, title in zip(axes, (free, guided), titles, strict=True):
-        values, force, (row,) = displacement(run), run[0].guide_force, run.metrics.to_pylist()
+        values, force, (row,) = strand_displacement_mm(run), run[0].guide_force, run.metrics.to_pylist()
         assert force is not None
         tension = (row[f"{run[0].drive.strand_names[STRAND]}.tension_{part}"] for part in ("mean", "max"))
         yield (title, values.mean(), values.std(), values.min(), values.max(), *tension, float(force.max(initial=0.0)))
@@ -83,14 +85,14 @@ def guide_bar(asked: argparse.Namespace) -> Iterator[Line]:
     yield {"guide-bar": figure}
 
 
-def text_of(page: str) -> str:
+def drive_text_of_document(page: str) -> str:
     """The parts of a drive file that stand in a document."""
     found = re.search(r"```toml\n(\[(?:chain|\[tensioners)\].*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
     assert found is not None
     return found.group(1)
 
 
-def draw(axes: Any, drive: Drive) -> None:
+def draw_guides(axes: Any, drive: Drive) -> None:
     """The drive as drawn, rollers' centers over the faces, joints of these, and arms at both stops."""
     centers = np.array([sprocket.center for sprocket in drive.sprockets])
     pose = Pose(centers, np.zeros(len(centers)), np.zeros(len(drive.arms)))
@@ -114,7 +116,7 @@ def guide_profiles(asked: argparse.Namespace) -> Iterator[Line]:
     """
     figure = Figure(figsize=(5.0, 7.0), layout="constrained")
     axes = figure.subplots()
-    draw(axes, loads_drive(text_of("guides-and-tensioners.md")))
+    draw_guides(axes, loads_drive(drive_text_of_document("guides-and-tensioners.md")))
     axes.margins(0.06)
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     yield {"guide-profiles": figure}
@@ -134,13 +136,13 @@ TRENDS = {
 """Label of each change, the key, its values, and the key's value."""
 
 
-def shaken(drive: Drive, frequencies: Any, samples: bool = False, oil: float | None = None) -> Any:
+def tensioner_rides(drive: Drive, frequencies: Any, samples: bool = False, oil: float | None = None) -> Any:
     """Rides of the tensioner at frequencies [Hz]."""
     shakes = [Shake(AMPLITUDE, frequency, viscosity=oil) for frequency in frequencies]
     return shake(drive, drive.tensioners[-1].name, shakes, CYCLES, samples)
 
 
-def trends(drive: Drive, figure: Figure) -> Iterator[Line]:
+def tensioner_trends(drive: Drive, figure: Figure) -> Iterator[Line]:
     """Rows and curves of the largest damping force and the work of a cycle over gap, temperature and air."""
     axes: Any = figure.subplots(2, 3, sharex="col", sharey="row")
     yield ("changed", "from", "to", "Hz", "force [N]", "falls all the way", "largest work [J]", "at")
@@ -148,7 +150,7 @@ def trends(drive: Drive, figure: Figure) -> Iterator[Line]:
         forces, works = np.empty((2, len(values), len(FREQUENCIES)))
         for i, value in enumerate(values):
             changed = drive.with_values({f"tensioners.{drive.tensioners[-1].name}.{key}": float(given(value))})
-            rides = shaken(changed, FREQUENCIES).rides
+            rides = tensioner_rides(changed, FREQUENCIES).rides
             forces[i] = np.asarray(rides["force_max"]) - static_force(changed.tensioners[-1])
             works[i] = np.asarray(rides["work"])
         for frequency, force, work in zip(FREQUENCIES, forces.T, works.T, strict=True):
@@ -174,7 +176,7 @@ def tensioner(asked: argparse.Namespace) -> Iterator[Line]:
     (Chin. J. Mech. Eng. 36, 2023) find that the largest damping force rises as the gap shrinks and falls with the oil's
     temperature and air; the last figure has that force, above the one at rest, and the work of a cycle.
     """
-    drive = loads_drive(drive_path("engine").read_text() + text_of("tensioners.md"))
+    drive = loads_drive(drive_path("engine").read_text() + drive_text_of_document("tensioners.md"))
     part = drive.tensioners[-1]
     rest = static_pressure(part)
     yield f"at rest {1e-5 * rest:.4f} bar, {static_force(part):.2f} N; leaks {1e9 * valve_flow(part, rest):.1f} mm^3/s"
@@ -185,19 +187,22 @@ def tensioner(asked: argparse.Namespace) -> Iterator[Line]:
         flow = part.valve.discharge * curtain
         yield (1e3 * lift, curtain / hole, 1e6 * flow, float(1e6 * flow * hole / np.hypot(flow, hole)))
     loops = {f"{frequency:g} Hz": frequency for frequency in (10.0, 100.0, 400.0)}
-    done = shaken(drive, loops.values(), samples=True)
+    done = tensioner_rides(drive, loops.values(), samples=True)
     yield "the last cycles"
-    yield head("Hz | force [N] |  | pressure [Pa] |  | work [J] | leak [J] | valve [J] | supply [J] | leaked [m^3]")
+    yield table_head(
+        "Hz | force [N] |  | pressure [Pa] |  | work [J] | leak [J] | valve [J] | supply [J] | leaked [m^3]"
+    )
     columns = ("frequency", "force_min", "force_max", "pressure_min", "pressure_max", "work", "leak_loss")
     for row in done.rides.to_pylist():
         yield tuple(row[name] for name in (*columns, "valve_loss", "supply_work", "leaked"))
     x = np.geomspace(1.0, 500.0, 25).tolist()
     oils = {t: OIL.viscosity(t) for t in (40.0, 80.0, 120.0)}
     rides = {
-        f"{t:g} {DEGREES}: {1e6 * oil:.3g} {SQUARE_MM}": shaken(drive, x, oil=oil).rides for t, oil in oils.items()
+        f"{t:g} {DEGREES}: {1e6 * oil:.3g} {SQUARE_MM}": tensioner_rides(drive, x, oil=oil).rides
+        for t, oil in oils.items()
     }
     over = Figure(figsize=(12.0, 6.4), layout="constrained")
-    yield from trends(drive, over)
+    yield from tensioner_trends(drive, over)
     yield {
         "tensioner-loops": tensioner_loop_figure(
             dict(zip(loops, done.samples, strict=True)), CYCLES, f"{SHAKEN}, 80 {SQUARE_MM}"
@@ -215,15 +220,15 @@ RANGES = {
 """Label of each size of the plunger, its key, its values, their unit, and its range."""
 
 
-def works(figure: Figure) -> Iterator[Line]:
+def damping_work_rows(figure: Figure) -> Iterator[Line]:
     """Rows and curves of the damping work of a cycle over the sizes of the plunger."""
-    drive = loads_drive(drive_path("engine").read_text() + text_of("tensioners.md"))
+    drive = loads_drive(drive_path("engine").read_text() + drive_text_of_document("tensioners.md"))
     axes: Any = figure.subplots(1, 3, sharey=True)
     yield ("size", "from", "to", "work [J]", "", "more of it")
     for (label, (key, values, unit, span)), axis in zip(RANGES.items(), axes, strict=True):
         path = f"tensioners.{drive.tensioners[-1].name}.{key}"
         changed = [drive.with_values({path: float(unit * value)}) for value in values]
-        work = np.array([shaken(of, [100.0]).rides["work"][0].as_py() for of in changed])
+        work = np.array([tensioner_rides(of, [100.0]).rides["work"][0].as_py() for of in changed])
         ends = np.interp(span, values, work)
         axis.plot(values, work, ".-")
         axis.axvspan(*span, alpha=0.15)
@@ -238,7 +243,7 @@ SHARES = (0.0, 0.5, 1.0)
 """Shares of air in the chamber of `car` at the start."""
 
 
-def starts(figure: Figure) -> Iterator[Line]:
+def drained_start_rows(figure: Figure) -> Iterator[Line]:
     """Rows and curves of `car` whose tensioner starts drained."""
     car = load_drive(drive_path("car"))
     drives = [car.with_values({"tensioners.tensioner.chamber.drained": share}) for share in SHARES]
@@ -273,6 +278,6 @@ def tensioner_start(asked: argparse.Namespace) -> Iterator[Line]:
     Sines of 0.2 mm at 100 Hz. Song (2015) found a damping energy 59.7 % larger within his ranges of these sizes.
     """
     work, start = (Figure(figsize=size, layout="constrained") for size in ((12.0, 4.0), (10.0, 8.0)))
-    yield from works(work)
-    yield from starts(start)
+    yield from damping_work_rows(work)
+    yield from drained_start_rows(start)
     yield {"tensioner-work": work, "tensioner-start": start}

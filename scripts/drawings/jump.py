@@ -21,7 +21,7 @@ SEATS = (110.0, 118.0, 125.0)
 COLORS = ("tab:blue", "tab:green", "tab:red")
 
 
-def triangle(height: float, seat: float) -> Drive:
+def triangle_drive(height: float, seat: float) -> Drive:
     """Three sprockets of 20 teeth: a driver, a wheel on a slide with a constant force, a loaded one between them."""
     slope = -math.tan(0.5 * math.atan(height))
     slide = {"kind": "slider", "direction": (1.0, slope), "stiffness": 0.0, "damping": 1000.0, "preload": FORCE}
@@ -59,7 +59,7 @@ def jump(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("seating angle", "teeth in the wrap", "q", "holds", "jumps", "M / R T at rest")
     for seat, color in zip(SEATS, COLORS, strict=True):
         for height in HEIGHTS:
-            drive = triangle(height, seat)
+            drive = triangle_drive(height, seat)
             n = float(assemble(drive).path.wrap_angle[2]) * TEETH / math.tau
             pull = 0.5 * FORCE / math.cos(0.5 * math.atan(height)) * drive.pitch_radius(2)
             q = ratio_held(drive, 2)

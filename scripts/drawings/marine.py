@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from common.cases import ROOT, Line
-from common.drives import example, without_friction
+from common.drives import example_drive, without_friction
 from matplotlib.figure import Figure
 
-from drawings.closed_forms import Row
-from drawings.guides import DURATION, SLOWLY, START, STRAND, displacement, indented
+from drawings.closed_forms import ValidationRow
+from drawings.guides import DURATION, SLOWLY, START, STRAND, indented_bar_drive, strand_displacement_mm
 from warpchain import Drive, Record, Run, Trajectory, simulate
 from warpchain.results.run import need
 from warpchain.results.scene import nearest_sprocket
@@ -24,7 +24,7 @@ LENGTH, FROM = {"run.duration": 4.2}, 2.1
 """Of the runs with a bar, and where the swing of the start has gone [s]; a round of the chain takes 1.9 s."""
 
 
-class Bare(NamedTuple):
+class BareMarine(NamedTuple):
     """The drive without its bar.
 
     Attributes:
@@ -37,7 +37,7 @@ class Bare(NamedTuple):
     tension: float
 
 
-class Forces(NamedTuple):
+class MarineForces(NamedTuple):
     """Forces of the drive with its bar [kN].
 
     Attributes:
@@ -52,37 +52,37 @@ class Forces(NamedTuple):
     steel: float
 
 
-def bare(drive: Drive) -> Bare:
+def bare_marine(drive: Drive) -> BareMarine:
     """The drive that starts slowly without a bar, as docs/examples.md has it."""
     record = Record(channels=("position",), rate=1000.0)
     run = simulate(drive.with_values(SLOWLY), record=record, window=(START, DURATION))
-    seen = displacement(run)
-    return Bare(float(seen.mean()), float(seen.std()), 1e-3 * run.metrics["tension_mean"][0].as_py())
+    seen = strand_displacement_mm(run)
+    return BareMarine(float(seen.mean()), float(seen.std()), 1e-3 * run.metrics["tension_mean"][0].as_py())
 
 
-def largest(run: Run, *parts: str) -> float:
+def largest_force(run: Run, *parts: str) -> float:
     """Largest force of parts on a roller [kN]."""
     return 1e-3 * max(run.metrics[f"{part}.force_max"][0].as_py() for part in parts)
 
 
-def guided(drive: Drive, indentation: float) -> tuple[Trajectory, Forces]:
+def guided_displacement(drive: Drive, indentation: float) -> tuple[Trajectory, MarineForces]:
     """The last round of the drive with its bar indented [mm]."""
-    drive = indented(drive.with_values(LENGTH), STRAND, 1e-3 * indentation)
+    drive = indented_bar_drive(drive.with_values(LENGTH), STRAND, 1e-3 * indentation)
     window, (bar,) = (FROM, LENGTH["run.duration"]), drive.guides
     run = simulate(drive, record=SEEN, window=window)
     steel = simulate(drive.with_values(STEEL), record=Record("none"), window=window)
     seen = run[0].at(last_round(run[0]))
     (tension,), on = need(seen, "tension"), nearest_sprocket(seen) >= 0
-    return seen, Forces(
+    return seen, MarineForces(
         strands=1e-3 * float(tension[~on].mean()),
         sprockets=1e-3 * float(tension[on].mean()),
-        teeth=largest(run, "crankshaft", "camshaft"),
-        bar=largest(run, bar.name),
-        steel=largest(steel, bar.name),
+        teeth=largest_force(run, "crankshaft", "camshaft"),
+        bar=largest_force(run, bar.name),
+        steel=largest_force(steel, bar.name),
     )
 
 
-def draw(axes: Any, trajectory: Trajectory, title: str) -> None:
+def draw_marine_forces(axes: Any, trajectory: Trajectory, title: str) -> None:
     """Tension of a link, and contact forces on a roller, over a round."""
     roller = hardest_pressed_roller(trajectory)
     tension, teeth, bar = need(trajectory, "tension", "sprocket_force", "guide_force")
@@ -98,7 +98,7 @@ def draw(axes: Any, trajectory: Trajectory, title: str) -> None:
         axis.grid(alpha=0.3)
 
 
-def means() -> tuple[float, float]:
+def mean_tensions() -> tuple[float, float]:
     """Mean tension of the links with and without friction [kN], of eight builds: from docs/friction.md."""
     page = (ROOT / "docs" / "friction.md").read_text()
     found = [re.search(rf"^\| marine{more} \| ([\d.]+) ", page, re.M) for more in ("", ", without friction")]
@@ -106,9 +106,9 @@ def means() -> tuple[float, float]:
     return float(found[0][1]), float(found[1][1])
 
 
-def displacement_row(own: Bare, smooth: Bare) -> Row:
+def displacement_row(own: BareMarine, smooth: BareMarine) -> ValidationRow:
     """Displacement of the tight strand without its bar."""
-    return Row(
+    return ValidationRow(
         name="marine drive: displacement",
         gives=f"{own.mean:.1f} mm ([with the bar](examples.md#the-guide-bar-figures-9-and-10-of-the-paper)); without "
         f"friction {smooth.mean:.1f} mm, swinging by {smooth.rms:.1f} mm rms, links at {smooth.tension:.0f} kN",
@@ -116,10 +116,10 @@ def displacement_row(own: Bare, smooth: Bare) -> Row:
     )
 
 
-def forces_row(own: Forces, smooth: Forces) -> Row:
+def forces_row(own: MarineForces, smooth: MarineForces) -> ValidationRow:
     """Tension of links and contact forces of rollers."""
-    mean, smooth_mean = means()
-    return Row(
+    mean, smooth_mean = mean_tensions()
+    return ValidationRow(
         name="marine drive: forces",
         gives=f"mean of the links {mean} kN, without friction {smooth_mean} kN. Off and on sprockets {own.strands:.0f} "
         f"and {own.sprockets:.0f}, {smooth.strands:.0f} and {smooth.sprockets:.0f} kN. Largest on a roller: crankshaft "
@@ -133,13 +133,13 @@ def marine() -> Iterator[Line]:
     """The paper's drive, with and without friction."""
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     axes: Any = figure.subplots(3, 2, sharex=True, sharey="row")
-    unguided, drive = example("marine_no_guides"), example("marine")
-    free = [bare(unguided), bare(without_friction(unguided))]
+    unguided, drive = example_drive("marine_no_guides"), example_drive("marine")
+    free = [bare_marine(unguided), bare_marine(without_friction(unguided))]
     forces = []
     for column, title, made, one in zip(axes.T, CASES, (drive, without_friction(drive)), free, strict=True):
-        seen, found = guided(made, one.mean)
+        seen, found = guided_displacement(made, one.mean)
         forces.append(found)
-        draw(column, seen, title)
+        draw_marine_forces(column, seen, title)
     labels = ("tension of a link", "sprockets on a roller", "guide-bar on a roller")
     for axis, label in zip(axes[:, 0], labels, strict=True):
         axis.set_ylabel(f"{label} [kN]")

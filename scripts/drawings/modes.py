@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import Values, example
+from common.drives import Values, example_drive
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -35,8 +35,8 @@ def mode_shapes(asked: argparse.Namespace) -> Iterator[Line]:
 
     Writes modes-engine.png, campbell-engine.png and modes-car.png.
     """
-    found = campbell(example("engine"), np.linspace(0.0, 600.0, 25).tolist(), 10)
-    car = modes(example("car"), 30)
+    found = campbell(example_drive("engine"), np.linspace(0.0, 600.0, 25).tolist(), 10)
+    car = modes(example_drive("car"), 30)
     yield {
         "modes-engine": mode_shapes_figure(found.modes[0].first(8)),
         "campbell-engine": mode_campbell_figure(found),
@@ -91,7 +91,7 @@ RUNS = (
 )
 
 
-class Seen(NamedTuple):
+class SeenMode(NamedTuple):
     """A mode in a part of a run-up: mean time and speed of the driver [rad/s], its frequency and the peak's [Hz]."""
 
     mode: str
@@ -108,7 +108,7 @@ class Seen(NamedTuple):
 
 def run_up_drive(run: RunUp) -> Drive:
     """The example as its modes take it, without dry friction and harmonics; it runs up steadily from rest."""
-    drive = example(run.name)
+    drive = example_drive(run.name)
     own: Values = {"chain.joint": None, "contact.sprocket.friction": 0.0, "run.duration": run.duration}
     own["run.sample_rate"] = run.rate
     if drive.guides:
@@ -124,7 +124,7 @@ def run_up_drive(run: RunUp) -> Drive:
     return smooth.with_values({"run.step": STEP * step_limit(smooth)})
 
 
-def loaded(run: RunUp, drive: Drive) -> Drive:
+def run_up_loads(run: RunUp, drive: Drive) -> Drive:
     """The drive with loads that include the torque of its sprockets' inertia while it runs up."""
     driver = drive.sprockets[drive.driver]
     rise = top_speed(drive) / run.duration
@@ -144,12 +144,12 @@ def top_speed(drive: Drive) -> float:
     return prescribed.top_speed
 
 
-def recorded(drive: Drive) -> Trajectory:
+def recorded_run_up(drive: Drive) -> Trajectory:
     """The run-up."""
     return simulate(drive, record=Record(channels=("position", "velocity", "tension", "sprocket_speed")))[0]
 
 
-def signal_of(trajectory: Any, mode: str) -> Array:
+def mode_signal(trajectory: Any, mode: str) -> Array:
     """(F,) displacement of a mode's strand at `PLACE` of its length [m]."""
     drive, path = trajectory.drive, assembled_path(trajectory.drive)
     strand = drive.strand_names.index(mode.rpartition(" ")[0])
@@ -157,7 +157,7 @@ def signal_of(trajectory: Any, mode: str) -> Array:
     return seen_at(trajectory, (x, y), 3.0 * drive.chain.pitch).displacement
 
 
-def spectrum(signal: Array, rate: float) -> tuple[Array, Array]:
+def window_spectrum(signal: Array, rate: float) -> tuple[Array, Array]:
     """Frequencies [Hz] and power of a window, without its cubic trend."""
     time = np.linspace(-1.0, 1.0, len(signal))
     flat = signal - np.polynomial.Polynomial.fit(time, signal, 3)(time)
@@ -165,7 +165,7 @@ def spectrum(signal: Array, rate: float) -> tuple[Array, Array]:
     return np.asarray(np.fft.rfftfreq(PADDED * len(flat), 1.0 / rate)), np.asarray(power)
 
 
-def disturbed(drive: Drive, speeds: Array, frequency: float, width: float) -> bool:
+def is_disturbed(drive: Drive, speeds: Array, frequency: float, width: float) -> bool:
     """Whether an order comes within a band and the spectrum's width of a frequency [Hz] while the speed changes."""
     low, high = (1.0 - BAND) * frequency - width, (1.0 + BAND) * frequency + width
     turns = speeds / (2.0 * np.pi)
@@ -174,13 +174,13 @@ def disturbed(drive: Drive, speeds: Array, frequency: float, width: float) -> bo
     return any(value * turns.max() > low and value * turns.min() < high for value in values)
 
 
-def running(run: RunUp, drive: Drive) -> Campbell:
+def running_modes(run: RunUp, drive: Drive) -> Campbell:
     """The modes of a drive over the speeds of its run-up, means over a tooth pitch."""
     speeds = top_speed(drive) * np.linspace(SLOWEST, 1.0, SPEEDS)
-    return over_a_pitch(loaded(run, drive), speeds.tolist(), run.count, PHASES)[0]
+    return over_a_pitch(run_up_loads(run, drive), speeds.tolist(), run.count, PHASES)[0]
 
 
-def seen(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> Iterator[Seen]:
+def seen_modes(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> Iterator[SeenMode]:
     """Modes in parts of a run-up, where they are seen: by the mean of the spectra of a part's windows (at least so
     many), each over the frequency relative to the mode's at the window's speed."""
     size, drive = int(run.window * run.rate), found.drive
@@ -189,14 +189,14 @@ def seen(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> It
     begins = np.arange(first, len(speeds) - size, size // 4)
     ends = found.speed[0] + (found.speed[-1] - found.speed[0]) * np.linspace(0.0, 1.0, PARTS + 1)
     for name in run.wanted:
-        signal, mode = signal_of(trajectory, name), found.frequency[:, found.names.index(name)]
+        signal, mode = mode_signal(trajectory, name), found.frequency[:, found.names.index(name)]
         kept: list[list[tuple[float, float, float, Array]]] = [[] for _ in range(PARTS)]
         for begin in begins:
             part = slice(begin, begin + size)
             speed = float(speeds[part].mean())
             frequency = float(np.interp(speed, found.speed, mode))
-            if frequency > 0.0 and not disturbed(drive, speeds[part], frequency, 1.0 / run.window):
-                places, power = spectrum(signal[part], run.rate)
+            if frequency > 0.0 and not is_disturbed(drive, speeds[part], frequency, 1.0 / run.window):
+                places, power = window_spectrum(signal[part], run.rate)
                 row = np.interp(AROUND * frequency, places, power)
                 where = min(int(np.searchsorted(ends, speed)) - 1, PARTS - 1)
                 kept[max(where, 0)].append((float(trajectory.time[part].mean()), speed, frequency, row / row.sum()))
@@ -205,17 +205,17 @@ def seen(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> It
             peak = int(np.argmax(np.where(np.abs(AROUND - 1.0) < BAND, power, 0.0)))
             if power[peak] >= power[[peak - 1, peak + 1]].max() and power[peak] > OUTSTANDING * np.median(power):
                 time, speed, frequency = (float(np.mean([row[k] for row in rows])) for k in range(3))
-                yield Seen(name, time, speed, frequency, float(AROUND[peak]) * frequency)
+                yield SeenMode(name, time, speed, frequency, float(AROUND[peak]) * frequency)
 
 
-def draw(axis: Any, run: RunUp, trajectory: Any, modes: Campbell, found: list[Seen]) -> None:
+def draw_run_up(axis: Any, run: RunUp, trajectory: Any, modes: Campbell, found: list[SeenMode]) -> None:
     """The spectrum of all signals over time, the modes' frequencies, and the peaks."""
     size = int(run.window * run.rate)
     rows = range(0, len(trajectory.time) - size, size // 8)
     total: Any = 0.0
     for name in run.wanted:
-        signal = signal_of(trajectory, name)
-        power = np.array([spectrum(signal[k : k + size], run.rate)[1] for k in rows])
+        signal = mode_signal(trajectory, name)
+        power = np.array([window_spectrum(signal[k : k + size], run.rate)[1] for k in rows])
         total = total + power / np.percentile(power, 99.9)
     places = np.fft.rfftfreq(PADDED * size, 1.0 / run.rate)
     shown = places < run.top
@@ -250,8 +250,8 @@ def runup(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("drive", "mode", "parts", "Hz", "mean off", "most off")
     for axis, run in zip(figure.subplots(1, len(RUNS)), RUNS, strict=True):
         drive = run_up_drive(run)
-        trajectory, found_modes = recorded(drive), running(run, drive)
-        found = list(seen(run, found_modes, trajectory))
+        trajectory, found_modes = recorded_run_up(drive), running_modes(run, drive)
+        found = list(seen_modes(run, found_modes, trajectory))
         for name in run.wanted:
             mine = [one for one in found if one.mode == name]
             if mine:
@@ -259,7 +259,7 @@ def runup(asked: argparse.Namespace) -> Iterator[Line]:
                 frequencies = [one.frequency for one in mine]
                 span = f"{min(frequencies):.4g} to {max(frequencies):.4g}"
                 yield (run.name, name, len(mine), span, f"{off.mean():.2%}", f"{off[np.argmax(np.abs(off))]:.2%}")
-        draw(axis, run, trajectory, found_modes, found)
+        draw_run_up(axis, run, trajectory, found_modes, found)
     figure.axes[0].set_ylabel("frequency [Hz]")
     figure.suptitle("Spectra of run-ups: modes of the running drive (lines) and peaks (circles)", fontsize=11)
     yield {"modes-runup": figure}

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from common.cases import Line
-from common.drives import equal, pair
+from common.drives import equal_sprocket_values, two_sprockets
 from numpy.typing import NDArray
 
-from drawings.closed_forms import Row
+from drawings.closed_forms import ValidationRow
 from drawings.modes import top_speed
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.assembly import assemble
@@ -19,7 +19,7 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.results.run import need
 
 Array = NDArray[np.float64]
-VALUES = equal(20, 61, 0.05, slack=0.002) | {
+VALUES = equal_sprocket_values(20, 61, 0.05, slack=0.002) | {
     "chain.stiffness": 1e7,
     "chain.damping": 1000.0,
     "contact.sprocket.stiffness": 1e8,
@@ -42,7 +42,7 @@ CONTACT = (2e8, 4000.0)
 """Of a sphere in Exudyn: stiffness [N/m], two in series having that of the drive's contact, and damping [N s/m]."""
 
 
-class Result(NamedTuple):
+class CodeResult(NamedTuple):
     """Results of a code.
 
     Attributes:
@@ -58,7 +58,7 @@ class Result(NamedTuple):
     cost: float
 
 
-class Frames:
+class CodeFrames:
     """Frames of the latter part of a run."""
 
     def __init__(self, drive: Drive, step: float) -> None:
@@ -76,24 +76,24 @@ class Frames:
         self.tension.append(tension[sides])
         self.ratio.append(driven / top_speed(self.drive))
 
-    def result(self) -> Result:
+    def result(self) -> CodeResult:
         """The latter part of them."""
         cost = (time.process_time() - self.begun) / self.drive.run.duration
         first = int(WINDOW * len(self.ratio))
-        return Result(np.array(self.tension[first:]), np.array(self.ratio[first:]), self.step, cost)
+        return CodeResult(np.array(self.tension[first:]), np.array(self.ratio[first:]), self.step, cost)
 
 
-def of_warpchain(drive: Drive) -> Result:
+def run_warpchain(drive: Drive) -> CodeResult:
     """The drive here, on one core."""
     simulate(drive, device="cpu", record=Record("none"), duration=0.001)  # compiles
-    frames = Frames(drive, resolve_step(drive))
+    frames = CodeFrames(drive, resolve_step(drive))
     trajectory = simulate(drive, device="cpu", record=Record(channels=("position", "sprocket_speed")))[0]
     for position, speed in zip(*need(trajectory, "position", "sprocket_speed"), strict=True):
         frames.add(np.asarray(position, float), float(speed[1]))
     return frames.result()
 
 
-def spheres(drive: Drive) -> Iterator[tuple[float, float, float]]:
+def sprocket_spheres(drive: Drive) -> Iterator[tuple[float, float, float]]:
     """Places on a sprocket and radii [m] of a hub that carries the rollers and of teeth that fill the gaps between."""
     radius, count, roller = drive.pitch_radius(0), drive.sprockets[0].teeth, drive.chain.roller_radius
     yield 0.0, 0.0, radius - roller
@@ -102,7 +102,7 @@ def spheres(drive: Drive) -> Iterator[tuple[float, float, float]]:
         yield radius * math.cos(angle), radius * math.sin(angle), tooth
 
 
-def of_mujoco(drive: Drive) -> Result:
+def run_mujoco(drive: Drive) -> CodeResult:
     """In MuJoCo: rollers that slide along x and y, links as tendons, each sprocket a disk with round teeth."""
     import mujoco
 
@@ -125,7 +125,7 @@ def of_mujoco(drive: Drive) -> Result:
         viscous = sprocket.load.viscous if sprocket.load else 0.0
         inertia = {"armature": sprocket.inertia or HEAVY, "damping": [viscous, 0, 0]}
         body.add_joint(name=f"turn{s}", type=hinge, axis=[0.0, 0.0, 1.0], **inertia)
-        for x, y, radius in spheres(drive):
+        for x, y, radius in sprocket_spheres(drive):
             body.add_geom(type=sphere, pos=[x, y, 0.0], size=[radius, 0, 0], mass=1e-6, **wheel, **contact)
     for k in range(chain.links):
         tendon = spec.add_tendon(stiffness=[chain.stiffness, 0, 0], damping=[chain.damping, 0, 0])
@@ -139,7 +139,7 @@ def of_mujoco(drive: Drive) -> Result:
     load = drive.sprockets[1].load
     assert load is not None
     data.qfrc_applied[turns[1]] = -load.torque * np.sign(assembly.sprocket_speed[1])
-    frames, start = Frames(drive, STEP), assembly.position.ravel()
+    frames, start = CodeFrames(drive, STEP), assembly.position.ravel()
     every = round(1.0 / (drive.run.sample_rate * STEP))
     for step in range(round(drive.run.duration / STEP)):
         mujoco.mj_step(model, data)
@@ -149,7 +149,7 @@ def of_mujoco(drive: Drive) -> Result:
     return frames.result()
 
 
-def of_exudyn(drive: Drive) -> Result:
+def run_exudyn(drive: Drive) -> CodeResult:
     """In Exudyn: point masses, links as springs with dampers, each sprocket a body that turns, with round teeth."""
     import exudyn
     from exudyn import itemInterface as items
@@ -186,7 +186,7 @@ def of_exudyn(drive: Drive) -> Result:
                 referenceRotation=[[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]],
             )
         )
-        for x, y, radius in spheres(drive):
+        for x, y, radius in sprocket_spheres(drive):
             marker = system.AddMarker(items.MarkerBodyPosition(bodyNumber=body, localPosition=[x, y, 0.0]))
             contact.AddSphereWithMarker(marker, radius, *CONTACT, 0)
         turns.append(system.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0)))
@@ -195,7 +195,7 @@ def of_exudyn(drive: Drive) -> Result:
     system.AddObject(items.CoordinateSpringDamper(markerNumbers=[held, turns[1]], damping=load.viscous))
     torque = -load.torque * float(np.sign(assembly.sprocket_speed[1]))
     system.AddLoad(items.LoadCoordinate(markerNumber=turns[1], load=torque))
-    frames, start = Frames(drive, STEP), assembly.position.ravel()
+    frames, start = CodeFrames(drive, STEP), assembly.position.ravel()
 
     def seen(of: Any, *_: Any) -> list[float]:
         place = start + of.systemData.GetODE2Coordinates()[: 2 * chain.links]
@@ -213,14 +213,14 @@ def of_exudyn(drive: Drive) -> Result:
     return frames.result()
 
 
-OTHERS: dict[str, tuple[str, Callable[[Drive], Result]]] = {
-    "MuJoCo": ("mujoco", of_mujoco),
-    "Exudyn": ("exudyn", of_exudyn),
+OTHERS: dict[str, tuple[str, Callable[[Drive], CodeResult]]] = {
+    "MuJoCo": ("mujoco", run_mujoco),
+    "Exudyn": ("exudyn", run_exudyn),
 }
 """Other codes: their package and the drive in them."""
 
 
-def described(result: Result) -> str:
+def result_text(result: CodeResult) -> str:
     """A result in words."""
     tight, slack = result.tension.T
     return (
@@ -232,18 +232,18 @@ def described(result: Result) -> str:
 
 def other_codes() -> Iterator[Line]:
     """The same simple drive here and in other codes."""
-    drive = pair(VALUES)
-    own = of_warpchain(drive)
+    drive = two_sprockets(VALUES)
+    own = run_warpchain(drive)
     ours = own.tension.mean(axis=0)
     for name, (package, made) in OTHERS.items():
         other = made(drive)
         theirs = other.tension.mean(axis=0)
         pulls = [float(pull[0] - pull[1]) for pull in (ours, theirs)]
-        yield Row(
+        yield ValidationRow(
             name=f"other codes: {name}",
             source=f"{name} {version(package)}, the drive built in `scripts/drawings/other_codes.py`",
-            states=f"tight and slack link: {described(other)}",
-            gives=described(own),
+            states=f"tight and slack link: {result_text(other)}",
+            gives=result_text(own),
             differs=f"{ours[0] - theirs[0]:+.0f} and {ours[1] - theirs[1]:+.0f} N, tight less slack "
             f"{100.0 * (pulls[0] / pulls[1] - 1.0):+.1f} %, ratio {own.ratio.mean() - other.ratio.mean():+.4f}",
         )

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import example
+from common.cases import Line, case, case_option
+from common.drives import example_drive
 from matplotlib import style
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -33,10 +33,10 @@ LASTS = 100
 COLORS = 128
 DRIVERS = Path("/usr/share/vulkan/icd.d")
 SOFTWARE = DRIVERS / "lvp_icd.x86_64.json"
-DRIVE = option("drive", nargs="?", default="marine", help="name of an example drive (default marine)")
+DRIVE = case_option("drive", nargs="?", default="marine", help="name of an example drive (default marine)")
 
 
-def shown_frames(trajectory: Any) -> np.ndarray:
+def last_teeth_frames(trajectory: Any) -> np.ndarray:
     """Frames of the recording that are shown: the last `TEETH` teeth of the driver, evenly."""
     drive = trajectory.drive
     teeth = drive.sprockets[drive.driver].teeth
@@ -45,7 +45,7 @@ def shown_frames(trajectory: Any) -> np.ndarray:
     return np.searchsorted(passed, wanted).clip(0, len(passed) - 1)
 
 
-def draw(axis: Any, trajectory: Any, f: int, reach: float) -> None:
+def draw_frame(axis: Any, trajectory: Any, f: int, reach: float) -> None:
     """The drive, its chain and the forces at a frame; a newton is `reach` meters long."""
     drive, x = trajectory.drive, trajectory.position[f]
     pose = pose_at_frame(trajectory, f)
@@ -73,9 +73,9 @@ def frame_figure(trajectory: Any, curves: dict[str, dict[str, np.ndarray]], f: i
     made = Figure(figsize=(9.0, 5.4), layout="constrained")
     halves: Any = made.subfigures(1, 2, width_ratios=[0.36, 0.64])
     left, right = halves
-    draw(left.subplots(), trajectory, f, reach)
+    draw_frame(left.subplots(), trajectory, f, reach)
     time, colors = trajectory.time, curve_colors(trajectory.drive)
-    last = time >= time[-1] - 2.2 * (time[-1] - time[shown_frames(trajectory)[0]])
+    last = time >= time[-1] - 2.2 * (time[-1] - time[last_teeth_frames(trajectory)[0]])
     panels = right.subplots(len(curves), 1, sharex=True)
     for panel, (label, lines) in zip(panels, curves.items(), strict=True):
         for name, values in lines.items():
@@ -98,8 +98,8 @@ def moving(asked: argparse.Namespace) -> Iterator[Line]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    trajectory: Any = simulate(example(asked.drive))[0]
-    drive, chosen = trajectory.drive, shown_frames(trajectory)
+    trajectory: Any = simulate(example_drive(asked.drive))[0]
+    drive, chosen = trajectory.drive, last_teeth_frames(trajectory)
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     curves = {
         "strand tension [kN]": {name: strand_tension(trajectory, k) for k, name in enumerate(drive.strand_names)},
@@ -124,12 +124,12 @@ def moving(asked: argparse.Namespace) -> Iterator[Line]:
     yield str(path)
 
 
-def no_vulkan() -> str | None:
+def missing_vulkan_reason() -> str | None:
     """The reason that the headless viewer cannot run here, or None."""
     return None if list(DRIVERS.glob("*.json")) else "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
 
 
-def screenshot(recording: Path, picture: Path, seconds: float) -> None:
+def save_screenshot(recording: Path, picture: Path, seconds: float) -> None:
     """Opens a recording in the headless viewer, goes to a simulated time and saves its picture."""
     if SOFTWARE.exists():
         os.environ.setdefault("VK_ICD_FILENAMES", str(SOFTWARE))
@@ -147,7 +147,9 @@ def screenshot(recording: Path, picture: Path, seconds: float) -> None:
 
 
 @case(
-    DRIVE, option("--at", type=float, default=1.5, help="simulated time [s]"), option("--tab", help="tab of the viewer")
+    DRIVE,
+    case_option("--at", type=float, default=1.5, help="simulated time [s]"),
+    case_option("--tab", help="tab of the viewer"),
 )
 def viewer(asked: argparse.Namespace) -> Iterator[Line]:
     """A picture of an example drive's run in the headless Rerun viewer.
@@ -166,8 +168,8 @@ def viewer(asked: argparse.Namespace) -> Iterator[Line]:
     picture = asked.output / (f"playback-{asked.tab}.png" if asked.tab else f"{asked.drive}.png")
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / f"{asked.drive}.rrd"
-        view(simulate(example(asked.drive)), save=recording, tab=asked.tab)
-        screenshot(recording, picture, asked.at)
+        view(simulate(example_drive(asked.drive)), save=recording, tab=asked.tab)
+        save_screenshot(recording, picture, asked.at)
     Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # a third of the size
     yield str(picture)
 
@@ -182,7 +184,7 @@ def report(asked: argparse.Namespace) -> Iterator[Line]:
     """
     table = {"time": [0.0, 1.0], "speed": [105.0, 600.0]}  # s, rad/s
     values = {"sprockets.crankshaft.prescribed.table": table, "run.duration": 1.0}
-    drive = example("engine", values)
+    drive = example_drive("engine", values)
     found = handed_in(simulate(drive, record=Record(rate=20_000.0), window=(0.0, 1.0)))
     cuts = run_up_cuts(found)["force on the hub"]
     figures = {

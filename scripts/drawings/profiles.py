@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import Values, equal, pair
+from common.drives import Values, equal_sprocket_values, two_sprockets
 from matplotlib.axes import Axes
 
 from warpchain import Drive, Record, simulate
@@ -29,7 +29,7 @@ BEGIN, END = 0.2, 1.2  # s: what comes before is the start
 COLORS = ("#4477aa", "#ee6677", "#228833")
 
 
-def drive(profile: str, values: Values | None = None, elongation: float = 0.0, slack: float = 1e-4) -> Drive:
+def profile_drive(profile: str, values: Values | None = None, elongation: float = 0.0, slack: float = 1e-4) -> Drive:
     """A 16B chain on two sprockets of 19 teeth with one of the profiles, as far apart as keeps a longer chain taut."""
     common: Values = {
         "chain.roller_mass": None,
@@ -48,17 +48,17 @@ def drive(profile: str, values: Values | None = None, elongation: float = 0.0, s
         "run": {"duration": END, "step": 2.5e-6, "sample_rate": 1000.0, "gravity": [0.0, 0.0]},
         "sprockets.driven.center": [29.5 * PITCH * (1.0 + elongation) * (1.0 + slack), 0.0],
     }
-    return pair(equal(TEETH, 78, PITCH) | common | PROFILES[profile]).with_values(values or {})
+    return two_sprockets(equal_sprocket_values(TEETH, 78, PITCH) | common | PROFILES[profile]).with_values(values or {})
 
 
-def radial(trajectory: Any, s: int) -> np.ndarray:
+def radial_places(trajectory: Any, s: int) -> np.ndarray:
     """Places of rollers from the center of sprocket s (F, N, 2) [m]."""
     return trajectory.position - trajectory.sprocket_center[:, None, s]
 
 
-def over_pitches(trajectory: Any, s: int, values: np.ndarray, edges: np.ndarray, rollers: slice) -> Any:
+def means_over_pitches(trajectory: Any, s: int, values: np.ndarray, edges: np.ndarray, rollers: slice) -> Any:
     """Pitches since a roller's arrival on sprocket s, and the mean of values (F, N) there."""
-    arm = radial(trajectory, s)[:, rollers]
+    arm = radial_places(trajectory, s)[:, rollers]
     on = ((nearest_sprocket(trajectory) == s) & (trajectory.time > BEGIN)[:, None])[:, rollers]
     # the driver is wrapped from its highest to its lowest point, the driven sprocket from its lowest to its highest
     start = (0.5 if s == 0 else -0.5) * math.pi
@@ -81,17 +81,17 @@ def approach_speeds(trajectory: Any, s: int) -> np.ndarray:
         if trajectory.time[frame] > BEGIN and touching.size:
             met.append((frame + touching[0], roller))
     frames, rollers = np.array(met, dtype=np.intp).reshape(-1, 2).T
-    arm = radial(trajectory, s)[frames, rollers]
+    arm = radial_places(trajectory, s)[frames, rollers]
     surface = trajectory.sprocket_speed[frames, s, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
     normals = sprocket_normals(trajectory, s, frames, rollers)
     return ((surface - trajectory.velocity[frames, rollers]) * normals).sum(axis=1)
 
 
-def seated(profile: str) -> tuple[np.ndarray, float]:
+def seated_tension_ratios(profile: str) -> tuple[np.ndarray, float]:
     """Tension around the locked driver over its largest [-], and the expected ratio of neighbors."""
     values = {"chain.damping": 2e3, "sprockets.driver.prescribed.speed": 0.0, "sprockets.driven.load.viscous": 20.0}
     values |= {"contact.sprocket.impact_speed_floor": 0.5, "contact.sprocket.stiffness": 2e9}
-    slow = drive(profile, values | {"run.step": 1.5e-6, "run.duration": 1.0})
+    slow = profile_drive(profile, values | {"run.step": 1.5e-6, "run.duration": 1.0})
     trajectory: Any = simulate(slow, record=Record(rate=100.0))[0]
     phi = slow.tooth(0).pressure_angle(TEETH)
     force, tension = trajectory.sprocket_force[-1], trajectory.tension[-1]
@@ -103,22 +103,22 @@ def seated(profile: str) -> tuple[np.ndarray, float]:
     return values_there / values_there[0], math.sin(phi) / math.sin(phi + 2.0 * math.pi / TEETH)
 
 
-def losses(row: dict[str, Any]) -> float:
+def contact_losses(row: dict[str, Any]) -> float:
     """Power that contacts take [W]."""
     return float((row["driver.dissipated"] + row["driven.dissipated"]) / (END - BEGIN))
 
 
-def repeated(profile: str) -> tuple[dict[str, list[float]], np.ndarray, list[np.ndarray]]:
+def repeated_quantities(profile: str) -> tuple[dict[str, list[float]], np.ndarray, list[np.ndarray]]:
     """Quantities of each run with loads a millionth apart, all approach speeds, and mean forces over pitches."""
     loads = [{"sprockets.driven.load.torque": 120.0 * (1 + 1e-6 * k)} for k in range(RUNS)]
     found: dict[str, list[float]] = {}
-    speeds, forces, mass = [], [], drive(profile).chain.mass
+    speeds, forces, mass = [], [], profile_drive(profile).chain.mass
     for load in loads:  # one after the other: a recording takes a gigabyte
-        run = simulate(drive(profile, load), record=Record(rate=20e3), window=(BEGIN, END))
+        run = simulate(profile_drive(profile, load), record=Record(rate=20e3), window=(BEGIN, END))
         (row,), trajectory = run.metrics.to_pylist(), run[0]
         speeds.append(np.concatenate([approach_speeds(trajectory, s) for s in (0, 1)]))
         edges = np.arange(-0.5, TEETH / 2 + 1.0, 0.1)
-        where, force = over_pitches(trajectory, 1, trajectory.channels()["sprocket_force"], edges, slice(None))
+        where, force = means_over_pitches(trajectory, 1, trajectory.channels()["sprocket_force"], edges, slice(None))
         forces.append(force)
         rebound = contact_rebound(trajectory.drive.contact.sprocket)
         quantities = {
@@ -127,7 +127,7 @@ def repeated(profile: str) -> tuple[dict[str, list[float]], np.ndarray, list[np.
             "largest contact force [N]": max(row["driver.force_max"], row["driven.force_max"]),
             "approach speed, mean [m/s]": speeds[-1].mean(),
             "impulse of an arrival [N s]": mass * (1.0 + rebound) * speeds[-1].mean(),
-            "losses in contacts [W]": losses(row),
+            "losses in contacts [W]": contact_losses(row),
         }
         for name, value in quantities.items():
             found.setdefault(name, []).append(value)
@@ -147,9 +147,9 @@ def profiles(asked: argparse.Namespace) -> Iterator[Line]:
     """
     figure, (shape, force, approach, decay) = panel_grid(4, 2, 5.5, 4.0)
     for name, color in zip(PROFILES, COLORS, strict=True):
-        one = drive(name)
+        one = profile_drive(name)
         yield (f"{name}, pressure angle", f"{math.degrees(one.tooth(0).pressure_angle(TEETH)):.1f} deg")
-        found, speeds, over = repeated(name)
+        found, speeds, over = repeated_quantities(name)
         for quantity, values in found.items():
             yield (quantity, f"{np.mean(values):.4g} +- {np.std(values, ddof=1) / math.sqrt(RUNS):.2g}")
         half = half_gap_outline(one.tooth(0), TEETH, one.pitch_radius(0), 40)
@@ -157,7 +157,7 @@ def profiles(asked: argparse.Namespace) -> Iterator[Line]:
         shape.plot(outline[:, 1], outline[:, 0], color=color, label=name)
         force.plot(*over, color=color)
         approach.hist(speeds, bins=np.linspace(0.0, 2.5, 26), histtype="step", color=color, linewidth=1.5)
-        ratios, expected = seated(name)
+        ratios, expected = seated_tension_ratios(name)
         place = np.arange(len(ratios))
         decay.semilogy(place, ratios, "o", color=color)
         decay.semilogy(place, expected**place, "--", color=color, linewidth=1.0)
@@ -179,13 +179,13 @@ LINK = 40  # the one that is worn alone, an outer one
 SHOWN = "iso606, maximum gap"
 
 
-def climbed(trajectory: Any, rollers: slice) -> Any:
+def climbed_radius(trajectory: Any, rollers: slice) -> Any:
     """Pitches since arrival on the driver, and there the rollers' mean radius over the pitch radius, less one [%]."""
-    off = np.hypot(*np.moveaxis(radial(trajectory, 0), -1, 0)) / trajectory.drive.pitch_radius(0) - 1.0
-    return over_pitches(trajectory, 0, 100.0 * off, np.arange(0.5, TEETH / 2 - 0.4, 0.25), rollers)
+    off = np.hypot(*np.moveaxis(radial_places(trajectory, 0), -1, 0)) / trajectory.drive.pitch_radius(0) - 1.0
+    return means_over_pitches(trajectory, 0, 100.0 * off, np.arange(0.5, TEETH / 2 - 0.4, 0.25), rollers)
 
 
-def draw(axes: Axes, trajectory: Any) -> None:
+def draw_worn_driver(axes: Axes, trajectory: Any) -> None:
     """The driver with its chain at the end of the run."""
     teeth = turned(tooth_outline(trajectory.drive, 0), (0.0, 0.0), trajectory.sprocket_angle[-1, 0])
     axes.fill(*(1e3 * teeth).T, color="0.85", ec="0.4", linewidth=0.8)
@@ -211,8 +211,8 @@ def wear(asked: argparse.Namespace) -> Iterator[Line]:
     came to the driver.
     """
     cases = [(name, e) for name in PROFILES for e in ELONGATIONS]
-    drives = [drive(name, {"chain.outer": {"elongation": 2.0 * e}}, e) for name, e in cases]
-    drives.append(drive(SHOWN, {"chain.worn_links": [{"link": LINK, "elongation": 0.03}]}))
+    drives = [profile_drive(name, {"chain.outer": {"elongation": 2.0 * e}}, e) for name, e in cases]
+    drives.append(profile_drive(SHOWN, {"chain.worn_links": [{"link": LINK, "elongation": 0.03}]}))
     run = simulate(drives, record=Record(rate=2e3), window=(BEGIN, END))
     rows = run.metrics.to_pylist()
     figure, (place, climb, picture, single) = panel_grid(4, 2, 5.5, 4.25)
@@ -220,24 +220,24 @@ def wear(asked: argparse.Namespace) -> Iterator[Line]:
     heights = np.empty((len(cases), 2))
     for v, (name, e) in enumerate(cases):
         for first, style in enumerate(("-", "--")):
-            where, off = climbed(run[v], slice(first, None, 2))
+            where, off = climbed_radius(run[v], slice(first, None, 2))
             heights[v, first] = off.max()
             if name == SHOWN:
                 label = None if first else f"{100 * e:g} %"
                 place.plot(where, off, style, color=f"C{ELONGATIONS.index(e)}", label=label)
         climbs = " / ".join(f"{height:.2f}" for height in heights[v])
         tension = f"{rows[v]['tension_mean']:.0f}, most {rows[v]['tension_max']:.0f}"
-        yield (name, 100 * e, climbs, tension, losses(rows[v]), rows[v]["status"])
+        yield (name, 100 * e, climbs, tension, contact_losses(rows[v]), rows[v]["status"])
     percent = 100.0 * np.array(ELONGATIONS)
     for name, color, mine in zip(PROFILES, COLORS, np.split(heights, len(PROFILES)), strict=True):
         climb.plot(percent, mine[:, 0], "o-", color=color, label=f"{name}: an outer link follows")
         climb.plot(percent, mine[:, 1], "o--", color=color, mfc="white", label=f"{name}: an inner one")
     climb.plot(percent, percent, ":", color="0.4", label="an outer and an inner link on every two teeth")
     for k, label in enumerate(("the roller before", "its first roller", "its second roller", "the roller after")):
-        where, off = climbed(run[len(cases)], slice(LINK - 1 + k, LINK + k))
+        where, off = climbed_radius(run[len(cases)], slice(LINK - 1 + k, LINK + k))
         single.plot(where, off, label=label)
         yield f"one link longer by 3 %: {label} up to {off.max():.2f} %"
-    draw(picture, run[cases.index((SHOWN, ELONGATIONS[-1]))])
+    draw_worn_driver(picture, run[cases.index((SHOWN, ELONGATIONS[-1]))])
     places = {"xlabel": "pitches since arrival on the driver", "ylabel": "off the pitch circle [%]"}
     place.set(title=f"{SHOWN}; dashed: an inner link follows", **places)
     climb.set(title="highest rollers on the driver, mean", **places | {"xlabel": "elongation of the chain [%]"})
@@ -267,7 +267,7 @@ def wear_spectrum(asked: argparse.Namespace) -> Iterator[Line]:
     """
     record = Record(rate=1e4, channels=("position", "tension", "sprocket_angle", "sprocket_speed", "sprocket_center"))
     rubs = {"chain.joint": JOINT, "run.duration": 2.0}
-    drives = [drive("iso606, minimum gap", rubs | values, longer, 3e-4) for longer, values in WORN.values()]
+    drives = [profile_drive("iso606, minimum gap", rubs | values, longer, 3e-4) for longer, values in WORN.values()]
     run = simulate(drives, record=record)
     figure, axes = panel_column(2, 7.0, "", None)
     orders = [f"{what}, order {order}" for what in ("tight strand [N]", "driven speed [%]") for order in ("1/2", "1")]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import example
+from common.drives import example_drive
 
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.timestep import resolve_step
@@ -18,7 +18,7 @@ WINDOWS = {"industrial": (0.2, 40_000), "marine": (0.5, 30_000), "motorcycle": (
 SMOOTH = {f"contact.sprocket.{name}": None for name in ("friction", "static_friction", "stribeck_speed")}
 
 
-def misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
+def sampling_misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
     """Differences of metrics of a window that begins at `start` [s] from those of its every step.
 
     Returns:
@@ -74,7 +74,7 @@ def sampling(asked: argparse.Namespace) -> Iterator[Line]:
     are, in standard deviations. Of largest values: the share that is missed; of the smallest tension and of speeds, of
     their range. Without friction on teeth, which the hub forces of frames leave out.
     """
-    found = [misses(example(name, SMOOTH), *window) for name, window in WINDOWS.items()]
+    found = [sampling_misses(example_drive(name, SMOOTH), *window) for name, window in WINDOWS.items()]
     yield ("", *WINDOWS)
     for metric in found[0]:
         yield (metric, *(f"{values[metric]:.1e}" for values in found))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import example
+from common.drives import example_drive
 
 from warpchain import Limits, Record, simulate
 from warpchain.results.losses import losses
@@ -21,7 +21,7 @@ def starting(asked: argparse.Namespace) -> Iterator[Line]:
 
     Prints what the run comes to and where its peaks are, as docs/shafts.md has them.
     """
-    drive = example("conveyor")
+    drive = example_drive("conveyor")
     run = simulate(drive, record=Record(rate=2000.0), window=(1.2, 2.0), limits=Limits())
     part, (row,) = run[0], run.metrics.to_pylist()
     time, most = part.time, np.asarray(part.tension, float).max(axis=1)
@@ -72,7 +72,7 @@ def gear_change(asked: argparse.Namespace) -> Iterator[Line]:
 
     Prints the table of docs/motorcycle.md; energies in J.
     """
-    drive, groups = example("motorcycle_drivetrain"), list[str]()
+    drive, groups = example_drive("motorcycle_drivetrain"), list[str]()
     for phase, window in PHASES.items():
         record = Record(rate=5000.0) if phase == "all" else Record("none")
         run = simulate(drive, record=record, window=window, limits=Limits(energy_change=math.inf))

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common.cases import Line, case, option
-from common.drives import example
+from common.cases import Line, case, case_option
+from common.drives import example_drive
 from matplotlib.figure import Figure
 
 from warpchain import Drive, Record, load_drive, simulate
@@ -52,7 +52,7 @@ def guide_indentation(results: Results) -> Figure:
 
 def speed_sweep(results: Results) -> Figure:
     """Vibration of each strand over the crankshaft's speed, with the speeds at which its sixth order excites a mode."""
-    drive = example("marine")
+    drive = example_drive("marine")
     path, speed = chain_path(drive), results.values("speed")
     turns = speed / (2.0 * np.pi)
     travel = turns * drive.sprockets[0].teeth * drive.chain.pitch
@@ -167,7 +167,7 @@ FIGURES = {
 TABLES = {"cold-to-hot": cold_to_hot_table}
 
 
-@case(option("study", choices=FIGURES), option("table", type=Path, help="the study's results.parquet"))
+@case(case_option("study", choices=FIGURES), case_option("table", type=Path, help="the study's results.parquet"))
 def study(asked: argparse.Namespace) -> Iterator[Line]:
     """Figures of the example studies, from their results.
 
@@ -186,18 +186,18 @@ COPIES = 4
 """Runs of each recommended design that its scatter is taken from."""
 
 
-def run_as(study: Study, drives: Sequence[Drive], copies: int = 1) -> list[dict[str, float]]:
+def run_as_study_row(study: Study, drives: Sequence[Drive], copies: int = 1) -> list[dict[str, float]]:
     """Metrics of drives that are run as the study runs its rows, a row a copy."""
     settings = {name: getattr(study.run, name) for name in ("duration", "step", "window", "precision", "device")}
     record = Record("all", study.record.rate, study.record.channels)
     return list(add_objectives(simulate(drives, record=record, replicates=copies, **settings)).to_pylist())
 
 
-def scatter(folder: Path, study: Study, goals: Goals) -> list[dict[str, float]]:
+def scatter_of_designs(folder: Path, study: Study, goals: Goals) -> list[dict[str, float]]:
     """Standard deviations of what is wanted between copies of each recommended design that begin at other phases."""
     place = sorted((folder / "recommended").iterdir())[-1]
     drives = [load_drive(file) for file in sorted(place.glob("design-*.toml"))]
-    rows = run_as(study, drives, COPIES)
+    rows = run_as_study_row(study, drives, COPIES)
     each = [rows[k : k + COPIES] for k in range(0, len(rows), COPIES)]
     return [{name: float(np.std([row[name] for row in mine], ddof=1)) for name in goals.named_metrics} for mine in each]
 
@@ -239,7 +239,7 @@ def front_figure(results: Results, goals: Goals, chosen: list[Recommended], draw
     return drawing
 
 
-@case(option("folder", type=Path, help="of a search with two objectives or more"))
+@case(case_option("folder", type=Path, help="of a search with two objectives or more"))
 def search(asked: argparse.Namespace) -> Iterator[Line]:
     """The designs that a search recommends beside the drive as it is drawn, as a table and a figure with the front.
 
@@ -255,8 +255,8 @@ def search(asked: argparse.Namespace) -> Iterator[Line]:
     chosen = recommend(results, goals, 4 if study.optimize is None else study.optimize.recommend)
     drive = load_drive(asked.folder / "drive.toml")
     drawn = {factor.name: drive.get_value(factor.path) for factor in study.factors if factor.path is not None}
-    drawn |= run_as(study, [drive])[0]
-    copies = scatter(asked.folder, study, goals)
+    drawn |= run_as_study_row(study, [drive])[0]
+    copies = scatter_of_designs(asked.folder, study, goals)
     yield ("", "as drawn", *(f"{letter}: variant {one.variant}" for letter, one in zip(LETTERS, chosen, strict=False)))
     for name in results.factors:
         unit = results.column_unit(name)

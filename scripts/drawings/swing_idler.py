@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from common.cases import Line, case
-from common.drives import example, study_of_example
+from common.drives import example_drive, study_of_example
 from matplotlib.figure import Figure
 
 from warpchain import Drive
@@ -17,7 +17,7 @@ from warpchain.study.results import Results
 STRAND, COLORS = "idler->auger", ("tab:blue", "tab:green", "tab:red")
 
 
-def drawn(axes: Any, drive: Drive, color: str, label: str) -> None:
+def drawn_path(axes: Any, drive: Drive, color: str, label: str) -> None:
     """The chain's path and its arm."""
     path, turn = chain_path(drive), np.linspace(0.0, 2.0 * np.pi, 60)
     for center, radius in zip(path.center, path.radius, strict=True):
@@ -27,12 +27,12 @@ def drawn(axes: Any, drive: Drive, color: str, label: str) -> None:
     axes.plot(*(1e3 * np.array([drive.arms[0].pivot, path.center[1]])).T, "o-", color=color, ms=4)
 
 
-def figure_of(results: Results) -> Figure:
+def spring_figure(results: Results) -> Figure:
     """Tension and slack of the slack strand, where the arm stands, and the loss, over the spring's moment."""
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     (where, tension), (slack, loss) = figure.subplots(2, 2)
     for part, color in ((0.0, "0.4"), (0.02, "tab:orange")):
-        drawn(where, example("swing_idler", {"chain.elongation": part}), color, f"{100 * part:g} % worn")
+        drawn_path(where, example_drive("swing_idler", {"chain.elongation": part}), color, f"{100 * part:g} % worn")
     where.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
     moment, stiffness, wear = (results.values(name) for name in ("moment", "stiffness", "wear"))
     shown = (
@@ -70,4 +70,4 @@ def swing_idler(asked: argparse.Namespace) -> Iterator[Line]:
         yield (f"{moment:g}", f"{stiffness:g}", f"{100 * wear:g} %", *numbers, f"{100 * (1 - efficiency):.2f} %")
     worst = np.abs(results.values("energy_residual_relative")).max()
     yield f"{len(values[0])} runs, largest energy residual {worst:.1e}"
-    yield {"swing-idler": figure_of(results)}
+    yield {"swing-idler": spring_figure(results)}

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterator
 
 from common.cases import Line, case
-from common.drives import Values, example
+from common.drives import Values, example_drive
 
 from warpchain import Record, simulate
 
@@ -30,7 +30,7 @@ def temperature(asked: argparse.Namespace) -> Iterator[Line]:
     columns = ("tensioner.extension_mean", "crank->intake cam.tension_mean", "exhaust cam->crank.tension_mean")
 
     def rows(cases: list[tuple[str, float]], duration: float) -> list[list[float]]:
-        drives = [example("car", CASES[name] | {"temperature": degrees}) for name, degrees in cases]
+        drives = [example_drive("car", CASES[name] | {"temperature": degrees}) for name, degrees in cases]
         run = simulate(
             drives, record=Record("none"), duration=duration, window=(duration - WINDOW, duration), device="cpu"
         )

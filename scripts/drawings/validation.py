@@ -7,12 +7,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from common.cases import ROOT, Line, case, option
+from common.cases import ROOT, Line, case, case_option
 
 from drawings.car import engines
-from drawings.closed_forms import EXACT, Row
-from drawings.efficiency import joints
-from drawings.guides import AMPLITUDE, CYCLES, text_of
+from drawings.closed_forms import EXACT, ValidationRow
+from drawings.efficiency import joint_losses
+from drawings.guides import AMPLITUDE, CYCLES, drive_text_of_document
 from drawings.marine import marine
 from drawings.other_codes import other_codes
 from drawings.vibration import vibration
@@ -21,9 +21,9 @@ from warpchain.drive.examples import drive_path
 from warpchain.engine.rig import Shake, shake
 
 
-def tensioner_work() -> Row:
+def tensioner_work() -> ValidationRow:
     """Work of a cycle of a hydraulic tensioner over its plunger's diameter, gap and length."""
-    drive = loads_drive(drive_path("engine").read_text() + text_of("tensioners.md"))
+    drive = loads_drive(drive_path("engine").read_text() + drive_text_of_document("tensioners.md"))
     name, plunger = drive.tensioners[-1].name, drive.tensioners[-1].plunger
     keys, ranges = ("diameter", "gap", "length"), (0.05, 0.1, 0.2)
 
@@ -34,7 +34,7 @@ def tensioner_work() -> Row:
 
     base = work((1.0, 1.0, 1.0))
     gains = [max(map(work, product((1.0 - part, 1.0 + part), repeat=3))) / base - 1.0 for part in ranges]
-    return Row(
+    return ValidationRow(
         name="hydraulic tensioner",
         gives=", ".join(f"{100.0 * gain:+.0f} %" for gain in gains),
     )
@@ -43,7 +43,7 @@ def tensioner_work() -> Row:
 PARTS: dict[str, Callable[[], Iterable[Line]]] = {
     "closed-forms": lambda: (row() for row in EXACT),
     "vibration": vibration,
-    "joints": joints,
+    "joints": joint_losses,
     "marine": marine,
     "tensioner": lambda: [tensioner_work()],
     "engines": lambda: [engines()],
@@ -53,10 +53,10 @@ USUAL = [part for part in PARTS if part != "codes"]
 """Parts that need no other codes."""
 PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("validation", "validation-published"))
 LABELS = ("Source", "States", "Drive here", "warpchain gives", "Difference", "Verdict")
-"""Items of a result's list on the page, in the order of the fields of `Row` after its name."""
+"""Items of a result's list on the page, in the order of the fields of `ValidationRow` after its name."""
 
 
-def renewed(row: Row, pages: Mapping[Path, str]) -> tuple[Path, str, str]:
+def renewed_page(row: ValidationRow, pages: Mapping[Path, str]) -> tuple[Path, str, str]:
     """The page that has the section of a row, the section, and the same with what is computed.
 
     Raises:
@@ -73,8 +73,8 @@ def renewed(row: Row, pages: Mapping[Path, str]) -> tuple[Path, str, str]:
 
 
 @case(
-    option("--part", nargs="+", choices=PARTS, default=USUAL, help="only these rows and figures"),
-    option("--write", action="store_true", help="put the results into the pages"),
+    case_option("--part", nargs="+", choices=PARTS, default=USUAL, help="only these rows and figures"),
+    case_option("--write", action="store_true", help="put the results into the pages"),
 )
 def validation(asked: argparse.Namespace) -> Iterator[Line]:
     """Closed forms and published results, beside those of warpchain.
@@ -92,8 +92,8 @@ def validation(asked: argparse.Namespace) -> Iterator[Line]:
         for line in PARTS[part]():
             if isinstance(line, Mapping):
                 figures |= line
-            elif isinstance(line, Row):
-                path, stated, made = renewed(line, pages)
+            elif isinstance(line, ValidationRow):
+                path, stated, made = renewed_page(line, pages)
                 pages[path] = pages[path].replace(stated, made)
                 yield made
     for path, page in pages.items() if asked.write else ():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from common.drives import example, pair
+from common.drives import example_drive, two_sprockets
 
 from golden_runs.drives import MOUNTS, PROFILES, TABLES, WORN
 from warpchain import Drive
@@ -35,7 +35,7 @@ STRIBECK = {
 
 
 @contextlib.contextmanager
-def fibers() -> Iterator[None]:
+def fiber_blocks() -> Iterator[None]:
     """Blocks of several threads on the CPU."""
     before = wp.config.enable_cpu_blocks
     wp.config.enable_cpu_blocks = True
@@ -45,7 +45,7 @@ def fibers() -> Iterator[None]:
         wp.config.enable_cpu_blocks = before
 
 
-def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
+def block_kind(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
     """The kind of the block kernel for an ensemble of like drives."""
     varied = bool(packed.varied_links.any())
     contacts, joints = (BY_SPEED * bool(rubs.any()) for rubs in (packed.sliding, packed.rubbing))
@@ -61,7 +61,7 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
     )
 
 
-def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool = True) -> dict[str, Any]:
+def run_on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool = True) -> dict[str, Any]:
     """300 steps on blocks of fibers: state, sums and frames."""
     shape = block_shape(int(room_for(np.array([drive.chain.links for drive in drives])).max()), 100 if many else 1)
     packed = pack(drives, [Schedule(resolve_step(drive), 300, 111, 290, 20) for drive in drives]).at_precision(
@@ -69,9 +69,9 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
     )
     widths = [frame_width(drive) * 16 for drive in drives]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
-    kind, blocks = kind_of(packed, shape, measuring), len(drives)
+    kind, blocks = block_kind(packed, shape, measuring), len(drives)
     of = room(kind)
-    with fibers():
+    with fiber_blocks():
         large = blocks * of.values, blocks * of.part_values
         ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", large)
         sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
@@ -91,44 +91,46 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
     return held | {"frames": frames, "sums": found}
 
 
-def shapes(drives: list[Drive]) -> dict[str, Any]:
+def block_shapes(drives: list[Drive]) -> dict[str, Any]:
     """On few and on many blocks, in both precisions."""
     each = [(many, precision) for many in (False, True) for precision in ("float64", "float32")]
-    return {f"{'many' if many else 'few'}/{precision}": on_blocks(drives, many, precision) for many, precision in each}
+    return {
+        f"{'many' if many else 'few'}/{precision}": run_on_blocks(drives, many, precision) for many, precision in each
+    }
 
 
-def guides(_: Path) -> dict[str, Any]:
+def guide_blocks(_: Path) -> dict[str, Any]:
     """Drives with a guide-bar, whose joints and contacts rub, evenly and by the speed; also by the kernel that takes
     no metrics."""
     other = {"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6} | STRIBECK
-    drives = [example("marine"), example("marine", other)]
-    return shapes(drives) | {"unmeasured": on_blocks(drives, True, "float64", False)}
+    drives = [example_drive("marine"), example_drive("marine", other)]
+    return block_shapes(drives) | {"unmeasured": run_on_blocks(drives, True, "float64", False)}
 
 
-def moving(_: Path) -> dict[str, Any]:
+def moving_body_blocks(_: Path) -> dict[str, Any]:
     """Mounts, balance wheels, tables, laws and worn links."""
     laws = {"contact.sprocket.law": "kelvin-voigt"} | PROFILES["maximum"] | TABLES[2]
-    return shapes([pair(MOUNTS[0] | laws), pair(MOUNTS[1] | WORN | TABLES[0])])
+    return block_shapes([two_sprockets(MOUNTS[0] | laws), two_sprockets(MOUNTS[1] | WORN | TABLES[0])])
 
 
-def rk4(_: Path) -> dict[str, Any]:
+def rk4_blocks(_: Path) -> dict[str, Any]:
     """The classical Runge-Kutta scheme, with moving sprockets."""
-    return shapes([pair(values | {"run.integrator": "rk4"}) for values in ({}, MOUNTS[1])])
+    return block_shapes([two_sprockets(values | {"run.integrator": "rk4"}) for values in ({}, MOUNTS[1])])
 
 
-def settle(_: Path) -> dict[str, Any]:
+def settling_blocks(_: Path) -> dict[str, Any]:
     """Settling, by both shapes of blocks."""
-    drive = pair()
+    drive = two_sprockets()
     still = elastic(pack([drive], [Schedule(resolve_step(drive), 10, 0, 10, 0)]))
     shapes = {"64": BlockShape(96, 1), "32": BlockShape(32, 2)}
-    return {name: settled(still, drive, shape) for name, shape in shapes.items()}
+    return {name: settled_on_block(still, drive, shape) for name, shape in shapes.items()}
 
 
-def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
+def settled_on_block(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
     """4000 steps of relaxation on a block of fibers."""
     start = np.zeros(1, dtype=Settling.numpy_dtype())
     start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 4000
-    with fibers():
+    with fiber_blocks():
         settling: wp.array = wp.array(start, dtype=Settling, device="cpu")
         state, order = upload_state(still, "cpu", (0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
         kernel = block_relax_kernel(BlockKind(wp.float64, shape, Parts(2, 0)), 4)

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common.drives import TWO, example, pair
+from common.drives import TWO, example_drive, two_sprockets
 from mcap.reader import make_reader
 from pyarrow import parquet
 
 import warpchain
 from golden_runs import blocks as golden_blocks
-from golden_runs.drives import ARCHIVES, DESIGNS, LAWS, LOAD, MOUNTS, PROFILES, STUDY, TABLES, WORN, run
+from golden_runs.drives import ARCHIVES, DESIGNS, LAWS, LOAD, MOUNTS, PROFILES, STUDY, TABLES, WORN, run_on_one_core
 from warpchain import ArchiveOptions, Record, Run
 from warpchain.assembly.fitting import fit_links, fit_position
 from warpchain.assembly.summary import derive
@@ -36,54 +36,58 @@ The digest of a record is over its set's random name; `run` repeats the record a
 # ------------------------------------------------------------------------------------------------ the CPU kernel
 
 
-def of_example(name: str, _: Path) -> Run:
+def run_example(name: str, _: Path) -> Run:
     """2000 steps of an example, from its settled state."""
-    drive = example(name)
+    drive = example_drive(name)
     length = 2000 * resolve_step(drive)
-    return run(drive, duration=length, window=(0.25 * length, length), record=Record(rate=50.0 / length))
+    return run_on_one_core(drive, duration=length, window=(0.25 * length, length), record=Record(rate=50.0 / length))
 
 
-def laws(_: Path) -> Run:
+def run_laws(_: Path) -> Run:
     """Every law with every exponent and profile, and one restitution that means the rebound."""
-    drives = [pair({"contact.sprocket.restitution_means": "rebound"})]
+    drives = [two_sprockets({"contact.sprocket.restitution_means": "rebound"})]
     for law, exponent in LAWS:
         values = {"contact.sprocket.law": law, "contact.sprocket.exponent": exponent}
         values |= {"contact.sprocket.stiffness": 1e10} if exponent > 1.0 else {}
-        drives += [pair(values | profile) for profile in PROFILES.values()]
-    return run(drives)
+        drives += [two_sprockets(values | profile) for profile in PROFILES.values()]
+    return run_on_one_core(drives)
 
 
-def guides(_: Path) -> Run:
+def run_guides(_: Path) -> Run:
     """A guide-bar with every law, from common values and from its own."""
     every: list[dict[str, Any]] = [{"contact.guide.law": law, "contact.guide.exponent": n} for law, n in LAWS]
     every += [{"guides.0.contact": {"law": "flores", "stiffness": 1e7, "restitution": 0.2}}]
-    drives = [example("marine", values | {"run.settle": False}) for values in every]
-    return run(drives, duration=0.01, window=(0.002, 0.01))
+    drives = [example_drive("marine", values | {"run.settle": False}) for values in every]
+    return run_on_one_core(drives, duration=0.01, window=(0.002, 0.01))
 
 
-def mounts(_: Path) -> Run:
+def run_mounts(_: Path) -> Run:
     """Every mount and balance wheels, settled and not."""
-    return run([pair(values | {"run.settle": settle}) for values in MOUNTS for settle in (True, False)])
+    return run_on_one_core(
+        [two_sprockets(values | {"run.settle": settle}) for values in MOUNTS for settle in (True, False)]
+    )
 
 
-def integrators(_: Path) -> dict[str, Run]:
+def run_integrators(_: Path) -> dict[str, Run]:
     """Both integrators in both precisions, on fixed and moving sprockets, and on a guide-bar."""
     drives = []
     for integrator in ({"run.integrator": "leapfrog"}, {"run.integrator": "rk4"}):
-        drives += [pair(values | integrator) for values in ({}, WORN, PROFILES["minimum"], *MOUNTS)]
-        drives.append(example("marine", integrator | {"run.settle": False}))
-    return {precision: run(drives, precision=precision, duration=0.005) for precision in ("float64", "float32")}
+        drives += [two_sprockets(values | integrator) for values in ({}, WORN, PROFILES["minimum"], *MOUNTS)]
+        drives.append(example_drive("marine", integrator | {"run.settle": False}))
+    return {
+        precision: run_on_one_core(drives, precision=precision, duration=0.005) for precision in ("float64", "float32")
+    }
 
 
-def mixed(_: Path) -> Run:
+def run_mixed_drives(_: Path) -> Run:
     """Drives of different links and sprockets in one ensemble, some recorded, a few channels."""
-    others = [example(name, {"run.settle": False}) for name in ("marine_no_guides", "motorcycle", "engine")]
+    others = [example_drive(name, {"run.settle": False}) for name in ("marine_no_guides", "motorcycle", "engine")]
     larger = {"sprockets.driver.teeth": 24, "sprockets.driven.teeth": 24, "chain.links": 64}
-    drives = [pair(), *others, pair(larger | WORN)]
-    return run(drives, duration=1e-3, record=Record([0, 2, 4], 2e4, ("position", "tension", "guide_force")))
+    drives = [two_sprockets(), *others, two_sprockets(larger | WORN)]
+    return run_on_one_core(drives, duration=1e-3, record=Record([0, 2, 4], 2e4, ("position", "tension", "guide_force")))
 
 
-def diverging(_: Path) -> Run:
+def run_diverging(_: Path) -> Run:
     """A variant that an absurd load tears apart, beside one that is sound."""
     mad = {
         "contact.sprocket.impact_speed_floor": 1e-9,
@@ -91,37 +95,42 @@ def diverging(_: Path) -> Run:
         f"{LOAD}.viscous": 1e8,
         "run.duration": 0.02,
     }
-    return run([pair(mad), pair({"run.duration": 0.02})])
+    return run_on_one_core([two_sprockets(mad), two_sprockets({"run.duration": 0.02})])
 
 
 # ------------------------------------------------------------------------------------- what is made of drives and runs
 
 
-def setup(folder: Path) -> dict[str, Any]:
+def setup_quantities(folder: Path) -> dict[str, Any]:
     """Everything before a run: derived quantities, assembly, limits, outlines, fits, and `warpchain check`."""
     found: dict[str, Any] = {}
-    names = [name for name in example_names() if not example(name).chains]
-    drives = {name: example(name) for name in names} | {"worn": pair(WORN), "iso": pair(PROFILES["maximum"])}
+    names = [name for name in example_names() if not example_drive(name).chains]
+    drives = {name: example_drive(name) for name in names} | {
+        "worn": two_sprockets(WORN),
+        "iso": two_sprockets(PROFILES["maximum"]),
+    }
     for name, drive in drives.items():
         found[name] = {"assembly": warpchain.assemble(drive), "derived": derive(drive)}
         found[name]["steps"] = [step_limit(drive), automatic_step(drive)]
         found[name]["teeth"] = [scene.tooth_outline(drive, s) for s in range(len(drive.sprockets))]
         found[name]["guides"] = [scene.guide_outline(drive, g) for g in range(len(drive.guides))]
         found[name]["file"] = warpchain.dumps_drive(drive)
-    found["check"] = {name: shell("check", name) for name in example_names()}
+    found["check"] = {name: command_output("check", name) for name in example_names()}
     fits: dict[str, dict[str, Any]] = {"sag": {"sag": 0.01}, "preload": {"preload": 500.0}, "strain": {"strain": 1e-4}}
-    found["fit"] = {n: warpchain.dumps_drive(fit_position(pair(), "driven", [1.0, 0.0], **w)) for n, w in fits.items()}
-    found["fit"]["links"] = warpchain.dumps_drive(fit_links(pair({"chain.links": 70})))
+    found["fit"] = {
+        n: warpchain.dumps_drive(fit_position(two_sprockets(), "driven", [1.0, 0.0], **w)) for n, w in fits.items()
+    }
+    found["fit"]["links"] = warpchain.dumps_drive(fit_links(two_sprockets({"chain.links": 70})))
     with contextlib.chdir(folder):
         words = ("--sprocket", "conveyor", "--along", "1,0", "--sag", "0.02", "--strand", "motor->conveyor")
-        found["fit"]["said"] = shell("fit", "industrial", *words, "-o", "fit.toml")
+        found["fit"]["said"] = command_output("fit", "industrial", *words, "-o", "fit.toml")
         found["fit"]["file"] = Path("fit.toml").read_bytes()
     return found
 
 
-def readings(_: Path) -> dict[str, Any]:
+def read_quantities(_: Path) -> dict[str, Any]:
     """Quantities read off a recorded run: signals, scene, fatigue, objectives, tables."""
-    recorded = run(example("marine", {"run.settle": False}), duration=0.4, record=Record(rate=2000.0))
+    recorded = run_on_one_core(example_drive("marine", {"run.settle": False}), duration=0.4, record=Record(rate=2000.0))
     one, tension = recorded[0], recorded[0].tension
     assert tension is not None
     numbers, strands, woehler = range(1, 3), range(3), fatigue.Woehler(5.0, 1e4)
@@ -143,28 +152,32 @@ def readings(_: Path) -> dict[str, Any]:
     found["cycles"] = fatigue.count_links(tension[:, :3])
     found["impulses"] = [objectives.engagement_impulses(one, s) for s in range(3)]
     found["objectives"] = objectives.add_objectives(recorded, woehler)
-    return found | {"arrow": run(pair(), duration=5e-4)[0].to_arrow()}
+    return found | {"arrow": run_on_one_core(two_sprockets(), duration=5e-4)[0].to_arrow()}
 
 
-def archives(folder: Path) -> dict[str, Any]:
+def archive_messages(folder: Path) -> dict[str, Any]:
     """Archives message by message, in every form, written while running and after, read back and exported."""
-    drives = [pair(), example("engine", {"run.settle": False}), pair(MOUNTS[0] | {"run.duration": 0.005})]
+    drives = [
+        two_sprockets(),
+        example_drive("engine", {"run.settle": False}),
+        two_sprockets(MOUNTS[0] | {"run.duration": 0.005}),
+    ]
     found: dict[str, Any] = {}
     for name, options in ARCHIVES.items():
         path, chosen = folder / f"{name}.mcap", ArchiveOptions(encoders=1, **options)
-        run(drives, duration=0.002, record=Record([0, 1, 2], 1e4), archive=path, archive_options=chosen)
+        run_on_one_core(drives, duration=0.002, record=Record([0, 1, 2], 1e4), archive=path, archive_options=chosen)
         back = warpchain.read_archive(path)
-        found[name] = {"back": back, "files": [content(file) for file in back.files]}
-    short = run(drives[0], duration=0.001, precision="float32")
-    found["after"] = content(warpchain.write_archive(short, folder / "after.mcap"))
+        found[name] = {"back": back, "files": [archive_content(file) for file in back.files]}
+    short = run_on_one_core(drives[0], duration=0.001, precision="float32")
+    found["after"] = archive_content(warpchain.write_archive(short, folder / "after.mcap"))
     with contextlib.chdir(folder):
-        found["said"] = shell("export", "none.mcap", "-o", "run.npz", "--variant", "1")
+        found["said"] = command_output("export", "none.mcap", "-o", "run.npz", "--variant", "1")
         with np.load("run.npz") as exported:
             found["export"] = dict(exported)
     return found
 
 
-def content(path: Path) -> dict[str, Any]:
+def archive_content(path: Path) -> dict[str, Any]:
     """An archive file's schemas, messages by topic, attachments and metadata."""
     with path.open("rb") as stream:
         reader = make_reader(stream)
@@ -187,7 +200,7 @@ def content(path: Path) -> dict[str, Any]:
     return {"kept": kept, "chunks": sizes, "attached": attached, "metadata": facts, "messages": messages}
 
 
-def study(folder: Path) -> dict[str, Any]:
+def run_golden_study(folder: Path) -> dict[str, Any]:
     """Studies from file to table and report, with constraint, adjustment, recorded and worst variants, fatigue."""
     shutil.copy(TWO, folder / "pair.toml")
     found: dict[str, Any] = {}
@@ -201,12 +214,12 @@ def study(folder: Path) -> dict[str, Any]:
         found[name] = {"table": table, "counts": outcome.counts}
         found[name]["recorded"] = {path.stem: warpchain.read_archive(path) for path in kept}
     with contextlib.chdir(folder):
-        found["said"] = shell("study", "report", "factorial", "-o", "report.html")
+        found["said"] = command_output("study", "report", "factorial", "-o", "report.html")
         found["page"] = re.sub(r'"data:image[^"]*"', '""', Path("report.html").read_text())
     return found
 
 
-def shell(*words: str) -> str:
+def command_output(*words: str) -> str:
     """Status and output of a command of `warpchain`."""
     said = io.StringIO()
     with warnings.catch_warnings(), contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
@@ -216,24 +229,26 @@ def shell(*words: str) -> str:
 
 
 CASES: dict[str, Callable[[Path], Any]] = {
-    "setup": setup,
+    "setup": setup_quantities,
     **{
-        name: partial(of_example, name)
+        name: partial(run_example, name)
         for name in ("marine", "engine", "industrial", "motorcycle", "swing_idler", "v6")
     },
-    "laws": laws,
-    "guides": guides,
-    "mounts": mounts,
-    "tables": lambda _: run([pair(values) for values in TABLES]),
-    "worn": lambda _: run([pair(WORN), pair(WORN | PROFILES["minimum"] | {"run.settle": True})]),
-    "integrators": integrators,
-    "mixed": mixed,
-    "diverging": diverging,
-    "blocks-guides": golden_blocks.guides,
-    "blocks-moving": golden_blocks.moving,
-    "blocks-rk4": golden_blocks.rk4,
-    "blocks-settle": golden_blocks.settle,
-    "readings": readings,
-    "archives": archives,
-    "study": study,
+    "laws": run_laws,
+    "guides": run_guides,
+    "mounts": run_mounts,
+    "tables": lambda _: run_on_one_core([two_sprockets(values) for values in TABLES]),
+    "worn": lambda _: run_on_one_core(
+        [two_sprockets(WORN), two_sprockets(WORN | PROFILES["minimum"] | {"run.settle": True})]
+    ),
+    "integrators": run_integrators,
+    "mixed": run_mixed_drives,
+    "diverging": run_diverging,
+    "blocks-guides": golden_blocks.guide_blocks,
+    "blocks-moving": golden_blocks.moving_body_blocks,
+    "blocks-rk4": golden_blocks.rk4_blocks,
+    "blocks-settle": golden_blocks.settling_blocks,
+    "readings": read_quantities,
+    "archives": archive_messages,
+    "study": run_golden_study,
 }

@@ -83,6 +83,6 @@ ARCHIVES: dict[str, Values] = {
 }
 
 
-def run(drives: Drive | Sequence[Drive], **settings: Any) -> Run:
+def run_on_one_core(drives: Drive | Sequence[Drive], **settings: Any) -> Run:
     """Simulates on one core."""
     return warpchain.simulate(drives, device="cpu", workers=1, **settings)

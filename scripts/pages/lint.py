@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from common.cases import ROOT, Line, case, option
+from common.cases import ROOT, Line, case, case_option
 
 if TYPE_CHECKING:
     from proselint.registry.checks import Check, CheckResult
@@ -38,14 +38,14 @@ OF_PROSELINT = [
 """Proselint's own checks that technical English can keep."""
 
 
-def pages() -> list[Path]:
+def document_pages() -> list[Path]:
     """README, CONTRIBUTING, the pages of docs/ and the tutorials."""
     docs = ROOT / "docs"
     tutorials = [path for path in (docs / "tutorials").iterdir() if path.suffix in (".md", ".ipynb")]
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.glob("*.md")), *sorted(tutorials)]
 
 
-def texts(path: Path) -> Iterator[tuple[str, str]]:
+def page_texts(path: Path) -> Iterator[tuple[str, str]]:
     """The Markdown of a page with the place at which it is: the page's, or that of each cell of a notebook."""
     name = str(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path)
     if path.suffix != ".ipynb":
@@ -56,7 +56,7 @@ def texts(path: Path) -> Iterator[tuple[str, str]]:
             yield f"{name}, cell {k + 1}", "".join(cell["source"])
 
 
-def blocks(text: str) -> Iterator[tuple[int, bool, str]]:
+def page_blocks(text: str) -> Iterator[tuple[int, bool, str]]:
     """Headings, paragraphs and cells of tables: line, whether it is a heading, and its words.
 
     Code is one word, and so is a link, which names its page; pictures are none.
@@ -67,10 +67,10 @@ def blocks(text: str) -> Iterator[tuple[int, bool, str]]:
     for before, token in pairwise(tokens):
         if token.type == "inline":
             line = (token.map or before.map or [0])[0] + 1
-            yield line, before.type == "heading_open", "".join(_words(token.children or ()))
+            yield line, before.type == "heading_open", "".join(words_in(token.children or ()))
 
 
-def _words(children: Iterable[Any]) -> Iterator[str]:
+def words_in(children: Iterable[Any]) -> Iterator[str]:
     within = False
     for child in children:
         if child.type in ("link_open", "link_close"):
@@ -89,28 +89,28 @@ def long_sentences(text: str, check: "Check") -> Iterator["CheckResult"]:
     for sentence in re.finditer(r"\S.*?(?:[.!?](?=\s+[^a-z\s])|\Z)", text, re.DOTALL):
         if (count := len(re.findall(r"\S*[^\W\d_]\S*", sentence[0]))) > MOST_WORDS:
             begin = " ".join(sentence[0].split()[:6])
-            yield _result(check, sentence, f"a sentence of {count} words, at most {MOST_WORDS}: {begin} ...")
+            yield lint_result(check, sentence, f"a sentence of {count} words, at most {MOST_WORDS}: {begin} ...")
 
 
 def nested_parentheses(text: str, check: "Check") -> Iterator["CheckResult"]:
     """Parentheses within parentheses; those of formulas have signs."""
     for found in re.finditer(r"(?<!\S)\((?=[A-Za-z])[^()+*/^]*\s\([^()+*/^]*\)", text):
-        yield _result(check, found, "parentheses within parentheses")
+        yield lint_result(check, found, "parentheses within parentheses")
 
 
-def questions(text: str, check: "Check") -> Iterator["CheckResult"]:
+def question_headings(text: str, check: "Check") -> Iterator["CheckResult"]:
     """Headings that ask."""
     if found := re.match(r"\s*((?:What|How)\b.*)", text):
-        yield _result(check, found, f'a heading that begins with "{found[1].split()[0]}"; name the thing')
+        yield lint_result(check, found, f'a heading that begins with "{found[1].split()[0]}"; name the thing')
 
 
-def _result(check: "Check", found: "re.Match[str]", message: str) -> "CheckResult":
+def lint_result(check: "Check", found: "re.Match[str]", message: str) -> "CheckResult":
     from proselint.registry.checks import CheckResult
 
     return CheckResult(check.path, message, found.span(), None)
 
 
-def rules() -> None:
+def register_rules() -> None:
     """Registers proselint's checks and those of the house, once."""
     from proselint.checks import __register__
     from proselint.registry import CheckRegistry
@@ -126,20 +126,20 @@ def rules() -> None:
             Check(check_type=preferred, path="house.words", message="'{1}'; write '{0}'"),
             Check(check_type=long_sentences, path="house.sentences"),
             Check(check_type=nested_parentheses, path="house.parentheses"),
-            Check(check_type=questions, path="headings"),
+            Check(check_type=question_headings, path="headings"),
         )
     )
 
 
-def faults(path: Path) -> Iterator[str]:
+def page_faults(path: Path) -> Iterator[str]:
     """The faults of a page, a line each: place, rule and fault."""
     from proselint.config import Config
     from proselint.tools import LintFile
 
-    rules()
+    register_rules()
     enabled = dict.fromkeys(("house", *OF_PROSELINT), True)
-    for name, text in texts(path):
-        for line, heading, words in blocks(text):
+    for name, text in page_texts(path):
+        for line, heading, words in page_blocks(text):
             if not words.strip():
                 continue
             config = Config(max_errors=100, checks=enabled | {"headings": heading})
@@ -148,7 +148,7 @@ def faults(path: Path) -> Iterator[str]:
                 yield f"{name}:{line + row}: {result.check_path}: {result.message}"
 
 
-@case(option("pages", nargs="*", type=Path, help="default: all"))
+@case(case_option("pages", nargs="*", type=Path, help="default: all"))
 def lint(asked: argparse.Namespace) -> Iterator[Line]:
     """Checks the prose of the documents: short sentences, plain words, headings that name things.
 
@@ -158,7 +158,7 @@ def lint(asked: argparse.Namespace) -> Iterator[Line]:
     that begins with "What" or "How", no word of `WORDS` in pages/lint.py. A line of output is a fault; status 1 if
     there is any. Needs the extra `dev`.
     """
-    found = [fault for path in asked.pages or pages() for fault in faults(path.resolve())]
+    found = [fault for path in asked.pages or document_pages() for fault in page_faults(path.resolve())]
     yield from found
     if found:
         raise SystemExit(1)

@@ -8,7 +8,7 @@ from typing import Any
 from common.cases import ROOT, Line, case
 
 
-def executed(path: Path) -> Any:
+def executed_notebook(path: Path) -> Any:
     """The notebook with the outputs of its cells.
 
     Raises:
@@ -44,5 +44,5 @@ def notebooks(asked: argparse.Namespace) -> Iterator[Line]:
     import nbformat
 
     for path in sorted((ROOT / "docs" / "tutorials").glob("*.ipynb")):
-        nbformat.write(executed(path), path)
+        nbformat.write(executed_notebook(path), path)
         yield str(path)

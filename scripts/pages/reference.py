@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, get_args
 
 import warpchain
-from pages.tables import table
+from pages.tables import markdown_table
 from warpchain.cli.parser import command_line_parser as command_line
 from warpchain.drive import Drive
 from warpchain.drive.json_schema import drive_schema, schema_text
@@ -26,15 +26,15 @@ MODULES = {
 """Packages and their modules that users call beyond `warpchain` itself, by page."""
 
 
-def parts_in(annotation: Any) -> Iterator[type[Part]]:
+def annotation_parts(annotation: Any) -> Iterator[type[Part]]:
     """The parts that a field's annotation holds, however deep."""
     if isinstance(annotation, type) and issubclass(annotation, Part):
         yield annotation
     for inner in get_args(annotation):
-        yield from parts_in(inner)
+        yield from annotation_parts(inner)
 
 
-def sections(top: type[Part]) -> dict[type[Part], list[str]]:
+def file_sections(top: type[Part]) -> dict[type[Part], list[str]]:
     """Every part of a file with the places at which it stands, such as `[[sprockets]]`, in the file's order."""
     found: dict[type[Part], list[str]] = {top: [""]}
 
@@ -42,7 +42,7 @@ def sections(top: type[Part]) -> dict[type[Part], list[str]]:
         for key, field in kind.model_fields.items():
             many = "tuple[" in str(field.annotation)
             place = f"{path}.{key}" if path else key
-            for inner in dict.fromkeys(parts_in(field.annotation)):
+            for inner in dict.fromkeys(annotation_parts(field.annotation)):
                 word = f"[[{place}]]" if many else f"[{place}]"
                 fresh = inner not in found
                 if word not in found.setdefault(inner, []):
@@ -59,14 +59,14 @@ def key_rows(kind: type[Part]) -> list[tuple[str, str, str, str]]:
     said = {"kind": "which one of these it is."} | descriptions(kind)
     rows = []
     for key, field in kind.model_fields.items():
-        default = "needed" if field.is_required() else _default(field.get_default(call_default_factory=True))
+        default = "needed" if field.is_required() else default_text(field.get_default(call_default_factory=True))
         if key in getattr(kind, "_filled", ()):
             default = "needed without `size`"
         rows.append((f"`{key}`", allowed(kind, key).removeprefix("must be "), default, said.get(key, "")))
     return rows
 
 
-def _default(value: Any) -> str:
+def default_text(value: Any) -> str:
     if value is None or value == ():
         return ""
     if isinstance(value, Part):
@@ -74,7 +74,7 @@ def _default(value: Any) -> str:
     return f"`{str(value).lower()}`" if isinstance(value, bool) else f"`{value}`"
 
 
-def escaped(cell: str) -> str:
+def escaped_cell(cell: str) -> str:
     """A cell whose signs mean nothing in a table."""
     return cell.replace("|", "\\|").replace("<", "&lt;").replace("->", "-&gt;")
 
@@ -82,13 +82,13 @@ def escaped(cell: str) -> str:
 def keys_page(top: type[Part], title: str, more: str) -> str:
     """The reference of a file's keys."""
     lines = [f"# {title}", "", more, ""]
-    for kind, places in sections(top).items():
+    for kind, places in file_sections(top).items():
         head = (kind.__doc__ or "").strip().split("\n\n")[0].replace("\n", " ")
         lines += [f"## {kind.__name__}", "", re.sub(r"\s+", " ", head), ""]
         if any(places):
             lines += ["At " + ", ".join(f"`{place}`" for place in places if place) + ".", ""]
-        rows = [tuple(map(escaped, row)) for row in key_rows(kind)]
-        lines += [table(("key", "allowed", "default", "what it is"), rows) if rows else "No keys.", ""]
+        rows = [tuple(map(escaped_cell, row)) for row in key_rows(kind)]
+        lines += [markdown_table(("key", "allowed", "default", "what it is"), rows) if rows else "No keys.", ""]
     return "\n".join(lines)
 
 
@@ -121,7 +121,7 @@ def python_pages() -> dict[str, str]:
     }
 
 
-def pages() -> dict[str, str]:
+def reference_pages() -> dict[str, str]:
     """Every page of reference, and the schemas, by their paths below `reference`."""
     more = (
         "The classes that hold a [{0} file](../{1}.md), with their fields, from the code itself; for editors as a JSON "

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
-from common.cases import ROOT, SCRIPTS, Line, case, option
+from common.cases import ROOT, SCRIPTS, Line, case, case_option
 
 from pages import reference
 
@@ -63,7 +63,7 @@ EXAMPLES = {"drives": "warpchain/drive/examples", "studies": "warpchain/study/ex
 """Folders of the site with the examples' files, and where they are in the repository."""
 
 
-def sources(folder: Path) -> None:
+def lay_sources(folder: Path) -> None:
     """Lays all pages into a folder, and the examples' files, each beside the schema that its first line names."""
     shutil.copytree(ROOT / "docs", folder, ignore=shutil.ignore_patterns("*.ipynb"))
     for kind in EXAMPLES:
@@ -81,14 +81,14 @@ def sources(folder: Path) -> None:
             text.replace("](../CONTRIBUTING.md", "](contributing.md").replace("](../README.md", "](index.md")
         )
     for book in sorted((ROOT / "docs" / "tutorials").glob("*.ipynb")):
-        (folder / "tutorials" / f"{book.stem}.md").write_text(notebook(book, folder / "tutorials"))
-    for name, text in reference.pages().items():
+        (folder / "tutorials" / f"{book.stem}.md").write_text(notebook_page(book, folder / "tutorials"))
+    for name, text in reference.reference_pages().items():
         path = folder / "reference" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text + "\n")
 
 
-def notebook(path: Path, folder: Path) -> str:
+def notebook_page(path: Path, folder: Path) -> str:
     """A notebook as a page, with what its cells show; pictures go into the folder."""
     lines, pictures = [], 0
     for cell in json.loads(path.read_text())["cells"]:
@@ -112,7 +112,7 @@ def notebook(path: Path, folder: Path) -> str:
     return "\n".join(lines)
 
 
-def menu(folder: Path) -> list[Any]:
+def site_menu(folder: Path) -> list[Any]:
     """The site's menu of whatever pages are there."""
 
     def below(place: str, *first: str) -> list[str]:
@@ -135,7 +135,7 @@ def menu(folder: Path) -> list[Any]:
 ITEM = re.compile(r"(?:[-*+]|\d+[.)]) ")
 
 
-def swallowed(text: str) -> Iterator[str]:
+def swallowed_items(text: str) -> Iterator[str]:
     """First items of lists that a page's paragraph takes in, as no blank line stands between."""
     fenced, before = False, ""
     for line in text.split("\n"):
@@ -147,28 +147,32 @@ def swallowed(text: str) -> Iterator[str]:
         before = line
 
 
-def faults(folder: Path) -> Iterator[str]:
+def site_faults(folder: Path) -> Iterator[str]:
     """Faults that Zensical's strict mode does not find: lists in paragraphs; missing pictures and pages of the menu."""
     for path in sorted(folder.rglob("*.md")):
         text, page = path.read_text(), path.relative_to(folder)
-        yield from (f"{page}: a list without a blank line: {line}" for line in swallowed(text))
+        yield from (f"{page}: a list without a blank line: {line}" for line in swallowed_items(text))
         for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
             if not (path.parent / picture).exists():
                 yield f"{page}: a picture that is not there: {picture}"
-    for page in re.findall(r'"([^"]+\.md)"', json.dumps(menu(folder))):
+    for page in re.findall(r'"([^"]+\.md)"', json.dumps(site_menu(folder))):
         if not (folder / page).exists():
             yield f"the menu: a page that is not there: {page}"
 
 
-def build(site: Path) -> subprocess.CompletedProcess:
+def build_site(site: Path) -> subprocess.CompletedProcess:
     """Builds the site; the output of Zensical is in the result, or what keeps it from being built."""
     with tempfile.TemporaryDirectory() as work:
         folder, config = Path(work) / "docs", Path(work) / "zensical.toml"
-        sources(folder)
-        if found := list(faults(folder)):
+        lay_sources(folder)
+        if found := list(site_faults(folder)):
             return subprocess.CompletedProcess([], 1, "\n".join(found), "")
         settings = tomllib.loads((SCRIPTS / "pages" / "zensical.toml").read_text())
-        settings["project"] |= {"nav": menu(folder), "docs_dir": "docs", "site_dir": "site"}  # must be within its own
+        settings["project"] |= {
+            "nav": site_menu(folder),
+            "docs_dir": "docs",
+            "site_dir": "site",
+        }  # must be within its own
         config.write_text(tomlkit.dumps(settings))
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
         command = [sys.executable, "-m", "zensical", "build", "--strict", "--config-file", str(config)]
@@ -179,7 +183,7 @@ def build(site: Path) -> subprocess.CompletedProcess:
         return subprocess.CompletedProcess(command, done.returncode, *colorless)
 
 
-@case(option("folder", nargs="?", type=Path, default=Path("out/site"), help="default out/site"))
+@case(case_option("folder", nargs="?", type=Path, default=Path("out/site"), help="default out/site"))
 def site(asked: argparse.Namespace) -> Iterator[Line]:
     """Builds the site of the documents; needs the extra `docs`, no network.
 
@@ -189,6 +193,6 @@ def site(asked: argparse.Namespace) -> Iterator[Line]:
     in. The pages are those of docs/, README and CONTRIBUTING, notebooks as they were stored, and those of
     `pages/reference.py`.
     """
-    done = build(asked.folder)
+    done = build_site(asked.folder)
     yield done.stdout + done.stderr + str(asked.folder / "index.html")
     raise SystemExit(done.returncode)

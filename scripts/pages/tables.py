@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from common.cases import ROOT, Line, case, option
+from common.cases import ROOT, Line, case, case_option
 
 from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
@@ -35,13 +35,13 @@ OF = {
 """Beginning of the columns' names, by their group."""
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     lines = [f"| {' | '.join(row)} |" for row in (head, *rows)]
     return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
 
 
-def place(channel: Channel) -> str:
+def archive_place(channel: Channel) -> str:
     """A channel's place in an archive."""
     if channel in OF_BODIES:
         count = {"sprocket": "S", "arm": "A", "tensioner": "T", "shaft": "H", "coupling": "C", "valve": "V"}[
@@ -52,23 +52,26 @@ def place(channel: Channel) -> str:
     return ", ".join(f"`{field}`" for field in channel.fields) + " of a packed roller"
 
 
-def channels() -> str:
+def channel_table() -> str:
     """The table of channels."""
-    rows = [(f"`{c.name}`", c.unit, c.per, place(c), c.description + "; on request" * c.on_request) for c in CHANNELS]
-    return table(("channel", "unit", "of each", "where", "what it is"), rows)
+    rows = [
+        (f"`{c.name}`", c.unit, c.per, archive_place(c), c.description + "; on request" * c.on_request)
+        for c in CHANNELS
+    ]
+    return markdown_table(("channel", "unit", "of each", "where", "what it is"), rows)
 
 
-def metrics(groups: Iterable[Group]) -> str:
+def metric_table(groups: Iterable[Group]) -> str:
     """The table of some metrics; what several kinds of things have stands once."""
     names: dict[tuple[str, str], list[str]] = {}
     for group in groups:
         for column in group.columns:
             names.setdefault((column.title, column.unit), []).append(f"`{OF[group.of]}{column.name}`")
     rows = [(", ".join(sorted(set(held), key=len)), unit, title) for (title, unit), held in names.items()]
-    return table(("column", "unit", "what it is"), rows)
+    return markdown_table(("column", "unit", "what it is"), rows)
 
 
-def limits() -> str:
+def limit_table() -> str:
     """The table of the limits that variants are judged by."""
     default = Limits()
     rows = []
@@ -77,21 +80,21 @@ def limits() -> str:
         rows.append((f"`{rule.key}`", bound, f"`{rule.where}`", rule.advice))
     layout = f"at most {default.layout:g} findings"
     rows.append(("`layout`", layout, "[the layout](#the-layout)", "what the finding says"))
-    return table(("limit", "default", "of the metrics", "what to change"), rows)
+    return markdown_table(("limit", "default", "of the metrics", "what to change"), rows)
 
 
 def made_tables() -> dict[str, str]:
     """Every table by the name that its place in the documents has."""
     return {
-        "channels": channels(),
-        "run": metrics((RUN, SETTLING, ENGAGED)),
-        "limits": limits(),
-        "measured": metrics(group for groups in MEASURED for group in groups if group is not JOINTS),
-        "steady": metrics((STEADY,)),
-        "balance": metrics((BALANCE, JOINTS)),
-        "design": metrics(group for groups in DESIGN for group in groups),
-        "recorded": metrics(RECORDED),
-        "handed_in": metrics(REPORTED),
+        "channels": channel_table(),
+        "run": metric_table((RUN, SETTLING, ENGAGED)),
+        "limits": limit_table(),
+        "measured": metric_table(group for groups in MEASURED for group in groups if group is not JOINTS),
+        "steady": metric_table((STEADY,)),
+        "balance": metric_table((BALANCE, JOINTS)),
+        "design": metric_table(group for groups in DESIGN for group in groups),
+        "recorded": metric_table(RECORDED),
+        "handed_in": metric_table(REPORTED),
     }
 
 
@@ -101,14 +104,14 @@ def made_schemas() -> dict[Path, str]:
     return {ROOT / f"warpchain/{of}/examples/{of}.schema.json": schema_text(schema) for of, schema in made.items()}
 
 
-def renewed(text: str) -> str:
+def document_with_tables(text: str) -> str:
     """A document with its tables written anew."""
     made = made_tables()
     mark = r"(<!-- (\w+): scripts/docs.py tables -->\n).*?(\n<!-- end -->)"
     return re.sub(mark, lambda found: found[1] + made[found[2]] + found[3], text, flags=re.DOTALL)
 
 
-@case(option("--check", action="store_true", help="write nothing, name the documents that are out of date"))
+@case(case_option("--check", action="store_true", help="write nothing, name the documents that are out of date"))
 def tables(asked: argparse.Namespace) -> Iterator[Line]:
     """Writes what is made of the package: tables of channels, metrics and limits in the documents, examples' schemas.
 
@@ -117,7 +120,9 @@ def tables(asked: argparse.Namespace) -> Iterator[Line]:
 
     Each table stands between `<!-- NAME: scripts/docs.py tables -->` and `<!-- end -->`.
     """
-    made = {path: renewed(path.read_text()) for path in sorted((ROOT / "docs").glob("*.md"))} | made_schemas()
+    made = {
+        path: document_with_tables(path.read_text()) for path in sorted((ROOT / "docs").glob("*.md"))
+    } | made_schemas()
     stale = {path: text for path, text in made.items() if not path.exists() or path.read_text() != text}
     for path, text in stale.items():
         yield f"{path.relative_to(ROOT)}: {'out of date' if asked.check else 'written'}"

@@ -86,7 +86,7 @@ def runs(table):
 
     The idler of `swing_idler` still swings then: all of its time.
     """
-    drives = [load(name) for name in STEADY] + table.copies(load("marine"), 3)[1:]
+    drives = [load(name) for name in STEADY] + table.nearby_copies(load("marine"), 3)[1:]
     whole = STEADY.index("swing_idler")
     lengths = [drive.run.duration * (1.0 if i == whole else 0.6) for i, drive in enumerate(drives)]
     drives = [drive.with_values({"run.duration": length}) for drive, length in zip(drives, lengths, strict=True)]
@@ -262,13 +262,13 @@ def test_the_derailleurs_cage_swings_with_its_strands():
     at most.
     """
     script, drive = load_script("drawings.derailleur"), load("derailleur")
-    run = simulate(script.hit(drive), record=Record(rate=2000.0, channels=("arm_angle", "tension")))[0]
-    time, height, level = script.swing_of(run)
+    run = simulate(script.hit_drive(drive), record=Record(rate=2000.0, channels=("arm_angle", "tension")))[0]
+    time, height, level = script.cage_swings(run)
     assert len(time) > 2 and (np.diff(height) < 0.0).all()
-    before, after = (np.degrees(chain_path(one).arm_angle[0]) for one in (drive, script.moved(drive)))
+    before, after = (np.degrees(chain_path(one).arm_angle[0]) for one in (drive, script.drive_after_move(drive)))
     sag = np.degrees(run.arm_angle[np.searchsorted(run.time, script.BEGIN), 0]) - before
     assert level - sag == pytest.approx(after, abs=0.1)
-    path, pull = chain_path(script.moved(drive)), np.asarray(run.tension[run.time > time[-1]]).mean()
+    path, pull = chain_path(script.drive_after_move(drive)), np.asarray(run.tension[run.time > time[-1]]).mean()
     wave = np.sqrt(pull * drive.chain.pitch / drive.chain.mass)
     lengths = [np.hypot(*(path.strand_end[k] - path.strand_start[k])) for k in (0, 3)]
     swing = np.mean([wave / (2.0 * length) for length in lengths])
@@ -281,14 +281,14 @@ def test_the_derailleurs_axle_rises_on_any_path():
     script, drive = load_script("drawings.derailleur"), load("derailleur")
     cog, hanger = drive.sprockets[script.COG].center, drive.arms[0].pivot
     for about in script.PATHS.values():
-        way, other = (script.table_of(place, cog, about) for place in (cog, hanger))
+        way, other = (script.axle_table(place, cog, about) for place in (cog, hanger))
         assert way["y"][-1] == pytest.approx(script.RISE, rel=1e-9) and abs(way["x"][0]) + abs(way["y"][0]) < 1e-12
         if about is None:
             assert set(way["x"]) == {0.0} and other == way
             continue
         if about == "linkage":  # the rocker's rear end, on the stay, keeps its distance from its front end
             front, rear = script.ROCKER
-            moves = script.table_of(rear, cog, about)
+            moves = script.axle_table(rear, cog, about)
             ends = [np.hypot(*(np.add(rear, (moves["x"][k], moves["y"][k])) - front)) for k in (0, -1)]
             assert ends[0] == pytest.approx(ends[1], rel=1e-9)
             continue

@@ -15,7 +15,7 @@ from warpchain.drive.quantities import QUANTITY, converted, unit_of
 from warpchain.errors import DriveError
 from warpchain.study.spec.study_tables import condition_without_units
 
-sections = load_script("pages.reference").sections
+sections = load_script("pages.reference").file_sections
 CAR = example("car")
 
 

@@ -34,13 +34,13 @@ def counted():
 
 def spread(counted, count, steps, seed=0):
     """Variants whose steps differ twofold, in any order, measured over the latter half."""
-    return counted.runs_of((steps * np.random.default_rng(seed).uniform(0.67, 1.33, count)).astype(int))
+    return counted.counted_runs((steps * np.random.default_rng(seed).uniform(0.67, 1.33, count)).astype(int))
 
 
 def test_every_variant_takes_every_step_once_and_in_order_by_the_kernel_of_its_own_window(counted):
     drives = spread(counted, 100, 3000)
     at = np.zeros(len(drives), int)
-    for lanes in counted.calls(drives, 32 * 9, 60):
+    for lanes in counted.launch_calls(drives, 32 * 9, 60):
         assert len(lanes) == 2
         for launch in (launch for lane in lanes for launch in lane):
             assert len(set(launch.variants)) == len(launch.variants)
@@ -77,7 +77,7 @@ def test_a_gpu_is_full_until_all_variants_end(counted, count):
 
     Longest first, two groups of eight launches each; 1.15 where each launch took as many steps of all.
     """
-    assert 1.0 <= counted.occupied(spread(counted, count, 30_000), 6144, 1584) <= 1.05
+    assert 1.0 <= counted.occupied_share(spread(counted, count, 30_000), 6144, 1584) <= 1.05
 
 
 class WithoutStreams:

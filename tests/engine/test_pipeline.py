@@ -368,7 +368,7 @@ DESIGNS = ["marine", "car", *of_long("engine", "industrial")]
 @pytest.mark.parametrize("name", [*DESIGNS, "several chains"])
 def test_no_cut_into_shares_changes_a_bit_of_any_column(gpus, monkeypatch, name, precision):
     """Designs that settle; those of `car` have guides that bend their chains, and arms."""
-    designs = load_script("benches.drives").designs
+    designs = load_script("benches.drives").varied_designs
     drives = SEVERAL if name == "several chains" else designs(example(name), name, 7)
     options = {"precision": precision, "workers": 1, "duration": 0.001}
     whole = bits(run(drives, device="cpu", **options)[0].metrics)
@@ -469,7 +469,7 @@ GPUS = range(1, wp.get_cuda_device_count() + 1 if wp.is_cuda_available() else 1)
 @pytest.mark.parametrize("name", ["marine", "car", "engine", "industrial"])
 def test_no_cut_into_shares_changes_a_bit_on_a_gpu(monkeypatch, name, precision):
     """Designs in one share, and in several, whose blocks of threads have another form as they are few."""
-    drives = load_script("benches.drives").designs(example(name), name, 600)
+    drives = load_script("benches.drives").varied_designs(example(name), name, 600)
     options = {"device": "cuda:0", "precision": precision, "duration": 0.002}
     whole = bits(run(drives, **options)[0].metrics)
     monkeypatch.setattr(pipeline, "LEAST", 20)
@@ -484,7 +484,7 @@ def test_no_cut_into_shares_changes_a_bit_on_a_gpu(monkeypatch, name, precision)
 def test_two_gpus_give_the_bits_of_one(name, precision):
     """As many designs as fill both, settled."""
     count = 60 if name == "several chains" else 4400
-    designs = load_script("benches.drives").designs
+    designs = load_script("benches.drives").varied_designs
     drives = SEVERAL * (count // 7) if name == "several chains" else designs(example(name), name, count)
     options = {"precision": precision, "duration": 0.002}
     one, two = (run(drives, device=device, **options)[0] for device in ("cuda:1", "cuda"))

@@ -18,7 +18,7 @@ def missed(request):
     drive = two_sprockets(speed=20.0, duration=1.0, ramp=0.1, load_ramp=0.1, viscous=5.0, span=20.0 * (1 + 1e-3))
     every = look_every(int(longest_apart(drive, resolve_step(drive))), request.param)
     assert every == (32 if request.param == 8000 else 64)
-    return looks_study.misses(drive, 0.3, request.param) | {"looks": request.param // every}
+    return looks_study.sampling_misses(drive, 0.3, request.param) | {"looks": request.param // every}
 
 
 @pytest.mark.parametrize("name", ["tension_mean", "hub_force_mean", "speed_mean", "displacement_mean"])

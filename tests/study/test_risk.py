@@ -32,7 +32,7 @@ LIMIT_STATES = failure.LIMIT_STATES
 
 
 def trials(name, repetitions):
-    return [failure.trial(LIMIT_STATES[name](), seed) for seed in range(repetitions)]
+    return [failure.risk_trial(LIMIT_STATES[name](), seed) for seed in range(repetitions)]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_intervals_hold_the_closed_form_in_95_of_100_repetitions(name, ways):
     """Intervals of 95 %, counted; and neither wide: importance sampling is known to a quarter either way."""
     found, true = trials(name, REPETITIONS), LIMIT_STATES[name]().probability
     for of in ([one.subset for one in found], [one.sampled for one in found], [one.joint for one in found]):
-        inside, _, width = failure.covered(of, true)
+        inside, _, width = failure.coverage_row(of, true)
         assert inside >= 95, of
     assert width < 1.6
     assert np.median([one.points for one in found]) == ways
@@ -55,7 +55,7 @@ def holds_95_of_100(name, repetitions, unknown):
     """Both intervals miss as seldom as those of 95 % do but in one case of a hundred; few estimates are unknown."""
     found, true = trials(name, repetitions), LIMIT_STATES[name]().probability
     for of in ([one.subset for one in found], [one.sampled for one in found], [one.joint for one in found]):
-        inside, without, _ = failure.covered(of, true)
+        inside, without, _ = failure.coverage_row(of, true)
         assert without <= unknown * repetitions
         assert repetitions - without - inside <= binom.ppf(0.99, repetitions, 0.05)
 
@@ -92,7 +92,7 @@ def test_weights_of_a_mixture_are_ratios_of_densities():
     """Over a mixture's own samples the mean of phi / q is 1, as phi integrates to 1, whatever the mixture; its standard
     error is told by the weights, and 4 of them are passed in one case of 16,000."""
     for dimensions in (1, 2, 5):
-        failed = failed_beyond(failure.opposite(0.3, dimensions), (1.0, -1.0))
+        failed = failed_beyond(failure.two_planes_limit(0.3, dimensions), (1.0, -1.0))
         mixture = fit_mixture(failed)
         weights = mixture.importance_weights(mixture.draw_samples(200_000, np.random.default_rng(1)))
         assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / np.sqrt(len(weights)))
@@ -100,7 +100,7 @@ def test_weights_of_a_mixture_are_ratios_of_densities():
 
 def test_weights_of_failures_are_bounded_in_every_direction():
     """q >= a phi / P(|u| > r) outside r, so that phi / q <= P(|u| > r) / a, also where no failure was known."""
-    mixture = fit_mixture(failed_beyond(failure.opposite(1e-4, 3), (1.0,)))
+    mixture = fit_mixture(failed_beyond(failure.two_planes_limit(1e-4, 3), (1.0,)))
     u = np.random.default_rng(2).standard_normal((1000, 3))
     u *= 1.001 * mixture.radius / np.linalg.norm(u, axis=1, keepdims=True)
     assert mixture.importance_weights(u).max() <= mixture.beyond / mixture.outside * (1.0 + 1e-9)
@@ -109,7 +109,7 @@ def test_weights_of_failures_are_bounded_in_every_direction():
 def test_failures_that_samples_do_not_come_to_make_it_unknown():
     """One of four repetitions knows the second of two planes, so that its failures are weighted by a fit that lacks
     them. In a fit without that repetition, samples scatter little and would be taken for a good estimate of half P."""
-    state = failure.opposite(1e-6, 5)
+    state = failure.two_planes_limit(1e-6, 5)
     mixture = fit_mixture(failed_beyond(state, (1.0, 1.0, 1.0, -1.0)))
     with pytest.raises(StudyError, match="unknown: the weights scatter as if there were"):
         importance_sampling(state.margin, mixture, 300, 0)
@@ -130,7 +130,7 @@ def test_estimates_that_differ_are_not_joined():
 
 def test_design_point_is_that_of_a_plane():
     """Nearest of beta - a u = 0: beta a, at distance beta; steps stop a hundredth beyond at most, where it fails."""
-    state = failure.plane(1e-4, 4)
+    state = failure.plane_limit(1e-4, 4)
     subset = subset_simulation(state.margin, 4, 200, 8, 1)
     ((point,), evaluations) = design_points(state.margin, np.vstack(subset.failed))
     assert np.linalg.norm(point) == pytest.approx(3.7190, rel=0.01)
@@ -140,7 +140,7 @@ def test_design_point_is_that_of_a_plane():
 def test_searches_that_meet_go_on_as_one():
     """20 dimensions: the nearest failures lie in 8 directions, each of which steps to the plane's one design point. A
     turn is 45 runs for each that is left: 8 of them and 3 turns of one are 495, without meeting they were 1440."""
-    state = failure.plane(1e-3, 20)
+    state = failure.plane_limit(1e-3, 20)
     subset = subset_simulation(state.margin, 20, 200, 8, 0)
     points, evaluations = design_points(state.margin, np.vstack(subset.failed))
     assert len(points) == 1 and evaluations <= 8 * 45 + 3 * 45
@@ -149,7 +149,7 @@ def test_searches_that_meet_go_on_as_one():
 def test_what_cannot_fail_is_said():
     """A plane at 8 deviations is passed with 6e-16, and what does not vary leads to no failure."""
     with pytest.raises(StudyError, match="its probability is below 1e-12"):
-        subset_simulation(failure.plane(norm.sf(8.0), 2).margin, 2, 200, 3, 0)
+        subset_simulation(failure.plane_limit(norm.sf(8.0), 2).margin, 2, 200, 3, 0)
     for margin in (lambda u: np.full(len(u), 1.0), lambda u: np.where(u[:, 0] > 4.0, -1.0, 1.0)):
         with pytest.raises(StudyError, match=r"unknown: all 600 runs in one of 3 repetitions .* are equally far"):
             subset_simulation(margin, 2, 200, 3, 0)

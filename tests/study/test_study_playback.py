@@ -167,11 +167,11 @@ def test_command_saves_a_recording(study, tmp_path, capsys):
 
 
 @pytest.mark.viewer
-@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+@pytest.mark.skipif(render.missing_vulkan_reason() is not None, reason=str(render.missing_vulkan_reason()))
 def test_the_viewer_shows_scatters_beside_a_variant(study, tmp_path):
     results, folder = study
     view_study(results, recorded_trajectories(results, folder), save=tmp_path / "s.rrd")
-    render.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
+    render.save_screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
     pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)[60:-60]
     left, right = np.split(pixels, [int(0.6 * pixels.shape[1])], axis=1)
     assert (np.abs(left - (240, 90, 60)).max(axis=2) < 30).sum() > 200  # dots of recorded variants

@@ -87,4 +87,4 @@ def test_a_notebook_runs_and_shows_what_it_showed(path):
             if cell.cell_type == "code"
         ]
 
-    assert kinds(load_script("pages.notebooks").executed(path)) == kinds(nbformat.read(path, as_version=4))
+    assert kinds(load_script("pages.notebooks").executed_notebook(path)) == kinds(nbformat.read(path, as_version=4))

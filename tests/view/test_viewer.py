@@ -70,18 +70,18 @@ def assert_chain(picture, trajectory):
 
 
 @pytest.mark.viewer
-@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+@pytest.mark.skipif(render.missing_vulkan_reason() is not None, reason=str(render.missing_vulkan_reason()))
 def test_the_viewer_shows_the_chain_along_its_path(run, tmp_path):
     view(run, save=tmp_path / "a.rrd")
-    render.screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.01)
+    render.save_screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.01)
     assert_chain(tmp_path / "a.png", run[0])
 
 
 @pytest.mark.viewer
-@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+@pytest.mark.skipif(render.missing_vulkan_reason() is not None, reason=str(render.missing_vulkan_reason()))
 def test_the_viewer_shows_tension_along_the_chain_as_an_image(run, tmp_path):
     view(run, save=tmp_path / "a.rrd", tab="tension")
-    render.screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.01)
+    render.save_screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.01)
     seen = on_scale(tmp_path / "a.png", 1.0)[: 1080 // 2]
     rows, columns = np.nonzero(seen)
     assert np.ptp(columns) > 0.5 * seen.shape[1]
@@ -144,7 +144,7 @@ def colored(picture):
 
 
 @pytest.mark.viewer
-@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+@pytest.mark.skipif(render.missing_vulkan_reason() is not None, reason=str(render.missing_vulkan_reason()))
 def test_an_archive_opened_with_no_set_up_shows_moving_colored_rollers(tmp_path, monkeypatch):
     from rerun.experimental import ViewerClient
 
