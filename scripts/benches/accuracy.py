@@ -49,12 +49,8 @@ def accuracy(asked: argparse.Namespace) -> Iterator[Line]:
             yield (name, precision, int(run.ok.sum()), *errors, *means)
 
 
-def _mean_tensions_after_start(
-    drive: Drive, device: str, rounding: float
-) -> tuple[NDArray[np.floating], dict[str, Any]]:
-    """10 ms of a drive whose rollers lie `rounding` of their coordinates elsewhere before settling: where they begin,
-    and the metrics.
-    """
+def _short_run(drive: Drive, device: str, rounding: float) -> tuple[NDArray[np.floating], dict[str, Any]]:
+    """Rollers and metrics of 10 ms of a drive whose coordinates are off by `rounding` of them before settling."""
     record = Record("none")
     schedules = schedules_of((drive,), 0.01, None, record, (0.0, 0.01))
     share = Share(Members((drive,), schedules, stacks_of((drive,)), np.arange(1)), frame_of(()))
@@ -79,8 +75,8 @@ def settled(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("drive", "steps", "its steps", "apart by [m]", "mean tension")
     for name in asked.names:
         drive = example_drive(name)
-        first, row = _mean_tensions_after_start(drive, "cpu", 0.0)
-        second, its_row = _mean_tensions_after_start(drive, asked.device, 1e-16 if asked.device == "cpu" else 0.0)
+        first, row = _short_run(drive, "cpu", 0.0)
+        second, its_row = _short_run(drive, asked.device, 1e-16 if asked.device == "cpu" else 0.0)
         apart = float(np.abs(first - second).max())
         means = [key for key in row if key.endswith("tension_mean") and "->" not in key]
         steps = [sum(value for key, value in of.items() if key.endswith("settle_steps")) for of in (row, its_row)]

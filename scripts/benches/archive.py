@@ -105,14 +105,14 @@ def write_with_warpchain(run: Run, path: Path, **options: Any) -> None:
 
 
 def write_at_level_3(run: Run, path: Path) -> None:
-    """The same, compressed as others compress."""
+    """Writes trajectories through warpchain at zstd's level 3, which other writers take."""
     with patch.object(mcap_write, "ZSTD_LEVEL", 3):
         write_with_warpchain(run, path, encoders=1)
 
 
 @contextmanager
 def limited_cores(count: int | None) -> Iterator[None]:
-    """So many of the process's cores."""
+    """Limits the process to so many of its cores in a `with` block."""
     held = os.sched_getaffinity(0)
     os.sched_setaffinity(0, sorted(held)[:count])
     try:
@@ -124,7 +124,7 @@ def limited_cores(count: int | None) -> Iterator[None]:
 def compression_rows(
     run: Run, messages: Messages, folder: Path, compression: str, size: float, rounds: int
 ) -> Iterator[Line]:
-    """One compression's lines, all on one core."""
+    """Rows of one compression's writers and readers, all on one core."""
     bytes_, variants = "mcap.Writer, bytes", len(run)
     path = {
         who: folder / f"{who}.mcap" for who in ("warpchain", bytes_, "warpchain, level 3", "foxglove-sdk, PointCloud")
@@ -153,7 +153,7 @@ def compression_rows(
 
 
 def bare_zstd_rates(threads: int) -> None:
-    """The same compressing in one thread or in two, and nothing else."""
+    """Rates of zstd alone, in one thread and in two."""
     import zstandard
 
     data = np.random.default_rng(0).normal(size=CHUNK // 8).tobytes()
@@ -162,7 +162,7 @@ def bare_zstd_rates(threads: int) -> None:
 
 
 def core_scaling(run: Run, folder: Path, size: float, rounds: int) -> Iterator[Line]:
-    """Two cores against one: MB/s and the ratio."""
+    """Rates [MB/s] on two cores and on one, and their ratio."""
     cases: dict[str, dict[str, Any]] = {
         "1 core": {"encoders": 1},
         "2 cores, one file": {"encoders": 2},

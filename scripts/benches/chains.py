@@ -26,7 +26,7 @@ OUTER, INNER = 26.594, 6.5
 
 
 def sprocket_row_drive(sprockets: list[dict[str, Any]], **parts: Any) -> Drive:
-    """A drive of such sprockets, the first of which leads the chain at 10 pitches of 20 teeth a radian."""
+    """A drive of sprockets in a row, the first of which leads the chain at 10 pitches of 20 teeth a radian."""
     run = {"duration": 1.0, "step": 5e-6, "settle": False, "sample_rate": 2000.0}
     driver, *driven = sprockets
     driver["prescribed"], driven[-1]["load"] = {"speed": 200.0 / driver["teeth"]}, {"torque": 300.0}

@@ -55,7 +55,7 @@ MEMORIES = (0.025, 0.05, 0.1, 0.125, 0.2, 0.25, 0.5, 1.0, 2.0)
 
 @dataclass(frozen=True)
 class CoverageSample:
-    """A drive, the turns of the chain that are left out at the start, windows that follow, and copies."""
+    """A drive for coverage of errors: turns of the chain left out at the start, windows that follow, and copies."""
 
     drive: Drive
     start: int = 5
@@ -112,16 +112,17 @@ def window_batches(sample: CoverageSample) -> tuple[Array, Array]:
 
 
 def joined_windows(values: Array, count: int) -> Array:
-    """Batches (W, M, copies, batches) of `count` windows that follow one another as those of one."""
+    """Batches (W, M, copies, batches) of `count` windows that follow one another, as those of one window."""
     whole = len(values) // count
     split = np.moveaxis(values[: whole * count].reshape(whole, count, *values.shape[1:]), 1, -2)
     return split.reshape(whole, *values.shape[1:], count).mean(axis=-1)
 
 
 def long_run_means(means: Array) -> Array:
-    """(M, copies) means of all windows by a Hann window, in which ripple leaves nothing: those of all copies.
+    """(M, copies) means of all windows, weighted by a Hann window against ripple, over all copies.
 
-    Where copies differ by more than their windows do, as friction holds a chain in one of many states, their own.
+    Where copies differ by more than their windows do, as friction holds a chain in one of many states, each has its
+    own.
     """
     whole = np.moveaxis(means, 0, -2).reshape(*means.shape[1:-1], -1)
     taper = np.hanning(whole.shape[-1] + 2)[1:-1]
@@ -131,7 +132,7 @@ def long_run_means(means: Array) -> Array:
 
 
 def window_length_rows(name: str, means: Array, weights: Array) -> Iterator[Line]:
-    """A row for windows of each length, as `coverage` says."""
+    """A row of coverage for windows of each length."""
     truth = long_run_means(means)
     for count in (count for count in JOINED if len(means) >= LEAST * count):
         heavy = joined_windows(weights, count)
@@ -166,7 +167,8 @@ def coverage(asked: argparse.Namespace) -> Iterator[Line]:
 
 
 def correlated_windows(memory: float, count: int = 4000, length: int = 400) -> Array:
-    """(count, length) windows of a sequence of mean 0 and deviation 1 whose correlation falls by e within `memory`."""
+    """(count, length) windows of a random sequence of mean 0 and deviation 1 whose correlation falls by e within
+    `memory`."""
     random, keep = np.random.default_rng(1), np.exp(-1.0 / (memory * length))
     x = random.normal(size=(count, length))
     for t in range(1, length):

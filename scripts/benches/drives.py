@@ -59,12 +59,12 @@ def two_sprockets_of_length(links: int) -> Drive:
 
 
 def varied_factor(low: float, high: float) -> Range:
-    """The drive's own value, times something between these."""
+    """Value of a drive times a factor between these, for designs."""
     return lambda own, share: own * (low + (high - low) * share)
 
 
 def varied_value(low: float, high: float) -> Range:
-    """A value between these."""
+    """Value between these, for designs."""
     return lambda own, share: low + (high - low) * share
 
 

@@ -47,7 +47,7 @@ Row = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class BenchEffort:
-    """Steps of a launch of many variants, times that each is measured, and the folder of the CUDA program."""
+    """Effort of a benchmark: steps of a launch of many variants, repeats, and the folder of the CUDA program."""
 
     steps: int
     rounds: int
@@ -60,7 +60,7 @@ class BenchEffort:
 
 @dataclass(frozen=True)
 class GpuPart:
-    """Rows that are measured alike: the function that measures one, its words, and the columns' heads."""
+    """Rows of the GPU benchmark that are measured alike: the function, its words, and the columns' heads."""
 
     measure: Callable[..., Row]
     words: list[tuple[Any, ...]]
@@ -75,7 +75,8 @@ LOOPS = ("table", "joints", "rollers", "car")
 def gpu_part(
     columns: str, words: Iterable[tuple[Any, ...]] = ((),)
 ) -> Callable[[Callable[..., Row]], Callable[..., Row]]:
-    """Makes a function a part, given the heads of its columns, a row of Markdown, and the words of its rows."""
+    """Decorator: a function measures a row of the GPU benchmark; given the heads of its columns and the words of its
+    rows."""
 
     def noted(measure: Callable[..., Row]) -> Callable[..., Row]:
         PARTS[measure.__name__] = GpuPart(measure, list(words), table_head(columns))
@@ -86,7 +87,7 @@ def gpu_part(
 
 @cache
 def packed_designs(drive: Drive, name: str, variants: int, metrics: bool) -> Packed:
-    """So many designs of a drive, as drives of a name differ, packed."""
+    """Designs of a drive, varied as drives of its name are, packed."""
     many = varied_designs(drive, name, variants)
     return pack(many, [endless_schedule(each, metrics) for each in many])
 

@@ -54,7 +54,7 @@ def tree_rates(tree: Path, asked: Mapping[str, Any]) -> dict[str, float]:
 
 @contextmanager
 def tree_checkout(folder: Path, name: str, commit: str) -> Iterator[Path]:
-    """A folder as it is, or a commit's tree in a folder of its own, while it is wanted."""
+    """Folder of a tree: a folder as it is, or a commit's files in a temporary one."""
     if Path(commit).is_dir():
         yield Path(commit).resolve()
         return
@@ -83,7 +83,7 @@ def guard_table(a: Mapping[str, float], b: Mapping[str, float], limit: float) ->
 
 
 def compile_in_trees(trees: Sequence[Path], asked: Mapping[str, Any]) -> None:
-    """Compiles what the trees run, side by side: a drive and a precision in each process."""
+    """Compiles the kernels that trees run, a drive and a precision in each process."""
     short = {**asked, "steps": 64, "after": 0, "repeats": 1, "assemble": 0}
     jobs = [
         (tree, {**short, "drives": {name: drive}, "precisions": [precision]})

@@ -41,7 +41,7 @@ def launch_calls(drives: NDArray[np.void], most: int, turn: int) -> Iterator[Lan
 
 
 def slots_time(lanes: Lanes, slots: int, at: NDArray[np.integer]) -> float:
-    """When so many slots have taken variants, which stand `at` a step, through launches: a lane's one after another."""
+    """Time at which slots of a GPU have stepped variants through launches, a lane's one after another."""
     free, waiting = [0.0] * slots, [(0.0, 0, lane) for lane in range(len(lanes))]
     heapify(waiting)
     while waiting:

@@ -18,12 +18,12 @@ Array = Any
 
 
 def front_objectives(x: Array) -> Array:
-    """Two squares: the front is b = 0, a from -1 to 1."""
+    """Two squared distances, whose Pareto front is b = 0, a from -1 to 1."""
     return np.stack([(x[:, 0] - 1.0) ** 2 + x[:, 1] ** 2, (x[:, 0] + 1.0) ** 2 + x[:, 1] ** 2], axis=1)
 
 
 def ishigami_function(x: Array) -> Array:
-    """Least -1 - pi^4 / 10 = -10.74 at (-pi/2, 0, +-pi)."""
+    """Ishigami's function; least -1 - pi^4 / 10 = -10.74 at (-pi/2, 0, +-pi)."""
     a, b, c = x.T
     return (np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))[:, None]
 
@@ -47,7 +47,7 @@ def optimizer_study(names: str, ends: float, metrics: dict[str, float | None], s
 
 
 def search_by_bayes(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
-    """All rows, and the row that is recommended."""
+    """All rows and the recommended one of a search by warpchain's own optimizer."""
     import pyarrow as pa
 
     optimizer, rng, tables = Optimizer(study), np.random.default_rng(seed), []
@@ -68,7 +68,7 @@ def search_by_bayes(study: Study, function: Callable[[Array], Array], noise: flo
 
 
 def search_by_egobox(study: Study, function: Callable[[Array], Array], noise: float, seed: int) -> tuple[Array, Array]:
-    """The same by egobox: EHVI for two objectives, LogEI with limits for one."""
+    """All rows and the recommended one of a search by egobox: EHVI for two objectives, LogEI with limits for one."""
     import egobox as egx
 
     rng, names = np.random.default_rng(seed), [factor.name for factor in study.factors]

@@ -74,7 +74,7 @@ def roller_step_rate(
 
 
 def assembly_rate(drive: Any, count: int) -> float:
-    """So many drives that differ, assembled and packed in a second of CPU time."""
+    """Drives that differ, assembled and packed in a second of CPU time."""
     sprocket = drive.sprockets[-1]
     x, y = sprocket.center
     place, mass = f"sprockets.{sprocket.name}.center", drive.chain.mass

@@ -163,7 +163,7 @@ def gives(asked: argparse.Namespace) -> Iterator[Line]:
 
 
 def joint_give_and_change(drive: Drive, rows: list[dict[str, Any]], finer: list[dict[str, Any]]) -> tuple[float, float]:
-    """The largest `joint_give` of strands, and by how much of it a strand's `tension_q999` changes to finer steps."""
+    """The largest `joint_give` of strands, and the change of a strand's `tension_q999` by finer steps over it."""
     most = 0.0
     for strand in drive.strand_names:
         own, other = (np.array([row[f"{strand}.tension_q999"] for row in of]) for of in (rows, finer))

@@ -31,17 +31,17 @@ class Case:
 
 
 def case_option(*names: str, **settings: Any) -> Option:
-    """An option of a case, as argparse has it."""
+    """An option of a case, as argparse takes it."""
     return names, settings
 
 
 def case(*options: Option) -> Callable[[Callable[[argparse.Namespace], Iterable[Line]]], Case]:
-    """Makes a function a case."""
+    """Decorator: makes a function a case that a script lists and runs."""
     return lambda run: Case(run, options)
 
 
 def described_parser(words: str | None) -> argparse.ArgumentParser:
-    """A command line whose help is a script's description as it stands."""
+    """An argument parser whose help is a script's description as it is."""
     return argparse.ArgumentParser(description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
@@ -54,7 +54,7 @@ def cases_of(folder: str) -> dict[str, Case]:
 
 
 def cases_parser(words: str | None, cases: Mapping[str, Case]) -> argparse.ArgumentParser:
-    """The command line: a case and its options."""
+    """The argument parser of a script's cases, each with its options."""
     made = described_parser(words)
     below = made.add_subparsers(dest="case", metavar="CASE")
     for name, one in cases.items():
@@ -68,17 +68,17 @@ def cases_parser(words: str | None, cases: Mapping[str, Case]) -> argparse.Argum
 
 
 def table_head(words: str) -> tuple[str, ...]:
-    """A table's head, given as Markdown has it."""
+    """Cells of a table's head from a row of Markdown."""
     return tuple(words.split(" | "))
 
 
 def cell_text(value: object) -> str:
-    """A table's cell: four digits of a number that is not whole."""
+    """A table's cell as text, to four digits of a number that is not whole."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def print_lines(lines: Iterable[Line], folder: Path) -> None:
-    """Prints a case's lines as they come, and saves its figures."""
+    """Prints a case's lines as they come, and saves its figures to a folder."""
     first = True
     for line in lines:
         if isinstance(line, Mapping):
@@ -94,7 +94,7 @@ def print_lines(lines: Iterable[Line], folder: Path) -> None:
 
 
 def run_case(words: str | None, cases: Mapping[str, Case], before: Callable[[], Iterable[Line]] = tuple) -> None:
-    """Runs the case that the command line names, after the lines `before`; without a name it lists them."""
+    """Runs the case that the command line names, after the lines `before`; without a name lists all cases."""
     made = cases_parser(words, cases)
     asked = made.parse_args()
     if asked.case is None:

@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 
 def machine_line() -> Iterator[str]:
-    """The machine and the versions that times are of."""
+    """The machine and the versions that times are of, as lines."""
     from warpchain.engine.device_choice import machine
     from warpchain.engine.devices import usable_gpus
 
@@ -16,7 +16,7 @@ def machine_line() -> Iterator[str]:
 
 
 def run_in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    """The numbers that jobs return, round by round: a spell in which the machine is slow slows all of them."""
+    """Numbers that jobs return, round by round: a slow spell of the machine slows all of them."""
     found: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, job in jobs.items():
@@ -38,13 +38,13 @@ def least_seconds(jobs: Mapping[str, Callable[[], object]], rounds: int) -> dict
 
 
 def second_best_rate(rates: Sequence[float]) -> float:
-    """The second of some rates, or the best of fewer than three, 0 of none: a clock that once jumps makes a best."""
+    """The second best of some rates, or the best of fewer than three, 0 of none."""
     return sorted([0.0, *rates])[-2 if len(rates) > 2 else -1]
 
 
 @contextmanager
 def function_times(clock: Callable[[], float], *parts: tuple[Any, str]) -> Iterator[list[float]]:
-    """The time [s] by a clock of each call of some functions, each given by its owner and its name there."""
+    """Times [s] by a clock of each call of functions in a `with` block, each given by its owner and its name there."""
     found: list[float] = []
 
     def noting(called: Any) -> Any:

@@ -47,7 +47,7 @@ Path = Point | str | None
 
 
 def linkage_displacement(place: Point, cog: Point, rise: float) -> Point:
-    """Displacement of a place of the stay [m] where the axle, at the cog, is so much higher [m]."""
+    """Displacement of a place of the stay [m] where the axle, at the cog, is higher by so much [m]."""
     if rise == 0.0:
         return 0.0, 0.0
     front, rear = (complex(*end) for end in LOWER_LINK)
@@ -120,7 +120,7 @@ def twitch_rate(run: Trajectory) -> str:
 
 
 def drive_after_move(drive: Drive, about: Path = PIVOT) -> Drive:
-    """The drive as it stands after the axle has moved."""
+    """The derailleur's drive after its axle has moved."""
     cog, places = drive.sprockets[COG].center, {}
     for keys in (("sprockets.cog.center",), ("arms.cage.pivot", "arms.cage.center", *JOCKEYS)):  # as their first
         way = axle_table(drive.get_value(keys[0]), cog, about)
@@ -157,7 +157,7 @@ def cage_figure(drive: Drive, runs: list[Trajectory]) -> Figure:
 
 
 def path_table(drive: Drive) -> Iterator[Line]:
-    """A table of what the cage does by the path of the axle, with the friction and the damper of the example."""
+    """A table of the cage's motion by the path of the axle."""
     result = simulate(
         [hit_drive(drive, about) for about in PATHS.values()], record=Record(rate=2000.0), window=(0.08, 0.68)
     )

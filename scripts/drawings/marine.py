@@ -25,7 +25,7 @@ LENGTH, FROM = {"run.duration": 4.2}, 2.1
 
 
 class BareMarine(NamedTuple):
-    """The drive without its bar.
+    """The marine drive without its bar.
 
     Attributes:
         mean, rms: of the tight strand's displacement at mid-span, and of its swing about the mean [mm].
@@ -38,7 +38,7 @@ class BareMarine(NamedTuple):
 
 
 class MarineForces(NamedTuple):
-    """Forces of the drive with its bar [kN].
+    """Forces of the marine drive with its bar [kN].
 
     Attributes:
         strands, sprockets: mean tension of links that are on no sprocket, and on one, in a round of the chain.

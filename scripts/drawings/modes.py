@@ -125,7 +125,7 @@ def run_up_drive(run: RunUp) -> Drive:
 
 
 def run_up_loads(run: RunUp, drive: Drive) -> Drive:
-    """The drive with loads that include the torque of its sprockets' inertia while it runs up."""
+    """A drive with loads that include the torque of its sprockets' inertia while it runs up."""
     driver = drive.sprockets[drive.driver]
     rise = top_speed(drive) / run.duration
     own = {}
@@ -145,7 +145,7 @@ def top_speed(drive: Drive) -> float:
 
 
 def recorded_run_up(drive: Drive) -> Trajectory:
-    """The run-up."""
+    """The recorded run of a run-up."""
     return simulate(drive, record=Record(channels=("position", "velocity", "tension", "sprocket_speed")))[0]
 
 
@@ -181,8 +181,10 @@ def running_modes(run: RunUp, drive: Drive) -> Campbell:
 
 
 def seen_modes(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> Iterator[SeenMode]:
-    """Modes in parts of a run-up, where they are seen: by the mean of the spectra of a part's windows (at least so
-    many), each over the frequency relative to the mode's at the window's speed."""
+    """Modes that show in parts of a run-up, in the mean of the spectra of a part's windows (at least so many).
+
+    Spectra are over the frequency relative to the mode's at the window's speed.
+    """
     size, drive = int(run.window * run.rate), found.drive
     speeds = np.abs(np.asarray(trajectory.sprocket_speed[:, drive.driver], float))
     first = int(np.argmax(speeds > found.speed[0]))

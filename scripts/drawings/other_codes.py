@@ -43,7 +43,7 @@ CONTACT = (2e8, 4000.0)
 
 
 class CodeResult(NamedTuple):
-    """Results of a code.
+    """Results of one code on the simple drive.
 
     Attributes:
         tension: (F, 2) of the links in the middle of both strands [N].
@@ -231,7 +231,7 @@ def result_text(result: CodeResult) -> str:
 
 
 def other_codes() -> Iterator[Line]:
-    """The same simple drive here and in other codes."""
+    """A simple drive in warpchain, MuJoCo and Exudyn: results side by side."""
     drive = two_sprockets(VALUES)
     own = run_warpchain(drive)
     ours = own.tension.mean(axis=0)

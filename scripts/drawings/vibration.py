@@ -65,17 +65,17 @@ def strand_size(drive: Drive) -> tuple[float, float]:
 
 
 def string_frequency(drive: Drive, tension: float, mode: int = 1) -> float:
-    """Frequency of the moving string between the tangent points [Hz]."""
+    """Frequency of a moving string between the tangent points [Hz], in closed form."""
     length, speed = strand_size(drive)
     return moving_frequency(drive, length, tension, speed, mode)
 
 
 def mass_chain_frequency(drive: Drive, tension: float, mode: int) -> float:
-    """Frequency of a moving chain of masses on strings [Hz].
+    """Frequency of a moving chain of masses on strings [Hz], in closed form.
 
-    Waves of w_0(k) = 2 sqrt(T/(m p)) sin(k p/2) travel with the chain and against it: w = w_0(k) + v k and
-    w_0(k) - v k. As on the string, the phases of both add up to n turns over a strand: (k_1 + k_2) L = 2 pi n. At rest
-    this is equation (b) of `warpchain.assembly.frequencies`.
+    Waves of w_0(k) = 2 sqrt(T/(m p)) sin(k p/2) travel with the chain and against it: w = w_0(k) + v k and w_0(k) - v
+    k. As on the string, the phases of both add up to n turns over a strand: (k_1 + k_2) L = 2 pi n. At rest this is
+    equation (b) of `warpchain.assembly.frequencies`.
     """
     (length, speed), chain = strand_size(drive), drive.chain
     rate = 2.0 * math.sqrt(tension / (chain.mass * chain.pitch))
@@ -122,7 +122,7 @@ def strand_peaks(trajectory: Trajectory, strand: int, near: float) -> list[float
 
 @cache
 def running_peaks() -> dict[int, list[StrandPeaks]]:
-    """Of each mode, at each speed, and at the fastest once more with `QUIET`, both strands'."""
+    """Peaks of both strands for each mode and speed, and at the fastest once more with `QUIET`."""
     own = {"run.settle": False, "run.sample_rate": 400.0, "run.duration": 16.0}
     drive = taut_drive(RUNNING, 0.012, PLUCKED | own)
     drives = [running_drive(drive, speed) for speed in TRAVELS]
@@ -149,7 +149,7 @@ def strand_modes(drive: Drive, speeds: Any, mode: int = 1) -> tuple[np.ndarray, 
 
 
 def spread_text(values: Any) -> str:
-    """Range of relative differences [%]."""
+    """Range of relative differences, as text in percent."""
     return f"{100.0 * min(values):+.1f} to {100.0 * max(values):+.1f} %"
 
 
