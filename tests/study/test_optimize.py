@@ -209,14 +209,14 @@ def test_ctrl_c_at_any_moment_ends_a_search_as_asked(tmp_path, whole, capfd):
 
 
 def test_ctrl_c_waits_for_the_fit_under_way(tmp_path, monkeypatch):
-    fitted, fit = [], bayes.fit_process
+    fitted, fit = [], bayes.fit_gaussian_process
 
     def interrupted(*arguments, **named):
         signal.raise_signal(signal.SIGINT)
         fitted.append(fit(*arguments, **named))
         return fitted[-1]
 
-    monkeypatch.setattr(bayes, "fit_process", interrupted)
+    monkeypatch.setattr(bayes, "fit_gaussian_process", interrupted)
     assert main(["optimize", str(written(tmp_path)), "-o", str(tmp_path / "out"), "--quiet"]) == 1
     assert len(fitted) == 1 and (tmp_path / "out/rounds/0000/rows.parquet").exists()
 

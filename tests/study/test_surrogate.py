@@ -52,18 +52,18 @@ def test_left_out_rows_are_as_a_fit_without_them_has_them(kind):
     """The closed form of leaving out against doing so; of a process with its lengths kept."""
     results = made(24)
     found = fit_surrogate(results, "y", kind)
-    mean, deviation = found.model.left_out()
+    mean, deviation = found.model.leave_one_out()
     for i in (0, 7):
         if kind == "quadratic":
             rest = read_results(pa.concat_tables([results.table.slice(0, i), results.table.slice(i + 1)]), ["a", "b"])
             surface = fit_surrogate(rest, "y", kind).model.surface
             expected = float(surface.predict(found.model.x[i]))
         else:
-            from warpchain.study.surrogate.gaussian import _process
+            from warpchain.study.surrogate.gaussian_process import _solved_process
 
             model, keep = found.model, np.arange(24) != i
             scaling = (model.center, model.scale)
-            less = _process(model.x[keep], model.z[keep], model.kernel, model.noise, model.errors[keep], scaling)
+            less = _solved_process(model.x[keep], model.z[keep], model.kernel, model.noise, model.errors[keep], scaling)
             expected, sd = (float(v[0]) for v in less.predict(model.x[[i]]))
             assert deviation[i] == pytest.approx(np.sqrt(sd**2 + model.noise), rel=1e-6)
         assert mean[i] == pytest.approx(expected, rel=1e-7, abs=1e-8)

@@ -92,8 +92,8 @@ class Surface:
 
     def predict(self, values: Array) -> Array:
         """Metric at factor values (..., A)."""
-        x = _scaled_values(np.asarray(values, dtype=float), self.low, self.high)
-        flat = _polynomial_terms(x.reshape(-1, len(self.factors)), self.powers) @ self.coefficients
+        x = scaled_values(np.asarray(values, dtype=float), self.low, self.high)
+        flat = polynomial_terms(x.reshape(-1, len(self.factors)), self.powers) @ self.coefficients
         return flat.reshape(x.shape[:-1])
 
     def factor_slice(self, factor: str, points: int = 41) -> tuple[Array, Array]:
@@ -104,12 +104,12 @@ class Surface:
         return values[:, a], self.predict(values)
 
 
-def _scaled_values(values: Array, low: Array, high: Array) -> Array:
+def scaled_values(values: Array, low: Array, high: Array) -> Array:
     """Values scaled to -1 .. 1 between low and high."""
     return (2.0 * values - low - high) / (high - low)
 
 
-def _polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
+def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
     """Terms of eq. (a) at scaled values (R, A), (R, T)."""
     terms = np.ones((len(x), len(powers)))
     for t, row in enumerate(powers):
@@ -152,10 +152,10 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
         if not b > a:
             raise StudyError(f"response surface of {metric!r}: factor {factor!r} has one value, {a:g}")
     levels = [len(np.unique(column)) for column in values.T]
-    x = _scaled_values(values, low, high)
+    x = scaled_values(values, low, high)
     for order in (2, 1):
         powers = _polynomial_powers(levels, order)
-        terms = _polynomial_terms(x, powers)
+        terms = polynomial_terms(x, powers)
         if len(powers) < len(y) and np.linalg.matrix_rank(terms) == len(powers):
             break
     else:

@@ -1,6 +1,6 @@
 """A Bayesian search for costly runs that scatter: few rows, several objectives, limits, rows that fail.
 
-Each metric has a Gaussian process with noise (`surrogate.gaussian`) over the rows that ran. Costs f are scaled to
+Each metric has a Gaussian process (`surrogate.gaussian_process`) over the rows that ran. Costs f are scaled to
 0 .. 1 from the best to the worst of the present front. The volume of costs that a set of rows beats, up to r = 1.2, is
 for directions l drawn uniformly from the positive part of the unit sphere (Golovin and Zhang 2020)
 
@@ -27,7 +27,7 @@ from warpchain.progress import raise_if_stopped
 from warpchain.study.analysis.pareto import Goals, GoalValues, is_non_dominated, keeping_probability
 from warpchain.study.design.factor_values import DesignCube
 from warpchain.study.results import Array
-from warpchain.study.surrogate.gaussian import Process, fit_process
+from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process
 
 GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
 """Points all over, and about each of the best rows."""
@@ -52,8 +52,8 @@ class Belief:
     """
 
     goals: Goals
-    processes: dict[str, Process]
-    ok: Process | None
+    processes: dict[str, GaussianProcess]
+    ok: GaussianProcess | None
 
     def at(self, x: Array) -> tuple[dict[str, tuple[Array, Array]], Array]:
         """Mean and deviation by metric at coordinates (C, D), and the probability of ending well and in the limits."""
@@ -67,7 +67,7 @@ class Belief:
 
     def with_row(self, x: Array) -> Belief:
         """As if its own means had been measured at coordinates (D,)."""
-        more = {n: p.with_row(x, float(p.predict(x[None])[0][0])) for n, p in self.processes.items()}
+        more = {n: p.process_with_row(x, float(p.predict(x[None])[0][0])) for n, p in self.processes.items()}
         return replace(self, processes=more)
 
 
@@ -78,8 +78,8 @@ def believe(measured: GoalValues, x: Array) -> Belief:
     for name, column in measured.columns.items():
         raise_if_stopped()
         errors = measured.errors.get(name)
-        processes[name] = fit_process(x[rows], column[rows], None if errors is None else errors[rows])
-    failed = None if rows.all() else fit_process(x, rows.astype(float), isotropic=True)
+        processes[name] = fit_gaussian_process(x[rows], column[rows], None if errors is None else errors[rows])
+    failed = None if rows.all() else fit_gaussian_process(x, rows.astype(float), isotropic=True)
     return Belief(measured.goals, processes, failed)
 
 

@@ -53,7 +53,7 @@ from warpchain.study.spec import Study
 from warpchain.study.spec.calibration_tables import Calibrate, Measurement
 from warpchain.study.spec.study_tables import Recording
 from warpchain.study.store import read_table, write_study_text, write_table
-from warpchain.study.surrogate.gaussian import Process, fit_process, one_thread
+from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process, one_linear_algebra_thread
 
 REACH = 3.0
 """Standard normals from minus to plus this are the processes' coordinates from 0 to 1."""
@@ -174,18 +174,18 @@ class Emulated:
     """
 
     def __init__(self, normals: Array, values: Array, names: Sequence[str]) -> None:
-        self.processes: list[Process] = []
+        self.processes: list[GaussianProcess] = []
         for name, column in zip(names, values.T, strict=True):
             raise_if_stopped()
             known = np.isfinite(column)
             if known.sum() < max(4, normals.shape[1] + 2):
                 raise StudyError(f"{name}: {int(known.sum())} of {len(column)} runs have it; raise calibrate.count")
-            self.processes.append(fit_process(_scaled(normals[: len(column)][known]), column[known]))
+            self.processes.append(fit_gaussian_process(_scaled(normals[: len(column)][known]), column[known]))
 
     def __call__(self, u: Array) -> tuple[Array, Array]:
         x = _scaled(u)
-        with one_thread():
-            found = [of.moments(x) for of in self.processes]
+        with one_linear_algebra_thread():
+            found = [of.mean_and_variance(x) for of in self.processes]
         variance = [variance + of.run_variance for (_, variance), of in zip(found, self.processes, strict=True)]
         return np.stack([mean for mean, _ in found], axis=1), np.stack(variance, axis=1)
 
@@ -194,7 +194,7 @@ class Emulated:
         """Cross-validated Q2 of each number."""
         found = []
         for of in self.processes:
-            observed, (predicted, _) = of.center + of.scale * of.z, of.left_out()
+            observed, (predicted, _) = of.center + of.scale * of.z, of.leave_one_out()
             found.append(1.0 - float(((observed - predicted) ** 2).sum() / ((observed - observed.mean()) ** 2).sum()))
         return found
 

@@ -95,7 +95,7 @@ def believed(results: Results, metric: str) -> Believed:
         if results.has_replicates and errors is not None:
             known = rows & (errors < deviation)
             mean, deviation = np.where(known, own, mean), np.where(known, errors, deviation)
-        return Believed(mean, deviation, f"{found.kind} surrogate of {found.rows} variants")
+        return Believed(mean, deviation, f"{found.kind} surrogate of {found.row_count} variants")
     scatter = np.full(len(values), float(values[rows].std(ddof=1)) if rows.sum() > 1 else np.nan)
     return Believed(own, scatter, "simulated; no surrogate predicts it")
 

@@ -414,7 +414,7 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
             refused.append(str(found))
             continue
         checked = found.cross_validated()
-        parts.append(html.heading_html(f"{metric}: {found.words} of {found.rows} variants"))
+        parts.append(html.heading_html(f"{metric}: {found.kind_text} of {found.row_count} variants"))
         parts.append(panels.chart(panels.surrogate(results, found, checked), f"surrogate of {metric}"))
         if checked.q2 < TRUSTED_R2:
             parts.append(html.paragraph_html(f"{metric}: Q\u00b2 is below {TRUSTED_R2}: take the cuts as a hint only."))

@@ -5,11 +5,9 @@ over A (Saltelli et al. 2010, table 2),
 
     V S_i = mean f(B) (f(A_i) - f(A)),    V T_i = mean (f(A) - f(A_i))^2 / 2,    V = var f(A, B).            (a)
 
-The interval's half width is 1.96 times the root mean square by which indices of draws that the process allows differ
-from those of its mean. (Le Gratiet, Cannamela and Iooss 2014 take the deviation about the draws' own mean; draws are
-rougher than the metric, which shifts them.) As sets of quasi-random rows take turns, it holds the errors of (a), too.
-Lengths and noise are taken as fitted. What the surrogate misses of the metric is in no index: its cross-validated Q2 is
-the part of the variance that the indices share out.
+The interval's half width is 1.96 times the root mean square by which indices of draws differ from those of the mean
+(Le Gratiet, Cannamela and Iooss 2014 take the deviation about the draws' own mean). Lengths and noise are taken as
+fitted. What the surrogate misses of the metric is in no index.
 """
 
 from __future__ import annotations
@@ -27,24 +25,28 @@ from warpchain.study.analysis.surface import TRUSTED_R2, fit_surface
 from warpchain.study.design.factor_values import values_from_probabilities
 from warpchain.study.results import Array, Results
 from warpchain.study.spec.factor import Factor
-from warpchain.study.surrogate.gaussian import Process
-from warpchain.study.surrogate.model import Axis, Surrogate, best_surrogate, features_of, fit_surrogate
+from warpchain.study.surrogate.gaussian_process import GaussianProcess
+from warpchain.study.surrogate.surrogate_model import (
+    FactorAxis,
+    Surrogate,
+    best_surrogate,
+    coordinates_of_results,
+    fit_surrogate,
+)
 
-ROWS = 1024
-"""Rows A, a power of two."""
-WITHOUT_EFFECT = 0.95
-"""Part of the variance that is scatter from which replicates are of no use, either."""
-SETS, DRAWS = 4, 25
-"""Sets of such rows, and draws for each."""
+SOBOL_ROWS = 1024
+"""Number of rows A, a power of two."""
+NO_EFFECT_SCATTER = 0.95
+"""Part of the variance that is scatter from which on replicates do not help."""
+ROW_SETS, SET_DRAWS = 4, 25
+"""Sets of rows, and draws for each set."""
 
 
 def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[SobolIndices, str]:
-    """Sobol' indices by the best way there is, and which that is, in words.
+    """Sobol' indices of a metric by the best available way, with that way in words.
 
     Args:
-        results: the study's results.
-        metric: the metric.
-        surrogate: of the metric, if it was fitted already.
+        surrogate: surrogate of the metric, if it was fitted already.
 
     Raises:
         StudyError: neither a Saltelli design nor a surface or Gaussian process that can be trusted, or rows that are
@@ -60,8 +62,8 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
         found = sobol_indices(results, metric)
         lost = f", {found.dropped} left out with blocks that did not end well" if found.dropped else ""
         return found, f"by a Saltelli design of {found.rows} variants{lost}; bars are 95 % intervals"
-    ways = [_of_surface, _of_process]
-    if any(axis.words for axis in features_of(results).axes):
+    ways = [_indices_of_surface, _indices_of_process]
+    if any(axis.words for axis in coordinates_of_results(results).axes):
         ways.reverse()  # a surface leaves words out
     missing = []
     for way in ways:
@@ -69,11 +71,11 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
             return way(results, metric, surrogate)
         except StudyError as error:
             missing.append(str(error))
-    raise StudyError(f"Sobol' indices of {metric!r}: {'; '.join(missing)}; {_wanting(results, metric)}")
+    raise StudyError(f"Sobol' indices of {metric!r}: {'; '.join(missing)}; {_advice_text(results, metric)}")
 
 
-def _wanting(results: Results, metric: str) -> str:
-    """Advice where no surrogate predicts a metric."""
+def _advice_text(results: Results, metric: str) -> str:
+    """Advice on variants and replicates if no surrogate predicts a metric."""
     rows = results.usable_rows(metric)
     count = int(rows.sum())
     needed = f"{TRUSTED_R2:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"
@@ -83,22 +85,24 @@ def _wanting(results: Results, metric: str) -> str:
     scatter = f"{needed}: scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if chance <= 1.0 - TRUSTED_R2:
         return f"{scatter} only, so more variants help"
-    if chance >= WITHOUT_EFFECT:
+    if chance >= NO_EFFECT_SCATTER:
         return f"{scatter}, so no factor has an effect that shows"
     runs = math.ceil(results.run_counts[rows].mean() * chance / (1.0 - chance) / (1.0 - TRUSTED_R2) * 2.0)
     return f"{scatter}, so Q\u00b2 stays below {1.0 - chance:.2f}: replicates help, some {runs} a row"
 
 
-def _of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[SobolIndices, str]:
+def _indices_of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[SobolIndices, str]:
+    """Sobol' indices of the response surface, with the way in words; refused if it predicts badly."""
     surface = fit_surface(results, metric)
     quality = f"predicted R\u00b2 = {surface.r2_predicted:.3f}"
     if not surface.is_trusted:
         raise StudyError(f"the response surface predicts too badly ({quality})")
-    words = f"of the response surface ({quality}), {_distributed(results, surface.factors)}"
+    words = f"of the response surface ({quality}), {_distributions_text(results, surface.factors)}"
     return surface_indices(surface, results), f"{words}; bars are 95 % intervals"
 
 
-def _of_process(results: Results, metric: str, surrogate: Surrogate | None) -> tuple[SobolIndices, str]:
+def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | None) -> tuple[SobolIndices, str]:
+    """Sobol' indices of the Gaussian process, with the way in words; refused if it predicts badly."""
     model = surrogate or best_surrogate(results, metric)
     if model.kind != "gaussian":
         model = fit_surrogate(results, metric)
@@ -107,34 +111,29 @@ def _of_process(results: Results, metric: str, surrogate: Surrogate | None) -> t
     if q2 < TRUSTED_R2:
         raise StudyError(f"the Gaussian process predicts too badly ({quality})")
     rest = f"it misses {100.0 * (1.0 - q2):.1f} % of the variance, which is in no bar"
-    words = f"of the Gaussian process of {model.rows} variants ({quality}: {rest})"
-    words = f"{words}, {_distributed(results, model.factors)}; bars are 95 % intervals"
+    words = f"of the Gaussian process of {model.row_count} variants ({quality}: {rest})"
+    words = f"{words}, {_distributions_text(results, model.factors)}; bars are 95 % intervals"
     return surrogate_indices(model, results), words
 
 
 def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
-    """Sobol' indices of a Gaussian process for independent factors, words among them, eq. (a).
-
-    Args:
-        surrogate: a Gaussian process.
-        results: whose table has the factors' distributions; factors without one are uniform over what was run.
-    """
+    """Sobol' indices of a Gaussian process, eq. (a), with the factors' distributions in `results` or else uniform."""
     from scipy.stats import qmc
 
     features, process = surrogate.features, surrogate.model
-    assert features is not None and isinstance(process, Process)
+    assert features is not None and isinstance(process, GaussianProcess)
     axes = features.axes
     count = len(axes)
     found = []
-    for number in range(SETS):
-        units = qmc.Sobol(2 * count, seed=number).random(ROWS)
+    for number in range(ROW_SETS):
+        units = qmc.Sobol(2 * count, seed=number).random(SOBOL_ROWS)
         first, second = (
-            {axis.name: _drawn(results, axis, part[:, k]) for k, axis in enumerate(axes)}
+            {axis.name: _sampled_factor(results, axis, part[:, k]) for k, axis in enumerate(axes)}
             for part in (units[:, :count], units[:, count:])
         )
         mixed = (first | {axis.name: second[axis.name]} for axis in axes)
-        drawn = process.draws(DRAWS, number)
-        values = [drawn(features.of(rows)) for rows in (first, second, *mixed)]  # (R, 1 + DRAWS) each
+        drawn = process.metric_draws(SET_DRAWS, number)
+        values = [drawn(features.of_rows(rows)) for rows in (first, second, *mixed)]  # (R, 1 + DRAWS) each
         if surrogate.logarithm:
             values = [np.exp(value) for value in values]
         a, b, *ones = (value - values[0].mean(axis=0) for value in values)
@@ -148,11 +147,13 @@ def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
     off = of_sets[..., 1:] - mean[..., None]
     first_error, total_error = 1.96 * np.sqrt((off**2).mean(axis=(0, 3)))
     first, total = np.clip(mean[0], 0.0, 1.0), mean[1]
-    return SobolIndices(surrogate.metric, surrogate.factors, first, total, first_error, total_error, surrogate.rows)
+    return SobolIndices(
+        surrogate.metric, surrogate.factors, first, total, first_error, total_error, surrogate.row_count
+    )
 
 
-def _drawn(results: Results, axis: Axis, units: Array) -> Any:
-    """Values of a factor at cumulated probabilities: of the study's distribution, else uniform over what was run."""
+def _sampled_factor(results: Results, axis: FactorAxis, units: Array) -> Any:
+    """Values of a factor at cumulated probabilities, of its distribution or uniform over what was run."""
     given = results.distribution(axis.name)
     if given is not None:
         return values_from_probabilities(Factor(name="x", **given), units)
@@ -161,8 +162,8 @@ def _drawn(results: Results, axis: Axis, units: Array) -> Any:
     return axis.low + units * (axis.high - axis.low)
 
 
-def _distributed(results: Results, factors: tuple[str, ...]) -> str:
-    """The distributions that indices are for, in words."""
+def _distributions_text(results: Results, factors: tuple[str, ...]) -> str:
+    """Distributions of the factors that indices are for, as text."""
     known = [factor for factor in factors if results.distribution(factor) is not None]
     if len(known) == len(factors):
         return "factors distributed as in the study"

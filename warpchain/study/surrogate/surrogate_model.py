@@ -1,8 +1,8 @@
-"""One interface for all surrogates: rows of factors in, mean and standard deviation out.
+"""Surrogates of metrics behind one interface: rows of factors in, mean and standard deviation out.
 
 Rows are points of a box: numbers from 0 to 1 over the range that was run, words as one coordinate each. The quadratic
-surface serves where scikit-learn is not installed or rows are many. By least squares on terms t(x) with residual
-variance s^2 and weights W of the rows (Montgomery 2017, 10.5), the surface at x is normal with
+surface serves if scikit-learn is not installed or rows are many. By least squares on terms t(x) with residual variance
+s^2 and weights W of the rows (Montgomery 2017, 10.5), the surface at x is normal with
 
     mean t' b,      variance s^2 t' (T' W T)^-1 t,                                                          (a)
 
@@ -20,26 +20,26 @@ import numpy as np
 from warpchain.errors import StudyError
 from warpchain.progress import raise_if_stopped
 from warpchain.study.analysis.pure_error import row_standard_errors, row_weights
-from warpchain.study.analysis.surface import TRUSTED_R2, Surface, _polynomial_terms, _scaled_values, fit_surface
+from warpchain.study.analysis.surface import TRUSTED_R2, Surface, fit_surface, polynomial_terms, scaled_values
 from warpchain.study.results import Array, Results
-from warpchain.study.surrogate.gaussian import Process, fit_process
+from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Rows: TypeAlias = "pa.Table | Mapping[str, Sequence[Any]] | Iterable[Mapping[str, Any]]"
-"""A table, a column by name, or a mapping a row."""
-KINDS = ("gaussian", "quadratic")
+SurrogateRows: TypeAlias = "pa.Table | Mapping[str, Sequence[Any]] | Iterable[Mapping[str, Any]]"
+"""Rows as a table, as columns by name, or as a mapping each."""
+SURROGATE_KINDS = ("gaussian", "quadratic")
 
 
 @dataclass(frozen=True)
-class Axis:
-    """A factor as coordinates.
+class FactorAxis:
+    """A factor as coordinates of a surrogate.
 
     Attributes:
-        name: of the factor.
-        low, high: the ends that become 0 and 1; of numbers.
-        words: what it can be, where it holds words: each has a coordinate, 1 where the factor is that word.
+        name: name of the factor.
+        low, high: ends of a numeric factor that become 0 and 1.
+        words: words of a factor; each has a coordinate, 1 if the factor is that word.
     """
 
     name: str
@@ -48,12 +48,12 @@ class Axis:
     words: tuple[str, ...] = ()
 
     @property
-    def width(self) -> int:
-        """Number of coordinates."""
+    def coordinate_count(self) -> int:
+        """Number of coordinates of a factor."""
         return len(self.words) or 1
 
-    def coordinates(self, column: Sequence[Any]) -> Array:
-        """Values (R,) as coordinates (R, width).
+    def coordinates_of_values(self, column: Sequence[Any]) -> Array:
+        """Coordinates (R, coordinate_count) of a factor's values (R,).
 
         Raises:
             StudyError: a word that was not run, or a word where numbers are needed.
@@ -62,7 +62,9 @@ class Axis:
             names = [str(value) for value in column]
             for word in sorted(set(names) - set(self.words)):
                 raise StudyError(f"factor {self.name!r}: {word!r} was not run; there are {', '.join(self.words)}")
-            return np.array([[float(name == word) for word in self.words] for name in names]).reshape(-1, self.width)
+            return np.array([[float(name == word) for word in self.words] for name in names]).reshape(
+                -1, self.coordinate_count
+            )
         try:
             values = np.asarray(column, dtype=float)
         except (TypeError, ValueError):
@@ -71,35 +73,35 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Features:
-    """The coordinates of a study's rows.
+class RowCoordinates:
+    """Coordinates of a study's rows for a surrogate.
 
     Attributes:
-        axes: one a factor.
+        axes: the factors as coordinates.
     """
 
-    axes: tuple[Axis, ...]
+    axes: tuple[FactorAxis, ...]
 
     @property
     def factors(self) -> tuple[str, ...]:
         """Names of the factors."""
         return tuple(axis.name for axis in self.axes)
 
-    def of(self, rows: Rows) -> Array:
-        """Coordinates (R, D) of rows: a table, a column by name, or a mapping a row.
+    def of_rows(self, rows: SurrogateRows) -> Array:
+        """Coordinates (R, D) of rows.
 
         Raises:
             StudyError: a factor is missing or has a value that cannot be taken.
         """
-        columns = columns_of(rows, self.factors)
-        return np.hstack([axis.coordinates(columns[axis.name]) for axis in self.axes])
+        columns = columns_of_rows(rows, self.factors)
+        return np.hstack([axis.coordinates_of_values(columns[axis.name]) for axis in self.axes])
 
 
-def columns_of(rows: Rows, names: Iterable[str]) -> dict[str, list[Any]]:
+def columns_of_rows(rows: SurrogateRows, names: Iterable[str]) -> dict[str, list[Any]]:
     """Columns by name of rows in any of their shapes.
 
     Raises:
-        StudyError: one is missing.
+        StudyError: a column is missing.
     """
     import pyarrow as pa
 
@@ -116,11 +118,11 @@ def columns_of(rows: Rows, names: Iterable[str]) -> dict[str, list[Any]]:
     return found
 
 
-def features_of(results: Results) -> Features:
-    """The coordinates of a study's results: of all factors that vary, tied ones once.
+def coordinates_of_results(results: Results) -> RowCoordinates:
+    """Coordinates of a study's rows by all factors that vary, tied ones once.
 
     Raises:
-        StudyError: none varies.
+        StudyError: no factor varies.
     """
     tied = results.factor_ties()
     axes = []
@@ -129,26 +131,26 @@ def features_of(results: Results) -> Features:
             values = results.values(name)
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             if high > low:
-                axes.append(Axis(name, low, high))
+                axes.append(FactorAxis(name, low, high))
         elif len(words := sorted(set(results.text_values(name)))) > 1:
-            axes.append(Axis(name, words=tuple(words)))
+            axes.append(FactorAxis(name, words=tuple(words)))
     if not axes:
         raise StudyError("surrogate: no factor varies")
-    return Features(tuple(axes))
+    return RowCoordinates(tuple(axes))
 
 
 @dataclass(frozen=True)
-class Quadratic:
-    """A fitted surface with what its variance takes.
+class QuadraticFit:
+    """A fitted response surface with what its variance takes.
 
     Attributes:
-        surface: the fit.
+        surface: the surface.
         x: (N, A) rows that were fitted.
         y: (N,) their values.
         factor: (T, T) upper triangle of W^1/2 T = Q R.
         run_variance: s^2, in the metric's unit squared.
-        weights: (N,) of the rows.
-        errors: (N,) standard errors of the values; None where they are not known.
+        weights: (N,) weights of the rows.
+        errors: (N,) standard errors of the values; None if unknown.
     """
 
     surface: Surface
@@ -159,50 +161,51 @@ class Quadratic:
     weights: Array
     errors: Array | None
 
-    def _terms(self, x: Array) -> Array:
+    def _surface_terms(self, x: Array) -> Array:
+        """Terms of the surface at factor values (R, A), (R, T)."""
         low, high = self.surface.low, self.surface.high
-        return _polynomial_terms(_scaled_values(x, low, high), self.surface.powers)
+        return polynomial_terms(scaled_values(x, low, high), self.surface.powers)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of the surface at factor values (R, A), eq. (a)."""
-        leverage = np.linalg.solve(self.factor.T, self._terms(x).T)
+        leverage = np.linalg.solve(self.factor.T, self._surface_terms(x).T)
         return self.surface.predict(x), np.sqrt(self.run_variance * np.einsum("ij,ij->j", leverage, leverage))
 
-    def left_out(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of each row as the others have it (N,): y - r / (1 - h), s / sqrt(w (1 - h))."""
-        inner = np.linalg.solve(self.factor.T, self._terms(self.x).T)
+    def leave_one_out(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of each row (N,) as predicted by the others."""
+        inner = np.linalg.solve(self.factor.T, self._surface_terms(self.x).T)
         left = np.maximum(1.0 - self.weights * np.einsum("ij,ij->j", inner, inner), 1e-9)
         residual = self.y - self.surface.predict(self.x)
         return self.y - residual / left, np.sqrt(self.run_variance / self.weights / left)
 
 
-def fit_quadratic(results: Results, metric: str) -> Quadratic:
-    """Fits a surface to a metric, over its numeric factors.
+def fit_quadratic(results: Results, metric: str) -> QuadraticFit:
+    """Fits a quadratic surface to a metric over its numeric factors.
 
     Raises:
-        StudyError: as `fit_surface`.
+        StudyError: as in `fit_surface`.
     """
     surface = fit_surface(results, metric)
     rows = results.usable_rows(metric, surface.factors)
     x = np.stack([results.values(name)[rows] for name in surface.factors], axis=1)
     y = results.values(metric)[rows]
     errors = row_standard_errors(results, metric)
-    terms = _polynomial_terms(_scaled_values(x, surface.low, surface.high), surface.powers)
+    terms = polynomial_terms(scaled_values(x, surface.low, surface.high), surface.powers)
     weight = surface.weights
     variance = float(weight @ (y - surface.predict(x)) ** 2) / max(len(y) - len(surface.powers), 1)
     factor = np.linalg.qr(np.sqrt(weight)[:, None] * terms)[1]
-    return Quadratic(surface, x, y, factor, variance, weight, None if errors is None else errors[rows])
+    return QuadraticFit(surface, x, y, factor, variance, weight, None if errors is None else errors[rows])
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Each row as the others predict it.
+    """Rows of a surrogate as the other rows predict them.
 
     Attributes:
         observed: (R,) the metric as it was run.
-        predicted: (R,) what the surrogate of the other rows says.
-        deviation: (R,) standard deviation of what a run would give there.
-        errors: (R,) standard errors of the rows; None where they are not known.
+        predicted: (R,) predictions of the surrogate of the other rows.
+        deviation: (R,) standard deviation of a run there.
+        errors: (R,) standard errors of the rows; None if unknown.
     """
 
     observed: Array
@@ -212,10 +215,7 @@ class CrossValidation:
 
     @property
     def q2(self) -> float:
-        """Part of the variance that is predicted [-]; 1 is perfect, 0 no better than the mean.
-
-        Rows are weighted by their standard errors (`pure_error.weights`).
-        """
+        """Part of the weighted variance that is predicted [-]; 1 is perfect, 0 no better than the mean."""
         missed = self.observed - self.predicted
         weight = row_weights(self.errors, missed)
         total = float(weight @ (self.observed - np.average(self.observed, weights=weight)) ** 2)
@@ -223,7 +223,7 @@ class CrossValidation:
 
     @property
     def coverage(self) -> float:
-        """Part of the rows within 1.96 standard deviations [-]; 0.95 where these are right."""
+        """Part of the rows within 1.96 standard deviations [-]; 0.95 if these are right."""
         return float(np.mean(np.abs(self.observed - self.predicted) <= 1.96 * self.deviation))
 
 
@@ -232,58 +232,57 @@ class Surrogate:
     """A model of a metric between the variants that were run.
 
     Attributes:
-        metric: its name.
-        kind: of `KINDS`.
+        metric: name of the metric.
+        kind: one of `SURROGATE_KINDS`.
         model: the fit.
-        features: how rows become its coordinates; None takes the factors as they are.
+        features: coordinates of rows; None takes the factors as they are.
         logarithm: whether the fit is of the metric's logarithm.
     """
 
     metric: str
     kind: str
-    model: Process | Quadratic
-    features: Features | None
+    model: GaussianProcess | QuadraticFit
+    features: RowCoordinates | None
     logarithm: bool = False
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """The factors that rows must have."""
+        """Names of the factors that rows must have."""
         return self.features.factors if self.features is not None else self.model.surface.factors  # type: ignore[union-attr]
 
     @property
-    def rows(self) -> int:
+    def row_count(self) -> int:
         """Number of variants that were fitted."""
         return len(self.model.x)
 
     @property
-    def words(self) -> str:
-        """The kind, in words."""
+    def kind_text(self) -> str:
+        """Kind of the surrogate, in words."""
         return {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[self.kind]
 
-    def predict(self, rows: Rows, run: bool = False) -> tuple[Array, Array]:
-        """Mean (R,) and standard deviation (R,) of the metric, in its unit.
+    def predict(self, rows: SurrogateRows, run: bool = False) -> tuple[Array, Array]:
+        """Mean (R,) and standard deviation (R,) of the metric at rows, in its unit.
 
         Args:
-            rows: a table, a column by name, or a mapping a row, with the `factors`.
-            run: of what a single further run would give, with its noise; else of the metric itself.
+            run: of a single further run, with its noise; else of the metric itself.
 
         Raises:
             StudyError: a factor is missing, or a word that was not run.
         """
         if self.features is not None:
-            x = self.features.of(rows)
+            x = self.features.of_rows(rows)
         else:
-            columns = columns_of(rows, self.factors)
+            columns = columns_of_rows(rows, self.factors)
             x = np.stack([np.asarray(columns[name], dtype=float) for name in self.factors], axis=1)
         mean, deviation = self.model.predict(x)
         if run:
             deviation = np.sqrt(deviation**2 + self.model.run_variance)
-        return _unlog(mean, deviation) if self.logarithm else (mean, deviation)
+        return _moments_of_exponential(mean, deviation) if self.logarithm else (mean, deviation)
 
     def cross_validated(self) -> CrossValidation:
-        """Each row that was fitted, as the others predict it; what was fitted as a whole is kept."""
-        mean, deviation = self.model.left_out()
-        if isinstance(self.model, Process):
+        """Cross-validation: each fitted row as the others predict it, with the fitted lengths and noise."""
+        mean, deviation = self.model.leave_one_out()
+        if isinstance(self.model, GaussianProcess):
             observed = self.model.center + self.model.scale * self.model.z
         else:
             observed = self.model.y
@@ -291,12 +290,12 @@ class Surrogate:
         if self.logarithm:
             observed = np.exp(observed)
             errors = None if errors is None else errors * observed
-            return CrossValidation(observed, *_unlog(mean, deviation), errors)
+            return CrossValidation(observed, *_moments_of_exponential(mean, deviation), errors)
         return CrossValidation(observed, mean, deviation, errors)
 
 
-def _unlog(mean: Array, deviation: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation of exp of a normal."""
+def _moments_of_exponential(mean: Array, deviation: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation of exp of a normal variable."""
     center = np.exp(mean + 0.5 * deviation**2)
     return center, center * np.sqrt(np.expm1(deviation**2))
 
@@ -307,19 +306,18 @@ def fit_surrogate(
     kind: str = "gaussian",
     logarithm: bool = False,
 ) -> Surrogate:
-    """Fits a surrogate to the variants that are ok.
+    """Fits a surrogate of a metric to the variants that are ok.
 
     Args:
         results: the study's results; a column `METRIC_se` has the standard error of each value.
-        metric: the metric.
         kind: "gaussian", of words and numbers, or "quadratic", of numbers.
-        logarithm: fit the metric's logarithm, as errors that grow with the value ask for.
+        logarithm: fit the metric's logarithm, if errors grow with the value.
 
     Raises:
         StudyError: too few variants, an unknown column, values not above 0 with `logarithm`, no scikit-learn.
     """
-    if kind not in KINDS:
-        raise StudyError(f"surrogate: kind {kind!r}: allowed are {', '.join(KINDS)}")
+    if kind not in SURROGATE_KINDS:
+        raise StudyError(f"surrogate: kind {kind!r}: allowed are {', '.join(SURROGATE_KINDS)}")
     values, errors = results.values(metric), row_standard_errors(results, metric)
     rows = results.usable_rows(metric)
     if logarithm and not (values[rows] > 0.0).all():
@@ -329,32 +327,32 @@ def fit_surrogate(
 
         taken = transformed(results, metric, "log") if logarithm else results
         return Surrogate(metric, kind, fit_quadratic(taken, metric), None, logarithm)
-    features = features_of(results)
+    features = coordinates_of_results(results)
     rows &= results.usable_rows(metric, features.factors)
     y = values[rows]
     known = None if errors is None else errors[rows]
     if logarithm:
         known = None if known is None else known / y
         y = np.log(y)
-    return Surrogate(metric, kind, fit_process(features.of(results.table.filter(rows)), y, known), features, logarithm)
+    return Surrogate(
+        metric, kind, fit_gaussian_process(features.of_rows(results.table.filter(rows)), y, known), features, logarithm
+    )
 
 
-PROCESS_ROWS = 300
-"""Of more variants, a quadratic surface that predicts well is taken before a process, which takes long."""
+MOST_PROCESS_ROWS = 300
+"""Variants from which on a good quadratic surface is preferred to a Gaussian process, which takes long."""
 
 
 def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Surrogate:
-    """A Gaussian process, or a quadratic surface where that does as well or no process can be had.
+    """A Gaussian process of a metric, or a quadratic surface if that does as well or no process can be had.
 
     Args:
-        results: the study's results.
-        metric: the metric.
         least: Q2 that it must have.
 
     Raises:
         StudyError: neither can be had, or both predict worse.
     """
-    many = results.usable_rows(metric).sum() > PROCESS_ROWS
+    many = results.usable_rows(metric).sum() > MOST_PROCESS_ROWS
     reason = f"surrogate of {metric!r}: none has a Q\u00b2 of {least:g}"
     for kind, needed in (*((("quadratic", TRUSTED_R2),) if many else ()), ("gaussian", least), ("quadratic", least)):
         raise_if_stopped()

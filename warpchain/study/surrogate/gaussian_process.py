@@ -4,22 +4,20 @@ With values y of mean m and deviation s, z = (y - m) / s has the covariance
 
     K = c^2 k(x, x') + (v + e_i^2) delta,      k: Matern 5/2 with a length for each coordinate,              (a)
 
-v a noise that is fitted, e_i the standard error of row i where it is known. c, v and the lengths make the rows
-likeliest. At x the metric, without the noise of a run, is normal with
+v a noise that is fitted, e_i the standard error of row i. c, v and the lengths make the rows likeliest. At x the
+metric, without the noise of a run, is normal with
 
     mean k_x' K^-1 z,      variance c^2 - k_x' K^-1 k_x.                                                     (b)
 
-What the rows without row i say of it follows from the inverse (Dubrule 1983), c, v and the lengths kept:
+The prediction of row i from the others follows from the inverse (Dubrule 1983), c, v and the lengths kept:
 
     z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii.                                               (c)
 
-A metric that the rows allow is drawn as a whole by Matheron's rule (Wilson et al. 2020), for any number of places: with
-f a draw of the prior as a sum of cosines, whose frequencies are those of the kernel (Rahimi and Recht 2007; of Matern
-5/2 Student's t of 5 degrees of freedom over the lengths), and e a draw of the noise,
+Whole functions are drawn by Matheron's rule (Wilson et al. 2020): with f a draw of the prior as a sum of cosines with
+the kernel's frequencies (Rahimi and Recht 2007; Student's t of 5 degrees of freedom over the lengths), and e a draw of
+the noise,
 
     f(x) + k_x' K^-1 (z - f(X) - e).                                                                         (d)
-
-scikit-learn takes errors row by row and weighs 15 MB; BoTorch's processes would need torch, which is gigabytes.
 """
 
 from __future__ import annotations
@@ -40,18 +38,18 @@ from warpchain.extras import require_extra
 from warpchain.study.results import Array
 
 MOST_ROWS, FIT_ROWS = 1000, 150
-"""Rows of a process, and rows that its lengths are fitted to; of more, every k-th: the work grows as n^3."""
-RESTARTS, RESTARTED = 2, 60
-"""Further places that the search for the likeliest lengths starts from, with at most so many rows."""
+"""Most rows of a process, and of the fit of its lengths; the work grows as n^3."""
+RESTARTS, MOST_RESTART_ROWS = 2, 60
+"""Further starts of the search for the likeliest lengths, with at most so many rows."""
 COSINES = 512
-"""Of a draw of the prior."""
-LENGTHS, NOISES = (0.05, 50.0), (1e-7, 2.0)
+"""Number of cosines of a draw of the prior."""
+ALLOWED_LENGTHS, ALLOWED_NOISES = (0.05, 50.0), (1e-7, 2.0)
 """Allowed lengths, in parts of the range that was run, and noise v."""
 
 
 @cache
-def _libraries() -> Any:
-    """The libraries of linear algebra that are loaded; looking for them takes longer than a small process."""
+def _linear_algebra_libraries() -> Any:
+    """Controller of the threads of loaded linear algebra libraries; slow to make."""
     import sklearn.gaussian_process  # noqa: F401  loads what it calls
     from threadpoolctl import ThreadpoolController
 
@@ -59,21 +57,21 @@ def _libraries() -> Any:
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Linear algebra on one thread, so that its sums are the same again.
+def one_linear_algebra_thread() -> Iterator[None]:
+    """Context in which linear algebra runs on one thread, so that its sums are reproducible.
 
     Raises:
         StudyError: scikit-learn is not installed.
     """
     require_extra("surrogate", "a Gaussian process", StudyError)
-    with _libraries().limit(limits=1), warnings.catch_warnings():
+    with _linear_algebra_libraries().limit(limits=1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # lengths at their bound: a factor without effect
         yield
 
 
 @dataclass(frozen=True)
-class Process:
-    """A fitted process.
+class GaussianProcess:
+    """A fitted Gaussian process of a metric.
 
     Attributes:
         x: (N, D) rows.
@@ -103,19 +101,19 @@ class Process:
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of the metric without noise at rows (R, D), eq. (b)."""
-        with one_thread():
-            mean, variance = self.moments(x)
+        with one_linear_algebra_thread():
+            mean, variance = self.mean_and_variance(x)
         return mean, np.sqrt(variance)
 
-    def moments(self, x: Array) -> tuple[Array, Array]:
-        """Mean and variance of the metric without noise at rows (R, D), eq. (b), on as many threads as there are."""
+    def mean_and_variance(self, x: Array) -> tuple[Array, Array]:
+        """Mean and variance of the metric without noise at rows (R, D), eq. (b), on as many threads as allowed."""
         across = self.kernel(x, self.x)
         inner = solve_triangular(self.factor, across.T, lower=True, check_finite=False)
         variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
         return self.center + self.scale * (across @ self.weights), self.scale**2 * variance
 
-    def draws(self, count: int, seed: int) -> Callable[[Array], Array]:
-        """The mean and draws of the metric, eq. (d): a function of rows (R, D) whose values are (R, 1 + count)."""
+    def metric_draws(self, count: int, seed: int) -> Callable[[Array], Array]:
+        """Function of rows (R, D) to the mean and draws of the metric (R, 1 + count), eq. (d)."""
         random = np.random.default_rng(seed)
         size, lengths = self.kernel.k1.constant_value, self.kernel.k2.length_scale
         width = self.x.shape[1]
@@ -125,52 +123,59 @@ class Process:
         parts = np.sqrt(2.0 * size / COSINES) * random.standard_normal((COSINES, count))
         noise = np.sqrt(self.noise + self.errors**2) / self.scale
 
-        def prior(x: Array) -> Array:
+        def prior_draws(x: Array) -> Array:
+            """Draws of the prior at rows (R, D), (R, count)."""
             return np.asarray(np.cos(x @ frequencies + phases) @ parts)
 
-        with one_thread():
-            missed = self.z[:, None] - prior(self.x) - noise[:, None] * random.standard_normal((len(self.x), count))
+        with one_linear_algebra_thread():
+            missed = (
+                self.z[:, None] - prior_draws(self.x) - noise[:, None] * random.standard_normal((len(self.x), count))
+            )
             pull = np.column_stack([self.weights, cho_solve((self.factor, True), missed)])
 
-        def drawn(x: Array) -> Array:
-            with one_thread():
+        def posterior_draws(x: Array) -> Array:
+            """Mean and draws of the metric at rows (R, D), (R, 1 + count)."""
+            with one_linear_algebra_thread():
                 z = self.kernel(x, self.x) @ pull
-                z[:, 1:] += prior(x)
+                z[:, 1:] += prior_draws(x)
             return np.asarray(self.center + self.scale * z)
 
-        return drawn
+        return posterior_draws
 
-    def left_out(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of each row as the others have it (N,), eq. (c)."""
-        with one_thread():
+    def leave_one_out(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of each row (N,) as predicted by the others, eq. (c)."""
+        with one_linear_algebra_thread():
             inverse = np.diag(cho_solve((self.factor, True), np.eye(len(self.x))))
             mean = self.z - self.weights / inverse
         return self.center + self.scale * mean, self.scale / np.sqrt(inverse)
 
-    def with_row(self, x: Array, y: float) -> Process:
-        """The process with one further row (D,), its lengths and noise kept."""
+    def process_with_row(self, x: Array, y: float) -> GaussianProcess:
+        """Process with one further row (D,), its lengths and noise kept."""
         rows = np.vstack([self.x, x[None]])
         z = np.append(self.z, (y - self.center) / self.scale)
-        return _process(rows, z, self.kernel, self.noise, np.append(self.errors, 0.0), (self.center, self.scale))
+        return _solved_process(rows, z, self.kernel, self.noise, np.append(self.errors, 0.0), (self.center, self.scale))
 
 
-def _some(rows: int, most: int) -> NDArray[np.intp]:
-    """At most so many rows, evenly taken."""
+def _evenly_spaced_rows(rows: int, most: int) -> NDArray[np.intp]:
+    """At most `most` row numbers, evenly spaced."""
     return np.unique(np.linspace(0, rows - 1, min(rows, most)).astype(int))
 
 
-def _process(x: Array, z: Array, kernel: Any, noise: float, errors: Array, scaling: tuple[float, float]) -> Process:
+def _solved_process(
+    x: Array, z: Array, kernel: Any, noise: float, errors: Array, scaling: tuple[float, float]
+) -> GaussianProcess:
+    """Process of rows with known kernel and noise: K factored and solved."""
     center, scale = scaling
-    with one_thread():
+    with one_linear_algebra_thread():
         k = kernel(x)
         k[np.diag_indices(len(x))] += (noise + errors**2) / scale**2 + 1e-10
         factor = np.linalg.cholesky(k)
         weights = cho_solve((factor, True), z)
-    return Process(x, z, kernel, factor, weights, center, scale, noise, errors)
+    return GaussianProcess(x, z, kernel, factor, weights, center, scale, noise, errors)
 
 
-def fit_process(x: Array, y: Array, errors: Array | None = None, isotropic: bool = False) -> Process:
-    """Fits a process.
+def fit_gaussian_process(x: Array, y: Array, errors: Array | None = None, isotropic: bool = False) -> GaussianProcess:
+    """Fits a Gaussian process.
 
     Args:
         x: (R, D) coordinates, about 0 to 1.
@@ -183,25 +188,25 @@ def fit_process(x: Array, y: Array, errors: Array | None = None, isotropic: bool
     """
     if len(y) < 4:
         raise StudyError(f"Gaussian process: {len(y)} rows, at least 4 are needed")
-    chosen = _some(len(y), MOST_ROWS)
+    chosen = _evenly_spaced_rows(len(y), MOST_ROWS)
     x, y = x[chosen], y[chosen]
     known = np.zeros(len(y)) if errors is None else errors[chosen]
     if np.isnan(known).any():
         known = np.where(np.isnan(known), np.nanmean(known) if np.isfinite(known).any() else 0.0, known)
     center, scale = float(y.mean()), float(y.std()) or 1.0
     z = (y - center) / scale
-    fit = _some(len(y), FIT_ROWS)
-    with one_thread():
+    fit = _evenly_spaced_rows(len(y), FIT_ROWS)
+    with one_linear_algebra_thread():
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
         lengths = 0.7 if isotropic else np.full(x.shape[1], 0.7)
-        signal = ConstantKernel(1.0, (0.05, 100.0)) * Matern(lengths, LENGTHS, nu=2.5)
+        signal = ConstantKernel(1.0, (0.05, 100.0)) * Matern(lengths, ALLOWED_LENGTHS, nu=2.5)
         fitted = GaussianProcessRegressor(
-            signal + WhiteKernel(0.05, NOISES),
+            signal + WhiteKernel(0.05, ALLOWED_NOISES),
             alpha=(known[fit] / scale) ** 2 + 1e-10,
-            n_restarts_optimizer=RESTARTS if len(fit) <= RESTARTED else 0,
+            n_restarts_optimizer=RESTARTS if len(fit) <= MOST_RESTART_ROWS else 0,
             random_state=0,
         ).fit(x[fit], z[fit])
     noise = float(fitted.kernel_.k2.noise_level) * scale**2
-    return _process(x, z, fitted.kernel_.k1, noise, known, (center, scale))
+    return _solved_process(x, z, fitted.kernel_.k1, noise, known, (center, scale))
