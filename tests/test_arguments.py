@@ -18,11 +18,11 @@ from warpchain.archive.read import Archive
 from warpchain.drive import save_drive
 from warpchain.errors import WarpchainError
 from warpchain.modal.campbell import campbell, over_a_pitch
-from warpchain.study.optimize import Bench, Optimizer
+from warpchain.study.optimize import Optimizer, StudySession
 from warpchain.study.spec import Study
 
 PUBLIC = [getattr(warpchain, name) for name in warpchain.__all__ if name != "__version__"]
-CLASSES = [*filter(inspect.isclass, PUBLIC), Archive, Bench, Optimizer]
+CLASSES = [*filter(inspect.isclass, PUBLIC), Archive, StudySession, Optimizer]
 METHODS = [
     method
     for kind in CLASSES

@@ -52,7 +52,7 @@ def search_by_bayes(study: Study, function: Callable[[Array], Array], noise: flo
 
     optimizer, rng, tables = Optimizer(study), np.random.default_rng(seed), []
     names = [factor.name for factor in study.factors]
-    while optimizer.observed < ROWS:
+    while optimizer.observed_count < ROWS:
         rows = optimizer.ask()
         values = function(np.array([[row[name] for name in names] for row in rows]))
         values = values + noise * rng.standard_normal(values.shape)

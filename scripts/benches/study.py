@@ -68,7 +68,7 @@ def study(asked: argparse.Namespace) -> Iterator[Line]:
         file = Path(name) / "study.toml"
         file.write_text(STUDY.format(**vars(asked) | more, shard=shard))
         known = open_study(file)
-        drives = known.drives(known.design())
+        drives = known.drives(known.design_rows())
 
         def bare(duration: float = asked.duration) -> None:
             options = {"device": asked.device, "precision": asked.precision, "duration": duration}

@@ -16,7 +16,7 @@ from warpchain.drive.viscosity import by_two_points
 from warpchain.results.objectives import add_objectives
 from warpchain.results.units import quantity, shown_unit
 from warpchain.study.analysis.pareto import Goals, goals_of_study, is_non_dominated
-from warpchain.study.optimize.recommend import Recommended, recommend
+from warpchain.study.optimize.recommend import RecommendedDesign, recommend
 from warpchain.study.results import Results, read_results
 from warpchain.study.spec import Study, load_study
 from warpchain.view.figures.figure_style import panel_column, strand_label
@@ -202,7 +202,7 @@ def scatter_of_designs(folder: Path, study: Study, goals: Goals) -> list[dict[st
     return [{name: float(np.std([row[name] for row in mine], ddof=1)) for name in goals.named_metrics} for mine in each]
 
 
-def front_figure(results: Results, goals: Goals, chosen: list[Recommended], drawn: Mapping[str, float]) -> Figure:
+def front_figure(results: Results, goals: Goals, chosen: list[RecommendedDesign], drawn: Mapping[str, float]) -> Figure:
     """The rows over two objectives, and the factors along the front."""
     first, second = (objective.metric for objective in goals.objectives[:2])
     measured = goals.goal_values(results)

@@ -240,9 +240,9 @@ def test_metric_and_sense_are_those_of_the_objective_and_replicates_count(tmp_pa
     said = []
     found = find_better(path, (a, b), tmp_path / "out", Comparison(budget=100), report=said.append)
     assert (found.metric, found.sense) == ("tension_max", "max")
-    assert [of.runs for of in said] == [32, 64, 96][: len(said)] and said[0].better is None
-    assert found.better == ("B" if found.means[1] > found.means[0] else "A")
-    assert found.won(found.better) == found.found.pairs == found.runs / 4 >= FEWEST_PAIRS
+    assert [of.run_count for of in said] == [32, 64, 96][: len(said)] and said[0].sure_winner is None
+    assert found.sure_winner == ("B" if found.means[1] > found.means[0] else "A")
+    assert found.won_pairs(found.sure_winner) == found.found.pairs == found.run_count / 4 >= FEWEST_PAIRS
     assert all((of.run_counts == 2).all() for of in found.results)
 
 

@@ -22,7 +22,7 @@ from warpchain.study.analysis.posterior import (
     sample_posterior,
     standardized_residuals,
 )
-from warpchain.study.optimize.calibrate import Emulated, calibrate
+from warpchain.study.optimize.calibrate import NumberEmulators, calibrate
 from warpchain.study.report.calibration_page import write_calibration
 from warpchain.study.store import read_table
 
@@ -88,7 +88,7 @@ def emulated(u):
 @cache
 def processes():
     u = np.random.default_rng(0).standard_normal((60, 2))
-    return Emulated(u, numbers(u), ["a", "b", "c"])
+    return NumberEmulators(u, numbers(u), ["a", "b", "c"])
 
 
 @pytest.mark.long

@@ -327,7 +327,7 @@ def fault(count=16, **more):
 
 def searched(study):
     optimizer, tables = Optimizer(study), []
-    while optimizer.observed < study.optimize.count:
+    while optimizer.observed_count < study.optimize.count:
         tables.append(run_of(study, {"tension_max": tension, "loss": loss}, optimizer.ask()))
         optimizer.observe(tables[-1])
     table = pa.concat_tables(tables)

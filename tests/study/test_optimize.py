@@ -24,8 +24,8 @@ from warpchain.drive.drive_text import DIGITS
 from warpchain.errors import StudyError
 from warpchain.study.analysis.pareto import goals_of_study
 from warpchain.study.design.factor_values import DesignCube
-from warpchain.study.optimize import Optimizer, bayes, open_study, optimize, recommend
-from warpchain.study.optimize.campaign import made_folder
+from warpchain.study.optimize import Optimizer, bayesian_search, open_study, optimize, recommend
+from warpchain.study.optimize.design_search import make_search_folder
 from warpchain.study.results import read_results
 from warpchain.study.spec import Study, dumps_study, loads_study
 from warpchain.study.store import read_table
@@ -45,7 +45,7 @@ def toy(engine="bayes", start=16, batch=8, names="ab", reach=2.0, seed=0, **more
 def searched(study, functions, count, noise=0.0):
     """Runs a search on functions by metric; returns the study's results as told."""
     optimizer, rng, tables = Optimizer(study), np.random.default_rng(0), []
-    while optimizer.observed < count:
+    while optimizer.observed_count < count:
         rows = optimizer.ask()
         table = pa.Table.from_pylist(rows)
         for name, function in functions.items():
@@ -168,7 +168,7 @@ def test_a_search_sweeps_away_what_a_killed_one_left(tmp_path):
     left.parent.mkdir()
     left.touch()
     source = written(tmp_path)
-    made_folder(tmp_path / "out", open_study(source))
+    make_search_folder(tmp_path / "out", open_study(source))
     assert not left.exists()
 
 
@@ -209,14 +209,14 @@ def test_ctrl_c_at_any_moment_ends_a_search_as_asked(tmp_path, whole, capfd):
 
 
 def test_ctrl_c_waits_for_the_fit_under_way(tmp_path, monkeypatch):
-    fitted, fit = [], bayes.fit_gaussian_process
+    fitted, fit = [], bayesian_search.fit_gaussian_process
 
     def interrupted(*arguments, **named):
         signal.raise_signal(signal.SIGINT)
         fitted.append(fit(*arguments, **named))
         return fitted[-1]
 
-    monkeypatch.setattr(bayes, "fit_gaussian_process", interrupted)
+    monkeypatch.setattr(bayesian_search, "fit_gaussian_process", interrupted)
     assert main(["optimize", str(written(tmp_path)), "-o", str(tmp_path / "out"), "--quiet"]) == 1
     assert len(fitted) == 1 and (tmp_path / "out/rounds/0000/rows.parquet").exists()
 

@@ -11,7 +11,7 @@ from warpchain.study.analysis.over_noise import designs_of, spread
 from warpchain.study.analysis.paired import mean_difference
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.optimize import recommend
-from warpchain.study.optimize.recommend import believed
+from warpchain.study.optimize.recommend import metric_estimate
 from warpchain.study.report import report_html
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.results import read_results
@@ -183,7 +183,7 @@ def test_a_mean_of_replicates_that_is_known_better_than_the_surrogate_knows_it_s
     a, b = rng.random(20), rng.random(20)
     y = 100.0 * a + 40.0 * b + 10.0 * rng.standard_normal(20)
     columns = {"a": a, "b": b, "y": y, "y_se": np.full(20, 0.1), "n": [8] * 20}
-    found = believed(read_results(pa.table(columns), ["a", "b"], ["y"]), "y")
+    found = metric_estimate(read_results(pa.table(columns), ["a", "b"], ["y"]), "y")
     assert np.array_equal(found.mean, y) and found.deviation == pytest.approx(0.1)
     (best, *_) = recommend(read_results(pa.table(columns), ["a", "b"], ["y"]), Goals((Objective(metric="y"),)))
     assert best.row == int(y.argmin())

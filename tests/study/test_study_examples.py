@@ -36,7 +36,7 @@ def test_these_are_all():
 def test_the_study_reader_takes_them(name):
     spec = pytest.importorskip("warpchain.study.spec")
     loaded = spec.load_study(FOLDER / f"{name}.toml")
-    spec.check_drive(loaded, example(loaded.study.drive), name)  # raises what does not fit the drive
+    spec.check_base_drive(loaded, example(loaded.study.drive), name)  # raises what does not fit the drive
     assert [factor.name for factor in loaded.factors] == [factor["name"] for factor in study(name)["factors"]]
 
 

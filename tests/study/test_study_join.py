@@ -195,7 +195,7 @@ def test_on_the_command_line_and_what_follows(tmp_path, capsys):
     assert run(capsys, "study", "report", c, "-o", tmp_path / "report.html")[0] == 0
     assert (tmp_path / "report.html").stat().st_size > 10_000
     bench = warpchain.open_study(c / "study.toml", c)
-    mean, _ = bench.surrogate("tension_max").predict(bench.design()[:2])
+    mean, _ = bench.surrogate("tension_max").predict(bench.design_rows()[:2])
     assert mean.shape == (2,)
     bench.observe(bench.results().table)
     assert len(bench.ask(3)) == 3

@@ -18,7 +18,7 @@ from warpchain.cli.shared_options import (
 )
 
 if TYPE_CHECKING:
-    from warpchain.study.optimize.better import Better
+    from warpchain.study.optimize.better import DriveComparison
 
 
 BETTER_OPTIONS: OptionSettings = {
@@ -65,57 +65,58 @@ def better_command(arguments: argparse.Namespace) -> int:
     )
     lines = [json.dumps(_better_json(found), indent=2)] if arguments.json else _better_lines(found, arguments.drives)
     print(*lines, sep="\n")
-    return UNFINISHED if found.better is None else DONE
+    return UNFINISHED if found.sure_winner is None else DONE
 
 
-def _progress_text(found: Better) -> str:
+def _progress_text(found: DriveComparison) -> str:
     """The difference of two drives so far, in one line."""
     return f"{found.found.pairs} pairs: B less A {_difference_text(found)}"
 
 
-def _difference_text(found: Better) -> str:
+def _difference_text(found: DriveComparison) -> str:
     """The mean difference of two drives with its confidence interval, in words."""
     from warpchain.results.units import quantity
 
     of = found.found
-    mean, low, high = (quantity(value, found.unit) for value in (of.mean, of.low, of.high))
+    mean, low, high = (quantity(value, found.metric_unit) for value in (of.mean, of.low, of.high))
     if not isfinite(of.half):
         return f"{mean}, too few for an interval"
     return f"{mean}, {low} to {high} with {100.0 * of.level:g} % confidence"
 
 
-def _better_lines(found: Better, drives: list[str]) -> list[str]:
+def _better_lines(found: DriveComparison, drives: list[str]) -> list[str]:
     """The answer of `warpchain better` as lines to print."""
     from warpchain.results.units import quantity
 
     of, left_out = found.found, len(found.differences) - found.found.pairs
     way = "less" if found.sense == "min" else "more"
     lines = [f"{found.metric} over the noise of {', '.join(found.results[0].noise_factors)}; {way} is better"]
-    lines += [f"{name}: {quantity(m, found.unit)} in the mean, better in {found.won(name)} of {of.pairs} pairs: {drive}"
+    lines += [f"{name}: {quantity(m, found.metric_unit)} in the mean, better in {found.won_pairs(name)} of "
+              f"{of.pairs} pairs: {drive}"
               for name, m, drive in zip("AB", found.means, drives, strict=True)]  # fmt: skip
     part = f" ({100.0 * of.mean / abs(found.means[0]):+.2g} %)" if found.means[0] else ""
     lines.append(f"B less A: {_difference_text(found)}{part}")
-    cost = f"{found.runs} runs of {found.budget}, {len(found.differences)} pairs"
+    cost = f"{found.run_count} runs of {found.budget}, {len(found.differences)} pairs"
     where = " where both runs are ok" if left_out else ""
     confidence = f"{100.0 * of.level:g} % confidence"
-    if found.better is not None:
-        lines.append(f"{found.better} is better{where} ({confidence}); cost: {cost}")
+    if found.sure_winner is not None:
+        lines.append(f"{found.sure_winner} is better{where} ({confidence}); cost: {cost}")
     else:
         lines.append(f"undecided which is better{where} ({confidence}); cost: {cost}")
-        if found.shown is not None:
-            lines.append(f"  {found.shown} is better as far as these pairs show ({confidence})")
+        if found.shown_winner is not None:
+            lines.append(f"  {found.shown_winner} is better as far as these pairs show ({confidence})")
         lines.append(f"  {_decision_text(found)}")
     if of.is_heavy_tailed:
         lines.append(f"  {of.carriers} of {of.pairs} pairs carry half of the scatter: the mean depends on few of them")
     lines.append(f"  {_rare_event_text(found)}")
     for name in "AB":
-        count, reason = found.lost(name)
+        count, reason = found.failed_runs(name)
         if count:
             lines.append(f"{count} pairs are left out, as the run of {name} is not ok, such as: {reason}")
     return [*lines, *(f"runs of {name}: {folder}" for name, folder in zip("AB", found.folders, strict=True))]
 
 
-def _decision_text(found: Better) -> str:
+def _decision_text(found: DriveComparison) -> str:
     """A sentence on what would decide which drive is better."""
     from warpchain.results.units import quantity
 
@@ -124,7 +125,7 @@ def _decision_text(found: Better) -> str:
         return "no pair differs: the noise sets what the drives differ in, or the metric does not see it"
     needed = of.pairs_needed()
     if needed is None:
-        return f"the means differ by at most {quantity(max(abs(of.low), abs(of.high)), found.unit)}"
+        return f"the means differ by at most {quantity(max(abs(of.low), abs(of.high)), found.metric_unit)}"
     every = len(found.differences) / of.pairs
     runs = round(2 * found.copies * needed * every)
     text = f"should mean and scatter stay, it takes about {needed} pairs; go on with --budget {runs} or more"
@@ -135,27 +136,27 @@ def _decision_text(found: Better) -> str:
     )
 
 
-def _rare_event_text(found: Better) -> str:
+def _rare_event_text(found: DriveComparison) -> str:
     """A sentence on rare events that the compared pairs may have missed."""
     from warpchain.results.units import quantity
 
     of = found.found
     text = f"{of.pairs} pairs may miss an event rarer than 1 in {1.0 / of.missed_probability:.2g}"
     if of.reversing_change > 0.0:
-        least = ("-" if of.mean > 0.0 else "+") + quantity(of.reversing_change, found.unit)
+        least = ("-" if of.mean > 0.0 else "+") + quantity(of.reversing_change, found.metric_unit)
         text += f": it reverses the sign if it changes the difference by more than {least}"
     deviations = f", {of.reckoned / of.deviation:.3g} deviations" if of.deviation else ""
-    return f"{text}; reckoned with: {quantity(of.reckoned, found.unit)}{deviations}"
+    return f"{text}; reckoned with: {quantity(of.reckoned, found.metric_unit)}{deviations}"
 
 
-def _better_json(found: Better) -> dict[str, Any]:
+def _better_json(found: DriveComparison) -> dict[str, Any]:
     """The answer of `warpchain better` for JSON, in SI units."""
     of = found.found
     drives = {
         name: {
             "mean": mean,
-            "better_in_pairs": found.won(name),
-            "runs_not_ok": found.lost(name)[0],
+            "better_in_pairs": found.won_pairs(name),
+            "runs_not_ok": found.failed_runs(name)[0],
             "folder": str(folder),
         }
         for name, mean, folder in zip("AB", found.means, found.folders, strict=True)
@@ -163,10 +164,10 @@ def _better_json(found: Better) -> dict[str, Any]:
     return {
         "units": "SI",
         "metric": found.metric,
-        "unit": found.unit,
+        "unit": found.metric_unit,
         "sense": found.sense,
-        "better": found.better,
-        "better_in_what_pairs_show": found.shown,
+        "better": found.sure_winner,
+        "better_in_what_pairs_show": found.shown_winner,
         "level": of.level,
         "difference": of.mean,
         "interval": [of.low if isfinite(of.low) else None, of.high if isfinite(of.high) else None],
@@ -176,7 +177,7 @@ def _better_json(found: Better) -> dict[str, Any]:
         "pairs": of.pairs,
         "pairs_with_half_of_the_scatter": of.carriers,
         "pairs_left_out": len(found.differences) - of.pairs,
-        "runs": found.runs,
+        "runs": found.run_count,
         "budget": found.budget,
         **drives,
     }

@@ -1,7 +1,7 @@
-"""Ask and observe: the next rows to run, from the rows that were run.
+"""Search for a study's next rows by ask and observe, from the rows that were run.
 
-The same study, seed and results give the same rows again, bit by bit: random draws of a round follow from the seed and
-the number of rows known, linear algebra runs on one thread, and a population is led through its generations anew.
+The same study, seed and results give the same rows, bit by bit: draws of a round follow from the seed and the number of
+known rows, linear algebra runs on one thread, and a population is led through its generations again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from warpchain.study.design import make_design
 from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.design.factor_values import DesignCube
 from warpchain.study.design.noise_rows import crossed_rows, noise_rows
-from warpchain.study.optimize.bayes import propose
+from warpchain.study.optimize.bayesian_search import propose_points
 from warpchain.study.results import Array, read_results
 from warpchain.study.spec import Study
 from warpchain.study.spec.study_tables import Search
@@ -28,18 +28,18 @@ from warpchain.study.spec.study_tables import Search
 if TYPE_CHECKING:
     import pyarrow as pa
 
-LOST = 1e3
-"""Excess of a row that gave no metrics, in spreads: worse than any that did."""
+LOST_EXCESS = 1e3
+"""Excess of a row without metrics, in spreads: worse than any that has them."""
 
 
 class Population:
-    """NSGA-II, generation by generation.
+    """Population of NSGA-II, generation by generation.
 
     Args:
         first: (N, D) the first generation.
-        objectives, limits: how many there are.
+        objectives, limits: number of each.
         size: rows of a generation.
-        seed: of everything that is drawn.
+        seed: seed of all draws.
 
     Raises:
         StudyError: pymoo is not installed.
@@ -55,19 +55,19 @@ class Population:
         self._algorithm.setup(problem, termination=("n_gen", 10**9), seed=seed, verbose=False)
         self._asked: Any = None
 
-    def ask(self) -> Array:
-        """The next generation (N, D)."""
+    def next_generation(self) -> Array:
+        """Points of the next generation (N, D)."""
         if self._asked is None:
             self._asked = self._algorithm.ask()
         return np.asarray(self._asked.get("X"), dtype=float)
 
-    def observe(self, measured: GoalValues) -> None:
-        """Takes the results of the generation that was asked for last."""
-        self.ask()
+    def observe_generation(self, measured: GoalValues) -> None:
+        """Gives the population the goal values of its last generation."""
+        self.next_generation()
         ok = measured.ok
-        costs = np.where(ok[:, None], measured.costs, LOST)
-        excess = np.where(ok[:, None], measured.limit_excess, LOST)
-        lost = np.where(ok, 0.0, LOST)[:, None]
+        costs = np.where(ok[:, None], measured.costs, LOST_EXCESS)
+        excess = np.where(ok[:, None], measured.limit_excess, LOST_EXCESS)
+        lost = np.where(ok, 0.0, LOST_EXCESS)[:, None]
         self._asked.set("F", costs)
         self._asked.set("G", np.hstack([excess, lost]))
         self._asked.set("evaluated", [{"F", "G", "H"} for _ in range(len(costs))])
@@ -78,13 +78,10 @@ class Population:
 
 
 class Optimizer:
-    """A search for a study's objectives within its limits.
-
-    With noise factors it is one for designs: what is asked for is each of them with every row of noise, and what is
-    told of these is taken together (`analysis.over_noise`).
+    """A search for a study's objectives within its limits; with noise factors, a search for designs.
 
     Args:
-        study: the study; its design is what is asked for first.
+        study: the study; its design is asked for first.
         source: the study file, which errors name.
 
     Raises:
@@ -106,35 +103,36 @@ class Optimizer:
         self._population: Population | None = None
 
     @property
-    def observed(self) -> int:
+    def observed_count(self) -> int:
         """Number of rows, or of designs over noise, whose results are known."""
         return sum(table.num_rows for table in self._tables)
 
     @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
-        """The next rows, values by factor: the study's design first, then what the engine proposes.
+        """Next rows to run, values by factor: the study's design first, then what the engine proposes.
 
         Args:
-            count: how many, each with every row of noise; None takes `optimize.batch`. Of the design, and of a
-                population's generations, all.
+            count: number of designs, each with every row of noise; None takes `optimize.batch`. The design and
+                generations of a population come whole.
         """
         if not self._tables:
             return make_design(self.study, self._source).select([f.name for f in self.study.factors]).to_pylist()
-        return crossed_rows(self._proposed(count), self._noise)
+        return crossed_rows(self._proposed_rows(count), self._noise)
 
-    def _proposed(self, count: int | None) -> list[dict[str, Any]]:
+    def _proposed_rows(self, count: int | None) -> list[dict[str, Any]]:
+        """Rows that the engine proposes next, values by factor."""
         if self.settings.engine == "population":
-            return self.cube.rows_of_points(self._engine().ask())
+            return self.cube.rows_of_points(self._current_population().next_generation())
         import pyarrow as pa
 
-        measured = self._measured(pa.concat_tables(self._tables, promote_options="permissive"))
+        measured = self._goal_values(pa.concat_tables(self._tables, promote_options="permissive"))
         points = np.vstack(self._points)
-        seed = int(np.random.SeedSequence([self.settings.seed, self.observed]).generate_state(1)[0])
-        return self.cube.rows_of_points(propose(self.cube, measured, points, count or self.settings.batch, seed))
+        seed = int(np.random.SeedSequence([self.settings.seed, self.observed_count]).generate_state(1)[0])
+        return self.cube.rows_of_points(propose_points(self.cube, measured, points, count or self.settings.batch, seed))
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Takes results of rows: factors, the goals' metrics, `METRIC_se` where known, `status` where not all are ok.
+        """Adds results of rows to the search: a table of factors, metrics, `METRIC_se` if known, and `status`.
 
         Raises:
             StudyError: a column is missing, or other rows than a population has asked for.
@@ -142,30 +140,33 @@ class Optimizer:
         if self.study.noise_names:
             factors = [factor.name for factor in self.study.factors]
             table = designs_of(read_results(table, factors, ()), self.goals, self.study.noise_names)[0].table
-        rows, measured = table.to_pylist(), self._measured(table)
+        rows, measured = table.to_pylist(), self._goal_values(table)
         points = self.cube.points_of_rows(rows)
         if self._tables and self.settings.engine == "population":
-            self._follow(rows, measured)
+            self._observe_population(rows, measured)
         self._tables.append(table)
         self._points.append(points)
 
-    def _measured(self, table: pa.Table) -> GoalValues:
+    def _goal_values(self, table: pa.Table) -> GoalValues:
+        """Values of the goals in a table of results."""
         return self._over.goal_values(read_results(table, self._factors, ()))
 
-    def _engine(self) -> Population:
+    def _current_population(self) -> Population:
         """The population, led through the results so far."""
         if self._population is None:
             sizes = len(self._over.objectives), len(self._over.bounds), self.settings.batch
             self._population = Population(np.vstack(self._points), *sizes, self.settings.seed)
-            self._population.observe(self._measured(self._tables[0]))
+            self._population.observe_generation(self._goal_values(self._tables[0]))
         return self._population
 
-    def _follow(self, rows: Sequence[dict[str, Any]], measured: GoalValues) -> None:
-        """Gives the population the results of its generation."""
-        asked = design_table_of_rows(self._designs, self.cube.rows_of_points(self._engine().ask())).to_pylist()
+    def _observe_population(self, rows: Sequence[dict[str, Any]], measured: GoalValues) -> None:
+        """Gives the population the results of its generation, refused if they are of other rows."""
+        asked = design_table_of_rows(
+            self._designs, self.cube.rows_of_points(self._current_population().next_generation())
+        ).to_pylist()
         if [[row[n] for n in self._factors] for row in asked] != [[row[n] for n in self._factors] for row in rows]:
             raise StudyError(
                 "observe: other rows than the population asked for; rows of an earlier run are of another version "
                 "of pymoo"
             )
-        self._engine().observe(measured)
+        self._current_population().observe_generation(measured)

@@ -1,13 +1,13 @@
-"""`warpchain risk`: how likely a drive breaks a limit on a metric over its noise, and how it most likely does.
+"""`warpchain risk`: probability that a drive breaks a limit on a metric over its noise, and the likeliest ways.
 
     study.toml  drive.toml   the study and its base drive
-    rounds/NNNN/             a batch of runs (`optimize.bench`)
+    rounds/NNNN/             a batch of runs (`optimize.study_session`)
     results.parquet          all runs, marked as no sample of the noise
     risk.json                the estimates
     played/                  a recording of the most likely way to fail
 
-Noise factors are made of independent standard normals by their rank correlations and distributions; design factors are
-held where the base drive has them. The same study asks for the same runs, so that it can be killed and gone on with.
+Noise factors are made of independent standard normals; design factors are held at the base drive's values. The same
+study asks for the same runs, so that it can be resumed.
 """
 
 from __future__ import annotations
@@ -36,54 +36,55 @@ from warpchain.study.analysis.importance_sampling import (
 )
 from warpchain.study.design.factor_values import design_dimensions
 from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals, nominal_value
-from warpchain.study.optimize.bench import Bench, together
-from warpchain.study.optimize.campaign import made_folder
+from warpchain.study.optimize.design_search import make_search_folder
+from warpchain.study.optimize.study_session import StudySession, read_rounds
 from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.recordings import RepeatedRun, recording_of_variant
 from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Risk
 from warpchain.study.store import write_study_text, write_table
 
-SUMMARY = "risk.json"
-NOT_OK = ("", "")
-"""Stands for a limit where a run is not ok."""
-Limit = tuple[str, str]
+SUMMARY_FILE = "risk.json"
+"""File of the estimates in the folder."""
+NOT_OK_LIMIT = ("", "")
+"""Stands for a limit if a run is not ok."""
+LimitEnd = tuple[str, str]
 """A metric and the end that limits it, "min" or "max"."""
 
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A most likely way to fail.
+    """A most likely way to break a limit.
 
     Attributes:
         variant: number of the run there.
-        distance: from the medians, in standard deviations [-].
-        deviations: by dimension of the noise, where its value is among all, as a standard normal [-].
+        distance: distance from the medians, in standard deviations [-].
+        deviations: normal score of each dimension of the noise [-].
         broken: the limits that it breaks.
     """
 
     variant: int
     distance: float
     deviations: dict[str, float]
-    broken: tuple[Limit, ...]
+    broken: tuple[LimitEnd, ...]
 
 
 @dataclass(frozen=True)
-class Risked:
-    """A probability of failure, by two ways.
+class RiskEstimate:
+    """Probability that a study's limits are broken over its noise, by two ways.
 
     Attributes:
-        folder: of the runs.
+        folder: folder of the runs.
         study: the study, with limits and noise.
         results: all runs.
         joint: the estimate to state, or in words why there is none.
-        subset: by subset simulation.
-        sampled: by importance sampling, or in words why there is none.
-        points: the design points, nearest first.
-        search_runs: runs of the search for them.
+        subset: estimate by subset simulation.
+        sampled: estimate by importance sampling, or in words why there is none.
+        points: design points, nearest first.
+        search_runs: number of runs of the search for them.
         shares: part of the failures that break each limit [-].
-        variant: of the run that failed at the likeliest values.
-        distance: of it from the medians, in standard deviations [-].
+        variant: number of the run that failed at the likeliest values.
+        distance: its distance from the medians, in standard deviations [-].
         archive: its recording.
     """
 
@@ -95,25 +96,24 @@ class Risked:
     sampled: FailureEstimate | str
     points: tuple[DesignPoint, ...]
     search_runs: int
-    shares: dict[Limit, float]
+    shares: dict[LimitEnd, float]
     variant: int
     distance: float
     archive: Path
 
 
-class Margins:
-    """g of standard normals: the least margin to a limit, in parts of it; run in rounds of a folder.
+class LimitMargins:
+    """Least margin to a study's limits, in parts of them, over standard normals; a run that is not ok fails."""
 
-    A run that is not ok fails.
-    """
-
-    def __init__(self, bench: Bench, progress: Progress, report: Callable[[str], object] = lambda line: None) -> None:
+    def __init__(
+        self, bench: StudySession, progress: Progress, report: Callable[[str], object] = lambda line: None
+    ) -> None:
         self._bench, self._progress, self._report = bench, progress, report
         chosen = [factor for factor in bench.study.design_study.factors if factor.value_source != "expression"]
         self._held = {factor.name: nominal_value(factor, bench.drive) for factor in chosen}
         ends = [(b.metric, end, getattr(b, end)) for b in bench.study.bounds for end in ("min", "max")]
         self._ends = [(metric, end, float(value)) for metric, end, value in ends if value is not None]
-        self.limits: list[Limit] = [*((metric, end) for metric, end, _ in self._ends), NOT_OK]
+        self.limits: list[LimitEnd] = [*((metric, end) for metric, end, _ in self._ends), NOT_OK_LIMIT]
         self.rounds = 0
         self._points: list[Array] = []
         self._each: list[Array] = []
@@ -121,9 +121,9 @@ class Margins:
     def __call__(self, u: Array) -> Array:
         raise_if_stopped()
         rows = [self._held | row for row in noise_rows_of_normals(self._bench.study, u)]
-        table = self._bench.round(self.rounds, rows, self._progress)
+        table = self._bench.run_round(self.rounds, rows, self._progress)
         self.rounds += 1
-        results = read_results(table, self._bench.factors, ())
+        results = read_results(table, self._bench.factor_names, ())
         each = []
         for metric, end, limit in self._ends:
             known = metric in table.column_names
@@ -139,19 +139,19 @@ class Margins:
         self._report(f"{len(done)} runs in {self.rounds} rounds, {int((done <= 0.0).sum())} of them break a limit")
         return np.asarray(margins.min(axis=1))
 
-    def rows(self, points: Array) -> NDArray[np.intp]:
+    def runs_at_points(self, points: Array) -> NDArray[np.intp]:
         """Numbers of the runs at points (N, D), which were run."""
         known: dict[bytes, int] = {}
         for k, point in enumerate(np.vstack(self._points)):
             known.setdefault(point.tobytes(), k)
         return np.array([known[point.tobytes()] for point in points], dtype=np.intp)
 
-    def broken(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def broken_limits(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether runs break each of the limits (N, L)."""
         return np.asarray(np.vstack(self._each)[rows] <= 0.0)
 
-    def likeliest(self) -> tuple[int, float]:
-        """Number of the run that failed nearest to the medians, and how far off it is."""
+    def likeliest_failure(self) -> tuple[int, float]:
+        """Number of the run that failed nearest to the medians, and its distance."""
         g, size = np.vstack(self._each).min(axis=1), np.linalg.norm(np.vstack(self._points), axis=1)
         ok = np.isfinite(g) if np.isfinite(g[g <= 0.0]).any() else np.ones(len(g), dtype=bool)
         at = int(np.argmin(np.where((g <= 0.0) & ok, size, np.inf)))
@@ -168,15 +168,15 @@ def estimate_risk(
     memory: Count = MEMORY,
     progress: Progress = False,
     report: Callable[[str], object] | None = None,
-) -> Risked:
-    """Estimates how likely a study's limits on metrics are broken over its noise, and finds how they most likely are.
+) -> RiskEstimate:
+    """Estimates the probability that a study's limits on metrics are broken over its noise, and the likeliest ways.
 
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
         out: the folder; made if there is none.
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
-        progress: True shows a bar for each batch; see `Bench.evaluate`.
+        progress: True shows a bar for each batch; see `StudySession.evaluate`.
         report: called with a line on what is to be run, and with one after each batch.
 
     Raises:
@@ -184,33 +184,33 @@ def estimate_risk(
             subset simulation does not come to them.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
-    bench = Bench(source, out, workers=workers, memory=memory, search_target="failures")
+    bench = StudySession(source, out, workers=workers, memory=memory, search_target="failures")
     study, settings = bench.study, bench.study.risk or Risk()
     if not study.noise_names:
         raise StudyError(f'{source}: factors: none is noise; risk needs at least one of kind "noise"')
     if not study.bounds:
         raise StudyError(f"{source}: limits: none is on a metric; risk needs an entry with metric, and max or min")
-    folder = made_folder(Path(out), bench)
+    folder = make_search_folder(Path(out), bench)
     say = report or (lambda line: None)
     say(
         f"{settings.count * settings.repeats} runs for each power of ten of the probability, then {settings.samples} "
         "more and the search of the design points"
     )
-    margins = Margins(bench, progress, say)
+    margins = LimitMargins(bench, progress, say)
     try:
-        found = _estimated(margins, study, settings)
+        found = _risk_data(margins, study, settings)
     finally:
         if margins.rounds:
-            write_table(folder / "results.parquet", together(folder, margins.rounds))
+            write_table(folder / "results.parquet", read_rounds(folder, margins.rounds))
     again = recording_of_variant(folder, found["variant"])
     if isinstance(again, RepeatedRun):
         again.run_again(workers=workers, memory=memory)
-    write_study_text(folder / SUMMARY, json.dumps(found, indent=1))
+    write_study_text(folder / SUMMARY_FILE, json.dumps(found, indent=1))
     return read_risk(folder)
 
 
-def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]:
-    """Both estimates and the design points, as `SUMMARY` has them."""
+def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str, Any]:
+    """Both estimates and the design points, as the data of `SUMMARY_FILE`."""
     subset = subset_simulation(margins, noise_dimensions(study), settings.count, settings.repeats, settings.seed)
     mixture = fit_mixture(subset.failed)
     sampled: FailureEstimate | str
@@ -220,7 +220,7 @@ def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]
         sampled = str(error)
     failed = np.vstack(subset.failed if isinstance(sampled, str) else (*subset.failed, *sampled.failed))
     places, search_runs = design_points(margins, failed)
-    rows, axes = margins.rows(places), [axis.name for axis in design_dimensions(study.noise_study)]
+    rows, axes = margins.runs_at_points(places), [axis.name for axis in design_dimensions(study.noise_study)]
     points = [
         DesignPoint(
             int(row),
@@ -229,72 +229,75 @@ def _estimated(margins: Margins, study: Study, settings: Risk) -> dict[str, Any]
             tuple(limit for limit, beyond in zip(margins.limits, broken, strict=True) if beyond),
         )
         for row, place, scores, broken in zip(
-            rows, places, places @ noise_mixing(study).T, margins.broken(rows), strict=True
+            rows, places, places @ noise_mixing(study).T, margins.broken_limits(rows), strict=True
         )
     ]
-    variant, distance = margins.likeliest()
+    variant, distance = margins.likeliest_failure()
     joint = joint_estimate(subset, sampled)
     return {
-        "joint": _as_data(joint),
-        "subset": _as_data(subset),
-        "sampled": _as_data(sampled),
+        "joint": _data_from_estimate(joint),
+        "subset": _data_from_estimate(subset),
+        "sampled": _data_from_estimate(sampled),
         "points": [asdict(point) for point in points],
         "search_runs": search_runs,
-        "shares": [[*limit, share] for limit, share in _shares(margins, subset, mixture, sampled)],
+        "shares": [[*limit, share] for limit, share in _limit_shares(margins, subset, mixture, sampled)],
         "variant": variant,
         "distance": distance,
     }
 
 
-def _shares(
-    margins: Margins, subset: FailureEstimate, mixture: FailureMixture, sampled: FailureEstimate | str
-) -> list[tuple[Limit, float]]:
-    """Part of the failures that break each limit: of samples by their weights, or else of those of the subset."""
+def _limit_shares(
+    margins: LimitMargins, subset: FailureEstimate, mixture: FailureMixture, sampled: FailureEstimate | str
+) -> list[tuple[LimitEnd, float]]:
+    """Part of the failures that break each limit, by the weights of importance samples if there are any."""
     by_weight = not isinstance(sampled, str)
     failed = np.vstack(sampled.failed if not isinstance(sampled, str) else subset.failed)
     weights = mixture.importance_weights(failed) if by_weight else np.ones(len(failed))
-    parts = weights @ margins.broken(margins.rows(failed)) / weights.sum()
+    parts = weights @ margins.broken_limits(margins.runs_at_points(failed)) / weights.sum()
     return list(zip(margins.limits, parts.tolist(), strict=True))
 
 
-def _as_data(found: FailureEstimate | str) -> Any:
-    """An estimate for `SUMMARY`, without its points."""
+def _data_from_estimate(found: FailureEstimate | str) -> Any:
+    """Data of an estimate for `SUMMARY_FILE`, without its points."""
     if isinstance(found, str):
         return found
     return {name: getattr(found, name) for name in ("probability", "low", "high", "evaluations")}
 
 
-def _of_data(found: Any) -> FailureEstimate | str:
+def _estimate_from_data(found: Any) -> FailureEstimate | str:
+    """Estimate from the data of `SUMMARY_FILE`."""
     return found if isinstance(found, str) else FailureEstimate(**found, failed=())
 
 
-def read_risk(folder: str | os.PathLike[str]) -> Risked:
-    """The result in a folder of `warpchain risk`; its estimates are without their points.
+def read_risk(folder: str | os.PathLike[str]) -> RiskEstimate:
+    """Reads the result in a folder of `warpchain risk`; its estimates are without their points.
 
     Raises:
         StudyError: it is not done, or damaged.
     """
     path = Path(folder)
     study = load_study(path / "study.toml")
-    if not (path / SUMMARY).exists():
+    if not (path / SUMMARY_FILE).exists():
         raise StudyError(
-            f"{path}: its runs look for failures and are no sample of the noise; {SUMMARY}, which warpchain risk "
+            f"{path}: its runs look for failures and are no sample of the noise; {SUMMARY_FILE}, which warpchain risk "
             "writes at its end, is not there"
         )
     try:
-        found: Mapping[str, Any] = json.loads(read_text_file(path / SUMMARY, "JSON", StudyError))
+        found: Mapping[str, Any] = json.loads(read_text_file(path / SUMMARY_FILE, "JSON", StudyError))
         points = tuple(
             DesignPoint(p["variant"], p["distance"], p["deviations"], tuple((m, e) for m, e in p["broken"]))
             for p in found["points"]
         )
         shares = {(metric, end): float(share) for metric, end, share in found["shares"]}
-        joint, subset, sampled = (_of_data(found[name]) for name in ("joint", "subset", "sampled"))
+        joint, subset, sampled = (_estimate_from_data(found[name]) for name in ("joint", "subset", "sampled"))
         search_runs, variant, distance = int(found["search_runs"]), int(found["variant"]), float(found["distance"])
     except (ValueError, TypeError, KeyError):
-        raise StudyError(f"{path / SUMMARY}: is damaged; make it anew with: warpchain risk") from None
+        raise StudyError(f"{path / SUMMARY_FILE}: is damaged; make it anew with: warpchain risk") from None
     assert isinstance(subset, FailureEstimate)
     shown = [factor.name for factor in study.factors if not factor.hidden]
     results = read_results(path / "results.parquet", shown)
     again = recording_of_variant(path, variant)
     archive = again.archive if isinstance(again, RepeatedRun) else again[0]
-    return Risked(path, study, results, joint, subset, sampled, points, search_runs, shares, variant, distance, archive)
+    return RiskEstimate(
+        path, study, results, joint, subset, sampled, points, search_runs, shares, variant, distance, archive
+    )

@@ -14,7 +14,7 @@ from warpchain.results.units import decimals, quantity, shown_unit
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.posterior import UNIDENTIFIED_SHARE, PosteriorDirection
 from warpchain.study.analysis.surface import TRUSTED_R2
-from warpchain.study.optimize.calibrate import Calibrated
+from warpchain.study.optimize.calibrate import Calibration
 from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, chart, report_page, rounded
 from warpchain.study.results import Array
 from warpchain.study.run.recordings import recorded_trajectories
@@ -29,7 +29,7 @@ WEIGHT = 0.25
 """Least weight of an unknown that is named in a direction."""
 
 
-def write_calibration(found: Calibrated) -> Path:
+def write_calibration(found: Calibration) -> Path:
     """Writes the page into the folder of a calibration; returns it."""
     page = found.folder / "calibration.html"
     title = found.study.study.name or found.folder.resolve().name
@@ -38,7 +38,7 @@ def write_calibration(found: Calibrated) -> Path:
     return page
 
 
-def calibration_lines(found: Calibrated) -> list[str]:
+def calibration_lines(found: Calibration) -> list[str]:
     """The result, a line each."""
     runs, ok = len(found.results.status), int(found.results.ok.sum())
     lines = [f"{len(found.numbers)} measured numbers, {len(found.values)} unknowns, {runs} runs, {ok} of them ok"]
@@ -48,16 +48,16 @@ def calibration_lines(found: Calibrated) -> list[str]:
     return [*lines, *_open_lines(found), *_residual_lines(found), *_trust_lines(found)]
 
 
-def _spread(found: Calibrated, name: str, values: dict[str, Array]) -> str:
+def _spread(found: Calibration, name: str, values: dict[str, Array]) -> str:
     """Mean and standard deviation of an unknown, in its unit."""
     return quantity(float(values[name].mean()), _unit(found, name), float(values[name].std()))
 
 
-def _unit(found: Calibrated, name: str) -> str:
+def _unit(found: Calibration, name: str) -> str:
     return found.results.column_unit(name)
 
 
-def _combination(found: Calibrated, of: PosteriorDirection) -> str:
+def _combination(found: Calibration, of: PosteriorDirection) -> str:
     """A direction in words: "stiffness up, damping down"."""
     parts = [
         f"{name} {'up' if weight > 0.0 else 'down'}"
@@ -67,14 +67,14 @@ def _combination(found: Calibrated, of: PosteriorDirection) -> str:
     return " with ".join(parts)
 
 
-def _axes(found: Calibrated) -> list[str]:
+def _axes(found: Calibration) -> list[str]:
     """Names of the normals' dimensions: unknowns, or groups of them."""
     from warpchain.study.design.factor_values import design_dimensions
 
     return [axis.name for axis in design_dimensions(found.study.noise_study)]
 
 
-def _open_lines(found: Calibrated) -> list[str]:
+def _open_lines(found: Calibration) -> list[str]:
     """The directions that are not identified."""
     return [
         f"not identified by the measurements: {_combination(found, of)}, which keeps "
@@ -84,7 +84,7 @@ def _open_lines(found: Calibrated) -> list[str]:
     ]
 
 
-def _residual_lines(found: Calibrated) -> list[str]:
+def _residual_lines(found: Calibration) -> list[str]:
     """The numbers that no values of the unknowns explain."""
     return [
         f"not explained: {of.name}, {abs(off):.1f} standard deviations {'above' if off > 0 else 'below'} the expected; "
@@ -94,21 +94,23 @@ def _residual_lines(found: Calibrated) -> list[str]:
     ]
 
 
-def _trust_lines(found: Calibrated) -> list[str]:
+def _trust_lines(found: Calibration) -> list[str]:
     """Whether the surrogates can be trusted."""
-    inside, of = found.checked
+    inside, of = found.check_counts
     lines = [
         f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands",
         *LeftOut(found.results).lines(),
     ]
-    poor = [f"{n.name} ({q:.2f})" for n, q in zip(found.numbers, found.emulated.q2, strict=True) if q < TRUSTED_R2]
+    poor = [
+        f"{n.name} ({q:.2f})" for n, q in zip(found.numbers, found.emulated.q2_values, strict=True) if q < TRUSTED_R2
+    ]
     if poor:
         lines.append(f"surrogates with a Q\u00b2 below {TRUSTED_R2:g}, which constrain little: {', '.join(poor)}; "
                      "raise calibrate.count, or the length of the window")  # fmt: skip
     return lines
 
 
-def _summary(found: Calibrated) -> html.PageSection:
+def _summary(found: Calibration) -> html.PageSection:
     first, *lines = calibration_lines(found)
     files = (
         f"The drive at the posterior's means: {found.drive.name}. Samples of the unknowns: posterior.csv, which a "
@@ -119,7 +121,7 @@ def _summary(found: Calibrated) -> html.PageSection:
     )
 
 
-def _unknowns(found: Calibrated) -> html.PageSection:
+def _unknowns(found: Calibration) -> html.PageSection:
     rows, figures = [], []
     for k, name in enumerate(found.values):
         before, after = found.values_before[name], found.values[name]
@@ -155,7 +157,7 @@ def _histogram(label: str, before: Array, after: Array, named: bool) -> Panel:
     return {"x": {"label": label}, "y": {"label": "density", "range": [0.0, top]}, "series": series}
 
 
-def _fit(found: Calibrated) -> html.PageSection:
+def _fit(found: Calibration) -> html.PageSection:
     """Measured numbers beside the model's by prior and posterior, and a run of the calibrated drive."""
     calibrated = found.runs[len(found.runs) - found.checks]
     models = [found.emulated(u) for u in (found.before, found.after)]
@@ -165,7 +167,9 @@ def _fit(found: Calibrated) -> html.PageSection:
         cells = [quantity(float(mean[j]), of.unit, float(sd[j])) for mean, sd in spans]
         run = quantity(float(calibrated[j]), of.unit) if np.isfinite(calibrated[j]) else "\N{EN DASH}"
         measured = quantity(of.value, of.unit, of.error)
-        rows.append((of.name, measured, *cells, run, round(float(found.residuals[j]), 1) + 0.0, found.emulated.q2[j]))
+        rows.append(
+            (of.name, measured, *cells, run, round(float(found.residuals[j]), 1) + 0.0, found.emulated.q2_values[j])
+        )
     heads = ("number", "measured", "prior", "posterior", "calibrated run", "off [standard deviations]", "Q\u00b2")
     return html.page_section(
         "fit", "Fit of the measured numbers",
@@ -176,7 +180,7 @@ def _fit(found: Calibrated) -> html.PageSection:
     )  # fmt: skip
 
 
-def _fit_panel(found: Calibrated, spans: Sequence[tuple[Array, Array]]) -> list[Panel]:
+def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list[Panel]:
     """Deviations from the measured values, in parts of these."""
     values = np.array([of.value for of in found.numbers])
     shown = np.flatnonzero(values)
@@ -197,7 +201,7 @@ def _fit_panel(found: Calibrated, spans: Sequence[tuple[Array, Array]]) -> list[
     return [{"x": {"label": "off the measured [%]"}, "y": {"words": words}, "series": series, **size}]
 
 
-def _signals(found: Calibrated) -> list[html.PageSection]:
+def _signals(found: Calibration) -> list[html.PageSection]:
     """Traces and spectra of the measured signals beside those of the last round's runs."""
     if not found.signals:
         return []
@@ -260,7 +264,7 @@ def _peaks(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
     return lines[starts], np.maximum.reduceat(size, starts) if len(lines) else size
 
 
-def _open(found: Calibrated) -> html.PageSection:
+def _open(found: Calibration) -> html.PageSection:
     """Directions of the unknowns, the least identified first."""
     words = [_combination(found, of) for of in found.directions]
     at = np.arange(len(words))[::-1]
@@ -278,7 +282,7 @@ def _open(found: Calibrated) -> html.PageSection:
     )  # fmt: skip
 
 
-def _pair(found: Calibrated) -> list[Panel]:
+def _pair(found: Calibration) -> list[Panel]:
     """Samples of the two unknowns that the posterior correlates most."""
     names = list(found.values)
     if len(names) < 2:
@@ -297,7 +301,7 @@ def _pair(found: Calibrated) -> list[Panel]:
     return [{"x": {"label": axes[0][0]}, "y": {"label": axes[1][0]}, "series": series, "width": 400, "height": 320}]
 
 
-def _predicted(found: Calibrated) -> html.PageSection | None:
+def _predicted(found: Calibration) -> html.PageSection | None:
     """Predictions of metrics by prior and posterior."""
     if not found.predictions:
         return None
@@ -321,7 +325,7 @@ def _predicted(found: Calibrated) -> html.PageSection | None:
     )  # fmt: skip
 
 
-def _course(found: Calibrated) -> html.PageSection:
+def _course(found: Calibration) -> html.PageSection:
     """The posterior round by round."""
     axes = _axes(found)
     rows = [

@@ -17,7 +17,7 @@ from warpchain.results.units import quantity
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.over_noise import SHOWN_STATISTICS, Designs
 from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals, check_senses, pareto_front
-from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
+from warpchain.study.optimize.recommend import RecommendedDesign, recommend, rows_of_recommended
 from warpchain.study.report import panels
 from warpchain.study.report.panels import Axis
 from warpchain.study.results import ARCHIVE_COLUMNS, Results
@@ -118,7 +118,7 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
     )  # each gets its command in the page
 
 
-def designs_section(results: Results, wanted: Wanted) -> tuple[html.PageSection | None, list[Recommended]]:
+def designs_section(results: Results, wanted: Wanted) -> tuple[html.PageSection | None, list[RecommendedDesign]]:
     """The designs to build: why, their metrics, how to play them; none without objectives."""
     if not wanted.objectives:
         return None, []
@@ -172,7 +172,7 @@ def play_command(wanted: Wanted, results: Results, row: int) -> str:
     return f"warpchain study play {folder} {results.variants[row]}"
 
 
-def _design(results: Results, goals: Goals, one: Recommended, letter: str, wanted: Wanted) -> str:
+def _design(results: Results, goals: Goals, one: RecommendedDesign, letter: str, wanted: Wanted) -> str:
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -203,7 +203,7 @@ def factor_words(results: Results, name: str, row: int) -> str:
     return f"{name} {words}"
 
 
-def _spread_lines(results: Results, one: Recommended) -> list[tuple[str, ...]]:
+def _spread_lines(results: Results, one: RecommendedDesign) -> list[tuple[str, ...]]:
     """Statistics of the metrics of a design's runs spread: a line a statistic, a column a metric."""
     lines = []
     for word, head in zip(SHOWN_STATISTICS, SHOWN_HEADS, strict=True):
@@ -289,7 +289,7 @@ def rows_data(
     telling: Sequence[str],
     objectives: Mapping[str, str],
     wanted: Wanted,
-    recommended: Sequence[Recommended],
+    recommended: Sequence[RecommendedDesign],
 ) -> dict[str, Any]:
     """All rows for the html.
 
@@ -351,7 +351,7 @@ def can_write(folder: str | None) -> bool:
     return folder is not None and all((Path(folder) / name).is_file() for name in ("study.toml", "drive.toml"))
 
 
-def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Sequence[Recommended]) -> list[Path]:
+def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Sequence[RecommendedDesign]) -> list[Path]:
     """Writes recommended designs beside a page: `report-A.toml` of `report.html`; noise factors as in the base drive.
 
     Args:
@@ -367,7 +367,7 @@ def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Seque
         return []
     path = Path(folder)
     study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
-    made = [Variant(row) for row in rows_of(study, drive, designs, chosen)]
+    made = [Variant(row) for row in rows_of_recommended(study, drive, designs, chosen)]
     build_drives(study, drive, made)
     given = path / DRIVE_TEXT_FILE
     text = read_drive_text(given if given.exists() else path / "drive.toml")

@@ -11,7 +11,7 @@ import numpy as np
 
 from warpchain.results.units import quantity
 from warpchain.study.analysis.failure_probability import FailureEstimate
-from warpchain.study.optimize.risk import NOT_OK, DesignPoint, Limit, Risked
+from warpchain.study.optimize.risk import NOT_OK_LIMIT, DesignPoint, LimitEnd, RiskEstimate
 from warpchain.study.report.panels import ACCENT, MARK, PALE, Axis, Panel, chart, report_page, rounded
 from warpchain.study.spec.factor import Factor
 from warpchain.study.store import write_study_text
@@ -26,7 +26,7 @@ SEEN = 0.001
 """Part of the failures from which a limit's is told."""
 
 
-def write_risk(found: Risked, page: str | Path | None = None, title: str | None = None) -> Path:
+def write_risk(found: RiskEstimate, page: str | Path | None = None, title: str | None = None) -> Path:
     """Writes the page, into the folder unless `page` says where; returns it."""
     target = found.folder / PAGE if page is None else Path(page)
     name = title or found.study.study.name or found.folder.resolve().name
@@ -35,7 +35,7 @@ def write_risk(found: Risked, page: str | Path | None = None, title: str | None 
     return target
 
 
-def risk_lines(found: Risked) -> list[str]:
+def risk_lines(found: RiskEstimate) -> list[str]:
     """The result, a line each: the probability by each way, what differs, what fails, and how it most likely does."""
     results, row = found.results, _row(found, found.variant)
     held = _values(found, row, [name for name in results.factors if name not in results.noise_factors])
@@ -60,7 +60,7 @@ def risk_lines(found: Risked) -> list[str]:
     return [*lines, f"  play it: warpchain view {found.archive} --variant {found.variant}"]
 
 
-def warning_lines(found: Risked) -> list[str]:
+def warning_lines(found: RiskEstimate) -> list[str]:
     """Reasons why the result is uncertain beyond its interval."""
     lines = []
     if isinstance(found.sampled, str) and not isinstance(found.joint, str):
@@ -74,7 +74,7 @@ def warning_lines(found: Risked) -> list[str]:
     return lines
 
 
-def _headline(found: Risked) -> str:
+def _headline(found: RiskEstimate) -> str:
     """The probability to state."""
     if isinstance(found.joint, str):
         return f"probability of failure: {found.joint}"
@@ -91,21 +91,21 @@ def _estimate_words(of: FailureEstimate, runs: bool = True) -> str:
     return f"{words}, {of.evaluations} runs" if runs else words
 
 
-def _ways(found: Risked) -> tuple[tuple[str, FailureEstimate | str], ...]:
+def _ways(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
     return ((SUBSET, found.subset), ("importance sampling", found.sampled))
 
 
-def _row(found: Risked, variant: int) -> int:
+def _row(found: RiskEstimate, variant: int) -> int:
     return found.results.variants.tolist().index(variant)
 
 
-def _values(found: Risked, row: int, names: Any) -> list[tuple[str, str]]:
+def _values(found: RiskEstimate, row: int, names: Any) -> list[tuple[str, str]]:
     """Values of factors in a row, with their units."""
     cells = [(name, found.results.table[name][row].as_py()) for name in names]
     return [(n, quantity(v, found.results.column_unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
 
 
-def _limit_words(found: Risked) -> list[str]:
+def _limit_words(found: RiskEstimate) -> list[str]:
     """Each limit on a metric: "tension_max at most 900 N"."""
     lines = []
     for bound in found.study.bounds:
@@ -115,23 +115,23 @@ def _limit_words(found: Risked) -> list[str]:
     return lines
 
 
-def _failure_words(limit: Limit) -> str:
+def _failure_words(limit: LimitEnd) -> str:
     """A way to fail."""
     metric, end = limit
-    return "run not ok" if limit == NOT_OK else f"{metric} {'above its max' if end == 'max' else 'below its min'}"
+    return "run not ok" if limit == NOT_OK_LIMIT else f"{metric} {'above its max' if end == 'max' else 'below its min'}"
 
 
-def _shares(found: Risked) -> list[tuple[Limit, float]]:
+def _shares(found: RiskEstimate) -> list[tuple[LimitEnd, float]]:
     """The limits that failures break, the most frequent first."""
     seen = [(limit, share) for limit, share in found.shares.items() if share >= SEEN]
     return sorted(seen, key=lambda one: -one[1])
 
 
-def _shares_words(found: Risked) -> str:
+def _shares_words(found: RiskEstimate) -> str:
     return "; ".join(f"{_failure_words(limit)} in {100.0 * share:.3g} % of failures" for limit, share in _shares(found))
 
 
-def _summary(found: Risked) -> html.PageSection:
+def _summary(found: RiskEstimate) -> html.PageSection:
     joint, results = found.joint, found.results
     boxes = [("unknown", "probability of failure")]
     if not isinstance(joint, str):
@@ -172,7 +172,7 @@ def _cells(of: FailureEstimate) -> tuple[str, str, str, str]:
     return f"{of.probability:.3g}", f"{of.low:.3g}", f"{of.high:.3g}", str(of.evaluations)
 
 
-def _intervals(found: Risked) -> list[Panel]:
+def _intervals(found: RiskEstimate) -> list[Panel]:
     """Intervals of both ways over the logarithm of P."""
     known = [(way, of) for way, of in _ways(found) if not isinstance(of, str)][::-1]
     low, middle, high = (
@@ -188,7 +188,7 @@ def _intervals(found: Risked) -> list[Panel]:
     return [{"x": x, "y": {"words": [way for way, _ in known]}, "series": series, **size}]
 
 
-def _failures(found: Risked) -> html.PageSection:
+def _failures(found: RiskEstimate) -> html.PageSection:
     """Which limits failures break, and the design points."""
     rows = [(_failure_words(limit), f"{100.0 * share:.3g} %") for limit, share in _shares(found)]
     parts = [html.table_html(("what fails", "of the failures"), rows)]
@@ -209,7 +209,7 @@ def _failures(found: Risked) -> html.PageSection:
     )
 
 
-def _point(found: Risked, point: DesignPoint) -> list[str]:
+def _point(found: RiskEstimate, point: DesignPoint) -> list[str]:
     results, row = found.results, _row(found, point.variant)
     first = ", ".join(_failure_words(limit) for limit in point.broken)
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
@@ -229,7 +229,7 @@ def _point(found: Risked, point: DesignPoint) -> list[str]:
     ]
 
 
-def _plane(found: Risked) -> list[Panel]:
+def _plane(found: RiskEstimate) -> list[Panel]:
     """Runs that fail and that do not, over the two factors that deviate most at the first design point."""
     results, sizes = found.results, found.points[0].deviations
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
@@ -256,7 +256,7 @@ def _plane(found: Risked) -> list[Panel]:
     return [{"x": {"label": x.name}, "y": {"label": y.name}, "series": series, "width": 620, "height": 420}]
 
 
-def _noise(found: Risked) -> html.PageSection:
+def _noise(found: RiskEstimate) -> html.PageSection:
     """Assumptions: distributions and correlations of the noise, values that are held, what counts as a failure."""
     results, noise = found.results, found.study.noise
     factors = [of for of in found.study.factors if of.name in found.study.noise_names]
@@ -307,7 +307,7 @@ def _distribution(factor: Factor, unit: str) -> str:
     return ", ".join(words)
 
 
-def _methods(found: Risked) -> html.PageSection:
+def _methods(found: RiskEstimate) -> html.PageSection:
     """The methods, and their runs."""
     sampled = 0 if isinstance(found.sampled, str) else found.sampled.evaluations
     rest = len(found.results.status) - found.subset.evaluations - sampled - found.search_runs

@@ -9,7 +9,7 @@ import numpy as np
 
 from warpchain.results.units import quantity
 from warpchain.study.analysis.pareto import GoalValues
-from warpchain.study.optimize.recommend import Recommended
+from warpchain.study.optimize.recommend import RecommendedDesign
 from warpchain.study.report.decisions import Wanted
 from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Axis, Panel, chart, rounded
 from warpchain.study.results import ROUND_COLUMN, Results
@@ -21,7 +21,9 @@ MOST_FACTORS = 12
 KEEPING = " and keep the limits as they were measured; pale dots do not."
 
 
-def search_section(results: Results, wanted: Wanted, recommended: Sequence[Recommended]) -> html.PageSection | None:
+def search_section(
+    results: Results, wanted: Wanted, recommended: Sequence[RecommendedDesign]
+) -> html.PageSection | None:
     """The course of a search; none without objectives, or of a table that is no search's.
 
     Rows stand in the order in which they were evaluated.

@@ -20,7 +20,7 @@ from warpchain.study.analysis.over_noise import designs_of
 from warpchain.study.analysis.pure_error import CONFIDENCE, has_equal_rows, pure_error, scatter_share
 from warpchain.study.analysis.sensitivity import SobolIndices
 from warpchain.study.analysis.surface import TRUSTED_R2
-from warpchain.study.optimize.recommend import Recommended
+from warpchain.study.optimize.recommend import RecommendedDesign
 from warpchain.study.report import panels
 from warpchain.study.report.decisions import (
     Wanted,
@@ -114,7 +114,7 @@ def _report(
     objectives: Mapping[str, str] | None,
     notes: Mapping[str, str] | None,
     wanted: Wanted | None,
-) -> tuple[str, Results, list[Recommended]]:
+) -> tuple[str, Results, list[RecommendedDesign]]:
     """The page, what was compared, and the designs that it recommends."""
     if not results.table.num_rows:
         raise StudyError("the study has no variant yet: nothing to report")

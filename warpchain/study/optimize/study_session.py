@@ -1,7 +1,7 @@
-"""A study to work with: its rows as drives, its rows run in rounds, its surrogates; each drive is run once.
+"""A study to work with in Python: its rows as drives, its rows run in rounds, its surrogates and search.
 
-A row is known by its drive's content and by what else decides its metrics (run settings, limits, replicates), so a
-row that gives a drive which was run before, in whatever round, takes that one's metrics.
+Each drive is run once: a row is known by its drive's content and by what else decides its metrics (run settings,
+limits, replicates).
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ from warpchain.version import installed_version
 if TYPE_CHECKING:
     import pyarrow as pa
 
-DIGEST = "digest"
-"""Column of a row's identity."""
+DIGEST_COLUMN = "digest"
+"""Column of a row's digest."""
 Rows = Sequence[Mapping[str, Any]]
 
 
-def round_name(number: int) -> str:
-    """A round's folder in the search's."""
+def round_folder_name(number: int) -> str:
+    """Name of a round's folder in the search's."""
     return f"rounds/{number:04d}"
 
 
-def round_file(folder: Path, number: int) -> Path:
-    """The rows of a round; it is done when this is there."""
-    return folder / round_name(number) / "rows.parquet"
+def round_table_path(folder: Path, number: int) -> Path:
+    """Path of the table of a round, which is there when the round is done."""
+    return folder / round_folder_name(number) / "rows.parquet"
 
 
-def rounds_done(folder: Path) -> int:
+def finished_round_count(folder: Path) -> int:
     """Number of rounds that are done, from the first one on."""
     number = 0
-    while round_file(folder, number).exists():
+    while round_table_path(folder, number).exists():
         number += 1
     return number
 
 
-def together(folder: Path, rounds: int) -> pa.Table:
-    """The rows of the first rounds, numbered through, with the number of their round.
+def read_rounds(folder: Path, rounds: int) -> pa.Table:
+    """Reads the rows of the first rounds, numbered through, with the number of their round.
 
     Raises:
         StudyError: a round is missing or damaged.
@@ -70,7 +70,7 @@ def together(folder: Path, rounds: int) -> pa.Table:
 
     tables = []
     for number in range(rounds):
-        table = read_table(round_file(folder, number))
+        table = read_table(round_table_path(folder, number))
         tables.append(table.append_column(ROUND_COLUMN, pa.array([number] * table.num_rows, pa.int64())))
     table = pa.concat_tables(tables, promote_options="permissive").combine_chunks()
     facts: dict[str, dict[bytes, bytes]] = {}
@@ -82,16 +82,16 @@ def together(folder: Path, rounds: int) -> pa.Table:
     return with_column(table, "variant", range(table.num_rows))
 
 
-class Bench:
-    """A study with its base drive.
+class StudySession:
+    """A study with its base drive, for Python: rows as drives, runs, surrogates, a search.
 
     Args:
         source: the study file.
-        folder: where rounds are kept; None keeps nothing but what this object remembers.
+        folder: folder of rounds; None keeps rows in memory only.
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
         drive: file of another base drive, or the name of an example; None is the study's own.
-        search_target: what its rows look for, such as "failures", where they are no sample of the noise; tables say so.
+        search_target: target of its rows, such as "failures", if they are no sample of the noise; tables say so.
 
     Raises:
         StudyError: an error of the study or its drive; one line each.
@@ -117,81 +117,77 @@ class Bench:
 
     # ------------------------------------------------------------------------------------------------ rows
 
-    def design(self) -> list[dict[str, Any]]:
-        """The rows of the study's design, values by factor."""
-        return list(make_design(self.study, self.source).select(self.factors).to_pylist())
+    def design_rows(self) -> list[dict[str, Any]]:
+        """Rows of the study's design, values by factor."""
+        return list(make_design(self.study, self.source).select(self.factor_names).to_pylist())
 
     @check_arguments(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
-        """The drives of rows, adjusted so that they fit.
+        """Drives of rows, adjusted so that they fit.
 
         Raises:
             StudyError: a row that gives no drive; one line each.
         """
-        variants = self._variants(design_table_of_rows(self.study, rows))
+        variants = self._built_variants(design_table_of_rows(self.study, rows))
         lines = [f"rows: row {i}: {variant.reason}" for i, variant in enumerate(variants) if variant.drive is None]
         if lines:
             raise StudyError("\n".join(lines))
         return [variant.drive for variant in variants if variant.drive is not None]
 
-    def _variants(self, design: pa.Table) -> list[Variant]:
+    def _built_variants(self, design: pa.Table) -> list[Variant]:
+        """Variants of a design table with their drives."""
         variants = [Variant(row, reason=row["reason"]) for row in design.to_pylist()]
         build_drives(self.study, self.drive, variants)
         return variants
 
     @check_arguments(StudyError)
-    def digests(self, design: pa.Table) -> list[str | None]:
-        """Identity of each row of a design; None of one that gives no drive."""
-        common = json.dumps({**settings_of(self.study), "warpchain": installed_version()}, sort_keys=True)
-        texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._variants(design)]
+    def row_digests(self, design: pa.Table) -> list[str | None]:
+        """Digest of each row of a design by its drive and settings; None of one that gives no drive."""
+        common = json.dumps({**run_settings_of(self.study), "warpchain": installed_version()}, sort_keys=True)
+        texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._built_variants(design)]
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 
     @check_arguments(StudyError)
     def evaluate(self, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Runs rows, those whose drive was not run yet.
-
-        Adjustment, constraints, limits, recording and replicates are the study's.
+        """Runs rows whose drive was not run yet; returns a table like a study's, a row each in this order.
 
         Args:
             rows: values by factor.
             progress: True shows a bar; a function is called as that of `run_study`, for the rows that are run.
-
-        Returns:
-            A table like a study's, a row each in this order.
 
         Raises:
             StudyError: a factor is missing, or a folder or disk that refuses.
             KeyboardInterrupt: the user stopped it; what is done stays, if there is a folder.
         """
         if self.folder is not None:
-            return self.round(rounds_done(self.folder), rows, progress)
+            return self.run_round(finished_round_count(self.folder), rows, progress)
         with tempfile.TemporaryDirectory(prefix="warpchain-") as place:
-            return self._run(Path(place), "", design_table_of_rows(self.study, rows), progress)
+            return self._run_new_rows(Path(place), "", design_table_of_rows(self.study, rows), progress)
 
     @check_arguments(StudyError)
-    def round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Runs rows as a round of the folder, or reads what that round gave.
+    def run_round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
+        """Runs rows as a round of the folder, or reads the table of that round.
 
         Raises:
             StudyError: the folder has other rows in that round, or is damaged.
         """
         assert self.folder is not None  # who asks for rounds has one
-        name, done = round_name(number), round_file(self.folder, number)
-        place, design = self.folder / name, self._marked(design_table_of_rows(self.study, rows))
+        name, done = round_folder_name(number), round_table_path(self.folder, number)
+        place, design = self.folder / name, self._design_with_target(design_table_of_rows(self.study, rows))
         if done.exists():
             table = read_table(done)
-            if table.select(self.factors).to_pylist() != design.select(self.factors).to_pylist():
+            if table.select(self.factor_names).to_pylist() != design.select(self.factor_names).to_pylist():
                 raise StudyError(f"{done}: has other rows than this study asks for in that round; give another folder")
-            self.remember(table)
+            self.remember_rows(table)
             return table
-        before = sum(read_table(round_file(self.folder, k), ["variant"]).num_rows for k in range(number))
-        table = self._run(place, f"{name}/", design, progress, before)
+        before = sum(read_table(round_table_path(self.folder, k), ["variant"]).num_rows for k in range(number))
+        table = self._run_new_rows(place, f"{name}/", design, progress, before)
         place.mkdir(parents=True, exist_ok=True)  # not there yet where all rows were known
         write_table(done, table)
         return table
 
-    def _marked(self, design: pa.Table) -> pa.Table:
-        """A design whose noise factors say what its rows look for."""
+    def _design_with_target(self, design: pa.Table) -> pa.Table:
+        """Design table whose noise factors' metadata state the search target."""
         import pyarrow as pa
 
         if not self._search_target:
@@ -204,12 +200,13 @@ class Bench:
         ]
         return pa.Table.from_arrays(design.columns, schema=pa.schema(fields))
 
-    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Progress, before: int = 0) -> pa.Table:
-        """Runs what is new of a design in a folder of its own, whose recordings call rows by their numbers after those
-        `before`; returns all its rows."""
+    def _run_new_rows(
+        self, place: Path, prefix: str, design: pa.Table, progress: Progress, before: int = 0
+    ) -> pa.Table:
+        """Runs the new rows of a design in a folder, recorded with numbers after `before`; returns all its rows."""
         import pyarrow as pa
 
-        digests = self.digests(design)
+        digests = self.row_digests(design)
         new: list[int] = []
         asked: set[str] = set()
         for i, digest in enumerate(digests):
@@ -217,53 +214,54 @@ class Bench:
                 new.append(i)
                 asked.add(digest or "")
         chosen = with_column(design.take(pa.array(new, pa.int64())), "variant", [before + i for i in new])
-        fresh = self._simulated(place, prefix, chosen, progress) if new else None
+        fresh = self._simulated_table(place, prefix, chosen, progress) if new else None
         if fresh is not None:
-            fresh = fresh.append_column(DIGEST, pa.array([digests[i] for i in new], pa.string()))
-            self.remember(fresh)
+            fresh = fresh.append_column(DIGEST_COLUMN, pa.array([digests[i] for i in new], pa.string()))
+            self.remember_rows(fresh)
         at = {} if fresh is None else {i: (fresh, k) for k, i in enumerate(new)}
         parts = [at[i] if digest is None else self._known[digest] for i, digest in enumerate(digests)]
         found = pa.concat_tables([table.slice(k, 1) for table, k in parts], promote_options="permissive")
-        return _with_factors(found, design, self.factors)
+        return _rows_with_factors(found, design, self.factor_names)
 
-    def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Progress) -> pa.Table:
-        folder = self.run_folder_of(self.study, place, design)
+    def _simulated_table(self, place: Path, prefix: str, design: pa.Table, progress: Progress) -> pa.Table:
+        """Table of a design's rows after they ran in a folder, with recorded objectives if wanted."""
+        folder = self.make_run_folder(self.study, place, design)
         if folder.read_design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
-        table = self.run_table(folder, progress)
+        table = self.run_and_read(folder, progress)
         if self.study.record.every == 1:
-            table = self._with_recorded(table, place)
+            table = self._table_with_objectives(table, place)
         archive = ARCHIVE_COLUMNS[0]
         if archive in table.column_names:
             table = with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
         return table
 
     @check_arguments(StudyError)
-    def run_folder_of(self, study: Study, place: Path, design: pa.Table) -> StudyFolder:
-        """A folder for rows of a study like this one, such as one that records them."""
+    def make_run_folder(self, study: Study, place: Path, design: pa.Table) -> StudyFolder:
+        """Makes a study's folder for rows of a study like this one."""
         runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
         size = study.run.shard or preferred_shard_size(study, self.drive, runs, 1, cores, self._memory)
         return make_folder(place, study, self.drive, design, size)
 
     @check_arguments(StudyError)
-    def run_table(self, folder: StudyFolder, progress: Progress = False) -> pa.Table:
+    def run_and_read(self, folder: StudyFolder, progress: Progress = False) -> pa.Table:
         """Runs what is left of a folder; returns its table."""
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
         assert outcome.table is not None  # all shards are done
         return read_table(outcome.table)
 
-    def _with_recorded(self, table: pa.Table, place: Path) -> pa.Table:
-        """The table with the objectives that only recorded variants have, where the study wants one."""
+    def _table_with_objectives(self, table: pa.Table, place: Path) -> pa.Table:
+        """Table with the objectives of recorded variants, if the study names one."""
         from warpchain.study.run.recordings import results_with_objectives
 
-        if all(name in table.column_names or name in self.factors for name in self.study.named_metrics):
+        if all(name in table.column_names or name in self.factor_names for name in self.study.named_metrics):
             return table
-        results = read_results(table, self.factors)
+        results = read_results(table, self.factor_names)
         return results_with_objectives(results, place).table if results.ok.any() else table
 
     @check_arguments(StudyError)
-    def learn(self, folder: str | os.PathLike[str]) -> int:
-        """Takes rows that another study of the same drive and runs has run as known; returns how many.
+    def learn_rows(self, folder: str | os.PathLike[str]) -> int:
+        """Adds rows that another study of the same drive and runs has run to the known ones; returns their number.
 
         Raises:
             StudyError: no table there, other factors, or other run settings, limits or replicates.
@@ -274,70 +272,72 @@ class Bench:
         other = load_study(path / "study.toml")
         if load_drive(path / "drive.toml") != self.drive:
             raise StudyError(f"{path}: another drive than {self.source} has")
-        mine, theirs = settings_of(self.study), settings_of(other)
+        mine, theirs = run_settings_of(self.study), run_settings_of(other)
         differing = [name for name in mine if mine[name] != theirs[name]]
         if differing:
             raise StudyError(f"{path}: its {', '.join(differing)} are not those of {self.source}")
         table = read_table(path / "results.parquet")
-        missing = [name for name in (*self.factors, *self.study.named_metrics) if name not in table.column_names]
+        missing = [name for name in (*self.factor_names, *self.study.named_metrics) if name not in table.column_names]
         if missing:
             raise StudyError(f"{path / 'results.parquet'}: has no column {missing[0]}, which {self.source} needs")
-        design = design_table_of_rows(self.study, table.select(self.factors).to_pylist())
+        design = design_table_of_rows(self.study, table.select(self.factor_names).to_pylist())
         if ARCHIVE_COLUMNS[0] in table.column_names:  # recordings stay where they are
             for name in ARCHIVE_COLUMNS:
                 table = with_column(table, name, [None] * table.num_rows)
-        if DIGEST in table.column_names:
-            table = table.drop_columns([DIGEST])
-        self.remember(table.append_column(DIGEST, pa.array(self.digests(design), pa.string())))
+        if DIGEST_COLUMN in table.column_names:
+            table = table.drop_columns([DIGEST_COLUMN])
+        self.remember_rows(table.append_column(DIGEST_COLUMN, pa.array(self.row_digests(design), pa.string())))
         return int(table.num_rows)
 
     @property
-    def factors(self) -> list[str]:
+    def factor_names(self) -> list[str]:
         """Names of the study's factors."""
         return [factor.name for factor in self.study.factors]
 
     @property
-    def shown(self) -> list[str]:
-        """Names of the factors of the results: all but hidden ones."""
+    def shown_factors(self) -> list[str]:
+        """Names of the factors of the results, without hidden ones."""
         return [factor.name for factor in self.study.factors if not factor.hidden]
 
     @check_arguments(StudyError)
-    def remember(self, table: pa.Table) -> None:
-        """Takes a table's rows as known."""
-        for k, digest in enumerate(table[DIGEST].to_pylist()):
+    def remember_rows(self, table: pa.Table) -> None:
+        """Adds a table's rows to the known ones."""
+        for k, digest in enumerate(table[DIGEST_COLUMN].to_pylist()):
             if digest is not None:
                 self._known.setdefault(digest, (table, k))
 
     # ------------------------------------------------------------------------------- what follows from rows
 
     def results(self) -> Results:
-        """The rows of all rounds of the folder, or of the study that was run there.
+        """Results of all rounds of the folder, or of the study that was run there.
 
         Raises:
             StudyError: there is no folder, or no table in it.
         """
         if self.folder is None:
             raise StudyError("results: this study was opened without a folder")
-        rounds = rounds_done(self.folder)
-        return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self.shown)
+        rounds = finished_round_count(self.folder)
+        return read_results(
+            read_rounds(self.folder, rounds) if rounds else self.folder / "results.parquet", self.shown_factors
+        )
 
     @check_arguments(StudyError)
     def surrogate(
         self, metric: str, kind: Literal["gaussian", "quadratic"] = "gaussian", logarithm: bool = False
     ) -> Surrogate:
-        """A model of a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
+        """Surrogate of a metric over the rows that were run; arguments as in `fit_surrogate`."""
         return fit_surrogate(self.results(), metric, kind, logarithm=logarithm)
 
     @property
     def optimizer(self) -> Optimizer:
-        """The study's search; made when first asked for."""
+        """The study's search, made when first asked for."""
         if self._optimizer is None:
             self._optimizer = Optimizer(self.study, str(self.source))
         return self._optimizer
 
     @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
-        """The next rows to run; see `Optimizer.ask`."""
+        """Next rows to run, values by factor; see `Optimizer.ask`."""
         return self.optimizer.ask(count)
 
     @check_arguments(StudyError)
@@ -346,8 +346,8 @@ class Bench:
         self.optimizer.observe(table)
 
 
-def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
-    """Rows that were found, with the factors that were asked for and numbers from 0 on."""
+def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
+    """Rows of a table with the factors of a design, numbered from 0."""
     found = found.combine_chunks()
     for name in ("variant", *factors):
         at = found.column_names.index(name)
@@ -356,8 +356,8 @@ def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> 
     return with_column(found, "variant", range(found.num_rows))
 
 
-def settings_of(study: Study) -> dict[str, Any]:
-    """Settings that decide a row's metrics beside its drive."""
+def run_settings_of(study: Study) -> dict[str, Any]:
+    """Settings of a study that decide a row's metrics beside its drive."""
     settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
     settings["run"] = study.run.model_dump(mode="json", exclude={"shard", "keep_states"})
     settings["copies"] = [study.design.copies, study.design.replicate_by]
@@ -371,10 +371,10 @@ def open_study(
     *,
     workers: Workers | None = None,
     memory: Count = MEMORY,
-) -> Bench:
-    """A study to work with in Python: rows as drives, rows run, surrogates, a search; see `Bench`.
+) -> StudySession:
+    """Opens a study for Python: rows as drives, runs, surrogates, a search (`StudySession`).
 
     Raises:
         StudyError: an error of the study or its drive; one line each.
     """
-    return Bench(source, folder, workers=workers, memory=memory)
+    return StudySession(source, folder, workers=workers, memory=memory)

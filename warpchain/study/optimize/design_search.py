@@ -1,14 +1,14 @@
-"""`warpchain optimize`: rounds of rows in a folder up to the count, then designs to recommend.
+"""`warpchain optimize`: rounds of rows in a folder up to the count, then recommended designs.
 
     study.toml  drive.toml    the study and its base drive, as they were when the folder was made
-    drive-text.toml           text of the drive's file, with its comments, which drive files of designs are made of
+    drive-text.toml           text of the drive's file, with its comments, for drive files of designs
     rounds/NNNN/              a round: a study's folder of the rows whose drives were not run yet
     rounds/NNNN/rows.parquet  all rows of the round; it is done when this is there
     results.parquet           the rows of all rounds that are done
-    recommended/NNNN/         the designs to recommend after so many rows: design-K.toml, and their recordings
+    recommended/NNNN/         recommended designs after so many rows: design-K.toml, and their recordings
 
-Which rows come next follows from the study and the rows before. So a folder can be gone on with after any end of any
-process, `optimize.count` can be raised, and the same study gives the same rows, bit by bit.
+The next rows follow from the study and the rows before, bit by bit, so that a search can be resumed after any end, and
+`optimize.count` raised.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from warpchain.results.arrow_tables import with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.design_table import design_table_of_rows
-from warpchain.study.optimize.bench import Bench, round_file, together
-from warpchain.study.optimize.recommend import Recommended, recommend, rows_of
+from warpchain.study.optimize.recommend import RecommendedDesign, recommend, rows_of_recommended
+from warpchain.study.optimize.study_session import StudySession, read_rounds, round_table_path
 from warpchain.study.results import ARCHIVE_COLUMNS, Results, read_results
 from warpchain.study.run.study_folder import DRIVE_TEXT_FILE
 from warpchain.study.spec import Study, dumps_study, load_study
@@ -41,18 +41,18 @@ from warpchain.study.store import read_table, write_study_text, write_table
 
 
 @dataclass(frozen=True)
-class Found:
-    """Result of a search.
+class SearchResult:
+    """Result of a search for designs.
 
     Attributes:
-        folder: its folder.
-        goals: what was wanted.
+        folder: folder of the search.
+        goals: goals of the study.
         results: all rows.
-        designs: what was compared: the rows, or with noise the designs over it (`analysis.over_noise`).
-        rounds: how many there were.
-        recommended: designs, the best compromise first.
+        designs: the rows, or with noise the designs over it (`analysis.over_noise`).
+        rounds: number of rounds.
+        recommended: recommended designs, the best compromise first.
         drives: their drive files.
-        archives: archive and number in it of each one's recording; None where it has none.
+        archives: archive and number in it of each one's recording; None if it has none.
     """
 
     folder: Path
@@ -60,7 +60,7 @@ class Found:
     results: Results
     designs: Results
     rounds: int
-    recommended: tuple[Recommended, ...]
+    recommended: tuple[RecommendedDesign, ...]
     drives: tuple[Path, ...]
     archives: tuple[tuple[Path, int] | None, ...]
 
@@ -76,57 +76,59 @@ def optimize(
     progress: Progress = False,
     report: Callable[[str], object] | None = None,
     known: Sequence[str | os.PathLike[str]] = (),
-) -> Found:
-    """Searches for the designs that a study file wants, or goes on with a search.
+) -> SearchResult:
+    """Searches for the designs that a study file wants, or resumes a search.
 
     Args:
         source: the study file, with `[[objectives]]`.
         out: the folder; made if there is none.
         workers: CPU threads; None takes all cores.
         memory: budget of a shard [bytes].
-        progress: True shows a bar for each round; see `Bench.evaluate`.
+        progress: True shows a bar for each round; see `StudySession.evaluate`.
         report: called with a line after each round.
-        known: folders of studies and searches whose rows are not run again where they are asked for.
+        known: folders of studies and searches whose rows are not run again.
 
     Raises:
         StudyError: an error of the study, a folder of another one, a package that is missing, or no row that is ok.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
-    bench = Bench(source, out, workers=workers, memory=memory)
+    bench = StudySession(source, out, workers=workers, memory=memory)
     search = bench.study.optimize or Search()
     require_extra("optimize" if search.engine == "population" else "surrogate", "optimize", StudyError)
     optimizer = bench.optimizer
     for other in known:
-        bench.learn(other)
-    folder = made_folder(Path(out), bench)
+        bench.learn_rows(other)
+    folder = make_search_folder(Path(out), bench)
     rounds = 0
-    while optimizer.observed < search.count:
+    while optimizer.observed_count < search.count:
         raise_if_stopped()
-        done = round_file(folder, rounds)
+        done = round_table_path(folder, rounds)
         if rounds and search.engine == "bayes" and done.exists():
             table = read_table(done)  # what was asked for follows from the rows before: it need not be found again
-            bench.remember(table)
+            bench.remember_rows(table)
         else:
             rows = optimizer.ask()
             if not rows:
                 break
-            table = bench.round(rounds, rows, progress)
+            table = bench.run_round(rounds, rows, progress)
         optimizer.observe(table)
         rounds += 1
-        gathered = together(folder, rounds)
+        gathered = read_rounds(folder, rounds)
         write_table(folder / "results.parquet", gathered)
-        results = read_results(gathered, bench.shown)
+        results = read_results(gathered, bench.shown_factors)
         if report is not None:
-            report(f"round {rounds}: {_line(results, optimizer.goals)}")
-    results = read_results(folder / "results.parquet", bench.shown)
+            report(f"round {rounds}: {_search_status_line(results, optimizer.goals)}")
+    results = read_results(folder / "results.parquet", bench.shown_factors)
     designs, over = designs_of(results, optimizer.goals)
     chosen = tuple(recommend(designs, over, search.recommend))
-    drives, archives = _recorded(folder, bench, results, rows_of(bench.study, bench.drive, designs, chosen), chosen)
-    return Found(folder, optimizer.goals, results, designs, rounds, chosen, drives, archives)
+    drives, archives = _write_recommended(
+        folder, bench, results, rows_of_recommended(bench.study, bench.drive, designs, chosen), chosen
+    )
+    return SearchResult(folder, optimizer.goals, results, designs, rounds, chosen, drives, archives)
 
 
-def made_folder(path: Path, bench: Bench) -> Path:
-    """The folder, with the study in it, and without what killed processes have left of their writing.
+def make_search_folder(path: Path, bench: StudySession) -> Path:
+    """Makes a search's folder with the study in it, or opens the one that holds the same study; returns its path.
 
     Raises:
         StudyError: it holds another study, or cannot be written.
@@ -143,15 +145,15 @@ def made_folder(path: Path, bench: Bench) -> Path:
     write_study_text(path / DRIVE_TEXT_FILE, bench.drive_text, keep=True)
     write_study_text(path / "study.toml", dumps_study(fixed), keep=True)
     held, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
-    differing = [name for name in Study.model_fields if _fixed(held, name) != _fixed(fixed, name)]
+    differing = [name for name in Study.model_fields if _fixed_field(held, name) != _fixed_field(fixed, name)]
     differing += ["its base drive"] if drive != bench.drive else []
     if differing:
         raise StudyError(f"{path}: holds another study, which differs in {', '.join(differing)}; give another folder")
     return path
 
 
-def _fixed(study: Study, name: str) -> object:
-    """A field of a study that may not change: of the search all but its length, and of runs all but shards."""
+def _fixed_field(study: Study, name: str) -> object:
+    """A field of a study as far as it may not change during a search."""
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
     if name in ("measured", "calibrate"):
@@ -159,7 +161,7 @@ def _fixed(study: Study, name: str) -> object:
     return study.run.model_copy(update={"shard": None, "keep_states": False}) if name == "run" else getattr(study, name)
 
 
-def _line(results: Results, goals: Goals) -> str:
+def _search_status_line(results: Results, goals: Goals) -> str:
     """Status of a search in one line."""
     from warpchain.results.units import quantity
 
@@ -178,14 +180,18 @@ def _line(results: Results, goals: Goals) -> str:
     return words
 
 
-def _recorded(
-    folder: Path, bench: Bench, results: Results, rows: list[dict[str, Any]], chosen: tuple[Recommended, ...]
+def _write_recommended(
+    folder: Path,
+    bench: StudySession,
+    results: Results,
+    rows: list[dict[str, Any]],
+    chosen: tuple[RecommendedDesign, ...],
 ) -> tuple[tuple[Path, ...], tuple[tuple[Path, int] | None, ...]]:
-    """Writes the recommended designs as drive files, and records a run of each."""
+    """Writes the recommended designs as drive files, and records a run of each; returns files and archives."""
     place = folder / "recommended" / f"{len(results.status):04d}"
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
     design = with_column(design_table_of_rows(study, rows), "variant", [one.variant for one in chosen])
-    table = bench.run_table(bench.run_folder_of(study, place, design))
+    table = bench.run_and_read(bench.make_run_folder(study, place, design))
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):
         files.append(place / f"design-{k}.toml")
