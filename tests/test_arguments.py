@@ -43,7 +43,7 @@ RIGHT |= {"drive": CAR, "drives": CAR, "self": CAR, "rows": [], "speeds": [0.0, 
 RIGHT |= {"table": pa.table({}), "design": pa.table({}), "number": 0, "metric": "x", "body": 0, "place": Path()}
 RIGHT |= {
     "study": Study.model_construct(),
-    "folder": type("Folder", (str,), {})("x"),
+    "folder": type("StudyFolder", (str,), {})("x"),
 }  # a folder of a study, or its path
 
 
