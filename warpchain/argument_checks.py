@@ -50,7 +50,7 @@ _PLAIN_KINDS: Mapping[Any, tuple[str, type]] = {
 
 
 def number_text(value: float) -> str:
-    """A number in a message, to 12 digits, without rounding's last ones as of 0.1 + 0.2."""
+    """A number as text for messages, to 12 digits, without rounding's last ones."""
     return repr(float(f"{value:.12g}"))
 
 

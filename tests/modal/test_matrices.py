@@ -137,7 +137,7 @@ def test_structure_changes_nothing(mount):
         at = free_coordinates(probe, base)
         step = 2.0**-25
         k = plain(at, probe, base, at.displaced_states, np.full(at.coordinate_count, step))
-        c = plain(at, probe, base, at.accelerated_states, np.full(at.coordinate_count, MOST_VELOCITY_STEP))
+        c = plain(at, probe, base, at.moving_states, np.full(at.coordinate_count, MOST_VELOCITY_STEP))
         own = stiffness_matrix(probe, at, base, drive.chain.pitch).toarray()
         assert at.coordinate_count - 2 * at.rollers == {"fixed": 1, "slider": 2, "elastic": 3}[kind["kind"]]
         assert np.abs(own - k).max() < 1e-6 * np.abs(k).max()
@@ -194,7 +194,7 @@ def test_structure_changes_nothing_for_arms_and_oil():
         steps = np.full(at.coordinate_count, 2.0**-30)
         steps[2 * at.rollers : at.oil_start] = 2.0**-26
         k = plain(at, probe, base, at.displaced_states, steps)
-        c = plain(at, probe, base, at.accelerated_states, np.full(at.coordinate_count, MOST_VELOCITY_STEP))
+        c = plain(at, probe, base, at.moving_states, np.full(at.coordinate_count, MOST_VELOCITY_STEP))
         assert np.abs(found.stiffness.toarray() - k).max() < 1e-6 * np.abs(k).max()
         c += leakage_matrix(probe, at, oil_conductances(drive, "shut")).toarray()
         assert np.abs(found.damping.toarray() - c).max() < 1e-6 * np.abs(c).max()

@@ -93,7 +93,8 @@ class Campbell:
         return sorted(found, key=lambda crossing: crossing.speed)
 
     def tongues(self) -> list[InstabilityTongue]:
-        """Speeds at which the tooth frequency is twice a mode's, in order."""
+        """Speeds at which the tooth frequency is twice a mode's, in order; of several chains a strand's own tooth
+        frequency."""
         found = [
             InstabilityTongue(self.names[k], s, f, 4.0 * r)
             for chain, teeth in tooth_orders(self.drive).items()

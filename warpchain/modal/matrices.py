@@ -98,8 +98,8 @@ class Coordinates:
             oil,
         )
 
-    def accelerated_states(self, base: States, velocity: Array) -> States:
-        """Copies of a state, velocities changed by (copies, n)."""
+    def moving_states(self, base: States, velocity: Array) -> States:
+        """Copies of a state with velocities changed by (copies, n)."""
         straight, turned = self.roller_and_body_parts(velocity)
         return States(
             np.zeros_like(straight) + base.position,
@@ -210,7 +210,7 @@ def damping_matrix(probe: Probe, at: Coordinates, base: States, conductance: Arr
     Contacts are taken at the floor of their impact speed; friction has none. Oil that leaks counts with `conductance`.
     """
     steps = _coordinate_steps(probe, at, velocity_step(probe))
-    own = _force_derivative(probe, at, steps, lambda change: at.accelerated_states(base, change))
+    own = _force_derivative(probe, at, steps, lambda change: at.moving_states(base, change))
     return own if conductance is None else sp.csc_array(own + leakage_matrix(probe, at, conductance))
 
 
