@@ -23,7 +23,7 @@ from warpchain.study.analysis.posterior import (
     standardized_residuals,
 )
 from warpchain.study.optimize.calibrate import NumberEmulators, calibrate
-from warpchain.study.report.calibration_page import write_calibration
+from warpchain.study.report.calibration_page import write_calibration_page
 from warpchain.study.store import read_table
 
 MATRIX = np.array(
@@ -239,7 +239,7 @@ def test_the_page_opens_without_errors_and_cuts_no_name_off(calibrated, width):
     with browser() as page:
         page.note_faults()
         page.resize(width, 844)
-        page.open(write_calibration(replace(found, numbers=long)).as_uri())
+        page.open(write_calibration_page(replace(found, numbers=long)).as_uri())
         assert page.reaches("document.readyState == 'complete' && document.querySelectorAll('svg').length", 8)
         assert page.value("JSON.stringify(faults)") == "[]"
         assert page.value("document.scrollingElement.scrollWidth") == width

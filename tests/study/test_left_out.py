@@ -10,8 +10,8 @@ from view.html_page import Page
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis.left_out import LeftOut
-from warpchain.study.report import report_html
-from warpchain.study.report.scatters import _most_telling
+from warpchain.study.report import study_report_html
+from warpchain.study.report.rerun_scatters import _telling_inputs
 from warpchain.study.results import read_results
 from warpchain.study.surrogate.indices import best_indices
 
@@ -33,7 +33,7 @@ def pairs_of(count, seed=0):
 
 
 def words_of(results):
-    return " ".join(Page(report_html(results)).words)
+    return " ".join(Page(study_report_html(results)).words)
 
 
 def test_a_limit_on_the_metric_itself_ranks_no_factor_and_says_what_is_lost():
@@ -57,7 +57,7 @@ def test_a_limit_on_the_metric_itself_ranks_no_factor_and_says_what_is_lost():
     assert "y: from 0.0" in words and "variants that are left out may lie beyond, so no factor is ranked." in words
     with pytest.raises(StudyError, match=rf"{lost} of 61 variants that ran are left out by their own"):
         best_indices(results, "y")
-    assert _most_telling(results) == ("a", "b")
+    assert _telling_inputs(results) == ("a", "b")
 
 
 def test_few_rows_that_chance_takes_change_nothing_and_many_do():

@@ -17,8 +17,8 @@ from warpchain.study.analysis.pareto import goals_of_study
 from warpchain.study.design import make_design
 from warpchain.study.design.noise_rows import noise_points, noise_rows, noise_rows_of_normals
 from warpchain.study.optimize import Optimizer, optimize, recommend
-from warpchain.study.report import report_html
-from warpchain.study.report.decisions import Wanted
+from warpchain.study.report import study_report_html
+from warpchain.study.report.decision_sections import ReportGoals
 from warpchain.study.results import read_results
 from warpchain.study.run import join_studies, run_study
 from warpchain.study.spec import Study, dumps_study, load_study, loads_study
@@ -385,8 +385,8 @@ def test_quantiles_can_be_wanted(found):
 
 def test_the_report_names_design_factors_only(found):
     study, results = found
-    wanted = Wanted(study.objectives, study.bounds, "out", keep=0.95)
-    page = report_html(results, "T", wanted=wanted)
+    wanted = ReportGoals(study.objectives, study.bounds, "out", keep=0.95)
+    page = study_report_html(results, "T", wanted=wanted)
     first = page[page.index('id="designs"') : page.index('id="explore"')]
     heads = re.findall(r"<h3[^>]*>([A-Z]: [^<]*)<", first)
     assert heads and all("spring" in head and "mu" not in head for head in heads)

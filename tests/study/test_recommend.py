@@ -12,8 +12,8 @@ from warpchain.study.analysis.paired import mean_difference
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.optimize import recommend
 from warpchain.study.optimize.recommend import metric_estimate
-from warpchain.study.report import report_html
-from warpchain.study.report.decisions import Wanted
+from warpchain.study.report import study_report_html
+from warpchain.study.report.decision_sections import ReportGoals
 from warpchain.study.results import read_results
 from warpchain.study.spec.noise_table import statistic_from_name
 from warpchain.study.spec.study_tables import Bound, Objective
@@ -124,7 +124,7 @@ def test_what_keeps_the_limit_as_it_was_run_and_what_surely_does_stand_side_by_s
         f"variant {best.variant} has mean(y) 30, significantly better over the same noise, but keeps the limits "
         f"with {told[1]} % confidence only, this one with 100 %"
     )
-    page = report_html(results, wanted=Wanted(goals.objectives, goals.bounds, keep=0.95))
+    page = study_report_html(results, wanted=ReportGoals(goals.objectives, goals.bounds, keep=0.95))
     first = page[page.index('id="designs"') : page.index('id="explore"')]
     assert safe.reasons[-1] in first and "judged by their own runs" in first and "model estimate" not in first
 

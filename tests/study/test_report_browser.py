@@ -13,8 +13,8 @@ from browsing import BESIDE, CUT, browser, no_browser
 from PIL import Image
 from waiting import wait_for
 
-from warpchain.study.report import report_html
-from warpchain.study.report.decisions import Wanted
+from warpchain.study.report import study_report_html
+from warpchain.study.report.decision_sections import ReportGoals
 from warpchain.study.results import read_results
 from warpchain.study.spec.study_tables import Bound, Objective
 
@@ -99,8 +99,8 @@ class Opened:
 def page(tmp_path_factory):
     file = tmp_path_factory.mktemp("report") / "r.html"
     objectives = (Objective(metric="tension_max"), Objective(metric="contact_energy_per_revolution"))
-    wanted = Wanted(objectives, (Bound(metric="tension_max", max=40e3),), "out/study")
-    file.write_text(report_html(read_results(study(), ["torque", "x", "law"]), "Brushed", wanted=wanted))
+    wanted = ReportGoals(objectives, (Bound(metric="tension_max", max=40e3),), "out/study")
+    file.write_text(study_report_html(read_results(study(), ["torque", "x", "law"]), "Brushed", wanted=wanted))
     with browser() as page:
         opened = Opened(page)
         opened.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
@@ -273,11 +273,13 @@ def test_on_a_phone_nothing_is_beside_the_screen(page, tmp_path):
     table |= {"contact_energy_per_revolution": table["factor 1"] + table["factor 2"], "tension_max": table["factor 3"]}
     table |= {"variant": np.arange(200), "status": status, "reason": reason}
     objectives = (Objective(metric="tension_max"), Objective(metric="contact_energy_per_revolution"))
-    wanted = Wanted(objectives, (), "out/a-study-with-a-long-name", page="report")
+    wanted = ReportGoals(objectives, (), "out/a-study-with-a-long-name", page="report")
     file = tmp_path / "phone.html"
     notes = {"run": "duration = 0.12, window = [0.06, 0.12]"}
     metrics = ("tension_max", "contact_energy_per_revolution")
-    file.write_text(report_html(read_results(pa.table(table), names), "Phone", metrics, notes=notes, wanted=wanted))
+    file.write_text(
+        study_report_html(read_results(pa.table(table), names), "Phone", metrics, notes=notes, wanted=wanted)
+    )
     try:
         page.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
         page.value("delete window.warpchain")

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from warpchain.study.analysis import main_effects
-from warpchain.study.report import report_html
+from warpchain.study.report import study_report_html
 from warpchain.study.results import ROUND_COLUMN, read_results
 
 
@@ -37,6 +37,6 @@ def test_effects_of_a_search_are_those_of_its_design():
 
 
 def test_page_of_a_search_says_which_rows_its_effects_are_of():
-    text = report_html(searched())
+    text = study_report_html(searched())
     assert "a matters most, with 75 % of the variance" in text
     assert "are of the 16 variants of the search&#x27;s design. The other 200 crowd" in text

@@ -12,7 +12,7 @@ from warpchain.drive import load_drive, save_drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import StudyError
 from warpchain.study.optimize import open_study
-from warpchain.study.report.scatters import view_study
+from warpchain.study.report.rerun_scatters import view_study
 from warpchain.study.results import export_table, read_results
 from warpchain.study.run import join_studies
 from warpchain.study.run.recordings import recorded_trajectories, results_with_objectives

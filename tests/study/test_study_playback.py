@@ -13,7 +13,7 @@ from warpchain import Record, simulate, write_archive
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.objectives import from_trajectory
-from warpchain.study.report.scatters import log_scatters, view_study
+from warpchain.study.report.rerun_scatters import log_study_scatters, view_study
 from warpchain.study.results import export_table, read_results
 from warpchain.study.run.recordings import recorded_trajectories, results_with_objectives
 
@@ -58,7 +58,7 @@ def test_scatters_hold_every_variant_that_is_ok(study):
     results, _ = study
     stream = Stream()
     metrics, objectives = ("tension_max", "tension_mean"), {"tension_max": "min", "torque": "max"}
-    charts, columns = log_scatters(stream, results, [3], metrics=metrics, objectives=objectives)
+    charts, columns = log_study_scatters(stream, results, [3], metrics=metrics, objectives=objectives)
     assert columns == 2
     assert [chart.path for chart in charts] == [("study", "torque", f"{metric} [N]") for metric in metrics]
     of_max = {p.rsplit("/", 1)[-1].replace("\\ ", " "): words for p, words in stream.dots.items() if "max" in p}
@@ -73,7 +73,7 @@ def test_objectives_have_panels_whatever_else_is_shown(study):
     results, _ = study
     stream = Stream()
     shown = {"metrics": ("tension_max",), "objectives": {"driven.force_max": "min"}}
-    charts, _ = log_scatters(stream, results, [], **shown)
+    charts, _ = log_study_scatters(stream, results, [], **shown)
     assert [chart.path[-1].split(" ")[0] for chart in charts] == ["driven.force_max", "tension_max"]
     best = [words for path, words in stream.dots.items() if path.endswith("/best")]
     least = int(np.argmin(np.where(results.ok, results.values("driven.force_max"), np.inf)))
@@ -81,7 +81,7 @@ def test_objectives_have_panels_whatever_else_is_shown(study):
     noise = pa.field("torque", pa.float64(), metadata={"role": "factor", "kind": "noise"})
     table = results.table.set_column(results.table.column_names.index("torque"), noise, results.table["torque"])
     stream = Stream()
-    log_scatters(stream, read_results(table, ["torque", "law"]), [], **shown)
+    log_study_scatters(stream, read_results(table, ["torque", "law"]), [], **shown)
     assert not any(words for path, words in stream.dots.items() if path.endswith("/best"))  # it has the luckiest noise
 
 
@@ -150,7 +150,7 @@ def test_objectives_of_the_study_file_are_drawn(study, tmp_path, capsys, monkeyp
     export_table(results.table.drop_columns(["archive"]), tmp_path / "results.parquet")
     (tmp_path / "study.toml").write_text(STUDY)
     drawn = []
-    monkeypatch.setattr("warpchain.study.report.scatters.view_study", lambda *args: drawn.append(args[-2]))
+    monkeypatch.setattr("warpchain.study.report.rerun_scatters.view_study", lambda *args: drawn.append(args[-2]))
     words = ["study", "view", tmp_path, "--save", tmp_path / "s.rrd", "--factor", "torque"]
     assert command(capsys, *words)[0] == 0
     assert command(capsys, *words, "--maximize", "tension_mean")[0] == 0

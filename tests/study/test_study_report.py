@@ -14,9 +14,9 @@ from view.html_page import Page
 from warpchain.errors import StudyError
 from warpchain.results.units import decimals
 from warpchain.study.analysis import main_effects
-from warpchain.study.report import report_html, telling_metrics
-from warpchain.study.report.decisions import Wanted
-from warpchain.study.report.panels import surrogate
+from warpchain.study.report import study_report_html, telling_metrics
+from warpchain.study.report.decision_sections import ReportGoals
+from warpchain.study.report.panels import surrogate_panels
 from warpchain.study.results import export_table, read_results
 from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.study.surrogate import best_surrogate
@@ -50,7 +50,7 @@ OBJECTIVES = {"tension_max": "min", "center.x": "max"}
 
 @pytest.fixture(scope="module")
 def html():
-    return report_html(read_results(study(), FACTORS), "A < B", objectives=OBJECTIVES)
+    return study_report_html(read_results(study(), FACTORS), "A < B", objectives=OBJECTIVES)
 
 
 def test_page_tells_what_happened_and_needs_no_network(html):
@@ -71,16 +71,16 @@ def test_page_tells_what_happened_and_needs_no_network(html):
 
 
 def test_same_study_same_page(html):
-    assert report_html(read_results(study(), FACTORS), "A < B", objectives=OBJECTIVES) == html
+    assert study_report_html(read_results(study(), FACTORS), "A < B", objectives=OBJECTIVES) == html
 
 
 def test_few_or_no_variants_are_told_not_analyzed():
     none_ok = study(1)  # its only variant diverged
-    html = report_html(read_results(none_ok, FACTORS))
+    html = study_report_html(read_results(none_ok, FACTORS))
     assert "Fewer than three variants" in html
     assert "<b>1</b>diverged" in html
     with pytest.raises(StudyError, match="nothing to report"):
-        report_html(read_results(none_ok.slice(0, 0), FACTORS))
+        study_report_html(read_results(none_ok.slice(0, 0), FACTORS))
 
 
 def test_words_and_switches_alone_make_a_page():
@@ -88,7 +88,7 @@ def test_words_and_switches_alone_make_a_page():
     y = pa.array([1, 2, None, 4, 5, 6])
     table = pa.table({"law": list("ababab"), "settle": switches, "y": y, "e": pa.nulls(6)})
     for factors in (["law"], ["law", "settle"]):
-        html = report_html(read_results(table, factors))
+        html = study_report_html(read_results(table, factors))
         assert "Effects and interactions" in html
         # switches count as the numbers 0 and 1, words do not
         assert ("no factor holds numbers that vary" in html) == ("settle" not in factors)
@@ -97,7 +97,7 @@ def test_words_and_switches_alone_make_a_page():
 def test_scatter_without_a_cause_is_called_that():
     rng = np.random.default_rng(0)
     noise = pa.table({"a": rng.random(50), "y": rng.random(50)})
-    assert "no factor stands out" in report_html(read_results(noise, ["a"]))
+    assert "no factor stands out" in study_report_html(read_results(noise, ["a"]))
 
 
 def test_a_share_is_not_told_where_each_group_has_one_variant():
@@ -106,7 +106,7 @@ def test_a_share_is_not_told_where_each_group_has_one_variant():
     Of nine in three groups it is 1 - S_w / 6 / (S / 8), S_w = 2 the squares within the groups and S all, by hand.
     """
     few, y = pa.table({"a": [1.0, 2.0, 3.0], "y": [0.0, 2.0, 4.0]}), [0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 4.0, 5.0, 5.0]
-    html = report_html(read_results(few, ["a"]))
+    html = study_report_html(read_results(few, ["a"]))
     assert "what each factor explains is not known from 3 variants in 3 groups of a" in html
     assert "3 variants: share not known" in html and "explains 100 %" not in html and "explains most" not in html
     nine = read_results(
@@ -116,7 +116,7 @@ def test_a_share_is_not_told_where_each_group_has_one_variant():
     between, within = 3 * sum((m - 23 / 9) ** 2 for m in (2 / 3, 7 / 3, 14 / 3)), 2.0
     assert effect.explained == pytest.approx(between / (between + within), rel=1e-12)  # round-off
     assert effect.adjusted == pytest.approx(1.0 - within / (between + within) * 8 / 6, rel=1e-12)
-    assert f"explains {100.0 * effect.adjusted:.0f} %" in report_html(nine)
+    assert f"explains {100.0 * effect.adjusted:.0f} %" in study_report_html(nine)
 
 
 def test_scatter_and_effect_are_one_verdict():
@@ -124,7 +124,7 @@ def test_scatter_and_effect_are_one_verdict():
     rng = np.random.default_rng(4)
     a, b = (np.tile(corner, 10) for corner in ([-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]))
     table = pa.table({"a": a, "b": b, "y": a * b + 0.15 * rng.standard_normal(40)})
-    words = " ".join(Page(report_html(read_results(table, ["a", "b"]))).words)
+    words = " ".join(Page(study_report_html(read_results(table, ["a", "b"]))).words)
     share = re.search(r"y: (\d+) % of its variance is scatter between equal runs", words).group(1)
     assert share == "2"
     verdict = re.search(r"y: from .*?\); (no factor.*?)\.(?!\d)", words).group(1)
@@ -143,9 +143,9 @@ def test_scatter_and_effect_are_one_verdict():
     c = np.repeat([-1.0, 1.0, 1.0, -1.0], 10)[np.random.default_rng(1).permutation(40)]
     three = table.set_column(2, "y", pa.array(a * b * c + 0.15 * rng.standard_normal(40))).append_column("c", [c])
     told = "only, and no pair shows: three or more factors act together, or all in ways that so few variants"
-    assert told in " ".join(Page(report_html(read_results(three, ["a", "b", "c"]))).words)
+    assert told in " ".join(Page(study_report_html(read_results(three, ["a", "b", "c"]))).words)
     for told, y in cases.items():
-        page = report_html(read_results(table.set_column(2, "y", pa.array(y)), ["a", "b"]))
+        page = study_report_html(read_results(table.set_column(2, "y", pa.array(y)), ["a", "b"]))
         assert re.search(told, " ".join(Page(page).words))
 
 
@@ -155,7 +155,7 @@ def test_indices_come_from_the_surrogate_that_the_page_draws():
     rng = np.random.default_rng(5)
     a, b = rng.uniform(-1.0, 1.0, 60), rng.uniform(-1.0, 1.0, 60)
     smooth = pa.table({"a": a, "b": b, "y": np.sin(2.0 * np.pi * a), "z": rng.standard_normal(60)})
-    html = report_html(read_results(smooth, ["a", "b"]))
+    html = study_report_html(read_results(smooth, ["a", "b"]))
     sobol = html[html.index('id="sobol"') : html.index('id="extremes"')]
     assert re.search(r"y: of the Gaussian process of 60 variants \(cross-validated Q² = (0.9|1.0)\d+: it misses", sobol)
     assert '"title":"y"' in sobol and '"title":"z"' not in sobol
@@ -173,8 +173,8 @@ def search():
 
 def test_a_search_tells_its_history():
     results = read_results(search(), ["a", "law"], ["y", "w"])
-    wanted = Wanted((Objective(metric="y"),), (Bound(metric="w", max=1.0),))
-    page = Page(report_html(results, wanted=wanted))
+    wanted = ReportGoals((Objective(metric="y"),), (Bound(metric="w", max=1.0),))
+    page = Page(study_report_html(results, wanted=wanted))
     assert page.sections[:3] == ["summary", "designs", "search"]
     words = " ".join(page.words)
     assert "8 variants in 2 rounds, 8 ok, 7 of which keep the limits" in words
@@ -190,7 +190,7 @@ def test_a_search_tells_its_history():
     assert drawn["recommended"] and sorted(x for some in drawn.values() for x in some) == list(range(1, 9))
     assert set(drawn["design"]) <= {1, 2, 3, 4} and set(drawn["proposed"]) <= {5, 6, 7, 8}
     assert of_law["y"]["words"] == ["u", "v"]
-    assert "search" not in Page(report_html(read_results(study(), FACTORS), objectives=OBJECTIVES)).sections
+    assert "search" not in Page(study_report_html(read_results(study(), FACTORS), objectives=OBJECTIVES)).sections
 
 
 def test_telling_metrics_come_first_and_constants_not_at_all():
@@ -275,7 +275,7 @@ def test_rows_that_are_not_ok_are_drawn_but_not_fitted():
     results = read_results(pa.table({"a": a, "y": y, "status": status}), ["a"], ["y"])
     found = best_surrogate(results, "y")
     assert found.predict({"a": [a[4], a[9]]})[0] == pytest.approx([a[4], a[9]], abs=0.01)
-    cut = surrogate(results, found, found.cross_validated())[0]
+    cut = surrogate_panels(results, found, found.cross_validated())[0]
     (dots,) = (series for series in cut["series"] if series.get("label", "").startswith("not ok"))
     assert dots["label"] == "not ok, not fitted, 1 more beyond the picture"
     assert (dots["x"], dots["y"]) == (pytest.approx([a[4]], rel=1e-4), [1.2])
@@ -306,7 +306,7 @@ def test_columns_have_the_unit_and_the_digits_of_what_they_show():
     columns = {"a": np.linspace(0.123456789, 0.723456789, 60), "b": np.linspace(12.70010003, 12.70025007, 60)}
     made = pa.table(columns | {"loss": power, "status": ["ok"] * 59 + ["diverged"]})
     schema = pa.schema([field.with_metadata({"unit": "W"} if field.name == "loss" else {}) for field in made.schema])
-    page = report_html(read_results(made.cast(schema), ["a", "b"], ["loss"]), metrics=("loss",))
+    page = study_report_html(read_results(made.cast(schema), ["a", "b"], ["loss"]), metrics=("loss",))
     losses = ["1.05", "2.73", "4.42", "95.4", "97.08", "98.77"]
     assert cells_of(page, "extremes", "loss") == ("loss [W]", losses)
     assert cells_of(page, "extremes", "a")[1][0] == "0.1235" and cells_of(page, "extremes", "b")[1][0] == "12.7001"
@@ -326,11 +326,11 @@ def large(rows):
 def test_ten_thousand_rows_make_a_small_page_soon():
     results = large(10_000)
     objectives = {"s0.force_max": "min", "s1.force_max": "min"}
-    report_html(large(100), objectives=objectives)  # imports are not the page's
+    study_report_html(large(100), objectives=objectives)  # imports are not the page's
     limits = pytest.importorskip("threadpoolctl").threadpool_limits
     with limits(limits=1):  # threads that wait for one another would count
         begin = time.process_time()
-        page = report_html(results, objectives=objectives)
+        page = study_report_html(results, objectives=objectives)
         # 3 s where it has a core alone; on a busy machine caches are others', too
         assert time.process_time() - begin < 8.0
     assert len(page.encode()) < 3e6  # 10 MB are allowed

@@ -16,7 +16,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.errors import StudyError
 from warpchain.study.analysis import main_effects
 from warpchain.study.analysis.pareto import pareto_front
-from warpchain.study.report import report_html
+from warpchain.study.report import study_report_html
 from warpchain.study.results import read_results
 from warpchain.study.run import run_study, study_status
 from warpchain.study.store import NOTE_KEY, RowOutcomes, read_row_outcomes, write_table
@@ -164,6 +164,6 @@ def test_suspect_rows_are_in_no_analysis():
     assert len(bad) == 6
     assert not bad & set(pareto_front(results, {"y": "min", "z": "min"}).tolist())
     assert min(effect.means.min() for effect in main_effects(results, "y")) > -1.0
-    html = report_html(results, objectives={"y": "min", "z": "min"})
+    html = study_report_html(results, objectives={"y": "min", "z": "min"})
     assert "<b>6</b>suspect" in html and "energy residual +2 %" in html
     assert "1e+09" not in html and "-1000000000" not in html

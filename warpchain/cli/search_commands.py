@@ -68,11 +68,11 @@ def add_risk_command(commands: Any) -> None:
 def risk_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain risk`: estimates how likely a drive breaks a limit."""
     from warpchain.study.optimize.risk import estimate_risk
-    from warpchain.study.report.risk_page import risk_lines, write_risk
+    from warpchain.study.report.risk_page import risk_lines, write_risk_page
 
     say = status_printer(arguments)
     found = estimate_risk(arguments.study, arguments.output, report=say, **run_options_from_arguments(arguments))
-    print(*risk_lines(found), f"page: {write_risk(found)}", sep="\n")
+    print(*risk_lines(found), f"page: {write_risk_page(found)}", sep="\n")
     return DONE
 
 
@@ -120,10 +120,10 @@ def add_calibrate_command(commands: Any) -> None:
 def calibrate_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain calibrate`: finds a drive's unknowns from measurements."""
     from warpchain.study.optimize.calibrate import calibrate
-    from warpchain.study.report.calibration_page import calibration_lines, write_calibration
+    from warpchain.study.report.calibration_page import calibration_lines, write_calibration_page
 
     say = status_printer(arguments)
     found = calibrate(arguments.study, arguments.output, report=say, **run_options_from_arguments(arguments))
     print(*calibration_lines(found), sep="\n")
-    print(f"drive: {found.drive}\nsamples: {found.folder / 'posterior.csv'}\npage: {write_calibration(found)}")
+    print(f"drive: {found.drive}\nsamples: {found.folder / 'posterior.csv'}\npage: {write_calibration_page(found)}")
     return DONE

@@ -317,13 +317,13 @@ def study_report_command(arguments: argparse.Namespace) -> int:
 def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
     """Writes the page on a folder of `warpchain risk`; returns the exit status."""
     from warpchain.study.optimize.risk import read_risk
-    from warpchain.study.report.risk_page import write_risk
+    from warpchain.study.report.risk_page import write_risk_page
     from warpchain.study.results import export_table
 
     asked = ("factor", "metric", "minimize", "maximize", "recorded", "fatigue")
     if given := [f"--{name}" for name in asked if getattr(arguments, name)]:
         raise StudyError(f"{given[0]}: the runs of {arguments.study} look for failures, their page compares none")
-    print(write_risk(read_risk(arguments.study), arguments.output, arguments.title))
+    print(write_risk_page(read_risk(arguments.study), arguments.output, arguments.title))
     if arguments.table is not None:
         print(export_table(results.table, arguments.table))
     return DONE
@@ -331,7 +331,7 @@ def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
 
 def study_view_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study view`: shows a study in Rerun."""
-    from warpchain.study.report.scatters import view_study
+    from warpchain.study.report.rerun_scatters import view_study
     from warpchain.study.run.recordings import recorded_trajectories
 
     path, results = _read_study_table(arguments)
@@ -370,17 +370,17 @@ def _study_of_folder(folder: Path) -> Any:
 
 def _wanted_of_folder(source: Path) -> Any:
     """Objectives and limits of the study in a folder, for its report; None of a table alone."""
-    from warpchain.study.report.decisions import Wanted
+    from warpchain.study.report.decision_sections import ReportGoals
     from warpchain.study.spec.noise_table import Noise
     from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
     study = _study_of_folder(source)
     if study is None:
         return None
-    most = study.optimize.recommend if study.optimize is not None else Wanted.most
+    most = study.optimize.recommend if study.optimize is not None else ReportGoals.most
     played = set(DRIVE_CHANNELS) <= set(study.record.channels)
     keep = (study.noise or Noise()).keep
-    return Wanted(study.objectives, study.bounds, str(source), most, played, keep)
+    return ReportGoals(study.objectives, study.bounds, str(source), most, played, keep)
 
 
 def _asked_objectives(arguments: argparse.Namespace) -> dict[str, str] | None:

@@ -162,7 +162,7 @@ def grow_until(
 
 def _judged_metrics(folder: StudyFolder, results: Results) -> tuple[str, ...]:
     """Metrics that the study's objectives and limits name, or else the most telling ones."""
-    from warpchain.study.report.study_sections import telling_metrics
+    from warpchain.study.report.study_page import telling_metrics
 
     named = tuple(name for name in folder.study.named_metrics if name in results.metrics)
     return named or telling_metrics(results)

@@ -1,13 +1,13 @@
-"""Studies as pages, and as scenes in Rerun."""
+"""Reports of studies as HTML pages, and scenes of studies in Rerun."""
 
-from warpchain.study.report.study_sections import (
-    report_html,
+from warpchain.study.report.study_page import (
+    study_report_html,
     telling_metrics,
     write_report,
 )
 
 __all__ = [
-    "report_html",
+    "study_report_html",
     "telling_metrics",
     "write_report",
 ]

@@ -1,4 +1,4 @@
-"""Page of a calibration: priors and posteriors, fit, directions that are not identified, predictions."""
+"""HTML page of a calibration: priors and posteriors, fit, directions that are not identified, predictions."""
 
 from __future__ import annotations
 
@@ -15,87 +15,95 @@ from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.posterior import UNIDENTIFIED_SHARE, PosteriorDirection
 from warpchain.study.analysis.surface import TRUSTED_R2
 from warpchain.study.optimize.calibrate import Calibration
-from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, chart, report_page, rounded
+from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, panels_html, report_page_html, rounded_numbers
 from warpchain.study.results import Array
 from warpchain.study.run.recordings import recorded_trajectories
 from warpchain.study.store import write_study_text
 from warpchain.view import html
 
-FAR = 3.0
-"""A number that is off by more standard deviations is not explained."""
-TRACE, LINES = 600, 800
+UNEXPLAINED_DEVIATIONS = 3.0
+"""Standard deviations from which on a number is not explained."""
+TRACE_POINTS, SPECTRUM_POINTS = 600, 800
 """Most points of a signal's trace, and of its spectrum."""
-WEIGHT = 0.25
+LEAST_NAMED_WEIGHT = 0.25
 """Least weight of an unknown that is named in a direction."""
 
 
-def write_calibration(found: Calibration) -> Path:
-    """Writes the page into the folder of a calibration; returns it."""
+def write_calibration_page(found: Calibration) -> Path:
+    """Writes the HTML page of a calibration into its folder; returns the file."""
     page = found.folder / "calibration.html"
     title = found.study.study.name or found.folder.resolve().name
-    sections = [_summary(found), _unknowns(found), _fit(found), *_signals(found), _open(found), _predicted(found)]
-    write_study_text(page, report_page(title, [*(s for s in sections if s), _course(found)]))
+    sections = [
+        _calibration_summary(found),
+        _unknowns_section(found),
+        _fit_section(found),
+        *_signal_sections(found),
+        _directions_section(found),
+        _predictions_section(found),
+    ]
+    write_study_text(page, report_page_html(title, [*(s for s in sections if s), _rounds_section(found)]))
     return page
 
 
 def calibration_lines(found: Calibration) -> list[str]:
-    """The result, a line each."""
+    """Lines of text that state the result of a calibration."""
     runs, ok = len(found.results.status), int(found.results.ok.sum())
     lines = [f"{len(found.numbers)} measured numbers, {len(found.values)} unknowns, {runs} runs, {ok} of them ok"]
     for name in found.values:
-        lines.append(f"{name}: {_spread(found, name, found.values_before)} a priori, "
-                     f"{_spread(found, name, found.values)} a posteriori")  # fmt: skip
-    return [*lines, *_open_lines(found), *_residual_lines(found), *_trust_lines(found)]
+        lines.append(f"{name}: {_mean_and_deviation_text(found, name, found.values_before)} a priori, "
+                     f"{_mean_and_deviation_text(found, name, found.values)} a posteriori")  # fmt: skip
+    return [*lines, *_unidentified_lines(found), *_unexplained_lines(found), *_emulator_trust_lines(found)]
 
 
-def _spread(found: Calibration, name: str, values: dict[str, Array]) -> str:
-    """Mean and standard deviation of an unknown, in its unit."""
-    return quantity(float(values[name].mean()), _unit(found, name), float(values[name].std()))
+def _mean_and_deviation_text(found: Calibration, name: str, values: dict[str, Array]) -> str:
+    """Mean and standard deviation of an unknown's samples as text, in its unit."""
+    return quantity(float(values[name].mean()), _unknown_unit(found, name), float(values[name].std()))
 
 
-def _unit(found: Calibration, name: str) -> str:
+def _unknown_unit(found: Calibration, name: str) -> str:
+    """Unit of an unknown."""
     return found.results.column_unit(name)
 
 
-def _combination(found: Calibration, of: PosteriorDirection) -> str:
-    """A direction in words: "stiffness up, damping down"."""
+def _direction_text(found: Calibration, of: PosteriorDirection) -> str:
+    """Direction of unknowns as text: "stiffness up with damping down"."""
     parts = [
         f"{name} {'up' if weight > 0.0 else 'down'}"
-        for name, weight in sorted(zip(_axes(found), of.weights, strict=True), key=lambda one: -abs(one[1]))
-        if abs(weight) >= WEIGHT
+        for name, weight in sorted(zip(_dimension_names(found), of.weights, strict=True), key=lambda one: -abs(one[1]))
+        if abs(weight) >= LEAST_NAMED_WEIGHT
     ]
     return " with ".join(parts)
 
 
-def _axes(found: Calibration) -> list[str]:
-    """Names of the normals' dimensions: unknowns, or groups of them."""
+def _dimension_names(found: Calibration) -> list[str]:
+    """Names of the dimensions of the normals: unknowns, or groups of them."""
     from warpchain.study.design.factor_values import design_dimensions
 
     return [axis.name for axis in design_dimensions(found.study.noise_study)]
 
 
-def _open_lines(found: Calibration) -> list[str]:
-    """The directions that are not identified."""
+def _unidentified_lines(found: Calibration) -> list[str]:
+    """Lines on the directions that the measurements do not identify."""
     return [
-        f"not identified by the measurements: {_combination(found, of)}, which keeps "
+        f"not identified by the measurements: {_direction_text(found, of)}, which keeps "
         f"{100.0 * min(of.left, 1.0):.0f} % of its prior standard deviation"
         for of in found.directions
         if of.left >= UNIDENTIFIED_SHARE
     ]
 
 
-def _residual_lines(found: Calibration) -> list[str]:
-    """The numbers that no values of the unknowns explain."""
+def _unexplained_lines(found: Calibration) -> list[str]:
+    """Lines on the numbers that no values of the unknowns explain."""
     return [
         f"not explained: {of.name}, {abs(off):.1f} standard deviations {'above' if off > 0 else 'below'} the expected; "
         "the model lacks something, a prior is too narrow or an error too small"
         for of, off in zip(found.numbers, found.residuals, strict=True)
-        if abs(off) > FAR
+        if abs(off) > UNEXPLAINED_DEVIATIONS
     ]
 
 
-def _trust_lines(found: Calibration) -> list[str]:
-    """Whether the surrogates can be trusted."""
+def _emulator_trust_lines(found: Calibration) -> list[str]:
+    """Lines on how well the surrogates of a calibration predict."""
     inside, of = found.check_counts
     lines = [
         f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands",
@@ -110,7 +118,8 @@ def _trust_lines(found: Calibration) -> list[str]:
     return lines
 
 
-def _summary(found: Calibration) -> html.PageSection:
+def _calibration_summary(found: Calibration) -> html.PageSection:
+    """Section with the result of a calibration in short, and its files."""
     first, *lines = calibration_lines(found)
     files = (
         f"The drive at the posterior's means: {found.drive.name}. Samples of the unknowns: posterior.csv, which a "
@@ -121,44 +130,55 @@ def _summary(found: Calibration) -> html.PageSection:
     )
 
 
-def _unknowns(found: Calibration) -> html.PageSection:
+def _unknowns_section(found: Calibration) -> html.PageSection:
+    """Section on the unknowns: ranges and densities of prior and posterior."""
     rows, figures = [], []
     for k, name in enumerate(found.values):
         before, after = found.values_before[name], found.values[name]
-        word, factor = shown_unit(_unit(found, name), float(np.abs(before).max()))
+        word, factor = shown_unit(_unknown_unit(found, name), float(np.abs(before).max()))
         ends = [factor * np.percentile(values, (5, 95)) for values in (before, after)]
         digits = decimals(ends)
         cells = [f"{html.column_number(low, digits)} to {html.column_number(high, digits)}" for low, high in ends]
         mean, left = html.column_number(factor * float(after.mean()), digits), float(after.std() / before.std())
         rows.append((name, word, *cells, mean, f"{100.0 * left:.0f} %"))
-        figures.append(_histogram(f"{name} [{word}]" if word else name, factor * before, factor * after, k == 0))
+        figures.append(_density_panel(f"{name} [{word}]" if word else name, factor * before, factor * after, k == 0))
     heads = ("unknown", "unit", "90 % prior", "90 % posterior", "posterior mean", "standard deviation left")
     return html.page_section(
         "unknowns",
         "The unknowns",
         html.table_html(heads, rows),
-        chart(figures, "prior and posterior"),
+        panels_html(figures, "prior and posterior"),
     )
 
 
-def _histogram(label: str, before: Array, after: Array, named: bool) -> Panel:
-    """Densities of samples of the prior, as steps, and of the posterior, as columns."""
+def _density_panel(label: str, before: Array, after: Array, named: bool) -> Panel:
+    """Panel of the densities of samples of the prior, as steps, and of the posterior, as columns."""
     low, high = np.percentile(before, (0.5, 99.5))
     low, high = min(low, after.min()), max(high, after.max())
     edges = np.linspace(low, high, 41)
     prior, posterior = (np.histogram(values, edges, density=True)[0] for values in (before, after))
     top = float(1.08 * max(prior.max(), posterior.max()))
     series: list[dict[str, Any]] = [
-        {"kind": "columns", "low_x": rounded(edges[:-1]), "high_x": rounded(edges[1:]), "y": rounded(posterior)},
-        {"kind": "line", "x": rounded(np.repeat(edges, 2)[1:-1]), "y": rounded(np.repeat(prior, 2)), "color": MARK},
+        {
+            "kind": "columns",
+            "low_x": rounded_numbers(edges[:-1]),
+            "high_x": rounded_numbers(edges[1:]),
+            "y": rounded_numbers(posterior),
+        },
+        {
+            "kind": "line",
+            "x": rounded_numbers(np.repeat(edges, 2)[1:-1]),
+            "y": rounded_numbers(np.repeat(prior, 2)),
+            "color": MARK,
+        },
     ]
     if named:
         series[0]["label"], series[1]["label"] = "posterior", "prior"
     return {"x": {"label": label}, "y": {"label": "density", "range": [0.0, top]}, "series": series}
 
 
-def _fit(found: Calibration) -> html.PageSection:
-    """Measured numbers beside the model's by prior and posterior, and a run of the calibrated drive."""
+def _fit_section(found: Calibration) -> html.PageSection:
+    """Section on measured numbers beside those of prior, posterior and a calibrated run."""
     calibrated = found.runs[len(found.runs) - found.checks]
     models = [found.emulated(u) for u in (found.before, found.after)]
     spans = [(m.mean(axis=0), np.sqrt(v.mean(axis=0) + m.var(axis=0))) for m, v in models]
@@ -175,13 +195,13 @@ def _fit(found: Calibration) -> html.PageSection:
         "fit", "Fit of the measured numbers",
         html.paragraph_html("\N{PLUS-MINUS SIGN} is one standard deviation; of the model it holds the scatter of runs. "
                   "Off: measured less expected, in standard deviations of both.", muted=True),
-        chart(_fit_panel(found, spans), "numbers over what was measured"),
+        panels_html(_fit_panel(found, spans), "numbers over what was measured"),
         html.table_html(heads, rows),
     )  # fmt: skip
 
 
 def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list[Panel]:
-    """Deviations from the measured values, in parts of these."""
+    """Panel of the deviations from measured numbers by prior and posterior, in percent."""
     values = np.array([of.value for of in found.numbers])
     shown = np.flatnonzero(values)
     if not len(shown):
@@ -191,9 +211,9 @@ def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list
     parts = ((values, errors, INK, "measured"), (*spans[0], MARK, "prior"), (*spans[1], ACCENT, "posterior"))
     for k, (mean, deviation, color, label) in enumerate(parts):
         low, middle, high = (
-            rounded(100.0 * ((mean + s * deviation) / values - 1.0)[shown]) for s in (-1.96, 0.0, 1.96)
+            rounded_numbers(100.0 * ((mean + s * deviation) / values - 1.0)[shown]) for s in (-1.96, 0.0, 1.96)
         )
-        at = rounded(rows - 0.22 * (k - 1))
+        at = rounded_numbers(rows - 0.22 * (k - 1))
         series.append({"kind": "spans", "y": at, "low_x": low, "high_x": high, "color": color})
         series.append({"kind": "points", "y": at, "x": middle, "color": color, "size": 3.0, "label": f"{label}, 95 %"})
     words = [found.numbers[j].name for j in shown[::-1]]
@@ -201,8 +221,8 @@ def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list
     return [{"x": {"label": "off the measured [%]"}, "y": {"words": words}, "series": series, **size}]
 
 
-def _signals(found: Calibration) -> list[html.PageSection]:
-    """Traces and spectra of the measured signals beside those of the last round's runs."""
+def _signal_sections(found: Calibration) -> list[html.PageSection]:
+    """Section on traces and spectra of the measured signals and of the last runs; none without signals."""
     if not found.signals:
         return []
     results = found.results
@@ -223,12 +243,13 @@ def _signals(found: Calibration) -> list[html.PageSection]:
             "signals", "The signals",
             html.paragraph_html("Blue: runs drawn from the posterior. Red: measured. Instants need not agree, as the "
                       "rig's time has another origin and impacts are chaotic; levels and spectra should.", muted=True),
-            chart(figures, "measured signals and those of runs"),
+            panels_html(figures, "measured signals and those of runs"),
         )
     ]  # fmt: skip
 
 
 def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Array, Array]]) -> list[Panel]:
+    """Panels of the trace and the spectrum of a measured signal and of runs."""
     span = min(float(of[0][-1]) for of in (rig, *runs))
     traces, spectra = [], []
     nyquist = min(0.5 / float(np.diff(of[0]).mean()) for of in (rig, *runs))
@@ -237,17 +258,24 @@ def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Ar
         named = {"label": words} if k in (0, len(drawn) - 1) else {}
         width = 1.2
         shown = np.flatnonzero(time <= span)
-        shown = shown[:: max(1, len(shown) // TRACE)]
+        shown = shown[:: max(1, len(shown) // TRACE_POINTS)]
         traces.append(
-            {"kind": "line", "x": rounded(time[shown]), "y": rounded(values[shown]), "color": color, "width": width}
+            {
+                "kind": "line",
+                "x": rounded_numbers(time[shown]),
+                "y": rounded_numbers(values[shown]),
+                "color": color,
+                "width": width,
+            }
             | named
         )
         even = np.linspace(time[0], time[-1], len(time))
         held = np.isfinite(values)
         lines, size = amplitude_spectrum(np.interp(even, time[held], values[held]), float(even[1] - even[0]))
-        lines, size = _peaks(lines[1:], size[1:], nyquist)
+        lines, size = _thinned_spectrum(lines[1:], size[1:], nyquist)
         spectra.append(
-            {"kind": "line", "x": rounded(lines), "y": rounded(size), "color": color, "width": width} | named
+            {"kind": "line", "x": rounded_numbers(lines), "y": rounded_numbers(size), "color": color, "width": width}
+            | named
         )
     wide: dict[str, Any] = {"width": 540, "height": 250}
     return [
@@ -256,34 +284,34 @@ def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Ar
     ]
 
 
-def _peaks(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
-    """A spectrum up to a frequency with at most `LINES` points, each the largest of those that it stands for."""
+def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
+    """Spectrum up to a frequency with at most `SPECTRUM_POINTS` points, each the largest of its neighbors."""
     lines, size = lines[lines <= most], size[lines <= most]
-    wide = max(1, -(-len(lines) // LINES))
+    wide = max(1, -(-len(lines) // SPECTRUM_POINTS))
     starts = np.arange(0, len(lines), wide)
     return lines[starts], np.maximum.reduceat(size, starts) if len(lines) else size
 
 
-def _open(found: Calibration) -> html.PageSection:
-    """Directions of the unknowns, the least identified first."""
-    words = [_combination(found, of) for of in found.directions]
+def _directions_section(found: Calibration) -> html.PageSection:
+    """Section on the directions of the unknowns, the least identified first."""
+    words = [_direction_text(found, of) for of in found.directions]
     at = np.arange(len(words))[::-1]
     left = [100.0 * of.left for of in found.directions]
-    bars = {"kind": "rows", "y": at.tolist(), "x": rounded(left), "color": ACCENT, "thick": 0.6}
+    bars = {"kind": "rows", "y": at.tolist(), "x": rounded_numbers(left), "color": ACCENT, "thick": 0.6}
     x = {"label": "standard deviation left [%]", "range": [0.0, max(100.0, 1.05 * max(left))]}
     figure = {"x": x, "y": {"words": words[::-1]}, "series": [bars], "width": 860, "height": 70 + 34 * len(words)}
-    lines = _open_lines(found) or ["every direction is identified: half of its variance is gone, or more"]
+    lines = _unidentified_lines(found) or ["every direction is identified: half of its variance is gone, or more"]
     return html.page_section(
         "open", "What the measurements cannot tell",
         html.paragraph_html("Combinations of unknowns, the least identified first. Near 100 % only the prior is left: "
                   "another measurement is needed.", muted=True),
-        chart([figure, *_pair(found)], "directions of the unknowns"),
+        panels_html([figure, *_correlated_pair_panels(found)], "directions of the unknowns"),
         html.bullets_html(lines),
     )  # fmt: skip
 
 
-def _pair(found: Calibration) -> list[Panel]:
-    """Samples of the two unknowns that the posterior correlates most."""
+def _correlated_pair_panels(found: Calibration) -> list[Panel]:
+    """Panel of samples of the two unknowns that the posterior correlates most; none of one unknown."""
     names = list(found.values)
     if len(names) < 2:
         return []
@@ -291,18 +319,19 @@ def _pair(found: Calibration) -> list[Panel]:
     a, b = sorted(divmod(int(np.argmax(both)), len(names)))
     series, axes = [], []
     for name in (names[a], names[b]):
-        word, factor = shown_unit(_unit(found, name), float(np.abs(found.values_before[name]).max()))
+        word, factor = shown_unit(_unknown_unit(found, name), float(np.abs(found.values_before[name]).max()))
         axes.append((f"{name} [{word}]" if word else name, factor))
     for values, color, label in ((found.values_before, PALE, "prior"), (found.values, ACCENT, "posterior")):
         x, y = (
-            rounded(factor * values[name][:500]) for name, (_, factor) in zip((names[a], names[b]), axes, strict=True)
+            rounded_numbers(factor * values[name][:500])
+            for name, (_, factor) in zip((names[a], names[b]), axes, strict=True)
         )
         series.append({"kind": "points", "x": x, "y": y, "color": color, "size": 1.8, "label": label})
     return [{"x": {"label": axes[0][0]}, "y": {"label": axes[1][0]}, "series": series, "width": 400, "height": 320}]
 
 
-def _predicted(found: Calibration) -> html.PageSection | None:
-    """Predictions of metrics by prior and posterior."""
+def _predictions_section(found: Calibration) -> html.PageSection | None:
+    """Section on predictions of metrics by prior and posterior; None without any."""
     if not found.predictions:
         return None
     rows, figures = [], []
@@ -315,19 +344,21 @@ def _predicted(found: Calibration) -> html.PageSection | None:
         rows.append((of.metric, *cells, of.q2))
         word, factor = shown_unit(unit, float(np.abs(of.before).max()))
         figures.append(
-            _histogram(f"{of.metric} [{word}]" if word else of.metric, factor * of.before, factor * of.after, k == 0)
+            _density_panel(
+                f"{of.metric} [{word}]" if word else of.metric, factor * of.before, factor * of.after, k == 0
+            )
         )
     heads = ("metric", "prior mean", "95 % of runs, prior", "posterior mean", "95 % of runs, posterior", "Q\u00b2")
     return html.page_section(
         "predictions", "How predictions change",
         html.paragraph_html("What a run gives, scatter between runs in it.", muted=True),
-        chart(figures, "predictions by prior and posterior"), html.table_html(heads, rows),
+        panels_html(figures, "predictions by prior and posterior"), html.table_html(heads, rows),
     )  # fmt: skip
 
 
-def _course(found: Calibration) -> html.PageSection:
-    """The posterior round by round."""
-    axes = _axes(found)
+def _rounds_section(found: Calibration) -> html.PageSection:
+    """Section on the posterior after each round."""
+    axes = _dimension_names(found)
     rows = [
         (f"{k + 1}", *(f"{m:+.2f} \N{PLUS-MINUS SIGN} {s:.2f}" for m, s in zip(mean, deviation, strict=True)))
         for k, (mean, deviation) in enumerate(found.rounds)
@@ -337,5 +368,6 @@ def _course(found: Calibration) -> html.PageSection:
         html.paragraph_html("The posterior after each round, in prior standard deviations: where it still moves, raise "
                   "calibrate.rounds.", muted=True),
         html.table_html(("round", *axes), rows),
-        html.bullets_html([*_trust_lines(found), f"{found.independent:.0f} independent samples of the posterior"]),
+        html.bullets_html([*_emulator_trust_lines(found), f"{found.independent:.0f} independent samples of the "
+                                                          f"posterior"]),
     )  # fmt: skip

@@ -1,7 +1,7 @@
-"""Figures of a study as data, and the page whose script draws them: distributions, effects, surrogates, indices.
+"""Panels, figures of a study as data, and the HTML page whose script draws them.
 
 A panel is a mapping: `title`, `x` and `y` (each with `label`, `words` or `range`), and `series`, each of a `kind` that
-`page.js` draws. Values are in the units that are shown. Nothing is fetched.
+`page.js` draws. Values are in the units that are shown.
 """
 
 from __future__ import annotations
@@ -29,65 +29,65 @@ from warpchain.study.results import Array, Results
 from warpchain.study.surrogate import CrossValidation, Surrogate
 from warpchain.view import html
 
-_HERE = Path(__file__).parent
+_FOLDER = Path(__file__).parent
 Panel = dict[str, Any]
 INK, ACCENT, MARK, PALE, OTHER = "#33475b", "#1f77b4", "#d1495b", "#b4bcc4", "#6a4c93"
-THREE = ("#1f77b4", "#6a4c93", "#d1495b")
-DOTS = 300
+LEVEL_COLORS = ("#1f77b4", "#6a4c93", "#d1495b")
+MOST_DOTS = 300
 """Most variants drawn behind a curve."""
 
 
-def report_page(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
-    """A whole HTML document: heading, links to the sections, sections, the rows and the script that shows them."""
-    style, script = (read_text_file(_HERE / name, "text", StudyError) for name in ("page.css", "page.js"))
+def report_page_html(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
+    """HTML document of a report: heading, links, sections, data of rows, and the script that draws panels."""
+    style, script = (read_text_file(_FOLDER / name, "text", StudyError) for name in ("page.css", "page.js"))
     end = (
-        f'<div id="tip"></div>\n<script type="application/json" id="report-data">{data(rows)}</script>\n'
+        f'<div id="tip"></div>\n<script type="application/json" id="report-data">{json_script_text(rows)}</script>\n'
         f"<script>\n{script}</script>\n"
     )
     return html.page_html(title, sections, style, end)
 
 
-def data(values: Any) -> str:
+def json_script_text(values: Any) -> str:
     """Values as JSON for a script element."""
     text = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return text.replace("<", "\\u003c")
 
 
-def chart(panels: Sequence[Mapping[str, Any]], words: str) -> str:
-    """Panels that the page's script draws; `words` is what they are called by those who cannot see them."""
+def panels_html(panels: Sequence[Mapping[str, Any]], words: str) -> str:
+    """HTML with the data of panels; `words` names them for those who cannot see them."""
     if not panels:
         return ""
-    inside = f'<script type="application/json">{data(panels)}</script>'
+    inside = f'<script type="application/json">{json_script_text(panels)}</script>'
     return f'<div class="panels" role="group" aria-label="{escape(words)}">{inside}</div>'
 
 
-def hint(words: str) -> str:
-    """A hint on how to use the page, which is not printed."""
+def hint_html(words: str) -> str:
+    """HTML of a hint on how to use the page, which is not printed."""
     return f'<p class="muted screen">{escape(words)}</p>'
 
 
-def place(name: str, words: str = "") -> str:
-    """An empty place that the page's script fills."""
+def placeholder_html(name: str, words: str = "") -> str:
+    """HTML of an empty place that the page's script fills."""
     return f'<div id="{escape(name)}" aria-label="{escape(words)}"></div>'
 
 
-def rounded(values: Any, digits: int = 5) -> list[float | None]:
-    """Numbers for the page, None where there is none."""
+def rounded_numbers(values: Any, digits: int = 5) -> list[float | None]:
+    """Numbers rounded to significant digits, None in place of those that are not finite."""
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float).tolist()]
 
 
-class Axis:
-    """A column as it is shown: in a unit that suits its largest value, with decimals that suit its range.
+class ShownColumn:
+    """A column of results as it is shown: unit by the largest value, decimals by the range.
 
     Args:
         results: the study's results.
-        column: its name.
-        rows: those that are shown; None takes all, of a metric those that are ok.
+        column: name of the column.
+        rows: rows that are shown; None takes all, of a metric those that are ok.
 
     Attributes:
-        name: with its unit.
+        name: name with unit.
         factor: shown value = SI value * factor.
-        unit: that is shown.
+        unit: unit that is shown.
         decimals: of shown values; see `units.decimals`.
     """
 
@@ -101,71 +101,88 @@ class Axis:
         self.decimals = decimals(values * self.factor)
         self.name = f"{column} [{self.unit}]" if self.unit else column
 
-    def of(self, values: Any) -> list[float | None]:
-        """SI values as they are shown, with all decimals, and five digits at least."""
+    def shown_values(self, values: Any) -> list[float | None]:
+        """SI values in the shown unit, with all decimals and at least five digits."""
         shown = np.asarray(values, dtype=float) * self.factor
         largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
-        return rounded(shown, max(5, html.significant_digits(largest, self.decimals)))
+        return rounded_numbers(shown, max(5, html.significant_digits(largest, self.decimals)))
 
-    def text(self, value: float) -> str:
+    def value_text(self, value: float) -> str:
         """An SI value as a table shows it, below a head that has the unit."""
         return html.column_number(self.factor * value, self.decimals)
 
-    def words(self, label: str) -> str:
-        """A group of values as `Effect.labels` has it, "8" or "8 to 10", as it is shown."""
+    def group_text(self, label: str) -> str:
+        """A group's label of `Effect.labels`, "8" or "8 to 10", in the shown unit."""
         ends = [f"{self.factor * float(end):.4g}" for end in label.split(" to ")]
         return f"{' to '.join(ends)} {self.unit}".rstrip()
 
 
-def distributions(results: Results, metrics: Sequence[str]) -> list[Panel]:
-    """A histogram of each metric over the variants that are ok, with its median."""
+def histogram_panels(results: Results, metrics: Sequence[str]) -> list[Panel]:
+    """Histogram of each metric over the ok variants, with its median."""
     panels = []
     for k, metric in enumerate(metrics):
-        axis = Axis(results, metric)
+        axis = ShownColumn(results, metric)
         values = results.values(metric)[results.usable_rows(metric)]
         counts, edges = np.histogram(values, bins=min(40, max(6, int(np.sqrt(len(values))))))
         label = {"label": "median"} if k == 0 else {}
         series = [
-            {"kind": "columns", "low_x": axis.of(edges[:-1]), "high_x": axis.of(edges[1:]), "y": counts.tolist()},
-            {"kind": "upright", "x": axis.of([np.median(values)]), "color": MARK, **label},
+            {
+                "kind": "columns",
+                "low_x": axis.shown_values(edges[:-1]),
+                "high_x": axis.shown_values(edges[1:]),
+                "y": counts.tolist(),
+            },
+            {"kind": "upright", "x": axis.shown_values([np.median(values)]), "color": MARK, **label},
         ]
         top = float(1.08 * counts.max())
         panels.append({"x": {"label": axis.name}, "y": {"label": "variants", "range": [0, top]}, "series": series})
     return panels
 
 
-def over_noise(designs: Designs, chosen: Sequence[int], letters: str) -> list[Panel]:
-    """Runs of designs over the noise for each metric: all of them, their mean, and from 5 to 95 %."""
+def noise_panels(designs: Designs, chosen: Sequence[int], letters: str) -> list[Panel]:
+    """Runs of designs over the noise for each metric: all of them, their mean, and 5 to 95 %."""
     panels = []
     for k, metric in enumerate(dict.fromkeys(name[5:-1] for name in designs.metrics if name.startswith("mean("))):
-        axis, x = Axis(designs.runs, metric), np.arange(len(chosen))
+        axis, x = ShownColumn(designs.runs, metric), np.arange(len(chosen))
         values = [designs.runs.values(metric)[designs.rows[row]] for row in chosen]
         at = np.concatenate([place + np.linspace(-0.28, 0.28, len(of)) for place, of in zip(x, values, strict=True)])
         mean, low, high = (designs.values(f"{word}({metric})")[list(chosen)] for word in ("mean", "q5", "q95"))
         named = [{"label": label} if k == 0 else {} for label in ("runs, by noise row", "5 to 95 %", "mean")]
         series: list[dict[str, Any]] = [
-            {"kind": "points", "x": rounded(at), "y": axis.of(np.concatenate(values)), "color": PALE, "size": 1.8},
-            {"kind": "errors", "x": x.tolist(), "low": axis.of(low), "high": axis.of(high), "color": ACCENT},
-            {"kind": "points", "x": x.tolist(), "y": axis.of(mean), "color": MARK, "size": 3.2},
+            {
+                "kind": "points",
+                "x": rounded_numbers(at),
+                "y": axis.shown_values(np.concatenate(values)),
+                "color": PALE,
+                "size": 1.8,
+            },
+            {
+                "kind": "errors",
+                "x": x.tolist(),
+                "low": axis.shown_values(low),
+                "high": axis.shown_values(high),
+                "color": ACCENT,
+            },
+            {"kind": "points", "x": x.tolist(), "y": axis.shown_values(mean), "color": MARK, "size": 3.2},
         ]
         series = [one | name for one, name in zip(series, named, strict=True)]
         ends = [end for b in designs.bounds if b.metric == metric for end in (b.min, b.max)]
         for end in (end for end in ends if end is not None):
-            series.append({"kind": "level", "x": [0], "y": axis.of([end]), "color": INK, "label": "limit"})
+            series.append({"kind": "level", "x": [0], "y": axis.shown_values([end]), "color": INK, "label": "limit"})
         words = [letters[place % len(letters)] for place in range(len(chosen))]
         panels.append({"x": {"label": "design", "words": words}, "y": {"label": axis.name}, "series": series})
     return panels
 
 
-def effects(
+def effect_panels(
     results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], shares: bool
 ) -> list[Panel]:
-    """Mean of a metric in each group of each factor, with two standard errors, and its median; one axis for all.
+    """Means of a metric in each group of each factor, with two standard errors, and medians, on one scale.
 
     Args:
         shares: whether the panels say what part of the variance each factor explains.
     """
-    axis = Axis(results, metric)
+    axis = ShownColumn(results, metric)
     shown = list(found)[:8]
     bars = [2.0 * np.nan_to_num(effect.errors) for effect in shown]
     of_medians = {effect.factor: effect for effect in medians}
@@ -178,22 +195,29 @@ def effects(
     panels = []
     for k, (effect, bar) in enumerate(zip(shown, bars, strict=True)):
         words = not results.is_numeric(effect.factor)
-        across = Axis(results, effect.factor)
-        x = effect.centers.tolist() if words else across.of(effect.centers)
+        across = ShownColumn(results, effect.factor)
+        x = effect.centers.tolist() if words else across.shown_values(effect.centers)
         first = k == 0
-        series: list[dict[str, Any]] = [{"kind": "level", "x": [x[0]], "y": axis.of([all_rows.mean()]), "color": PALE}]
+        series: list[dict[str, Any]] = [
+            {"kind": "level", "x": [x[0]], "y": axis.shown_values([all_rows.mean()]), "color": PALE}
+        ]
         named = {"label": "mean, ± 2 standard errors"} if first else {}
         if not words:
-            series.append({"kind": "line", "x": x, "y": axis.of(effect.means)})
+            series.append({"kind": "line", "x": x, "y": axis.shown_values(effect.means)})
         series += [
-            {"kind": "errors", "x": x, "low": axis.of(effect.means - bar), "high": axis.of(effect.means + bar)},
-            {"kind": "points", "x": x, "y": axis.of(effect.means), "size": 3.2, **named},
+            {
+                "kind": "errors",
+                "x": x,
+                "low": axis.shown_values(effect.means - bar),
+                "high": axis.shown_values(effect.means + bar),
+            },
+            {"kind": "points", "x": x, "y": axis.shown_values(effect.means), "size": 3.2, **named},
         ]
         median = of_medians.get(effect.factor)
         if median is not None and len(median.medians) == len(x):
             named = {"label": "median"} if first else {}
             series.append(
-                {"kind": "points", "x": x, "y": axis.of(median.medians), "size": 2.4, "color": OTHER, **named}
+                {"kind": "points", "x": x, "y": axis.shown_values(median.medians), "size": 2.4, "color": OTHER, **named}
             )
         panels.append(
             {
@@ -201,7 +225,7 @@ def effects(
                 if np.isnan(effect.adjusted) or not shares
                 else f"explains {100.0 * effect.adjusted:.0f} %",
                 "x": {"label": across.name} | ({"words": list(effect.labels)} if words else {}),
-                "y": {"label": axis.name if first else "", "range": axis.of([low - pad, high + pad])},
+                "y": {"label": axis.name if first else "", "range": axis.shown_values([low - pad, high + pad])},
                 "series": series,
                 "width": 280,
                 "height": 230,
@@ -210,16 +234,16 @@ def effects(
     return panels
 
 
-def interactions(
+def interaction_panels(
     results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction]
 ) -> list[Panel]:
-    """Means of a metric over one factor, apart for low, middle and high values of another, with two standard errors.
+    """Means of a metric over one factor for low, middle and high values of another, with two standard errors.
 
     Args:
         found: main effects, of whose first three factors all pairs are drawn.
         together: pairs that are drawn before these.
     """
-    axis, panels = Axis(results, metric), []
+    axis, panels = ShownColumn(results, metric), []
     factors = [effect.factor for effect in found if results.is_numeric(effect.factor)]
     pairs = [(one.first, one.second) for one in together if {one.first, one.second} <= set(factors)]
     pairs += [pair for pair in combinations(factors[:3], 2) if pair not in pairs and pair[::-1] not in pairs]
@@ -233,25 +257,32 @@ def interactions(
         cuts = levels[:-1] if len(levels) <= 3 else np.quantile(z, (1 / 3, 2 / 3))
         part = np.searchsorted(cuts, z, side="left")
         group, _, centers = factor_groups(results, a, rows)
-        across, other = Axis(results, a), Axis(results, b)
+        across, other = ShownColumn(results, a), ShownColumn(results, b)
         series = []
-        for p, color in zip(np.unique(part), THREE, strict=False):
+        for p, color in zip(np.unique(part), LEVEL_COLORS, strict=False):
             held = [y[rows][(part == p) & (group == g)] for g in range(len(centers))]
             means = np.array([h.mean() if len(h) else np.nan for h in held])
             errors = np.array([2.0 * h.std(ddof=1) / np.sqrt(len(h)) if len(h) > 1 else np.nan for h in held])
-            ends = other.of([z[part == p].min(), z[part == p].max()])
+            ends = other.shown_values([z[part == p].min(), z[part == p].max()])
             label = f"{b} {ends[0]:g}" if ends[0] == ends[1] else f"{b} {ends[0]:g} to {ends[1]:g}"
-            points = {"x": across.of(centers), "y": axis.of(means), "color": color}
+            points = {"x": across.shown_values(centers), "y": axis.shown_values(means), "color": color}
             series += [
                 {"kind": "line", **points, "label": f"{label} {other.unit}".rstrip()},
-                {"kind": "errors", **points, "low": axis.of(means - errors), "high": axis.of(means + errors)},
+                {
+                    "kind": "errors",
+                    **points,
+                    "low": axis.shown_values(means - errors),
+                    "high": axis.shown_values(means + errors),
+                },
             ]
         panels.append({"x": {"label": across.name}, "y": {"label": axis.name}, "series": series})
     return panels
 
 
-def scatter_shares(metrics: Sequence[str], shares: Sequence[float], chances: Sequence[float | None]) -> list[Panel]:
-    """Parts of each metric's variance: main effects, chance and the rest."""
+def variance_share_panels(
+    metrics: Sequence[str], shares: Sequence[float], chances: Sequence[float | None]
+) -> list[Panel]:
+    """Parts of each metric's variance: main effects, scatter between equal runs, and the rest."""
     at = np.arange(len(metrics))[::-1]
     by_factors = np.clip(shares, 0.0, 1.0)
     chance = np.array([chance or 0.0 for chance in chances])
@@ -262,7 +293,7 @@ def scatter_shares(metrics: Sequence[str], shares: Sequence[float], chances: Seq
         ("interactions, and what the table does not tell", 1.0 - by_factors - chance, by_factors + chance, PALE),
     )
     series = [
-        {"kind": "rows", "y": at.tolist(), "x": rounded(x), "from": rounded(start), "color": color}
+        {"kind": "rows", "y": at.tolist(), "x": rounded_numbers(x), "from": rounded_numbers(start), "color": color}
         | {"label": label, "thick": 0.6}
         for label, x, start, color in parts
     ]
@@ -279,8 +310,8 @@ def scatter_shares(metrics: Sequence[str], shares: Sequence[float], chances: Seq
     ]
 
 
-def correlations(both: Correlation) -> list[Panel]:
-    """Rank correlation of factors with metrics as a heat map; coefficients that chance explains are faint."""
+def correlation_panels(both: Correlation) -> list[Panel]:
+    """Heat map of rank correlations of factors with metrics; those that chance explains are faint."""
     a, b = np.meshgrid(np.arange(len(both.factors)), np.arange(len(both.metrics))[::-1], indexing="ij")
     values, noise = both.spearman.ravel(), both.noise_level()
     series = [
@@ -288,7 +319,7 @@ def correlations(both: Correlation) -> list[Panel]:
             "kind": "cells",
             "x": a.ravel().tolist(),
             "y": b.ravel().tolist(),
-            "value": rounded(values, 3),
+            "value": rounded_numbers(values, 3),
             "faint": (np.abs(values) < noise).tolist(),
         }
     ]
@@ -297,8 +328,8 @@ def correlations(both: Correlation) -> list[Panel]:
     return [{"x": x, "y": y, "series": series, "cells": True, **size}]
 
 
-def _middle(results: Results, surrogate: Surrogate) -> dict[str, Any]:
-    """A row midway between the ends of the numeric factors, with the most frequent words."""
+def _middle_row(results: Results, surrogate: Surrogate) -> dict[str, Any]:
+    """Row midway between the ends of the numeric factors, with the most frequent words."""
     row: dict[str, Any] = {}
     for name in surrogate.factors:
         if results.is_numeric(name):
@@ -310,42 +341,58 @@ def _middle(results: Results, surrogate: Surrogate) -> dict[str, Any]:
     return row
 
 
-def _dots(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """At most `DOTS` of the rows, evenly taken."""
+def _dot_rows(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """At most `MOST_DOTS` of the rows, evenly spaced."""
     held = np.flatnonzero(rows)
-    return held[np.unique(np.linspace(0, len(held) - 1, min(len(held), DOTS)).astype(int))] if len(held) else held
+    return held[np.unique(np.linspace(0, len(held) - 1, min(len(held), MOST_DOTS)).astype(int))] if len(held) else held
 
 
-def surrogate(results: Results, found: Surrogate, checked: CrossValidation) -> list[Panel]:
+def surrogate_panels(results: Results, found: Surrogate, checked: CrossValidation) -> list[Panel]:
     """Cuts of a surrogate along each factor, the others midway, with 95 % bands; and its cross-validation.
 
-    Variants that are not ok, which no fit takes, are dots of another color, as far as they are not far away.
+    Variants that are not ok are dots of another color, unless they are far away.
     """
-    axis, middle = Axis(results, found.metric), _middle(results, found)
+    axis, middle = ShownColumn(results, found.metric), _middle_row(results, found)
     cuts: list[tuple[float, Panel]] = []
-    dots = _dots(results.usable_rows(found.metric))
+    dots = _dot_rows(results.usable_rows(found.metric))
     y = results.values(found.metric)
     least, most_y = float(y[dots].min()), float(y[dots].max())
     pad = 0.5 * (most_y - least)
     left_out = ~results.ok & np.isfinite(y)
     drawn = left_out & (y >= least - pad) & (y <= most_y + pad)
-    near, far = _dots(drawn), int((left_out & ~drawn).sum())
+    near, far = _dot_rows(drawn), int((left_out & ~drawn).sum())
     for name in (factor for factor in found.factors if results.is_numeric(factor)):
         values = results.values(name)
         x = np.linspace(float(np.nanmin(values)), float(np.nanmax(values)), 41)
         mean, deviation = found.predict([middle | {name: float(v)} for v in x])
         _, of_run = found.predict([middle | {name: float(v)} for v in x], run=True)
-        across = Axis(results, name)
-        band = {"kind": "band", "x": across.of(x), "color": MARK}
+        across = ShownColumn(results, name)
+        band = {"kind": "band", "x": across.shown_values(x), "color": MARK}
         series = [
-            {"kind": "points", "x": across.of(values[dots]), "y": axis.of(y[dots]), "color": PALE, "size": 1.6},
-            {**band, "low": axis.of(mean - 1.96 * of_run), "high": axis.of(mean + 1.96 * of_run)},
-            {**band, "low": axis.of(mean - 1.96 * deviation), "high": axis.of(mean + 1.96 * deviation)},
-            {"kind": "line", "x": across.of(x), "y": axis.of(mean), "color": MARK},
+            {
+                "kind": "points",
+                "x": across.shown_values(values[dots]),
+                "y": axis.shown_values(y[dots]),
+                "color": PALE,
+                "size": 1.6,
+            },
+            {**band, "low": axis.shown_values(mean - 1.96 * of_run), "high": axis.shown_values(mean + 1.96 * of_run)},
+            {
+                **band,
+                "low": axis.shown_values(mean - 1.96 * deviation),
+                "high": axis.shown_values(mean + 1.96 * deviation),
+            },
+            {"kind": "line", "x": across.shown_values(x), "y": axis.shown_values(mean), "color": MARK},
         ]
         if left_out.any():
             series.append(
-                {"kind": "points", "x": across.of(values[near]), "y": axis.of(y[near]), "color": OTHER, "size": 2.4}
+                {
+                    "kind": "points",
+                    "x": across.shown_values(values[near]),
+                    "y": axis.shown_values(y[near]),
+                    "color": OTHER,
+                    "size": 2.4,
+                }
             )
         panel = {"x": {"label": across.name}, "y": {"label": ""}, "series": series, "width": 280, "height": 230}
         cuts.append((-float(np.ptp(mean)), panel))
@@ -356,18 +403,19 @@ def surrogate(results: Results, found: Surrogate, checked: CrossValidation) -> l
         labels = ("variants", "95 % of single runs", "95 % of the metric", "surrogate", f"not ok, not fitted{beyond}")
         for series, label in zip(panels[0]["series"], labels, strict=False):
             series["label"] = label
-    return [*panels, _validation(axis, checked)]
+    return [*panels, _cross_validation_panel(axis, checked)]
 
 
-def _validation(axis: Axis, checked: CrossValidation) -> Panel:
-    some = _dots(np.ones(len(checked.observed), dtype=bool))
+def _cross_validation_panel(axis: ShownColumn, checked: CrossValidation) -> Panel:
+    """Panel of a surrogate's predictions of left-out variants over their runs."""
+    some = _dot_rows(np.ones(len(checked.observed), dtype=bool))
     observed, predicted, deviation = (v[some] for v in (checked.observed, checked.predicted, checked.deviation))
-    ends = axis.of([min(observed.min(), predicted.min()), max(observed.max(), predicted.max())])
+    ends = axis.shown_values([min(observed.min(), predicted.min()), max(observed.max(), predicted.max())])
     low, high = predicted - 1.96 * deviation, predicted + 1.96 * deviation
-    x, faint = axis.of(observed), {"color": PALE}
+    x, faint = axis.shown_values(observed), {"color": PALE}
     series = [
-        {"kind": "errors", "x": x, "low": axis.of(low), "high": axis.of(high), **faint},
-        {"kind": "points", "x": x, "y": axis.of(predicted), "size": 2.0},
+        {"kind": "errors", "x": x, "low": axis.shown_values(low), "high": axis.shown_values(high), **faint},
+        {"kind": "points", "x": x, "y": axis.shown_values(predicted), "size": 2.0},
         {"kind": "line", "x": ends, "y": ends, "color": INK, "width": 1, "dash": "4 3"},
     ]
     title = f"left out: Q² = {checked.q2:.3f}, {100.0 * checked.coverage:.0f} % within the 95 % bars"
@@ -375,8 +423,8 @@ def _validation(axis: Axis, checked: CrossValidation) -> Panel:
     return {"title": title, **labels, "series": series, "width": 330, "height": 250}
 
 
-def indices(found: Sequence[SobolIndices]) -> list[Panel]:
-    """First-order and total Sobol' indices of each metric as bars, with confidence intervals where there are any."""
+def sobol_panels(found: Sequence[SobolIndices]) -> list[Panel]:
+    """First-order and total Sobol' indices of each metric as bars, with confidence intervals."""
     factors = found[0].factors
     at: Array = np.arange(len(factors))[::-1].astype(float)
     panels = []
@@ -387,8 +435,8 @@ def indices(found: Sequence[SobolIndices]) -> list[Panel]:
             (one.total, one.total_error, -0.19, MARK, "with interactions (total)"),
         ):
             named = {"label": label} if k == 0 else {}
-            bars = {"kind": "rows", "y": (at + shift).tolist(), "x": rounded(values), "color": color, **named}
-            series.append(bars | ({"error": rounded(errors)} if errors.any() else {}))
+            bars = {"kind": "rows", "y": (at + shift).tolist(), "x": rounded_numbers(values), "color": color, **named}
+            series.append(bars | ({"error": rounded_numbers(errors)} if errors.any() else {}))
         top = max(1.0, 1.05 * float((one.total + one.total_error).max()))
         x = {"label": "part of the variance", "range": [0, top]}
         y = {"words": list(factors)[::-1]}

@@ -1,4 +1,4 @@
-"""Page of `warpchain risk`: the probability of failure and its interval, what fails, how, and over which noise."""
+"""HTML page of a risk estimate: probability of failure and its interval, what fails, how, over which noise."""
 
 from __future__ import annotations
 
@@ -12,56 +12,65 @@ import numpy as np
 from warpchain.results.units import quantity
 from warpchain.study.analysis.failure_probability import FailureEstimate
 from warpchain.study.optimize.risk import NOT_OK_LIMIT, DesignPoint, LimitEnd, RiskEstimate
-from warpchain.study.report.panels import ACCENT, MARK, PALE, Axis, Panel, chart, report_page, rounded
+from warpchain.study.report.panels import (
+    ACCENT,
+    MARK,
+    PALE,
+    Panel,
+    ShownColumn,
+    panels_html,
+    report_page_html,
+    rounded_numbers,
+)
 from warpchain.study.spec.factor import Factor
 from warpchain.study.store import write_study_text
 from warpchain.view import html
 
-PAGE = "risk.html"
-"""Its name in the folder."""
-SUBSET = "subset simulation"
-DOTS = 1500
+PAGE_FILE = "risk.html"
+"""Name of the page in the folder."""
+SUBSET_NAME = "subset simulation"
+MOST_RUN_DOTS = 1500
 """Most runs that are drawn."""
-SEEN = 0.001
-"""Part of the failures from which a limit's is told."""
+LEAST_SHARE = 0.001
+"""Part of the failures from which on a limit is named."""
 
 
-def write_risk(found: RiskEstimate, page: str | Path | None = None, title: str | None = None) -> Path:
-    """Writes the page, into the folder unless `page` says where; returns it."""
-    target = found.folder / PAGE if page is None else Path(page)
+def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: str | None = None) -> Path:
+    """Writes the HTML page of a risk estimate, into its folder unless `page` names a file; returns the file."""
+    target = found.folder / PAGE_FILE if page is None else Path(page)
     name = title or found.study.study.name or found.folder.resolve().name
-    sections = [_summary(found), _failures(found), _noise(found), _methods(found)]
-    write_study_text(target, report_page(name, sections))
+    sections = [_risk_summary(found), _failures_section(found), _noise_section(found), _methods_section(found)]
+    write_study_text(target, report_page_html(name, sections))
     return target
 
 
 def risk_lines(found: RiskEstimate) -> list[str]:
-    """The result, a line each: the probability by each way, what differs, what fails, and how it most likely does."""
-    results, row = found.results, _row(found, found.variant)
-    held = _values(found, row, [name for name in results.factors if name not in results.noise_factors])
+    """Lines of text that state a risk: the probability by each way, what fails, and the likeliest failure."""
+    results, row = found.results, _row_of_variant(found, found.variant)
+    held = _named_values(found, row, [name for name in results.factors if name not in results.noise_factors])
     at = f", at {', '.join(f'{name} = {value}' for name, value in held)}" if held else ""
     lines = [
         f"over the noise of {', '.join(results.noise_factors)}{at}",
-        *(f"limit: {words}" for words in _limit_words(found)),
+        *(f"limit: {words}" for words in _limit_texts(found)),
         *(
-            f"P(a limit is exceeded) = {_estimate_words(of)}: {way}"
-            for way, of in _ways(found)
+            f"P(a limit is exceeded) = {_estimate_text(of)}: {way}"
+            for way, of in _named_estimates(found)
             if not isinstance(of, str)
         ),
-        *(f"{way}: {of}" for way, of in _ways(found) if isinstance(of, str)),
-        _headline(found),
-        *warning_lines(found),
-        f"what fails: {_shares_words(found)}",
+        *(f"{way}: {of}" for way, of in _named_estimates(found) if isinstance(of, str)),
+        _headline_text(found),
+        *risk_warning_lines(found),
+        f"what fails: {_failures_text(found)}",
         f"most likely way to fail: variant {found.variant}, {found.distance:.3g} standard deviations from the medians",
     ]
-    lines += [f"  {name} = {value}" for name, value in _values(found, row, results.noise_factors)]
+    lines += [f"  {name} = {value}" for name, value in _named_values(found, row, results.noise_factors)]
     for metric in dict.fromkeys(bound.metric for bound in found.study.bounds):
         lines.append(f"  {metric}: {quantity(float(results.values(metric)[row]), results.column_unit(metric))}")
     return [*lines, f"  play it: warpchain view {found.archive} --variant {found.variant}"]
 
 
-def warning_lines(found: RiskEstimate) -> list[str]:
-    """Reasons why the result is uncertain beyond its interval."""
+def risk_warning_lines(found: RiskEstimate) -> list[str]:
+    """Lines on why a risk is uncertain beyond its interval."""
     lines = []
     if isinstance(found.sampled, str) and not isinstance(found.joint, str):
         lines.append("LOOK AT: only subset simulation tells the probability; importance sampling does not check it")
@@ -74,39 +83,38 @@ def warning_lines(found: RiskEstimate) -> list[str]:
     return lines
 
 
-def _headline(found: RiskEstimate) -> str:
-    """The probability to state."""
+def _headline_text(found: RiskEstimate) -> str:
+    """Probability of failure to state, as text."""
     if isinstance(found.joint, str):
         return f"probability of failure: {found.joint}"
-    by = SUBSET if isinstance(found.sampled, str) else "importance sampling"
-    return f"probability of failure: {_estimate_words(found.joint, runs=False)}, by {by}"
+    by = SUBSET_NAME if isinstance(found.sampled, str) else "importance sampling"
+    return f"probability of failure: {_estimate_text(found.joint, runs=False)}, by {by}"
 
 
-def _way_line(way: str, of: FailureEstimate | str) -> str:
-    return f"{way}: {of}" if isinstance(of, str) else f"P(a limit is exceeded) = {_estimate_words(of)}: {way}"
-
-
-def _estimate_words(of: FailureEstimate, runs: bool = True) -> str:
+def _estimate_text(of: FailureEstimate, runs: bool = True) -> str:
+    """A probability of failure with its interval, and its runs, as text."""
     words = f"{of.probability:.2g}, {of.low:.2g} to {of.high:.2g} with 95 % confidence"
     return f"{words}, {of.evaluations} runs" if runs else words
 
 
-def _ways(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
-    return ((SUBSET, found.subset), ("importance sampling", found.sampled))
+def _named_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
+    """Estimates by subset simulation and by importance sampling, with their names."""
+    return ((SUBSET_NAME, found.subset), ("importance sampling", found.sampled))
 
 
-def _row(found: RiskEstimate, variant: int) -> int:
+def _row_of_variant(found: RiskEstimate, variant: int) -> int:
+    """Row of a variant in the results."""
     return found.results.variants.tolist().index(variant)
 
 
-def _values(found: RiskEstimate, row: int, names: Any) -> list[tuple[str, str]]:
-    """Values of factors in a row, with their units."""
+def _named_values(found: RiskEstimate, row: int, names: Any) -> list[tuple[str, str]]:
+    """(name, value with unit) of factors in a row."""
     cells = [(name, found.results.table[name][row].as_py()) for name in names]
     return [(n, quantity(v, found.results.column_unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
 
 
-def _limit_words(found: RiskEstimate) -> list[str]:
-    """Each limit on a metric: "tension_max at most 900 N"."""
+def _limit_texts(found: RiskEstimate) -> list[str]:
+    """Limits of the study as texts: "tension_max at most 900 N"."""
     lines = []
     for bound in found.study.bounds:
         ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
@@ -115,23 +123,27 @@ def _limit_words(found: RiskEstimate) -> list[str]:
     return lines
 
 
-def _failure_words(limit: LimitEnd) -> str:
-    """A way to fail."""
+def _failure_text(limit: LimitEnd) -> str:
+    """A broken limit as text."""
     metric, end = limit
     return "run not ok" if limit == NOT_OK_LIMIT else f"{metric} {'above its max' if end == 'max' else 'below its min'}"
 
 
-def _shares(found: RiskEstimate) -> list[tuple[LimitEnd, float]]:
-    """The limits that failures break, the most frequent first."""
-    seen = [(limit, share) for limit, share in found.shares.items() if share >= SEEN]
+def _frequent_failures(found: RiskEstimate) -> list[tuple[LimitEnd, float]]:
+    """(limit, share) of the limits that failures break, the most frequent first."""
+    seen = [(limit, share) for limit, share in found.shares.items() if share >= LEAST_SHARE]
     return sorted(seen, key=lambda one: -one[1])
 
 
-def _shares_words(found: RiskEstimate) -> str:
-    return "; ".join(f"{_failure_words(limit)} in {100.0 * share:.3g} % of failures" for limit, share in _shares(found))
+def _failures_text(found: RiskEstimate) -> str:
+    """Limits that failures break, with their shares, as text."""
+    return "; ".join(
+        f"{_failure_text(limit)} in {100.0 * share:.3g} % of failures" for limit, share in _frequent_failures(found)
+    )
 
 
-def _summary(found: RiskEstimate) -> html.PageSection:
+def _risk_summary(found: RiskEstimate) -> html.PageSection:
+    """Section with a risk in short: probability, interval, warnings, both estimates."""
     joint, results = found.joint, found.results
     boxes = [("unknown", "probability of failure")]
     if not isinstance(joint, str):
@@ -143,15 +155,15 @@ def _summary(found: RiskEstimate) -> html.PageSection:
     boxes.append((str(len(results.status)), "runs"))
     cells = "".join(f"<div><b>{escape(value)}</b>{escape(words)}</div>" for value, words in boxes)
     lines = [
-        *([f"{_headline(found)}."] if isinstance(joint, str) else []),
-        *(f"Limit: {words}." for words in _limit_words(found)),
-        f"What fails: {_shares_words(found)}.",
+        *([f"{_headline_text(found)}."] if isinstance(joint, str) else []),
+        *(f"Limit: {words}." for words in _limit_texts(found)),
+        f"What fails: {_failures_text(found)}.",
         f"The likeliest failure is {found.distance:.3g} standard deviations from the medians of the noise.",
-        *warning_lines(found),
+        *risk_warning_lines(found),
     ]
     rows = [
-        (way, *((of, "", "", "") if isinstance(of, str) else _cells(of)))
-        for way, of in (*_ways(found), ("stated", found.joint))
+        (way, *((of, "", "", "") if isinstance(of, str) else _estimate_cells(of)))
+        for way, of in (*_named_estimates(found), ("stated", found.joint))
     ]
     return html.page_section(
         "summary",
@@ -159,7 +171,7 @@ def _summary(found: RiskEstimate) -> html.PageSection:
         f'<div class="counts">{cells}</div>',
         html.bullets_html(lines),
         html.table_html(("estimate", "P", "95 % from", "to", "runs"), rows),
-        chart(_intervals(found), "95 % intervals of the probability of failure"),
+        panels_html(_interval_panels(found), "95 % intervals of the probability of failure"),
         html.paragraph_html(
             f"{results.table.num_rows} runs look for failures. They are no sample of the noise, so that their shares, "
             "means and quantiles tell nothing about drives in the field; only the estimates above do.",
@@ -168,15 +180,16 @@ def _summary(found: RiskEstimate) -> html.PageSection:
     )
 
 
-def _cells(of: FailureEstimate) -> tuple[str, str, str, str]:
+def _estimate_cells(of: FailureEstimate) -> tuple[str, str, str, str]:
+    """Table cells of an estimate: probability, interval, runs."""
     return f"{of.probability:.3g}", f"{of.low:.3g}", f"{of.high:.3g}", str(of.evaluations)
 
 
-def _intervals(found: RiskEstimate) -> list[Panel]:
-    """Intervals of both ways over the logarithm of P."""
-    known = [(way, of) for way, of in _ways(found) if not isinstance(of, str)][::-1]
+def _interval_panels(found: RiskEstimate) -> list[Panel]:
+    """Panel of the intervals of both estimates over the logarithm of the probability."""
+    known = [(way, of) for way, of in _named_estimates(found) if not isinstance(of, str)][::-1]
     low, middle, high = (
-        rounded(np.log10([getattr(of, name) for _, of in known])) for name in ("low", "probability", "high")
+        rounded_numbers(np.log10([getattr(of, name) for _, of in known])) for name in ("low", "probability", "high")
     )
     at = list(range(len(known)))
     series = [
@@ -188,13 +201,13 @@ def _intervals(found: RiskEstimate) -> list[Panel]:
     return [{"x": x, "y": {"words": [way for way, _ in known]}, "series": series, **size}]
 
 
-def _failures(found: RiskEstimate) -> html.PageSection:
-    """Which limits failures break, and the design points."""
-    rows = [(_failure_words(limit), f"{100.0 * share:.3g} %") for limit, share in _shares(found)]
+def _failures_section(found: RiskEstimate) -> html.PageSection:
+    """Section on which limits failures break, and the design points."""
+    rows = [(_failure_text(limit), f"{100.0 * share:.3g} %") for limit, share in _frequent_failures(found)]
     parts = [html.table_html(("what fails", "of the failures"), rows)]
     for k, point in enumerate(found.points, 1):
         parts += [html.heading_html(f"Design point {k} of {len(found.points)}: variant {point.variant}")]
-        parts += _point(found, point)
+        parts += _design_point_html(found, point)
     return html.page_section(
         "failures",
         "What fails, and how",
@@ -205,22 +218,23 @@ def _failures(found: RiskEstimate) -> html.PageSection:
         ),
         *parts,
         html.paragraph_html(f"Play the likeliest failure: warpchain view {found.archive} --variant {found.variant}"),
-        chart(_plane(found), "failures over the two factors that deviate most"),
+        panels_html(_failure_panels(found), "failures over the two factors that deviate most"),
     )
 
 
-def _point(found: RiskEstimate, point: DesignPoint) -> list[str]:
-    results, row = found.results, _row(found, point.variant)
-    first = ", ".join(_failure_words(limit) for limit in point.broken)
+def _design_point_html(found: RiskEstimate, point: DesignPoint) -> list[str]:
+    """HTML of a design point: distance, noise and metrics there."""
+    results, row = found.results, _row_of_variant(found, point.variant)
+    first = ", ".join(_failure_text(limit) for limit in point.broken)
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
     deviations = {name: point.deviations.get(axis) for name, axis in members.items()}
     values = [
         (name, value, "" if (off := deviations.get(name)) is None else f"{off:+.2f}")
-        for name, value in _values(found, row, results.noise_factors)
+        for name, value in _named_values(found, row, results.noise_factors)
     ]
     metrics = [
         (bound.metric, quantity(float(results.values(bound.metric)[row]), results.column_unit(bound.metric)), words)
-        for bound, words in zip(found.study.bounds, _limit_words(found), strict=True)
+        for bound, words in zip(found.study.bounds, _limit_texts(found), strict=True)
     ]
     return [
         html.paragraph_html(f"{point.distance:.3g} standard deviations from the medians; fails first: {first}."),
@@ -229,42 +243,48 @@ def _point(found: RiskEstimate, point: DesignPoint) -> list[str]:
     ]
 
 
-def _plane(found: RiskEstimate) -> list[Panel]:
-    """Runs that fail and that do not, over the two factors that deviate most at the first design point."""
+def _failure_panels(found: RiskEstimate) -> list[Panel]:
+    """Panel of runs that fail and that do not, over the two factors that deviate most."""
     results, sizes = found.results, found.points[0].deviations
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
     numeric = [name for name in members if name in results.numeric_factors() and members[name] in sizes]
     chosen = sorted(numeric, key=lambda name: -abs(sizes[members[name]]))[:2]
     if len(chosen) < 2:
         return []
-    x, y = (Axis(results, name) for name in chosen)
+    x, y = (ShownColumn(results, name) for name in chosen)
     fails = ~results.ok
     for bound in found.study.bounds:
         values = results.values(bound.metric)
         for end, way in ((bound.max, 1.0), (bound.min, -1.0)):
             fails |= np.full(len(values), False) if end is None else way * (values - end) >= 0.0
-    points = [_row(found, point.variant) for point in found.points]
+    points = [_row_of_variant(found, point.variant) for point in found.points]
     series: list[dict[str, Any]] = []
     for rows, color, size, label in (
         (np.flatnonzero(~fails), PALE, 1.8, "runs that keep the limits"),
         (np.flatnonzero(fails), MARK, 1.8, "runs that fail"),
         (np.array(points), ACCENT, 4.0, "design points"),
     ):
-        some = rows[:: max(1, -(-len(rows) // DOTS))]
-        along, up = (rounded(axis.of(results.values(name)[some])) for axis, name in zip((x, y), chosen, strict=True))
+        some = rows[:: max(1, -(-len(rows) // MOST_RUN_DOTS))]
+        along, up = (
+            rounded_numbers(axis.shown_values(results.values(name)[some]))
+            for axis, name in zip((x, y), chosen, strict=True)
+        )
         series.append({"kind": "points", "x": along, "y": up, "color": color, "size": size, "label": label})
     return [{"x": {"label": x.name}, "y": {"label": y.name}, "series": series, "width": 620, "height": 420}]
 
 
-def _noise(found: RiskEstimate) -> html.PageSection:
-    """Assumptions: distributions and correlations of the noise, values that are held, what counts as a failure."""
+def _noise_section(found: RiskEstimate) -> html.PageSection:
+    """Section on the assumptions: distributions and correlations of the noise, held values."""
     results, noise = found.results, found.study.noise
     factors = [of for of in found.study.factors if of.name in found.study.noise_names]
     rows = [
-        (of.name, _place(of), _distribution(of, "" if of.hidden else results.column_unit(of.name))) for of in factors
+        (of.name, _target_text(of), _distribution_text(of, "" if of.hidden else results.column_unit(of.name)))
+        for of in factors
     ]
-    held = _values(
-        found, _row(found, found.variant), [name for name in results.factors if name not in results.noise_factors]
+    held = _named_values(
+        found,
+        _row_of_variant(found, found.variant),
+        [name for name in results.factors if name not in results.noise_factors],
     )
     lines = ["Factors are independent of each other."]
     if noise is not None and noise.correlated:
@@ -285,15 +305,15 @@ def _noise(found: RiskEstimate) -> html.PageSection:
     )
 
 
-def _place(factor: Factor) -> str:
-    """The places in the drive that a factor sets."""
+def _target_text(factor: Factor) -> str:
+    """Places in the drive that a factor sets, as text."""
     paths = ", ".join(path for _, path in factor.target_paths()) or factor.shift or factor.expression or ""
     way = "times " if factor.relative else "added to " if factor.offset else "moves " if factor.shift else ""
     return way + paths
 
 
-def _distribution(factor: Factor, unit: str) -> str:
-    """A factor's distribution in words, with units."""
+def _distribution_text(factor: Factor, unit: str) -> str:
+    """A factor's distribution as text, with units."""
     if factor.value_source == "expression":
         return "follows other factors"
     words = [factor.value_source or "as the table of rows has it"]
@@ -307,12 +327,16 @@ def _distribution(factor: Factor, unit: str) -> str:
     return ", ".join(words)
 
 
-def _methods(found: RiskEstimate) -> html.PageSection:
-    """The methods, and their runs."""
+def _methods_section(found: RiskEstimate) -> html.PageSection:
+    """Section on the methods and their runs."""
     sampled = 0 if isinstance(found.sampled, str) else found.sampled.evaluations
     rest = len(found.results.status) - found.subset.evaluations - sampled - found.search_runs
     rows = [
-        (SUBSET, "thresholds approach the limit; the interval is of independent repetitions", found.subset.evaluations),
+        (
+            SUBSET_NAME,
+            "thresholds approach the limit; the interval is of independent repetitions",
+            found.subset.evaluations,
+        ),
         (
             "importance sampling",
             "from a mixture fitted to the failures found, its weights held against failures it was not fitted to",

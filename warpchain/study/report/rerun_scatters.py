@@ -1,4 +1,4 @@
-"""A study in Rerun: scatters of its factors against its metrics, beside the variants that were recorded."""
+"""Scene of a study in Rerun: scatters of factors against metrics, beside the recorded variants."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from warpchain.errors import StudyError
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
-from warpchain.study.report.study_sections import telling_metrics
+from warpchain.study.report.study_page import telling_metrics
 from warpchain.study.results import Results
 from warpchain.view.palette import BEST_DOT, OTHER_DOT, SHOWN_DOT, curve_colors, tension_scale_top
 from warpchain.view.recorded_variants import DRIVE_CHANNELS
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-FRAMES = 400
+PLAYBACK_FRAMES = 400
 """Frames that a recorded variant is drawn with; its curves keep their peaks."""
 
 
@@ -51,12 +51,11 @@ def view_study(
 
     Args:
         results: the study's results.
-        recorded: trajectories to play, by the study's variant (see `study.run.recordings.recorded_variants`).
+        recorded: trajectories to play, by variant (`study.run.recordings.recorded_trajectories`).
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
-        objectives: "min" or "max" by metric, which are drawn too: marks the Pareto front, of one objective the best.
-            Runs over noise are not marked, as the best of them has but the luckiest noise.
-        save: file (.rrd) to write instead of opening the viewer; it appears under this name only when whole.
+        objectives: "min" or "max" by metric; drawn too, with the Pareto front or the best marked unless there is noise.
+        save: file (.rrd) to write instead of opening the viewer, whole or not at all.
 
     Raises:
         StudyError: an unknown column, nothing to draw, a file that cannot be written.
@@ -84,19 +83,19 @@ def log_study(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> rrb.Blueprint:
-    """Logs the scatters and the recorded variants; returns the layout: scatters, and beside them a tab a variant."""
+    """Logs scatters and recorded variants of a study to Rerun; returns the layout."""
     import rerun.blueprint as rrb
 
-    charts, columns = log_scatters(stream, results, list(recorded), factors, metrics, objectives)
+    charts, columns = log_study_scatters(stream, results, list(recorded), factors, metrics, objectives)
     scatters = rrb.Grid(*(chart.chart_view(chart.path[-1]) for chart in charts), grid_columns=columns, name="study")
-    played = [_log_recorded(stream, f"variant {variant}", one) for variant, one in recorded.items()]
+    played = [_log_recorded_variant(stream, f"variant {variant}", one) for variant, one in recorded.items()]
     both = rrb.Horizontal(scatters, rrb.Tabs(*played), column_shares=[3, 2]) if played else scatters
     panel = time_panel(list(recorded.values())) if recorded else rrb.TimePanel(state="collapsed")
     return rrb.Blueprint(both, panel, auto_views=False, collapse_panels=True)
 
 
-def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
-    """One recorded variant as `warpchain view` draws it: the drive in motion above its curves of tension."""
+def _log_recorded_variant(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
+    """Logs a recorded variant to Rerun, drive and tension curves; returns its tab."""
     import rerun.blueprint as rrb
 
     missing = [channel for channel in DRIVE_CHANNELS if getattr(trajectory, channel) is None]
@@ -105,8 +104,8 @@ def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory)
     chains = {f"{name} {chain}".rstrip(): own for chain, own in chain_trajectories(trajectory).items()}
     top = tension_scale_top(chains.values())
     for root, own in chains.items():
-        log_drive(stream, root, thinned_trajectory(own, FRAMES), top)
-        log_curves(stream, root, own, FRAMES, curve_colors(own.drive), own=False)
+        log_drive(stream, root, thinned_trajectory(own, PLAYBACK_FRAMES), top)
+        log_curves(stream, root, own, PLAYBACK_FRAMES, curve_colors(own.drive), own=False)
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
     drawn, curves = (
         [f"+ {entity_path(root, *part)}/**" for root in chains] for part in (["drive"], ["curves", "tension"])
@@ -116,7 +115,7 @@ def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory)
     return rrb.Vertical(moving, over_time, row_shares=[3, 1], name=name)
 
 
-def log_scatters(
+def log_study_scatters(
     stream: rr.RecordingStream,
     results: Results,
     recorded: Sequence[int],
@@ -124,19 +123,14 @@ def log_scatters(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> tuple[list[Chart], int]:
-    """Logs one scatter for each factor and metric, a dot a variant that is ok.
-
-    A dot selected in the viewer shows its variant and values.
-
-    Returns:
-        The charts, a factor a row, and the number of columns.
+    """Logs one scatter for each factor and metric to Rerun, a dot an ok variant; returns charts and number of columns.
 
     Raises:
         StudyError: an unknown column, or no factor or metric that varies.
     """
     wanted = tuple(objectives or ())
     set_ones = [name for name in wanted if name in results.factors]
-    across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _most_telling(results)))))
+    across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _telling_inputs(results)))))
     measured = [name for name in wanted if name not in results.factors]
     up = tuple(dict.fromkeys((*measured, *(tuple(metrics) or telling_metrics(results)[:MOST_METRICS]))))
     if not across or not up:
@@ -166,9 +160,8 @@ def log_scatters(
     return charts, len(up) if len(across) > 1 else math.ceil(math.sqrt(len(up)))
 
 
-def _most_telling(results: Results) -> tuple[str, ...]:
-    """The numeric factors that explain most of any telling metric, in the study's order; of rows that are no sample of
-    the noise, and tell no effects, the first ones."""
+def _telling_inputs(results: Results) -> tuple[str, ...]:
+    """Numeric factors that explain most of any telling metric; the first ones of rows that are no sample."""
     from warpchain.study.analysis import main_effects
     from warpchain.study.analysis.left_out import LeftOut
 

@@ -1,4 +1,4 @@
-"""The part of a report for a decision: designs to build, Pareto front, variants not to trust, rows to explore."""
+"""Sections of a study's report for decisions: recommended designs, Pareto front, statuses, rows to explore."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from warpchain.study.analysis.over_noise import SHOWN_STATISTICS, Designs
 from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals, check_senses, pareto_front
 from warpchain.study.optimize.recommend import RecommendedDesign, recommend, rows_of_recommended
 from warpchain.study.report import panels
-from warpchain.study.report.panels import Axis
+from warpchain.study.report.panels import ShownColumn
 from warpchain.study.results import ARCHIVE_COLUMNS, Results
 from warpchain.study.run.row_drives import Variant, build_drives
 from warpchain.study.run.study_folder import DRIVE_TEXT_FILE
@@ -29,32 +29,32 @@ from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.study.store import write_study_text
 from warpchain.view import html
 
-LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-SHOWN_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
-"""Heads of `SHOWN`."""
-FRONT, LISTED = 30, 60
-"""Most variants in the tables of the front, and of those that are not ok."""
-MOST_AXES, MATRIX = 12, 5
+DESIGN_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+STATISTIC_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
+"""Heads of `SHOWN_STATISTICS` in tables."""
+MOST_FRONT_ROWS, MOST_LISTED_ROWS = 30, 60
+"""Most variants in the table of the front, and of those that are not ok."""
+MOST_AXES, MATRIX_COLUMNS = 12, 5
 """Columns that parallel coordinates show at first, and columns of the scatter matrix."""
-SURROGATE = (
+SURROGATE_NOTE = (
     "\N{PLUS-MINUS SIGN} is one standard deviation of the metric itself as a surrogate of all variants has it, or of "
     "the mean of several runs where that is known better: the best of many runs is the best partly by luck, and this "
     "takes that out."
 )
-OVER_NOISE = (
+OVER_NOISE_NOTE = (
     "Designs are judged by their own runs, and compared in pairs of runs with the same noise. \N{PLUS-MINUS SIGN} is "
     "the standard error of a statistic over a design's runs."
 )
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Objectives and limits of a study, and its folder.
+class ReportGoals:
+    """Objectives and limits of a report, and the study's folder.
 
     Attributes:
         objectives, bounds: of the study file.
-        folder: of the study, for the commands that play variants; None gives none.
-        most: designs to recommend.
+        folder: the study's folder, for the commands that play variants; None gives none.
+        most: most designs to recommend.
         recorded: whether the study's archives hold what playback needs.
         keep: share of the noise in which limits must be kept.
         page: name of the page without its ending, if recommended designs are drive files beside it.
@@ -70,17 +70,17 @@ class Wanted:
 
     @property
     def goals(self) -> Goals:
-        """The objectives and limits."""
+        """Objectives and limits as goals."""
         return Goals(self.objectives, self.bounds, self.keep)
 
 
-def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wanted | None) -> Wanted:
-    """Objectives and limits, with other objectives if some are given.
+def report_goals(results: Results, objectives: Mapping[str, str] | None, wanted: ReportGoals | None) -> ReportGoals:
+    """Goals of a report: those of `wanted` that the table holds, with other objectives if some are given.
 
     Raises:
         StudyError: a metric that the table lacks, or an unknown sense.
     """
-    found = wanted or Wanted()
+    found = wanted or ReportGoals()
     if objectives is not None:
         check_senses(objectives)
         given = tuple(
@@ -97,13 +97,11 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
     return found
 
 
-def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], first: Sequence[str] = ()) -> str:
-    """Variants of rows with columns in the units that suit these rows.
-
-    Args:
-        first: a word for each row, before its number; none has no such column.
-    """
-    axes = {name: Axis(results, name, rows) for name in columns if results.is_numeric(name)}
+def variants_table_html(
+    results: Results, rows: Sequence[int], columns: Sequence[str], first: Sequence[str] = ()
+) -> str:
+    """HTML table of rows' variants with columns in suitable units; `first` has a word for each row."""
+    axes = {name: ShownColumn(results, name, rows) for name in columns if results.is_numeric(name)}
     heads = [*([""] if first else []), "variant", *(axes[name].name if name in axes else name for name in columns)]
     lines = []
     for k, row in enumerate(rows):
@@ -111,15 +109,17 @@ def rows_table(results: Results, rows: Sequence[int], columns: Sequence[str], fi
         for name in columns:
             value = results.table[name][int(row)].as_py()
             whole = isinstance(value, int) and axes[name].factor == 1.0 if name in axes else True
-            cells.append(value if value is None or whole else axes[name].text(float(value)))
+            cells.append(value if value is None or whole else axes[name].value_text(float(value)))
         lines.append(cells)
     return html.table_html(heads, lines).replace(
         "<table>", '<table class="rows">', 1
     )  # each gets its command in the page
 
 
-def designs_section(results: Results, wanted: Wanted) -> tuple[html.PageSection | None, list[RecommendedDesign]]:
-    """The designs to build: why, their metrics, how to play them; none without objectives."""
+def recommended_section(
+    results: Results, wanted: ReportGoals
+) -> tuple[html.PageSection | None, list[RecommendedDesign]]:
+    """Section on recommended designs, and these designs; None and none without objectives."""
     if not wanted.objectives:
         return None, []
     goals = wanted.goals
@@ -128,34 +128,39 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[html.PageSection 
     except StudyError as error:
         return html.page_section("designs", "Recommended designs", html.paragraph_html(str(error))), []
     asked = [f"{o.metric} {'low' if o.sense == 'min' else 'high'}" for o in wanted.objectives]
-    kept = [_bound_words(results, bound) for bound in wanted.bounds]
+    kept = [_limit_text(results, bound) for bound in wanted.bounds]
     over = isinstance(results, Designs)
     parts = [
         html.paragraph_html(f"Wanted: {'; '.join(asked)}." + (f" Limits: {'; '.join(kept)}." if kept else "")),
-        html.paragraph_html(OVER_NOISE if over else SURROGATE, muted=True),
+        html.paragraph_html(OVER_NOISE_NOTE if over else SURROGATE_NOTE, muted=True),
     ]
     if isinstance(results, Designs):
-        parts.append(html.paragraph_html(noise_words(results, wanted.keep)))
+        parts.append(html.paragraph_html(noise_text(results, wanted.keep)))
     for k, one in enumerate(found):
-        parts.append(_design(results, goals, one, LETTERS[k % len(LETTERS)], wanted))
+        parts.append(_design_html(results, goals, one, DESIGN_LETTERS[k % len(DESIGN_LETTERS)], wanted))
     if isinstance(results, Designs):
         parts.append(
-            panels.chart(panels.over_noise(results, [one.row for one in found], LETTERS), "runs over the noise")
+            panels.panels_html(
+                panels.noise_panels(results, [one.row for one in found], DESIGN_LETTERS), "runs over the noise"
+            )
         )
-    parts.append(rows_table(results, [one.row for one in found], results.factors, LETTERS[: len(found)]))
+    parts.append(
+        variants_table_html(results, [one.row for one in found], results.factors, DESIGN_LETTERS[: len(found)])
+    )
     return html.page_section("designs", "Recommended designs", *parts), found
 
 
-def _bound_words(results: Results, bound: Bound) -> str:
+def _limit_text(results: Results, bound: Bound) -> str:
+    """A limit on a metric as text: "tension_max at most 900 N"."""
     unit = results.column_unit(bound.metric)
     ends = (("at least", bound.min), ("at most", bound.max))
     return f"{bound.metric} {' and '.join(f'{word} {quantity(end, unit)}' for word, end in ends if end is not None)}"
 
 
-def noise_words(designs: Designs, keep: float) -> str:
-    """The noise that designs are compared over, in words."""
+def noise_text(designs: Designs, keep: float) -> str:
+    """Sentences on the noise that designs are compared over."""
     names, count = ", ".join(designs.runs.noise_factors), max(len(rows) for rows in designs.rows)
-    held = [_bound_words(designs.runs, bound) for bound in designs.bounds]
+    held = [_limit_text(designs.runs, bound) for bound in designs.bounds]
     limits = f" Each run is held to: {'; '.join(held)}; in {100.0 * keep:g} % of the noise at least." if held else ""
     return (
         f"Noise, which nobody can choose and no design names: {names}. Each design was run {count} times, all with the "
@@ -163,8 +168,8 @@ def noise_words(designs: Designs, keep: float) -> str:
     )
 
 
-def play_command(wanted: Wanted, results: Results, row: int) -> str:
-    """The command that plays a variant: its recording, or a run of it that is recorded."""
+def play_command(wanted: ReportGoals, results: Results, row: int) -> str:
+    """Shell command that plays a row's variant: its recording, or a run that is recorded."""
     names = results.table.column_names
     folder = wanted.folder
     if wanted.recorded and "archive" in names and (archive := results.table["archive"][row].as_py()) is not None:
@@ -172,7 +177,8 @@ def play_command(wanted: Wanted, results: Results, row: int) -> str:
     return f"warpchain study play {folder} {results.variants[row]}"
 
 
-def _design(results: Results, goals: Goals, one: RecommendedDesign, letter: str, wanted: Wanted) -> str:
+def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter: str, wanted: ReportGoals) -> str:
+    """HTML of a recommended design: reasons, metrics, command, drive file."""
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -185,35 +191,35 @@ def _design(results: Results, goals: Goals, one: RecommendedDesign, letter: str,
     lines_table = html.table_html(("metric", *heads, ""), lines)
     if one.spreads:
         lines_table += html.table_html(
-            ("over the noise", *(of.metric for of in one.spreads)), _spread_lines(results, one)
+            ("over the noise", *(of.metric for of in one.spreads)), _statistic_lines(results, one)
         )
     command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
     play = command and f"<p>Play {'its worst run' if one.spreads else 'it'}: <code>{command}</code></p>"
     if wanted.page is not None:
         play += f"<p>Drive file, beside this page: <code>{escape(f'{wanted.page}-{letter}.toml')}</code></p>"
-    chosen = [factor_words(results, name, one.row) for name in results.factors] if one.spreads else []
+    chosen = [factor_value_text(results, name, one.row) for name in results.factors] if one.spreads else []
     head = html.heading_html(f"{letter}: {', '.join(chosen) or f'variant {one.variant}'}")
     return f'<div class="design">{head}{html.bullets_html(one.reasons)}{lines_table}{play}</div>'
 
 
-def factor_words(results: Results, name: str, row: int) -> str:
-    """A factor and its value in a row, in words."""
+def factor_value_text(results: Results, name: str, row: int) -> str:
+    """A factor and its value in a row as text."""
     value = results.table[name][row].as_py()
     words = quantity(value, results.column_unit(name)) if isinstance(value, float) else str(value)
     return f"{name} {words}"
 
 
-def _spread_lines(results: Results, one: RecommendedDesign) -> list[tuple[str, ...]]:
-    """Statistics of the metrics of a design's runs spread: a line a statistic, a column a metric."""
+def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str, ...]]:
+    """Table lines of the statistics of a design's metrics over noise, a metric a column."""
     lines = []
-    for word, head in zip(SHOWN_STATISTICS, SHOWN_HEADS, strict=True):
+    for word, head in zip(SHOWN_STATISTICS, STATISTIC_HEADS, strict=True):
         held = [(of.statistics[word], results.column_unit(f"mean({of.metric})")) for of in one.spreads]
         lines.append((head, *(quantity(value, unit, error) for (value, error), unit in held)))
     return [*lines, ("spread comes from", *(of.parts_text() for of in one.spreads))]
 
 
-def front_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
-    """The Pareto front as a view that can be brushed, and as a table with units."""
+def pareto_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
+    """Section on the Pareto front: an interactive view and a table; None with one objective."""
     if len(objectives) < 2:
         return None
     front = pareto_front(results, objectives)
@@ -227,21 +233,23 @@ def front_section(results: Results, objectives: Mapping[str, str], by_default: b
             f"Wanted: {words}{hint}. No other variant beats those on the front in one without losing in another; "
             "the table has those of all variants, the picture those of the ones that are kept below."
         ),
-        panels.place("front-view", f"Pareto front of {words}"),
-        rows_table(results, front[:FRONT].tolist(), columns),
-        html.paragraph_html(f"{len(front) - FRONT} further variants are on the front.") if len(front) > FRONT else "",
+        panels.placeholder_html("front-view", f"Pareto front of {words}"),
+        variants_table_html(results, front[:MOST_FRONT_ROWS].tolist(), columns),
+        html.paragraph_html(f"{len(front) - MOST_FRONT_ROWS} further variants are on the front.")
+        if len(front) > MOST_FRONT_ROWS
+        else "",
     )
 
 
-def ends_section(results: Results, left_out: LeftOut) -> html.PageSection:
-    """The section on how the variants ended, why, which ones are not to be trusted, and what is lost with them."""
+def statuses_section(results: Results, left_out: LeftOut) -> html.PageSection:
+    """Section on how the variants ended, why, and which parts of factors' ranges are lost."""
     reasons = results.reason_counts()
     if not reasons:
         return html.page_section("ends", "How the variants ended", html.paragraph_html("Every variant is ok."))
     status = results.status
     rank = {"suspect": 0, "diverged": 1}
     rows = sorted(np.flatnonzero(~results.ok).tolist(), key=lambda row: (rank.get(status[row], 2), row))
-    listed = [(int(results.variants[row]), status[row], results.reason(row)) for row in rows[:LISTED]]
+    listed = [(int(results.variants[row]), status[row], results.reason(row)) for row in rows[:MOST_LISTED_ROWS]]
     return html.page_section(
         "ends",
         "How the variants ended",
@@ -253,15 +261,17 @@ def ends_section(results: Results, left_out: LeftOut) -> html.PageSection:
             ("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]
         ),
         html.paragraph_html(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
-        *_lost_tables(left_out),
+        *_lost_range_tables(left_out),
         html.heading_html("Each of them"),
         html.table_html(("variant", "status", "reason"), listed),
-        html.paragraph_html(f"The first {LISTED} of {len(rows)}; all are in the table.") if len(rows) > LISTED else "",
+        html.paragraph_html(f"The first {MOST_LISTED_ROWS} of {len(rows)}; all are in the table.")
+        if len(rows) > MOST_LISTED_ROWS
+        else "",
     )
 
 
-def _lost_tables(left_out: LeftOut) -> list[str]:
-    """Which parts of the factors' ranges were lost with rows that ran, and with those that could not be built."""
+def _lost_range_tables(left_out: LeftOut) -> list[str]:
+    """HTML of tables of the lost parts of factors' ranges, by results and by drives that were not built."""
     found = []
     heads = ("factor", "most were lost", "there", "elsewhere", "")
     for parts, words in ((left_out.lost_parts, "left out by their results"), (left_out.unbuilt_parts, "not built")):
@@ -283,39 +293,38 @@ def _lost_tables(left_out: LeftOut) -> list[str]:
     return found
 
 
-def rows_data(
+def explorer_data(
     results: Results,
     metrics: Sequence[str],
     telling: Sequence[str],
     objectives: Mapping[str, str],
-    wanted: Wanted,
+    wanted: ReportGoals,
     recommended: Sequence[RecommendedDesign],
 ) -> dict[str, Any]:
-    """All rows for the html.
+    """Data of all rows for the interactive views of the page's script.
 
     Args:
-        results: the study's results.
-        metrics: what is shown beside the factors.
-        telling: the factors that matter most, first.
+        metrics: metrics beside the factors.
+        telling: factors that matter most, first.
         objectives: "min" or "max" by metric.
         wanted: limits to begin with, and the study's folder for commands.
         recommended: designs to mark.
     """
     bounds = wanted.bounds
     names = tuple(dict.fromkeys((*results.factors, *objectives, *(b.metric for b in bounds), *metrics)))
-    axes = {name: Axis(results, name) for name in names}
+    axes = {name: ShownColumn(results, name) for name in names}
     place = {name: k for k, name in enumerate(names)}
     named = [m for m in objectives if m in place]
-    crossed = tuple(dict.fromkeys((*named[:2], *telling, *metrics)))[:MATRIX]
+    crossed = tuple(dict.fromkeys((*named[:2], *telling, *metrics)))[:MATRIX_COLUMNS]
     limits = []
     for bound in bounds:
         factor = axes[bound.metric].factor
         ends = [None if end is None else end * factor for end in (bound.min, bound.max)]
         limits.append([place[bound.metric], *ends])
-    row_of = {one.row: LETTERS[k % len(LETTERS)] for k, one in enumerate(recommended)}
+    row_of = {one.row: DESIGN_LETTERS[k % len(DESIGN_LETTERS)] for k, one in enumerate(recommended)}
     return {
         "variant": results.variants.tolist(),
-        "columns": [_column(results, name, axes[name]) for name in names],
+        "columns": [_explorer_column(results, name, axes[name]) for name in names],
         "shown": [place[n] for n in tuple(dict.fromkeys((*telling, *named, *names)))[:MOST_AXES]],
         "crossed": [place[name] for name in crossed],
         "tint": place[named[0] if named else names[-1]],
@@ -323,11 +332,12 @@ def rows_data(
         "limits": limits,
         "recommended": [[row, letter] for row, letter in row_of.items()],
         "folder": wanted.folder,
-        "archives": _archives(results) if wanted.recorded else None,
+        "archives": _archive_cells(results) if wanted.recorded else None,
     }
 
 
-def _column(results: Results, name: str, axis: Axis) -> dict[str, Any]:
+def _explorer_column(results: Results, name: str, axis: ShownColumn) -> dict[str, Any]:
+    """Data of a column: name, unit, decimals or words, and values in that unit."""
     if not results.is_numeric(name):
         labels = results.text_values(name)
         words = sorted(set(labels))
@@ -336,29 +346,32 @@ def _column(results: Results, name: str, axis: Axis) -> dict[str, Any]:
     values = results.values(name)
     if name not in results.factors:
         values = np.where(results.ok, values, np.nan)  # a variant that did not end well has no metric to go by
-    return {"name": name, "unit": axis.unit, "decimals": axis.decimals, "values": axis.of(values)}
+    return {"name": name, "unit": axis.unit, "decimals": axis.decimals, "values": axis.shown_values(values)}
 
 
-def _archives(results: Results) -> list[list[Any] | None] | None:
+def _archive_cells(results: Results) -> list[list[Any] | None] | None:
+    """[archive, number] of each row, None of rows without a recording; None if the table has no archives."""
     if not set(ARCHIVE_COLUMNS) <= set(results.table.column_names):
         return None
     files, numbers = (results.table[name].to_pylist() for name in ARCHIVE_COLUMNS)
     return [None if file is None else [file, int(number)] for file, number in zip(files, numbers, strict=True)]
 
 
-def can_write(folder: str | None) -> bool:
-    """Whether a study's folder holds what drive files of its rows are made from."""
+def has_study_files(folder: str | None) -> bool:
+    """Whether a study's folder holds the files that drive files of its rows are made of."""
     return folder is not None and all((Path(folder) / name).is_file() for name in ("study.toml", "drive.toml"))
 
 
-def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Sequence[RecommendedDesign]) -> list[Path]:
-    """Writes recommended designs beside a page: `report-A.toml` of `report.html`; noise factors as in the base drive.
+def write_recommended_drives(
+    folder: str | Path, page: Path, designs: Results, chosen: Sequence[RecommendedDesign]
+) -> list[Path]:
+    """Writes recommended designs as drive files beside a page (`report-A.toml` of `report.html`); returns the files.
 
     Args:
-        folder: of the study, with its study file and base drive.
-        page: the report.
+        folder: the study's, with its study file and base drive, at whose values noise factors are.
+        page: file of the report.
         designs: rows that were compared, or designs over their noise.
-        chosen: of these.
+        chosen: the recommended ones.
 
     Raises:
         StudyError: a row that gives no drive, or a folder that cannot be written.
@@ -372,10 +385,10 @@ def write_drives(folder: str | Path, page: Path, designs: Results, chosen: Seque
     given = path / DRIVE_TEXT_FILE
     text = read_drive_text(given if given.exists() else path / "drive.toml")
     files = []
-    for letter, one, variant in zip(LETTERS, chosen, made, strict=False):
+    for letter, one, variant in zip(DESIGN_LETTERS, chosen, made, strict=False):
         if variant.drive is None:
             raise StudyError(f"design {letter}: {variant.reason}")
-        words = ", ".join(factor_words(designs, name, one.row) for name in designs.factors)
+        words = ", ".join(factor_value_text(designs, name, one.row) for name in designs.factors)
         head = f"# Design {letter} of {page.name}, variant {one.variant} of {folder}: {words}\n"
         files.append(page.with_name(f"{page.stem}-{letter}.toml"))
         write_study_text(files[-1], head.replace("\r", " ") + drive_text(text, variant.drive))

@@ -1,4 +1,4 @@
-"""A study's report: one HTML page that needs nothing beside it."""
+"""HTML report of a study: one page that needs nothing beside it."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from warpchain.study.analysis.sensitivity import SobolIndices
 from warpchain.study.analysis.surface import TRUSTED_R2
 from warpchain.study.optimize.recommend import RecommendedDesign
 from warpchain.study.report import panels
-from warpchain.study.report.decisions import (
-    Wanted,
-    can_write,
-    designs_section,
-    ends_section,
-    front_section,
-    rows_data,
-    rows_table,
-    wanted_of,
-    write_drives,
+from warpchain.study.report.decision_sections import (
+    ReportGoals,
+    explorer_data,
+    has_study_files,
+    pareto_section,
+    recommended_section,
+    report_goals,
+    statuses_section,
+    variants_table_html,
+    write_recommended_drives,
 )
-from warpchain.study.report.search_history import search_section
+from warpchain.study.report.search_section import search_section
 from warpchain.study.results import ROUND_COLUMN, ROW_STATUSES, Results, read_results
 from warpchain.study.spec.noise_table import metric_from_name
 from warpchain.study.spec.study_tables import Objective
@@ -45,7 +45,7 @@ from warpchain.view import html
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TELLING = (
+TELLING_METRICS = (
     "tension_max",
     "peak_factor",
     "damage_per_hour_max",
@@ -59,43 +59,43 @@ TELLING = (
     "tension_mean",
     "tension_std",
 )
-"""Metrics that a report shows where none are named, the first ones first."""
-SHOWN = 6
-"""Most metrics that a report shows in figures where none are named."""
-NAMED = 3
+"""Metrics that a report shows if none are named, the first ones first."""
+MOST_SHOWN_METRICS = 6
+"""Most metrics that a report shows in figures if none are named."""
+MOST_NAMED_PAIRS = 3
 """Most pairs of factors that are named as acting together."""
-EXTREMES = 3
+EXTREME_VARIANTS = 3
 """Variants listed at each end of a metric."""
 
 
 def telling_metrics(results: Results) -> tuple[str, ...]:
-    """The metrics to show: what `TELLING` names, then the others, of those that vary and most variants have."""
+    """Metrics to show: those of `TELLING_METRICS`, then others that vary and most variants have."""
     enough = results.ok.sum() / 2
     varying = [m for m in results.varying_metrics() if results.usable_rows(m).sum() > enough]
-    ordered = [m for pattern in TELLING for m in varying if _tells(m, pattern)] + list(varying)
-    return tuple(dict.fromkeys(ordered))[:SHOWN]
+    ordered = [m for pattern in TELLING_METRICS for m in varying if _is_of_pattern(m, pattern)] + list(varying)
+    return tuple(dict.fromkeys(ordered))[:MOST_SHOWN_METRICS]
 
 
-def _tells(metric: str, pattern: str) -> bool:
-    """Whether a metric is of a pattern of `TELLING`; a chain's, of several, begins with the chain's name."""
+def _is_of_pattern(metric: str, pattern: str) -> bool:
+    """Whether a metric matches a pattern of `TELLING_METRICS`, also with a chain's name before it."""
     of_chain = "*" not in pattern and "->" not in metric
     return fnmatch(metric, pattern) or (of_chain and fnmatch(metric, f"*.{pattern}"))
 
 
-def report_html(
+def study_report_html(
     results: Results,
     title: str = "Study",
     metrics: tuple[str, ...] = (),
     objectives: Mapping[str, str] | None = None,
     notes: Mapping[str, str] | None = None,
-    wanted: Wanted | None = None,
+    wanted: ReportGoals | None = None,
 ) -> str:
-    """The page.
+    """HTML report of a study.
 
     Args:
         results: the study's results.
         title: heading of the page.
-        metrics: those to show; none takes the objectives and the telling ones.
+        metrics: metrics to show; none takes the objectives and the telling ones.
         objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`, or else the first two
             metrics, both low.
         notes: further lines about the study, by name: its design, its drive, its seed.
@@ -104,26 +104,29 @@ def report_html(
     Raises:
         StudyError: an unknown metric or sense, or a table without a variant.
     """
-    return _report(results, title, metrics, objectives, notes, wanted)[0]
+    return _report_parts(results, title, metrics, objectives, notes, wanted)[0]
 
 
-def _report(
+def _report_parts(
     results: Results,
     title: str,
     metrics: tuple[str, ...],
     objectives: Mapping[str, str] | None,
     notes: Mapping[str, str] | None,
-    wanted: Wanted | None,
+    wanted: ReportGoals | None,
 ) -> tuple[str, Results, list[RecommendedDesign]]:
-    """The page, what was compared, and the designs that it recommends."""
+    """HTML of the report, the rows or designs that were compared, and the recommended designs."""
     if not results.table.num_rows:
         raise StudyError("the study has no variant yet: nothing to report")
     for metric in metrics:
         results.values(metric)
-    wanted = wanted_of(results, objectives, wanted)
+    wanted = report_goals(results, objectives, wanted)
     wished = dict.fromkeys(metric_from_name(metric) for metric in wanted.goals.named_metrics)
     named = tuple(metric for metric in wished if metric not in results.factors)
-    shown = tuple(metrics) or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(SHOWN, len(named))]
+    shown = (
+        tuple(metrics)
+        or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(MOST_SHOWN_METRICS, len(named))]
+    )
     sought = wanted if wanted.objectives else replace(wanted, objectives=tuple(Objective(metric=m) for m in shown[:2]))
     designs, over = designs_of(results, sought.goals)
     chosen = over.objective_senses
@@ -132,52 +135,57 @@ def _report(
     analyzed = tuple(m for m in enough if sample.usable_rows(m).sum() >= 3)
     left_out = LeftOut(sample)
     unranked = frozenset(metric for metric in analyzed if left_out.selects(metric))
-    effects = {metric: _effects_of(sample, metric, metric not in unranked) for metric in analyzed}
+    effects = {metric: _ordered_effects(sample, metric, metric not in unranked) for metric in analyzed}
     chances = {metric: scatter_share(sample, metric) for metric in analyzed}
     pairs = {metric: interactions(sample, metric) for metric in analyzed}
-    of_design = _sample_words(results, sample)
+    of_design = _sample_note(results, sample)
     notes = dict(notes or {}) | ({"effects": of_design} if of_design else {})
-    summary = _summary(results, left_out, (effects, pairs, chances, unranked), notes)
-    ends = ends_section(results, left_out)
+    summary = _study_summary(results, left_out, (effects, pairs, chances, unranked), notes)
+    ends = statuses_section(results, left_out)
     if not enough:
         few = html.page_section(
             "none", "No analysis", html.paragraph_html("Fewer than three variants have a metric that varies.")
         )
-        return panels.report_page(title, [summary, _inputs(results), ends, few]), designs, []
+        return panels.report_page_html(title, [summary, _factors_section(results), ends, few]), designs, []
     judged = replace(wanted, objectives=over.objectives if wanted.objectives else (), bounds=over.bounds)
-    first, recommended = designs_section(designs, judged)
-    surrogates = _surrogates(results, enough)
+    first, recommended = recommended_section(designs, judged)
+    surrogates = _surrogates_of_metrics(results, enough)
     sections = [
         summary,
         first,
         search_section(designs, judged, recommended),
-        front_section(designs, chosen, not wanted.objectives),
-        html.page_section("explore", "Explore the variants", panels.hint(EXPLORE), panels.place("work", "variants")),
-        _inputs(results),
+        pareto_section(designs, chosen, not wanted.objectives),
+        html.page_section(
+            "explore",
+            "Explore the variants",
+            panels.hint_html(EXPLORE_HINT),
+            panels.placeholder_html("work", "variants"),
+        ),
+        _factors_section(results),
         ends,
         html.page_section(
             "distributions",
             "How the metrics are distributed",
             html.paragraph_html(of_design, muted=True) if of_design else "",
-            _of_the_rest(left_out, unranked),
-            panels.chart(panels.distributions(sample, analyzed), "histograms of the metrics"),
-            _spread(sample, analyzed),
+            _left_out_note(left_out, unranked),
+            panels.panels_html(panels.histogram_panels(sample, analyzed), "histograms of the metrics"),
+            _quantiles_table(sample, analyzed),
         ),
-        _effects(sample, left_out, (effects, pairs, chances, unranked)),
-        _correlation(sample, shown, _of_the_rest(left_out, unranked)),
-        _surfaces(results, surrogates, _of_the_rest(left_out, unranked)),
-        _sobol(results, surrogates, wanted.folder),
-        _extremes(results, enough, _of_the_rest(left_out, unranked)),
+        _effects_section(sample, left_out, (effects, pairs, chances, unranked)),
+        _correlation_section(sample, shown, _left_out_note(left_out, unranked)),
+        _surrogates_section(results, surrogates, _left_out_note(left_out, unranked)),
+        _sobol_section(results, surrogates, wanted.folder),
+        _extremes_section(results, enough, _left_out_note(left_out, unranked)),
     ]
     ranked = {metric: found for metric, found in effects.items() if metric not in unranked}
     telling = [name for name in _telling_factors(ranked) or results.factors if name in designs.factors]
     explored = designs.metrics if results.noise_factors else shown
-    data = rows_data(designs, explored, telling, chosen, judged, recommended)
-    return panels.report_page(title, [section for section in sections if section], data), designs, recommended
+    data = explorer_data(designs, explored, telling, chosen, judged, recommended)
+    return panels.report_page_html(title, [section for section in sections if section], data), designs, recommended
 
 
-def _sample_words(results: Results, sample: Results) -> str:
-    """Which rows of a search distributions and effects are of; "" where that is all."""
+def _sample_note(results: Results, sample: Results) -> str:
+    """Sentence on the rows of a search that distributions and effects are of; "" if these are all."""
     rows, some = len(results.status), len(sample.status)
     if some == rows:
         return ""
@@ -187,7 +195,7 @@ def _sample_words(results: Results, sample: Results) -> str:
     )
 
 
-EXPLORE = (
+EXPLORE_HINT = (
     "Draw along an axis to keep a range, click it to let it go; draw a box in the scatter matrix to keep it in both "
     "of its columns. Point at a dot to see its variant and the command that plays it; click it to mark it. Red dots "
     "are on the Pareto front of those that are kept. The study's limits are set at first."
@@ -195,7 +203,7 @@ EXPLORE = (
 
 
 def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
-    """Factors by the most that they explain of any metric."""
+    """Factors by the largest part of any metric that they explain."""
     weight: dict[str, float] = {}
     for found in effects.values():
         for effect in found:
@@ -203,24 +211,27 @@ def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
     return sorted(weight, key=lambda name: -weight[name])
 
 
-Analyzed: TypeAlias = (
+MetricAnalyses: TypeAlias = (
     "tuple[Mapping[str, list[Effect]], Mapping[str, list[Interaction]], Mapping[str, float | None], frozenset[str]]"
 )
-"""Of each metric its effects, interactions and share of scatter, and the metrics that rank no factor."""
+"""Effects, interactions and scatter share by metric, and the metrics that rank no factor."""
 
 
-def _effects_of(results: Results, metric: str, ranked: bool) -> list[Effect]:
-    """Main effects on a metric, the largest span first, or in the study's order where factors are not ranked."""
+def _ordered_effects(results: Results, metric: str, ranked: bool) -> list[Effect]:
+    """Main effects on a metric, by span, or in the study's order if factors are not ranked."""
     found = main_effects(results, metric)
     return found if ranked else sorted(found, key=lambda effect: results.factors.index(effect.factor))
 
 
-def _of_the_rest(left_out: LeftOut, unranked: frozenset[str]) -> str:
-    """A line for each section whose figures hold for the rows that are left alone; "" where they are a fair sample."""
+def _left_out_note(left_out: LeftOut, unranked: frozenset[str]) -> str:
+    """HTML line on rows that were left out, for sections whose figures lack them; "" if none are."""
     return html.paragraph_html(f"{left_out.rest_text()}: see How the variants ended.") if unranked else ""
 
 
-def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Mapping[str, str]) -> html.PageSection:
+def _study_summary(
+    results: Results, left_out: LeftOut, analyzed: MetricAnalyses, notes: Mapping[str, str]
+) -> html.PageSection:
+    """Section with the study in short: statuses, rows left out, a verdict for each metric, notes."""
     effects, pairs, chances, unranked = analyzed
     status = results.status
     boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
@@ -230,14 +241,14 @@ def _summary(results: Results, left_out: LeftOut, analyzed: Analyzed, notes: Map
     for metric, found in effects.items():
         words = "variants that are left out may lie beyond, so no factor is ranked."
         if metric not in unranked:
-            words = _verdict(results, metric, found, pairs[metric], chances[metric])
-        lines.append(f"{_range(results, metric)}; {words}")
+            words = _verdict_text(results, metric, found, pairs[metric], chances[metric])
+        lines.append(f"{_range_text(results, metric)}; {words}")
     noted = html.table_html(("about the study", ""), list(notes.items())) if notes else ""
     return html.page_section("summary", "In short", boxes + "</div>", html.bullets_html(lines) if lines else "", noted)
 
 
-def _range(results: Results, metric: str) -> str:
-    """The least and the most of a metric, and the variants that have them."""
+def _range_text(results: Results, metric: str) -> str:
+    """Smallest and largest value of a metric, with their variants, as text."""
     rows = np.flatnonzero(results.usable_rows(metric))
     values, unit = results.values(metric)[rows], results.column_unit(metric)
     low, high = int(values.argmin()), int(values.argmax())
@@ -247,18 +258,18 @@ def _range(results: Results, metric: str) -> str:
     )
 
 
-def _verdict(
+def _verdict_text(
     results: Results, metric: str, effects: list[Effect], pairs: list[Interaction], chance: float | None
 ) -> str:
-    """Whether a factor stands out of a metric's variance, and how much of it is scatter between equal runs.
+    """Sentence on which factor stands out in a metric's variance, and how much of it is scatter between equal runs.
 
-    A factor stands out where chance explains as much in fewer than 5 % of cases, all factors looked at (Bonferroni).
-    Where none does, though it is not scatter, factors that act together are named.
+    A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors (Bonferroni). If none
+    does, pairs that act together are named.
 
     Args:
-        effects: of the metric's factors.
-        pairs: of them.
-        chance: part of the variance that is scatter between equal runs; None where it is unknown.
+        effects: main effects on the metric.
+        pairs: interactions in the metric.
+        chance: part of the variance that is scatter between equal runs; None if unknown.
     """
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if not effects:
@@ -274,14 +285,15 @@ def _verdict(
             f"no factor stands out alone: {best.factor} explains most, {100.0 * best.adjusted:.0f} %, "
             f"as chance may with {best.row_count} variants"
         )
-        if named := [str(one) for one in pairs if one.is_sure][:NAMED]:
+        if named := [str(one) for one in pairs if one.is_sure][:MOST_NAMED_PAIRS]:
             return f"{alone}, but {'; '.join(named)}; {scatter}".removesuffix("; ") + "."
         together = "three or more factors act together, or all in ways that so few variants do not tell"
         return f"{alone}, yet {scatter} only, and no pair shows: {together}." if scatter else f"{alone}."
-    axis = panels.Axis(results, best.factor) if results.is_numeric(best.factor) else None
+    axis = panels.ShownColumn(results, best.factor) if results.is_numeric(best.factor) else None
     unit = results.column_unit(metric)
     least, most = (
-        f"{quantity(float(best.means[g]), unit)} ({best.labels[g] if axis is None else axis.words(best.labels[g])})"
+        f"{quantity(float(best.means[g]), unit)} "
+        f"({best.labels[g] if axis is None else axis.group_text(best.labels[g])})"
         for g in (int(best.means.argmin()), int(best.means.argmax()))
     )
     line = (
@@ -291,7 +303,8 @@ def _verdict(
     return f"{line}; {scatter}." if scatter else f"{line}."
 
 
-def _inputs(results: Results) -> html.PageSection:
+def _factors_section(results: Results) -> html.PageSection:
+    """Section on the factors: units, ranges, ties, noise."""
     rows, tied = [], results.factor_ties()
     for factor in results.factors:
         words = results.text_values(factor)
@@ -300,8 +313,8 @@ def _inputs(results: Results) -> html.PageSection:
             span = ", ".join(sorted(set(words))[:8])
         else:
             values = results.values(factor)
-            axis = panels.Axis(results, factor)
-            ends = [axis.text(float(value)) for value in (np.nanmin(values), np.nanmax(values))]
+            axis = panels.ShownColumn(results, factor)
+            ends = [axis.value_text(float(value)) for value in (np.nanmin(values), np.nanmax(values))]
             unit = axis.unit
             span = ends[0] if distinct == 1 else " to ".join(ends)
         note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
@@ -312,17 +325,19 @@ def _inputs(results: Results) -> html.PageSection:
     )
 
 
-def _spread(results: Results, metrics: tuple[str, ...]) -> str:
+def _quantiles_table(results: Results, metrics: tuple[str, ...]) -> str:
+    """HTML table of quantiles of metrics."""
     rows = []
     for metric in metrics:
         values = results.values(metric)[results.usable_rows(metric)]
-        axis = panels.Axis(results, metric)
-        parts = [axis.text(value) for value in np.percentile(values, (0, 5, 50, 95, 100)).tolist()]
+        axis = panels.ShownColumn(results, metric)
+        parts = [axis.value_text(value) for value in np.percentile(values, (0, 5, 50, 95, 100)).tolist()]
         rows.append((metric, axis.unit, *parts, len(values)))
     return html.table_html(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
 
 
-def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.PageSection:
+def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalyses) -> html.PageSection:
+    """Section on main effects, interactions and scatter between equal runs."""
     effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
@@ -336,30 +351,37 @@ def _effects(results: Results, left_out: LeftOut, analyzed: Analyzed) -> html.Pa
             "group has one variant.",
             muted=True,
         ),
-        _of_the_rest(left_out, unranked),
+        _left_out_note(left_out, unranked),
         html.heading_html("Scatter against effect"),
-        panels.chart(
-            panels.scatter_shares(list(fair), shares, [chances[metric] for metric in fair]) if fair else [],
+        panels.panels_html(
+            panels.variance_share_panels(list(fair), shares, [chances[metric] for metric in fair]) if fair else [],
             "parts of the variance",
         ),
-        html.bullets_html(_error_line(results, m, chances[m]) for m in shown)
+        html.bullets_html(_pure_error_line(results, m, chances[m]) for m in shown)
         if several
-        else html.paragraph_html(ALONE),
+        else html.paragraph_html(NO_REPLICATES_NOTE),
     ]
     for metric, found in shown.items():
         parts.append(html.heading_html(metric))
-        means = panels.effects(results, metric, found, median_effects(results, metric), metric in fair)
-        parts.append(panels.chart(means, f"main effects on {metric}"))
+        means = panels.effect_panels(results, metric, found, median_effects(results, metric), metric in fair)
+        parts.append(panels.panels_html(means, f"main effects on {metric}"))
         sure = [one for one in pairs[metric] if one.is_sure and metric in fair]
-        parts.append(html.paragraph_html(f"Significant: {'; '.join(map(str, sure[:NAMED]))}.") if sure else "")
-        parts.append(panels.chart(panels.interactions(results, metric, found, sure), f"interactions in {metric}"))
+        parts.append(
+            html.paragraph_html(f"Significant: {'; '.join(map(str, sure[:MOST_NAMED_PAIRS]))}.") if sure else ""
+        )
+        parts.append(
+            panels.panels_html(panels.interaction_panels(results, metric, found, sure), f"interactions in {metric}")
+        )
     return html.page_section("effects", "Effects and interactions", *parts)
 
 
-ALONE = "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
+NO_REPLICATES_NOTE = (
+    "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
+)
 
 
-def _error_line(results: Results, metric: str, chance: float | None) -> str:
+def _pure_error_line(results: Results, metric: str, chance: float | None) -> str:
+    """Line on the scatter of a metric between equal runs."""
     try:
         error = pure_error(results, metric)
     except StudyError as refused:
@@ -370,16 +392,17 @@ def _error_line(results: Results, metric: str, chance: float | None) -> str:
     return f"{error}{rows}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."
 
 
-CORRELATED = 40
-"""Metrics of the correlations, at most."""
+MOST_CORRELATED = 40
+"""Most metrics with correlations."""
 
 
-def _correlation(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
+def _correlation_section(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
+    """Section on rank correlations of factors and metrics; None if there are none."""
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.usable_rows(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
         return None
-    both = correlation(results, usable[:CORRELATED])
+    both = correlation(results, usable[:MOST_CORRELATED])
     return html.page_section(
         "correlation",
         "Correlation",
@@ -389,15 +412,15 @@ def _correlation(results: Results, first: tuple[str, ...], rest: str) -> html.Pa
             f"below {both.noise_level():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
             muted=True,
         ),
-        panels.chart(panels.correlations(both), "heat map of rank correlations of factors and metrics"),
-        html.paragraph_html(f"The first {CORRELATED} of {len(usable)} metrics are shown.")
-        if len(usable) > CORRELATED
+        panels.panels_html(panels.correlation_panels(both), "heat map of rank correlations of factors and metrics"),
+        html.paragraph_html(f"The first {MOST_CORRELATED} of {len(usable)} metrics are shown.")
+        if len(usable) > MOST_CORRELATED
         else "",
     )
 
 
-def _surrogates(results: Results, metrics: tuple[str, ...]) -> dict[str, Surrogate | StudyError]:
-    """The surrogate of each metric, or why there is none."""
+def _surrogates_of_metrics(results: Results, metrics: tuple[str, ...]) -> dict[str, Surrogate | StudyError]:
+    """Surrogate of each metric, or the error that refuses it."""
     found: dict[str, Surrogate | StudyError] = {}
     for metric in metrics:
         try:
@@ -407,7 +430,10 @@ def _surrogates(results: Results, metrics: tuple[str, ...]) -> dict[str, Surroga
     return found
 
 
-def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str) -> html.PageSection:
+def _surrogates_section(
+    results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str
+) -> html.PageSection:
+    """Section on surrogates of the metrics: cuts, cross-validation."""
     parts, refused = [], []
     for metric, found in surrogates.items():
         if isinstance(found, StudyError):
@@ -415,7 +441,7 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
             continue
         checked = found.cross_validated()
         parts.append(html.heading_html(f"{metric}: {found.kind_text} of {found.row_count} variants"))
-        parts.append(panels.chart(panels.surrogate(results, found, checked), f"surrogate of {metric}"))
+        parts.append(panels.panels_html(panels.surrogate_panels(results, found, checked), f"surrogate of {metric}"))
         if checked.q2 < TRUSTED_R2:
             parts.append(html.paragraph_html(f"{metric}: Q\u00b2 is below {TRUSTED_R2}: take the cuts as a hint only."))
     return html.page_section(
@@ -434,7 +460,10 @@ def _surfaces(results: Results, surrogates: Mapping[str, Surrogate | StudyError]
     )
 
 
-def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None) -> html.PageSection:
+def _sobol_section(
+    results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None
+) -> html.PageSection:
+    """Section on Sobol' indices of the metrics."""
     found: list[SobolIndices] = []
     lines, refused = [], False
     for metric, surrogate in surrogates.items():
@@ -454,14 +483,14 @@ def _sobol(results: Results, surrogates: Mapping[str, Surrogate | StudyError], f
             "both bars are alike, the factor acts on its own.",
             muted=True,
         ),
-        panels.chart(panels.indices(found) if found else [], "Sobol' indices of the metrics"),
+        panels.panels_html(panels.sobol_panels(found) if found else [], "Sobol' indices of the metrics"),
         html.bullets_html(lines),
-        html.paragraph_html(_more(results, folder or "DIR")) if refused else "",
+        html.paragraph_html(_advice_text(results, folder or "DIR")) if refused else "",
     )
 
 
-def _more(results: Results, folder: str) -> str:
-    """Commands that bring the variants that indices are in want of."""
+def _advice_text(results: Results, folder: str) -> str:
+    """Commands for more variants or replicates, if there are no Sobol' indices."""
     if ROUND_COLUMN in results.table.column_names:
         going_on = f"raise optimize.count in the study file and go on: warpchain optimize STUDY.toml -o {folder}"
     else:
@@ -476,13 +505,14 @@ def _more(results: Results, folder: str) -> str:
     )
 
 
-def _extremes(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
+def _extremes_section(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
+    """Section on the variants with the smallest and largest values of each metric."""
     parts = [rest]
     for metric in metrics:
         rows = np.flatnonzero(results.usable_rows(metric))
         order = rows[np.argsort(results.values(metric)[rows], kind="stable")]
-        ends = dict.fromkeys([*order[:EXTREMES].tolist(), *order[-EXTREMES:].tolist()])
-        parts += [html.heading_html(metric), rows_table(results, list(ends), (metric, *results.factors))]
+        ends = dict.fromkeys([*order[:EXTREME_VARIANTS].tolist(), *order[-EXTREME_VARIANTS:].tolist()])
+        parts += [html.heading_html(metric), variants_table_html(results, list(ends), (metric, *results.factors))]
     return html.page_section("extremes", "Lowest and highest variants", *parts)
 
 
@@ -494,18 +524,16 @@ def write_report(
     metrics: tuple[str, ...] = (),
     objectives: Mapping[str, str] | None = None,
     notes: Mapping[str, str] | None = None,
-    wanted: Wanted | None = None,
+    wanted: ReportGoals | None = None,
 ) -> list[Path]:
     """Writes the report of a study, and of a study's folder the recommended designs as drive files beside it.
-
-    Each appears under its name only when whole.
 
     Args:
         source: results, a table, or the path of a Parquet or CSV file.
         output: the HTML file.
         title: heading; None takes the table's file name.
         factors: columns that were varied; none takes those that the table marks.
-        metrics, objectives, notes, wanted: see `report_html`.
+        metrics, objectives, notes, wanted: see `study_report_html`.
 
     Returns:
         The page, and the drive files.
@@ -516,11 +544,11 @@ def write_report(
     results = source if isinstance(source, Results) else read_results(source, factors or None)
     heading = title or (Path(source).stem if isinstance(source, str | Path) else "Study")
     target = Path(output)
-    if wanted is not None and can_write(wanted.folder):
+    if wanted is not None and has_study_files(wanted.folder):
         wanted = replace(wanted, page=target.stem)
-    text, designs, recommended = _report(results, heading, metrics, objectives, notes, wanted)
+    text, designs, recommended = _report_parts(results, heading, metrics, objectives, notes, wanted)
     files = []
     if wanted is not None and wanted.folder is not None and wanted.page is not None:
-        files = write_drives(wanted.folder, target, designs, recommended)
+        files = write_recommended_drives(wanted.folder, target, designs, recommended)
     write_study_text(target, text)
     return [target, *files]

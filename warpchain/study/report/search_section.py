@@ -1,4 +1,4 @@
-"""The part of a report on a search: the best value over the evaluations, and where it looked."""
+"""Section of a study's report on a search: best values over the evaluations, and places that were sampled."""
 
 from __future__ import annotations
 
@@ -10,60 +10,61 @@ import numpy as np
 from warpchain.results.units import quantity
 from warpchain.study.analysis.pareto import GoalValues
 from warpchain.study.optimize.recommend import RecommendedDesign
-from warpchain.study.report.decisions import Wanted
-from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Axis, Panel, chart, rounded
+from warpchain.study.report.decision_sections import ReportGoals
+from warpchain.study.report.panels import ACCENT, INK, MARK, PALE, Panel, ShownColumn, panels_html, rounded_numbers
 from warpchain.study.results import ROUND_COLUMN, Results
 from warpchain.view import html
 
-MOST_FACTORS = 12
-"""Factors whose values are drawn."""
+MOST_DRAWN_FACTORS = 12
+"""Most factors whose values are drawn."""
 
-KEEPING = " and keep the limits as they were measured; pale dots do not."
+KEEPING_NOTE = " and keep the limits as they were measured; pale dots do not."
 
 
 def search_section(
-    results: Results, wanted: Wanted, recommended: Sequence[RecommendedDesign]
+    results: Results, wanted: ReportGoals, recommended: Sequence[RecommendedDesign]
 ) -> html.PageSection | None:
-    """The course of a search; none without objectives, or of a table that is no search's.
-
-    Rows stand in the order in which they were evaluated.
-    """
+    """Section on the course of a search; None without objectives, or of a table that is no search's."""
     if not wanted.objectives or ROUND_COLUMN not in results.table.column_names:
         return None
     measured, rounds = wanted.goals.goal_values(results), results.values(ROUND_COLUMN)
     kept = int(measured.limits_kept.sum())
     counts = f"{len(rounds)} variants in {int(rounds.max()) + 1} rounds, {int(results.ok.sum())} ok"
     lines = [counts + (f", {kept} of which keep the limits" if wanted.bounds else "")]
-    lines += [_best_line(results, wanted, measured, rounds, k) for k in range(len(wanted.objectives)) if kept]
+    lines += [_best_value_line(results, wanted, measured, rounds, k) for k in range(len(wanted.objectives)) if kept]
     chosen = np.array([one.row for one in recommended], dtype=np.intp)
     starts = np.flatnonzero(np.diff(rounds) > 0) + 1
-    progress = [_progress(results, wanted, measured, starts, k) for k in range(len(wanted.objectives))]
+    progress = [_progress_panel(results, wanted, measured, starts, k) for k in range(len(wanted.objectives))]
     return html.page_section(
         "search",
         "The search",
         html.paragraph_html(
             "Each variant in the order of its evaluation; a round ends at each dotted line, the study's design at the "
-            "first. The red line is the best so far of the variants that are ok" + (KEEPING if wanted.bounds else "."),
+            "first. The red line is the best so far of the variants that are ok"
+            + (KEEPING_NOTE if wanted.bounds else "."),
             muted=True,
         ),
         html.bullets_html(lines),
-        chart(progress, "best values over the evaluations"),
+        panels_html(progress, "best values over the evaluations"),
         html.heading_html("Where it looked"),
-        chart(
-            [_places(results, name, rounds, chosen, k == 0) for k, name in enumerate(results.factors[:MOST_FACTORS])],
+        panels_html(
+            [
+                _factor_panel(results, name, rounds, chosen, k == 0)
+                for k, name in enumerate(results.factors[:MOST_DRAWN_FACTORS])
+            ],
             "values of the factors over the evaluations",
         ),
     )
 
 
-def _best(measured: GoalValues, k: int) -> np.ndarray:
-    """The least cost of objective k up to each row (R,), infinite before the first that keeps the limits."""
+def _best_costs(measured: GoalValues, k: int) -> np.ndarray:
+    """Least cost of objective k up to each row (R,), infinite before the first that keeps the limits."""
     return np.minimum.accumulate(np.where(measured.limits_kept, measured.costs[:, k], np.inf))
 
 
-def _best_line(results: Results, wanted: Wanted, measured: GoalValues, rounds: np.ndarray, k: int) -> str:
-    """When the best value of an objective was found, and what the design alone had."""
-    objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best(measured, k)
+def _best_value_line(results: Results, wanted: ReportGoals, measured: GoalValues, rounds: np.ndarray, k: int) -> str:
+    """Line on when the best value of objective k was found, and what the design alone had."""
+    objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best_costs(measured, k)
     unit, at = results.column_unit(objective.metric), int(np.argmin(best))
     design = best[rounds == rounds[0]][-1]
     before = f" ({quantity(sign * float(design), unit)} after the design)" if np.isfinite(design) else ""
@@ -72,10 +73,10 @@ def _best_line(results: Results, wanted: Wanted, measured: GoalValues, rounds: n
     return f"{word} {objective.metric}: {quantity(sign * float(best[-1]), unit)}{before}, found at {found}"
 
 
-def _progress(results: Results, wanted: Wanted, measured: GoalValues, starts: np.ndarray, k: int) -> Panel:
-    """An objective over the evaluations, with the best so far as steps."""
-    objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best(measured, k)
-    axis, count = Axis(results, objective.metric), np.arange(1, len(best) + 1)
+def _progress_panel(results: Results, wanted: ReportGoals, measured: GoalValues, starts: np.ndarray, k: int) -> Panel:
+    """Panel of an objective over the evaluations, with the best so far as steps."""
+    objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best_costs(measured, k)
+    axis, count = ShownColumn(results, objective.metric), np.arange(1, len(best) + 1)
     values = np.where(measured.ok, sign * measured.costs[:, k], np.nan)
     reached = np.isfinite(best)
     steps = np.repeat(np.flatnonzero(reached), 2)
@@ -90,21 +91,21 @@ def _progress(results: Results, wanted: Wanted, measured: GoalValues, starts: np
     ):
         label = label if wanted.bounds else "variants"
         if rows.any() and (wanted.bounds or color == ACCENT):
-            series.append(_dots(count[rows], axis.of(values[rows]), color, label if named else ""))
+            series.append(_dots_series(count[rows], axis.shown_values(values[rows]), color, label if named else ""))
     if len(steps):
-        line = {"kind": "line", "x": x.tolist(), "y": axis.of(y), "color": MARK}
+        line = {"kind": "line", "x": x.tolist(), "y": axis.shown_values(y), "color": MARK}
         series.append(line | ({"label": "best so far"} if named else {}))
     x_axis = {"label": "evaluation", "range": [0, len(best) + 1]}
     return {"x": x_axis, "y": {"label": axis.name}, "series": series, "width": 540, "height": 270}
 
 
-def _places(results: Results, name: str, rounds: np.ndarray, chosen: np.ndarray, named: bool) -> Panel:
-    """Values of a factor over the evaluations: the design's, those that were proposed, those recommended."""
+def _factor_panel(results: Results, name: str, rounds: np.ndarray, chosen: np.ndarray, named: bool) -> Panel:
+    """Panel of a factor's values over the evaluations: of the design, proposed, recommended."""
     count = np.arange(1, len(rounds) + 1)
     y: dict[str, Any]
     if results.is_numeric(name):
-        axis = Axis(results, name)
-        shown, y = np.array(axis.of(results.values(name)), dtype=float), {"label": axis.name}
+        axis = ShownColumn(results, name)
+        shown, y = np.array(axis.shown_values(results.values(name)), dtype=float), {"label": axis.name}
     else:
         words = sorted(set(results.text_values(name)))
         shown = np.array([words.index(word) for word in results.text_values(name)], dtype=float)
@@ -117,11 +118,12 @@ def _places(results: Results, name: str, rounds: np.ndarray, chosen: np.ndarray,
         (picked, MARK, "recommended"),
     ):
         if rows.any():
-            series.append(_dots(count[rows], rounded(shown[rows]), color, label if named else ""))
+            series.append(_dots_series(count[rows], rounded_numbers(shown[rows]), color, label if named else ""))
     return {"x": {"label": "evaluation", "range": [0, len(rounds) + 1]}, "y": y, "series": series, "height": 210}
 
 
-def _dots(x: np.ndarray, y: list[float | None], color: str, label: str) -> dict[str, Any]:
+def _dots_series(x: np.ndarray, y: list[float | None], color: str, label: str) -> dict[str, Any]:
+    """Series of dots of a panel, larger if marked."""
     size = 3.4 if color == MARK else 2.2
     return {"kind": "points", "x": x.tolist(), "y": y, "color": color, "size": size} | (
         {"label": label} if label else {}
