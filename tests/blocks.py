@@ -26,7 +26,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.shared_memory import room
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.statistics import BINS
-from warpchain.results.channels import NAMES, Sizes, frame_of, frame_width
+from warpchain.results.channels import CHANNEL_NAMES, PartCounts, drive_frame_width, frame_with_channels
 from warpchain.results.schedule import Schedule
 
 OTHER_TEETH = {
@@ -546,7 +546,7 @@ def flat(rows):
 
 def joint_powers(packed, drive, frames):
     """Friction power of each joint, of 16 frames of a drive."""
-    found = packed.frame.split(frames.reshape(16, -1), Sizes.of(drive))
+    found = packed.frame.split_frames(frames.reshape(16, -1), PartCounts.of_drive(drive))
     return found["joint_friction_power"]
 
 
@@ -561,7 +561,7 @@ def pack_for(variants, schedules, precision):
     packed = pack(rows.drives, rows.spread(schedules))
     rows.couple(packed)
     packed = packed.at_precision(precision)
-    return replace(packed, frame=frame_of(NAMES if packed.rubbing.any() else ()))
+    return replace(packed, frame=frame_with_channels(CHANNEL_NAMES if packed.rubbing.any() else ()))
 
 
 SPARE = {
@@ -627,7 +627,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
     packed = replace(pack_for(variants, schedules, precision), frame=frame)
     bends = np.flatnonzero(packed.rubbing)
     each = [ring.drive for drive in variants for ring in rings_of(drive)]
-    widths = [frame_width(chain, packed.frame) * 16 for chain in each]
+    widths = [drive_frame_width(chain, packed.frame) * 16 for chain in each]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     serial, theirs = stepped(packed, 301, values=sum(widths))
     ours = serial.frame_buffer(sum(widths))

@@ -9,7 +9,7 @@ from drives import of_long
 from loading import load_script
 
 from warpchain.drive import Drive
-from warpchain.results.metric_columns import COLUMNS
+from warpchain.results.metric_columns import COLUMN_BY_NAME
 from warpchain.study.spec import Study
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -78,7 +78,7 @@ def test_keys_are_found_however_deep():
 
 def test_documents_have_every_metric_and_the_reference_every_command():
     held, documents = reference.reference_pages(), "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
-    for name in COLUMNS:
+    for name in COLUMN_BY_NAME:
         assert re.search(rf"`[A-Za-z.]*{re.escape(name)}`", documents), name
     for command in ("check", "run", "import", "study report"):
         assert f"## warpchain {command}\n" in held["commands.md"]

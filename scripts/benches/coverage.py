@@ -13,8 +13,8 @@ from common.drives import Values, equal_sprocket_values, example_drive, two_spro
 from warpchain import Drive, Record, simulate
 from warpchain.engine.checkpoint import States
 from warpchain.kernels.statistics import BATCHES
-from warpchain.results import formulas
-from warpchain.results.batch_means import INTERVAL, Array, standard_error
+from warpchain.results import metric_formulas
+from warpchain.results.window_statistics import INTERVAL_ERRORS, Array, mean_standard_error
 
 TURNS = 4.0
 """Of the chain in a window."""
@@ -92,13 +92,13 @@ def window_batches(sample: CoverageSample) -> tuple[Array, Array]:
 
     def noting(means: Array, weights: Array) -> Array:
         noted.append((means, weights))
-        return standard_error(means, weights)
+        return mean_standard_error(means, weights)
 
     for w in range(-1, sample.windows):
         begin, end = (sample.start + TURNS * k for k in (w, w + 1))
         window = (turn * begin if w >= 0 else 0.0, turn * end)
         following = States(begin=states.kept)
-        with patch.object(formulas, "standard_error", noting):
+        with patch.object(metric_formulas, "mean_standard_error", noting):
             simulate(
                 sample.drive, device="cpu", duration=window[1], window=window, replicates=sample.copies,
                 record=Record("none"), states=following,
@@ -137,13 +137,13 @@ def window_length_rows(name: str, means: Array, weights: Array) -> Iterator[Line
     for count in (count for count in JOINED if len(means) >= LEAST * count):
         heavy = joined_windows(weights, count)
         batches = joined_windows(means * weights, count) / heavy
-        errors = standard_error(batches, heavy)
+        errors = mean_standard_error(batches, heavy)
         off = (batches * heavy).sum(axis=-1) / heavy.sum(axis=-1) - truth
         spread = np.sqrt((off * off).mean(axis=(0, 2)))
         reported = (spread > SAME * np.abs(truth.mean(axis=1))) & np.isfinite(errors).any(axis=(0, 2))
         errors, off, spread = errors[:, reported], off[:, reported], spread[reported]
         known = np.isfinite(errors)
-        covered = (np.abs(off) <= INTERVAL * errors).sum(axis=(0, 2)) / known.sum(axis=(0, 2))
+        covered = (np.abs(off) <= INTERVAL_ERRORS * errors).sum(axis=(0, 2)) / known.sum(axis=(0, 2))
         widths = np.nanmedian(errors, axis=(0, 2)) / spread
         shares = (f"{100.0 * share:.0f} %" for share in (1.0 - known.mean(), covered.mean(), covered.min()))
         sizes = (f"{size:.2g}" for size in (np.median(widths), widths.min(), widths.max()))
@@ -157,9 +157,9 @@ def coverage(asked: argparse.Namespace) -> Iterator[Line]:
     python scripts/bench.py coverage two marine
 
     Copies begin at other phases within a tooth. Unknown is the share of errors that are; covered that of windows whose
-    mean is within `INTERVAL` errors of the long-run mean, where they are known, of all means of the drive and of the
-    mean that is covered least; the width is the median error over the means' own scatter, of the median mean, and its
-    range.
+    mean is within `INTERVAL_ERRORS` errors of the long-run mean, where they are known, of all means of the drive and of
+    the mean that is covered least; the width is the median error over the means' own scatter, of the median mean, and
+    its range.
     """
     yield ("drive", "turns", "windows", "unknown", "covered", "least", "width", "from", "to")
     for name in asked.names:
@@ -187,8 +187,8 @@ def memory(_: argparse.Namespace) -> Iterator[Line]:
     yield ("memory", "unknown", "covered", "width")
     for share in MEMORIES:
         x = correlated_windows(share)
-        error, mean = standard_error(x.reshape(len(x), int(BATCHES), -1).mean(axis=-1)), x.mean(axis=-1)
+        error, mean = mean_standard_error(x.reshape(len(x), int(BATCHES), -1).mean(axis=-1)), x.mean(axis=-1)
         known = np.isfinite(error)
-        covered = (np.abs(mean) <= INTERVAL * error)[known].mean()
+        covered = (np.abs(mean) <= INTERVAL_ERRORS * error)[known].mean()
         width = np.median(error[known]) / np.sqrt((mean * mean).mean())
         yield (f"{share:g}", f"{100.0 * (1.0 - known.mean()):.0f} %", f"{100.0 * covered:.0f} %", f"{width:.2g}")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from drawings.closed_forms import ValidationRow
 from warpchain import Drive, Record, Run, simulate
-from warpchain.results.rotation import order_amplitudes, turns_of
+from warpchain.results.order_tracking import driver_turns, order_amplitudes
 from warpchain.results.scene import passing_link
 from warpchain.results.shaft_signals import phase_error
 from warpchain.results.signals import strand_tension
@@ -113,14 +113,14 @@ def orders_table(run: Run) -> Iterator[Line]:
     orders = np.arange(0.5, 60.0, 0.5)
     for k, rpm in enumerate(SPEEDS):
         part, force = second_half_frames(run[k]), run[k].channels()["tensioner_force"][:, 0].astype(float)
-        size: Any = order_amplitudes(turns_of(run[k])[part], force[part], orders.tolist())
+        size: Any = order_amplitudes(driver_turns(run[k])[part], force[part], orders.tolist())
         yield (rpm, ", ".join(f"{orders[i]:g}: {size[i]:.0f}" for i in np.argsort(size)[:-5:-1]))
 
 
 def crankshaft_order_amplitudes(trajectory: Any, values: np.ndarray, orders: Sequence[float]) -> np.ndarray:
     """Amplitudes of orders of the crankshaft over the second half of a recording."""
     part = second_half_frames(trajectory)
-    return np.asarray(order_amplitudes(turns_of(trajectory)[part], values[part].astype(float), list(orders)))
+    return np.asarray(order_amplitudes(driver_turns(trajectory)[part], values[part].astype(float), list(orders)))
 
 
 def published_table(run: Run, rows: Sequence[Metrics], light: Run, soft: Run) -> Iterator[Line]:

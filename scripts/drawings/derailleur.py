@@ -15,7 +15,7 @@ import warpchain
 from warpchain import Drive, Record, assemble, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.results.run import Trajectory
-from warpchain.results.scene import chain_line, pose_at_start
+from warpchain.results.scene import chain_outline, pose_at_start
 
 PIVOT = (-0.02, 0.114)
 """Of the lower link that carries the rear axle [m], on the idler's axle (published as `link_lwr_front_loc`)."""
@@ -136,7 +136,7 @@ def cage_figure(drive: Drive, runs: list[Trajectory]) -> Figure:
     where, cage, lower = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 1.0))
     for one, color, label in ((drive, "0.5", "before"), (drive_after_move(drive), "tab:orange", "axle 36 mm higher")):
         pose = pose_at_start(one)
-        where.plot(*(1e3 * chain_line(one, chain_path(one)).T), color=color, label=label)
+        where.plot(*(1e3 * chain_outline(one, chain_path(one)).T), color=color, label=label)
         for s in one.sprockets_on(0):
             where.plot(*(1e3 * np.array([one.arms[0].pivot, pose.center[s]]).T), "o-", color=color, ms=3)
     where.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")

@@ -18,8 +18,8 @@ from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import static_force, static_pressure, valve_flow
 from warpchain.drive.viscosity import by_slope
 from warpchain.engine.rig import Shake, shake
-from warpchain.results.run import need
-from warpchain.results.scene import Pose, parts_at, strand_displacement, teeth_at, turned
+from warpchain.results.run import require_channels
+from warpchain.results.scene import DrivePose, guide_arm_tensioner_parts, strand_displacement, teeth_parts, turn_points
 from warpchain.view.figures.drive_figure import draw_parts
 from warpchain.view.figures.rig_figures import tensioner_loop_figure, tensioner_sweep_figure
 
@@ -95,14 +95,14 @@ def drive_text_of_document(page: str) -> str:
 def draw_guides(axes: Any, drive: Drive) -> None:
     """The drive as drawn, rollers' centers over the faces, joints of these, and arms at both stops."""
     centers = np.array([sprocket.center for sprocket in drive.sprockets])
-    pose = Pose(centers, np.zeros(len(centers)), np.zeros(len(drive.arms)))
-    draw_parts(axes, drive, pose, [*teeth_at(drive, pose), *parts_at(drive, pose)], 1.0)
+    pose = DrivePose(centers, np.zeros(len(centers)), np.zeros(len(drive.arms)))
+    draw_parts(axes, drive, pose, [*teeth_parts(drive, pose), *guide_arm_tensioner_parts(drive, pose)], 1.0)
     for g in range(len(drive.guides)):
         profile, a = drive.profile(g), drive.arm_of(g)
         face, centers = profile.points(5e-4), profile.offset_points(drive.guide_offset(g), 5e-4)
         if a is not None:
             for stop in drive.arms[a].stops_rad:
-                axes.plot(*turned(face, drive.arms[a].pivot, stop).T, color="tab:brown", alpha=0.4, linewidth=1.0)
+                axes.plot(*turn_points(face, drive.arms[a].pivot, stop).T, color="tab:brown", alpha=0.4, linewidth=1.0)
         axes.plot(*centers.T, color="tab:orange", linewidth=0.8, linestyle="--")
         joints = np.array([piece.start for piece in (*profile.face, profile.pieces[-1])])
         axes.plot(*joints.T, "k.", markersize=4)
@@ -255,7 +255,7 @@ def drained_start_rows(figure: Figure) -> Iterator[Line]:
     still = 1e3 * part.chamber.volume / valve_flow(part, part.oil.ambient)
     yield ("drained", "filled after [ms]", "still [ms]", "largest tension [N]", "stroke [mm]", "peak [bar]")
     for k, (share, row) in enumerate(zip(SHARES, run.metrics.to_pylist(), strict=True)):
-        pressure, extension, tension = need(run[k], "chamber_pressure", "tensioner_extension", "tension")
+        pressure, extension, tension = require_channels(run[k], "chamber_pressure", "tensioner_extension", "tension")
         x, filled = extension[:, 0], row.get("tensioner.filling_time")
         panels = (1e-5 * pressure[:, 0], 1e3 * x, tension.max(axis=1))
         for axis, values in zip(axes, panels, strict=True):

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from drawings.closed_forms import ValidationRow
 from drawings.guides import DURATION, SLOWLY, START, STRAND, indented_bar_drive, strand_displacement_mm
 from warpchain import Drive, Record, Run, Trajectory, simulate
-from warpchain.results.run import need
-from warpchain.results.scene import nearest_sprocket
-from warpchain.results.signals import last_round
+from warpchain.results.run import require_channels
+from warpchain.results.scene import engaged_sprockets
+from warpchain.results.signals import last_round_frames
 from warpchain.view.figures.chain_figures import hardest_pressed_roller
 
 CASES = ("with friction", "without friction")
@@ -71,8 +71,8 @@ def guided_displacement(drive: Drive, indentation: float) -> tuple[Trajectory, M
     window, (bar,) = (FROM, LENGTH["run.duration"]), drive.guides
     run = simulate(drive, record=SEEN, window=window)
     steel = simulate(drive.with_values(STEEL), record=Record("none"), window=window)
-    seen = run[0].at(last_round(run[0]))
-    (tension,), on = need(seen, "tension"), nearest_sprocket(seen) >= 0
+    seen = run[0].at(last_round_frames(run[0]))
+    (tension,), on = require_channels(seen, "tension"), engaged_sprockets(seen) >= 0
     return seen, MarineForces(
         strands=1e-3 * float(tension[~on].mean()),
         sprockets=1e-3 * float(tension[on].mean()),
@@ -85,8 +85,8 @@ def guided_displacement(drive: Drive, indentation: float) -> tuple[Trajectory, M
 def draw_marine_forces(axes: Any, trajectory: Trajectory, title: str) -> None:
     """Tension of a link, and contact forces on a roller, over a round."""
     roller = hardest_pressed_roller(trajectory)
-    tension, teeth, bar = need(trajectory, "tension", "sprocket_force", "guide_force")
-    near = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
+    tension, teeth, bar = require_channels(trajectory, "tension", "sprocket_force", "guide_force")
+    near = engaged_sprockets(trajectory, np.array([roller]))[:, 0]
     turned = np.linspace(0.0, 1.0, len(near))
     axes[0].set_title(title)
     axes[-1].set_xlabel("share of the chain's round")

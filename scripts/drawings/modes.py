@@ -19,7 +19,7 @@ from warpchain.modal.campbell import Campbell, campbell, over_a_pitch
 from warpchain.modal.eigenmodes import modes
 from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
 from warpchain.results.run import Trajectory
-from warpchain.results.signals import seen_at
+from warpchain.results.signals import probe_signals
 from warpchain.view.figures.figure_style import strand_label
 
 Array = NDArray[np.float64]
@@ -154,7 +154,7 @@ def mode_signal(trajectory: Any, mode: str) -> Array:
     drive, path = trajectory.drive, assembled_path(trajectory.drive)
     strand = drive.strand_names.index(mode.rpartition(" ")[0])
     x, y = (1.0 - PLACE) * path.strand_start[strand] + PLACE * path.strand_end[strand]
-    return seen_at(trajectory, (x, y), 3.0 * drive.chain.pitch).displacement
+    return probe_signals(trajectory, (x, y), 3.0 * drive.chain.pitch).displacement
 
 
 def window_spectrum(signal: Array, rate: float) -> tuple[Array, Array]:

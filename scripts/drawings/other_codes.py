@@ -16,7 +16,7 @@ from drawings.modes import top_speed
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
-from warpchain.results.run import need
+from warpchain.results.run import require_channels
 
 Array = NDArray[np.float64]
 VALUES = equal_sprocket_values(20, 61, 0.05, slack=0.002) | {
@@ -88,7 +88,7 @@ def run_warpchain(drive: Drive) -> CodeResult:
     simulate(drive, device="cpu", record=Record("none"), duration=0.001)  # compiles
     frames = CodeFrames(drive, resolve_step(drive))
     trajectory = simulate(drive, device="cpu", record=Record(channels=("position", "sprocket_speed")))[0]
-    for position, speed in zip(*need(trajectory, "position", "sprocket_speed"), strict=True):
+    for position, speed in zip(*require_channels(trajectory, "position", "sprocket_speed"), strict=True):
         frames.add(np.asarray(position, float), float(speed[1]))
     return frames.result()
 

@@ -16,9 +16,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from warpchain import Record, simulate
-from warpchain.results.engineering_report import handed_in
-from warpchain.results.scene import contact_arrows, parts_at, pose_at_frame, teeth_at
-from warpchain.results.signals import forward, largest_contacts, strand_tension
+from warpchain.results.engineering_report import engineering_report
+from warpchain.results.scene import contact_force_vectors, guide_arm_tensioner_parts, pose_at_frame, teeth_parts
+from warpchain.results.signals import forward_values, largest_contact_forces, strand_tension
 from warpchain.view.figures.figure_style import strand_label
 from warpchain.view.figures.part_figures import guide_load_figure
 from warpchain.view.figures.shaft_figures import hub_force_figure
@@ -40,7 +40,7 @@ def last_teeth_frames(trajectory: Any) -> np.ndarray:
     """Frames of the recording that are shown: the last `TEETH` teeth of the driver, evenly."""
     drive = trajectory.drive
     teeth = drive.sprockets[drive.driver].teeth
-    passed = forward(drive, trajectory.sprocket_angle, drive.driver) * teeth / (2.0 * np.pi)
+    passed = forward_values(drive, trajectory.sprocket_angle, drive.driver) * teeth / (2.0 * np.pi)
     wanted = passed[-1] - TEETH + TEETH * np.arange(FRAMES) / FRAMES
     return np.searchsorted(passed, wanted).clip(0, len(passed) - 1)
 
@@ -49,16 +49,18 @@ def draw_frame(axis: Any, trajectory: Any, f: int, reach: float) -> None:
     """The drive, its chain and the forces at a frame; a newton is `reach` meters long."""
     drive, x = trajectory.drive, trajectory.position[f]
     pose = pose_at_frame(trajectory, f)
-    for part, center in zip(teeth_at(drive, pose, 5), pose.center, strict=True):
+    for part, center in zip(teeth_parts(drive, pose, 5), pose.center, strict=True):
         axis.fill(*part.points.T, fc="0.15", ec="0.5", lw=0.6)
         axis.annotate(part.name, center, fontsize=7, ha="center", va="center")
-    for part in parts_at(drive, pose):
+    for part in guide_arm_tensioner_parts(drive, pose):
         axis.plot(*part.points.T, color="#be783c" if part.kind == "guide" else "0.5", lw=2.0)
     links = LineCollection(list(np.stack([x, np.roll(x, -1, axis=0)], axis=1)), cmap=tension_colormap(), lw=2.6)
     links.set_array(trajectory.tension[f])
     links.set_clim(0.0, tension_scale_top([trajectory]))
     axis.add_collection(links)
-    for force, color in zip(contact_arrows(part_of(trajectory, slice(f, f + 1))), ("white", "#ff5050"), strict=True):
+    for force, color in zip(
+        contact_force_vectors(part_of(trajectory, slice(f, f + 1))), ("white", "#ff5050"), strict=True
+    ):
         on = force[0].any(axis=1)
         straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.006}
         axis.quiver(*x[on].T, *(reach * force[0, on]).T, color=color, **straight)
@@ -103,10 +105,10 @@ def moving(asked: argparse.Namespace) -> Iterator[Line]:
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     curves = {
         "strand tension [kN]": {name: strand_tension(trajectory, k) for k, name in enumerate(drive.strand_names)},
-        "largest contact force [kN]": dict(zip(bodies, largest_contacts(trajectory), strict=True)),
+        "largest contact force [kN]": dict(zip(bodies, largest_contact_forces(trajectory), strict=True)),
     }
     curves = {label: {name: 1e-3 * force for name, force in lines.items()} for label, lines in curves.items()}
-    arrows = np.concatenate([a[a.any(axis=-1)] for a in contact_arrows(part_of(trajectory, chosen))])
+    arrows = np.concatenate([a[a.any(axis=-1)] for a in contact_force_vectors(part_of(trajectory, chosen))])
     span = float(np.ptp(trajectory.position[-1], axis=0).max())
     reach = 0.10 * span / float(np.quantile(np.hypot(*arrows.T), 0.99))
     pictures = []
@@ -185,7 +187,7 @@ def report(asked: argparse.Namespace) -> Iterator[Line]:
     table = {"time": [0.0, 1.0], "speed": [105.0, 600.0]}  # s, rad/s
     values = {"sprockets.crankshaft.prescribed.table": table, "run.duration": 1.0}
     drive = example_drive("engine", values)
-    found = handed_in(simulate(drive, record=Record(rate=20_000.0), window=(0.0, 1.0)))
+    found = engineering_report(simulate(drive, record=Record(rate=20_000.0), window=(0.0, 1.0)))
     cuts = run_up_cuts(found)["force on the hub"]
     figures = {
         "report-hubs": hub_force_figure(found),

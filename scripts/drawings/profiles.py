@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from warpchain import Drive, Record, simulate
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.tooth_shape import half_gap_outline
-from warpchain.results.scene import nearest_sprocket, sprocket_normals, tooth_outline, turned
+from warpchain.results.scene import engaged_sprockets, sprocket_normals, tooth_outline, turn_points
 from warpchain.results.signals import order_spectrum, strand_tension
 from warpchain.view.figures.figure_style import panel_column, panel_grid
 
@@ -59,7 +59,7 @@ def radial_places(trajectory: Any, s: int) -> np.ndarray:
 def means_over_pitches(trajectory: Any, s: int, values: np.ndarray, edges: np.ndarray, rollers: slice) -> Any:
     """Pitches since a roller's arrival on sprocket s, and the mean of values (F, N) there."""
     arm = radial_places(trajectory, s)[:, rollers]
-    on = ((nearest_sprocket(trajectory) == s) & (trajectory.time > BEGIN)[:, None])[:, rollers]
+    on = ((engaged_sprockets(trajectory) == s) & (trajectory.time > BEGIN)[:, None])[:, rollers]
     # the driver is wrapped from its highest to its lowest point, the driven sprocket from its lowest to its highest
     start = (0.5 if s == 0 else -0.5) * math.pi
     angle = np.arctan2(arm[..., 1], arm[..., 0])[on] - start
@@ -74,7 +74,7 @@ def approach_speeds(trajectory: Any, s: int) -> np.ndarray:
 
     Normal and speed are those of the frame before.
     """
-    on = nearest_sprocket(trajectory) == s
+    on = engaged_sprockets(trajectory) == s
     met = []
     for frame, roller in np.argwhere(~on[:-1] & on[1:]):
         touching = np.flatnonzero(trajectory.sprocket_force[frame + 1 :, roller] > 0.0)
@@ -95,7 +95,7 @@ def seated_tension_ratios(profile: str) -> tuple[np.ndarray, float]:
     trajectory: Any = simulate(slow, record=Record(rate=100.0))[0]
     phi = slow.tooth(0).pressure_angle(TEETH)
     force, tension = trajectory.sprocket_force[-1], trajectory.tension[-1]
-    on = nearest_sprocket(trajectory)[-1] == 0
+    on = engaged_sprockets(trajectory)[-1] == 0
     loaded = np.flatnonzero(on & (force > 0.005 * force.max()))
     pairs = np.sort(np.stack([tension[loaded - 1], tension[loaded]], axis=1), axis=1)[:, ::-1]
     pairs = pairs[np.argsort(-pairs[:, 0])][1:6]  # the first roller's other link belongs to the strand
@@ -187,7 +187,7 @@ def climbed_radius(trajectory: Any, rollers: slice) -> Any:
 
 def draw_worn_driver(axes: Axes, trajectory: Any) -> None:
     """The driver with its chain at the end of the run."""
-    teeth = turned(tooth_outline(trajectory.drive, 0), (0.0, 0.0), trajectory.sprocket_angle[-1, 0])
+    teeth = turn_points(tooth_outline(trajectory.drive, 0), (0.0, 0.0), trajectory.sprocket_angle[-1, 0])
     axes.fill(*(1e3 * teeth).T, color="0.85", ec="0.4", linewidth=0.8)
     rollers, radius = 1e3 * trajectory.position[-1], 1e3 * trajectory.drive.chain.roller_radius
     turn = np.linspace(0.0, 2.0 * math.pi, 60)

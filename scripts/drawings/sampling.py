@@ -10,7 +10,7 @@ from common.drives import example_drive
 
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.timestep import resolve_step
-from warpchain.results.engineering_report import HandedIn
+from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.scene import strand_displacement
 
 WINDOWS = {"industrial": (0.2, 40_000), "marine": (0.5, 30_000), "motorcycle": (0.1, 40_000)}
@@ -29,9 +29,9 @@ def sampling_misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
     step = resolve_step(drive)
     end = start + steps * step
     run = simulate(drive, device="cpu", duration=end, window=(start, end), record=Record(rate=1.0 / step))
-    row, whole = run.metrics.to_pylist()[0], HandedIn(run[0], start - 0.25 * step, end)
+    row, whole = run.metrics.to_pylist()[0], EngineeringReport(run[0], start - 0.25 * step, end)
     seen = whole.part
-    tension, hubs = np.asarray(seen.tension, dtype=float), whole.hubs
+    tension, hubs = np.asarray(seen.tension, dtype=float), whole.hub_forces
     found: defaultdict[str, list[float]] = defaultdict(list)
 
     def mean(what: str, name: str, values: np.ndarray) -> None:

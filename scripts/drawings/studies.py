@@ -14,7 +14,7 @@ from warpchain import Drive, Record, load_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.viscosity import by_two_points
 from warpchain.results.objectives import add_objectives
-from warpchain.results.units import quantity, shown_unit
+from warpchain.results.units import display_unit_word, quantity_words
 from warpchain.study.analysis.pareto import Goals, goals_of_study, is_non_dominated
 from warpchain.study.optimize.recommend import RecommendedDesign, recommend
 from warpchain.study.results import Results, read_results
@@ -211,7 +211,7 @@ def front_figure(results: Results, goals: Goals, chosen: list[RecommendedDesign]
     front = front[np.argsort(results.values(first)[front])]
     values, labels, star = {}, {}, {}
     for name in (first, second, *results.factors):
-        unit, factor = shown_unit(results.column_unit(name), float(np.nanmax(results.values(name))))
+        unit, factor = display_unit_word(results.column_unit(name), float(np.nanmax(results.values(name))))
         values[name], labels[name] = factor * results.values(name), f"{name} [{unit}]"
         star[name] = factor * drawn.get(name, np.nan)
     x, y = values[first], values[second]
@@ -260,11 +260,11 @@ def search(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("", "as drawn", *(f"{letter}: variant {one.variant}" for letter, one in zip(LETTERS, chosen, strict=False)))
     for name in results.factors:
         unit = results.column_unit(name)
-        own = quantity(drawn[name], unit) if name in drawn else ""
-        yield (name, own, *(quantity(float(results.table[name][one.row].as_py()), unit) for one in chosen))
+        own = quantity_words(drawn[name], unit) if name in drawn else ""
+        yield (name, own, *(quantity_words(float(results.table[name][one.row].as_py()), unit) for one in chosen))
     for metric in goals.named_metrics:
         unit = results.column_unit(metric)
-        values = [quantity(one.believed[metric][0], unit, one.believed[metric][1]) for one in chosen]
-        yield (metric, quantity(drawn[metric], unit), *values)
-        yield (f"between {COPIES} copies of it", "", *(quantity(mine[metric], unit, digits=2) for mine in copies))
+        values = [quantity_words(one.believed[metric][0], unit, one.believed[metric][1]) for one in chosen]
+        yield (metric, quantity_words(drawn[metric], unit), *values)
+        yield (f"between {COPIES} copies of it", "", *(quantity_words(mine[metric], unit, digits=2) for mine in copies))
     yield {asked.folder.name: front_figure(results, goals, chosen, drawn)}

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from warpchain import Drive
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.results.scene import chain_line
+from warpchain.results.scene import chain_outline
 from warpchain.study.results import Results
 
 STRAND, COLORS = "idler->auger", ("tab:blue", "tab:green", "tab:red")
@@ -23,7 +23,7 @@ def drawn_path(axes: Any, drive: Drive, color: str, label: str) -> None:
     for center, radius in zip(path.center, path.radius, strict=True):
         around = center + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         axes.plot(*(1e3 * around).T, color=color, lw=0.6, alpha=0.6)
-    axes.plot(*(1e3 * chain_line(drive, path)).T, color=color, label=label)
+    axes.plot(*(1e3 * chain_outline(drive, path)).T, color=color, label=label)
     axes.plot(*(1e3 * np.array([drive.arms[0].pivot, path.center[1]])).T, "o-", color=color, ms=4)
 
 

@@ -17,7 +17,7 @@ from drawings.modes import top_speed, window_spectrum
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.frequencies import moving_frequency
 from warpchain.modal.campbell import over_a_pitch
-from warpchain.results.run import Trajectory, need
+from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import strand_tension
 
@@ -252,7 +252,7 @@ def critical_speed(axis: Any) -> ValidationRow:
 def wave_slopes(trajectory: Trajectory) -> tuple[float, float]:
     """Mean square of the slope of the strands' links, and mean tension of all [N], in the latter two thirds."""
     part = trajectory.time > trajectory.time[-1] / 3.0
-    position, tension = (channel[part] for channel in need(trajectory, "position", "tension"))
+    position, tension = (channel[part] for channel in require_channels(trajectory, "position", "tension"))
     along = np.roll(position, -1, axis=1) - position
     inside = (position[..., 0] > 0.0) & (position[..., 0] < trajectory.drive.sprockets[1].center[0])
     inside &= np.roll(inside, -1, axis=1)

@@ -23,7 +23,7 @@ from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import room
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.relaxation import Settling
-from warpchain.results.channels import FRAME, frame_width
+from warpchain.results.channels import DEFAULT_FRAME, drive_frame_width
 from warpchain.results.schedule import Schedule
 
 STRIBECK = {
@@ -67,7 +67,7 @@ def run_on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bo
     packed = pack(drives, [Schedule(resolve_step(drive), 300, 111, 290, 20) for drive in drives]).at_precision(
         precision
     )
-    widths = [frame_width(drive) * 16 for drive in drives]
+    widths = [drive_frame_width(drive) * 16 for drive in drives]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     kind, blocks = block_kind(packed, shape, measuring), len(drives)
     of = room(kind)
@@ -76,7 +76,7 @@ def run_on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bo
         ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", large)
         sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
-        kernel = block_kernel(kind, 4, FRAME)
+        kernel = block_kernel(kind, 4, DEFAULT_FRAME)
         begun: wp.array = wp.zeros(blocks, dtype=wp.int32, device="cpu")
         ends: wp.array = wp.full(blocks, 301 if measuring else 100, dtype=wp.int32, device="cpu")
         order: wp.array = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")

@@ -134,19 +134,19 @@ def read_quantities(_: Path) -> dict[str, Any]:
     one, tension = recorded[0], recorded[0].tension
     assert tension is not None
     numbers, strands, woehler = range(1, 3), range(3), fatigue.Woehler(5.0, 1e4)
-    found: dict[str, Any] = {"metrics": recorded.metrics, "latter": signals.latter_half(one).start}
-    found["round"] = signals.last_round(one).start
+    found: dict[str, Any] = {"metrics": recorded.metrics, "latter": signals.latter_half_frames(one).start}
+    found["round"] = signals.last_round_frames(one).start
     found["strand"] = [signals.strand_tension(one, k) for k in strands]
-    found["ratio"] = [signals.speed_ratio(one, s) for s in numbers]
+    found["ratio"] = [signals.speed_ratio_to_driver(one, s) for s in numbers]
     found["error"] = [signals.transmission_error(one, s) for s in numbers]
-    found["frequency"] = [signals.transverse_frequency(one, k) for k in strands]
-    found["guide"] = signals.guide_forces(one)
+    found["frequency"] = [signals.strand_transverse_frequency(one, k) for k in strands]
+    found["guide"] = signals.guide_forces_and_rollers(one)
     found["contact"] = [signals.contact_angles(one, s) for s in range(3)]
     found["spectrum"] = signals.amplitude_spectrum(tension[:, 0].astype(float), 5e-4)
     found["orders"] = signals.order_spectrum(one, found["strand"][0])
     found["peaks"] = [signals.peak_frames(tension[:, 0], 50), *signals.peaks_over_time(tension, 50)]
     found["passing"] = [scene.passing_link(one, k) for k in strands]
-    found["arrows"], found["nearest"] = scene.contact_arrows(one), scene.nearest_sprocket(one)
+    found["arrows"], found["nearest"] = scene.contact_force_vectors(one), scene.engaged_sprockets(one)
     found["damage"] = fatigue.damage(tension, woehler)
     found["equivalent"] = fatigue.equivalent_range(tension, 5.0, 3.0)
     found["cycles"] = fatigue.count_links(tension[:, :3])

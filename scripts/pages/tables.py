@@ -8,20 +8,20 @@ from pathlib import Path
 from common.cases import ROOT, Line, case, case_option
 
 from warpchain.drive.json_schema import drive_schema, schema_text
-from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
-from warpchain.results.judgement import RULES, Limits
+from warpchain.results.channels import BODY_CHANNELS, CHANNELS, Channel
+from warpchain.results.judgement import LIMIT_RULES, Limits
 from warpchain.results.metric_columns import (
-    BALANCE,
-    DESIGN,
-    ENGAGED,
-    JOINTS,
-    MEASURED,
-    RECORDED,
-    REPORTED,
-    RUN,
-    SETTLING,
-    STEADY,
-    Group,
+    BALANCE_METRICS,
+    DESIGN_METRICS,
+    ENGAGED_METRICS,
+    JOINT_METRICS,
+    RECORDED_METRICS,
+    REPORT_METRICS,
+    RUN_METRICS,
+    SETTLING_METRICS,
+    STEADY_METRICS,
+    WINDOW_METRICS,
+    MetricGroup,
 )
 from warpchain.study.spec import study_schema
 
@@ -43,13 +43,13 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def archive_place(channel: Channel) -> str:
     """A channel's place in an archive."""
-    if channel in OF_BODIES:
+    if channel in BODY_CHANNELS:
         count = {"sprocket": "S", "arm": "A", "tensioner": "T", "shaft": "H", "coupling": "C", "valve": "V"}[
             channel.per
         ]
         count = f"2 {count}" if channel.components else count
-        return f"`State.{channel.name}` ({OF_BODIES.index(channel) + 2}), {count} doubles"
-    return ", ".join(f"`{field}`" for field in channel.fields) + " of a packed roller"
+        return f"`State.{channel.name}` ({BODY_CHANNELS.index(channel) + 2}), {count} doubles"
+    return ", ".join(f"`{field}`" for field in channel.value_names) + " of a packed roller"
 
 
 def channel_table() -> str:
@@ -61,12 +61,12 @@ def channel_table() -> str:
     return markdown_table(("channel", "unit", "of each", "where", "what it is"), rows)
 
 
-def metric_table(groups: Iterable[Group]) -> str:
+def metric_table(groups: Iterable[MetricGroup]) -> str:
     """The table of some metrics; what several kinds of things have stands once."""
     names: dict[tuple[str, str], list[str]] = {}
     for group in groups:
         for column in group.columns:
-            names.setdefault((column.title, column.unit), []).append(f"`{OF[group.of]}{column.name}`")
+            names.setdefault((column.title, column.unit), []).append(f"`{OF[group.part]}{column.name}`")
     rows = [(", ".join(sorted(set(held), key=len)), unit, title) for (title, unit), held in names.items()]
     return markdown_table(("column", "unit", "what it is"), rows)
 
@@ -75,9 +75,9 @@ def limit_table() -> str:
     """The table of the limits that variants are judged by."""
     default = Limits()
     rows = []
-    for rule in RULES:
-        bound = f"{'at least' if rule.least else 'at most'} {getattr(default, rule.key):g} {rule.unit}"
-        rows.append((f"`{rule.key}`", bound, f"`{rule.where}`", rule.advice))
+    for rule in LIMIT_RULES:
+        bound = f"{'at least' if rule.is_lower else 'at most'} {getattr(default, rule.key):g} {rule.unit}"
+        rows.append((f"`{rule.key}`", bound, f"`{rule.column_name}`", rule.advice))
     layout = f"at most {default.layout:g} findings"
     rows.append(("`layout`", layout, "[the layout](#the-layout)", "what the finding says"))
     return markdown_table(("limit", "default", "of the metrics", "what to change"), rows)
@@ -87,14 +87,14 @@ def made_tables() -> dict[str, str]:
     """Every table by the name that its place in the documents has."""
     return {
         "channels": channel_table(),
-        "run": metric_table((RUN, SETTLING, ENGAGED)),
+        "run": metric_table((RUN_METRICS, SETTLING_METRICS, ENGAGED_METRICS)),
         "limits": limit_table(),
-        "measured": metric_table(group for groups in MEASURED for group in groups if group is not JOINTS),
-        "steady": metric_table((STEADY,)),
-        "balance": metric_table((BALANCE, JOINTS)),
-        "design": metric_table(group for groups in DESIGN for group in groups),
-        "recorded": metric_table(RECORDED),
-        "handed_in": metric_table(REPORTED),
+        "measured": metric_table(group for groups in WINDOW_METRICS for group in groups if group is not JOINT_METRICS),
+        "steady": metric_table((STEADY_METRICS,)),
+        "balance": metric_table((BALANCE_METRICS, JOINT_METRICS)),
+        "design": metric_table(group for groups in DESIGN_METRICS for group in groups),
+        "recorded": metric_table(RECORDED_METRICS),
+        "engineering_report": metric_table(REPORT_METRICS),
     }
 
 

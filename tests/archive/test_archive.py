@@ -13,7 +13,7 @@ from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.results.channels import DEFAULT, NAMES, OF_BODIES
+from warpchain.results.channels import BODY_CHANNELS, CHANNEL_NAMES, DEFAULT_CHANNELS
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +29,14 @@ def test_float64_comes_back_bitwise(run, tmp_path, compression):
     assert back.info == run.info
 
 
-BODIES = tuple(channel.name for channel in OF_BODIES if channel.per != "sprocket")
+BODIES = tuple(channel.name for channel in BODY_CHANNELS if channel.per != "sprocket")
 SOME = Record(variants=[1], channels=("tension", "sprocket_speed"))
 
 
 @pytest.mark.parametrize(
     ("settings", "variants", "channels"),
     [
-        ({"precision": "float32"}, [0, 1], DEFAULT),
+        ({"precision": "float32"}, [0, 1], DEFAULT_CHANNELS),
         ({"record": SOME}, [1], SOME.channels),
         ({"record": Record("none")}, [], ()),
     ],
@@ -48,7 +48,9 @@ def test_whatever_was_recorded_comes_back_bitwise(tmp_path, settings, variants, 
     assert_same(kept, back)
     assert list(back) == variants
     for variant in variants:
-        assert {name for name in NAMES if getattr(back[variant], name) is not None} == set(channels) - set(BODIES)
+        assert {name for name in CHANNEL_NAMES if getattr(back[variant], name) is not None} == set(channels) - set(
+            BODIES
+        )
         assert back[variant].tension.dtype == settings.get("precision", "float64")
 
 

@@ -17,7 +17,7 @@ from warpchain.archive.archive_parts import ArchiveParts
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import McapWriter, PackedChunk
 from warpchain.errors import ArchiveError, SimulationError, WarpchainError
-from warpchain.results.channels import CHANNEL, UNITS
+from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_UNITS
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def test_arrow_table_shares_memory_and_has_units(run):
             flat = flat.values
         assert np.shares_memory(flat.to_numpy(), values)
         np.testing.assert_array_equal(flat.to_numpy(), values.reshape(-1))
-        assert table.schema.field(name).metadata[b"unit"].decode() == UNITS[name]
+        assert table.schema.field(name).metadata[b"unit"].decode() == CHANNEL_UNITS[name]
     assert table["position"][3].as_py()[5] == run[0].position[3, 5].tolist()
 
 
@@ -184,8 +184,8 @@ def test_xarray_dataset_has_dimensions_units_and_names(run):
     data = run[1].to_xarray()
     assert dict(data.sizes) == {"time": len(run[1].time), "roller": 64, "link": 64, "axis": 2, "sprocket": 2}
     for name, values in run[1].channels().items():
-        assert data[name].dims == CHANNEL[name].dimensions
-        assert data[name].attrs["units"] == UNITS[name]
+        assert data[name].dims == CHANNEL_BY_NAME[name].dimensions
+        assert data[name].attrs["units"] == CHANNEL_UNITS[name]
         assert np.shares_memory(data[name].values, values)
     speed = data["sprocket_speed"].sel(sprocket="driven").sel(time=0.001, method="nearest")
     assert float(speed) == run[1].sprocket_speed[np.abs(run[1].time - 0.001).argmin(), 1]

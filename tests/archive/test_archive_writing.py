@@ -21,7 +21,7 @@ from warpchain.archive import ArchiveWriter
 from warpchain.archive.ordered_work import OrderedWork
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.results.engineering_report import handed_in
+from warpchain.results.engineering_report import engineering_report
 
 
 @pytest.fixture(scope="module")
@@ -307,7 +307,7 @@ def test_topics_drives_metrics_and_trajectories_have_the_numbers(path):
         assert archive[number].drive == DRIVES[v]
         np.testing.assert_array_equal(archive[number].position, plain[v].position)
         assert archive.read(number, channels=["tension"]).tension.shape == plain[v].tension.shape
-        assert handed_in(archive, number).metrics() == handed_in(plain, v).metrics()
+        assert engineering_report(archive, number).metrics() == engineering_report(plain, v).metrics()
     with pytest.raises(SimulationError, match=r"variant 7 was not recorded \(recorded: 40, 123456\)"):
         archive[7]
 

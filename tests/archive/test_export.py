@@ -15,7 +15,7 @@ from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive.archive_parts import ArchivePart
 from warpchain.archive.export import export, export_metrics
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.results.channels import UNITS
+from warpchain.results.channels import CHANNEL_UNITS
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def names(trajectory):
 def test_numpy(run, archive, tmp_path):
     with np.load(export(archive, tmp_path / "a.npz")) as held:
         assert set(held) == {*names(run[1]), "units"}
-        assert dict(held["units"]) == {name: UNITS[name] for name in names(run[1])}
+        assert dict(held["units"]) == {name: CHANNEL_UNITS[name] for name in names(run[1])}
         for name, values in names(run[1]).items():
             np.testing.assert_array_equal(held[name], values)
 
@@ -66,7 +66,7 @@ def test_hdf5_has_units_labels_and_a_scale_of_time(run, archive, tmp_path, endin
         assert list(held.attrs["sprockets"]) == ["driver", "driven"]
         for name, values in names(run[1]).items():
             np.testing.assert_array_equal(held[name][:], values)
-            assert held[name].attrs["units"] == UNITS[name]
+            assert held[name].attrs["units"] == CHANNEL_UNITS[name]
         assert [dimension.label for dimension in held["position"].dims] == ["time", "roller", "axis"]
         assert held["tension"].dims[0][0].name == "/time"
 
@@ -75,7 +75,7 @@ def test_matlab(run, archive, tmp_path):
     held = loadmat(export(archive, tmp_path / "a.mat"))
     for name, values in names(run[1]).items():
         np.testing.assert_array_equal(held[name].squeeze(), values.squeeze())
-        assert held["units"][name][0, 0][0] == UNITS[name]
+        assert held["units"][name][0, 0][0] == CHANNEL_UNITS[name]
     assert [name[0] for name in held["sprockets"].ravel()] == ["driver", "driven"]
 
 
@@ -90,7 +90,7 @@ def test_angles_of_arms_are_radians_and_say_so(armed, tmp_path):
     h5py = pytest.importorskip("h5py")
     archive = read_archive(armed)
     angle, data = archive[0].arm_angle, archive[0].to_xarray()
-    assert UNITS["arm_angle"] == "rad" and len(data.arm) == 1
+    assert CHANNEL_UNITS["arm_angle"] == "rad" and len(data.arm) == 1
     assert (data.arm_angle.attrs["units"], list(data.arm.values)) == ("rad", ["arm"])
     assert data.arm_angle.attrs["long_name"] == "angle from the drawing, counter-clockwise"
     assert archive[0].to_arrow().field("arm_angle").metadata[b"unit"] == b"rad"
@@ -104,7 +104,7 @@ def test_angles_of_arms_are_radians_and_say_so(armed, tmp_path):
         channels = make_reader(file).get_summary().channels.values()
     (facts,) = (channel.metadata for channel in channels if channel.topic.endswith("/rollers"))
     units = dict(zip(facts["channels"].split(), facts["units"].split(", "), strict=True))
-    assert units == {name: UNITS[name] for name in archive[0].channels()} and angle.shape[1] == 1
+    assert units == {name: CHANNEL_UNITS[name] for name in archive[0].channels()} and angle.shape[1] == 1
     metrics = read_csv(export_metrics(armed, tmp_path / "m.csv")).column_names
     assert "arm.angle_mean [rad]" in metrics and "efficiency" in metrics
     assert not [name for name in metrics if name.endswith(("[1]", "[]"))]

@@ -10,7 +10,7 @@ from study_helpers import write_study
 
 from warpchain import simulate
 from warpchain.errors import StudyError
-from warpchain.results.metric_columns import column_of, table_names
+from warpchain.results.metric_columns import column_of_metric, metric_table_names
 from warpchain.study.results import read_results
 
 
@@ -24,18 +24,18 @@ def test_the_list_is_the_table_of_a_run(capsys, name):
     status, out, err = command(capsys, "metrics", name, "--set", "run.settle=false", "--json")
     listed = json.loads("\n".join(out))
     assert (status, err) == (0, [])
-    held, names = table.column_names, table_names(drive)
+    held, names = table.column_names, metric_table_names(drive)
     assert [row["name"] for row in listed] == names and [name for name in names if name in held] == held
     long = ("_se", "tension_drift", "tension_drift_p", "steady", "efficiency", "resolution")
     assert all(name.endswith(long) for name in names if name not in held)
     for row in (row for row in listed if row["name"] in held):
         assert row["unit"] == table.schema.field(row["name"]).metadata[b"unit"].decode()
-        assert row["title"] == column_of(row["name"]).title
+        assert row["title"] == column_of_metric(row["name"]).title
 
 
 def test_lines_for_a_terminal(capsys):
     status, out, _ = command(capsys, "metrics", "motorcycle")
-    assert status == 0 and len(out) == len(table_names(example("motorcycle")))
+    assert status == 0 and len(out) == len(metric_table_names(example("motorcycle")))
     (line,) = [line for line in out if line.startswith("wheel.speed_mean ")]
     assert line.split(maxsplit=2) == ["wheel.speed_mean", "rad/s", "mean angular velocity"]
 

@@ -9,7 +9,7 @@ from command import run as command
 from tensioner_rig import TEXT
 
 from warpchain import bench_tensioner, load_drive
-from warpchain.results.arrow_tables import without_unit_heads
+from warpchain.results.arrow_tables import table_without_unit_heads
 
 HEATED, OIL = ["element", "--sweep", "temperature"], "tensioners.element.oil"
 
@@ -72,7 +72,7 @@ def test_it_writes_tables(capsys, path, tmp_path):
         file = tmp_path / f"ride.{kind}"
         words = ["--amplitude", "1e-4", "--frequency", "50", "--cycles", "2", "-o", file]
         assert command(capsys, "tensioner", path, "element", *words)[0] == 0
-        found = without_unit_heads(read(file)) if kind == "csv" else read(file)
+        found = table_without_unit_heads(read(file)) if kind == "csv" else read(file)
         assert found.column_names == wanted.column_names
         assert np.asarray(found["force"]) == pytest.approx(np.asarray(wanted["force"]), rel=1e-12)
         assert found.schema.field("force").metadata[b"unit"] == b"N"

@@ -16,7 +16,7 @@ from warpchain.engine.outcomes import causes_of
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import settle
 from warpchain.engine.simulation import schedules_of
-from warpchain.results.judgement import CAUSES
+from warpchain.results.judgement import DIVERGENCE_CAUSES
 
 NONE = Record("none")
 PITCH = 0.05
@@ -113,7 +113,7 @@ def test_the_cause_is_told_by_where_everything_is():
     gone, causes = moved(drives, change)
     assert gone == [False, True, True, True, True, False]
     assert causes == ["", "left", "torn", "settling", "center", ""]
-    assert set(causes) - {""} == set(CAUSES)
+    assert set(causes) - {""} == set(DIVERGENCE_CAUSES)
 
 
 def test_what_blows_up_is_told_to_take_a_smaller_step():
@@ -121,4 +121,4 @@ def test_what_blows_up_is_told_to_take_a_smaller_step():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         (row,) = simulate(wild, device="cpu", duration=0.05, record=NONE).metrics.to_pylist()
-    assert row["status"] == "diverged" and row["reason"].endswith(f": {CAUSES['torn']}")
+    assert row["status"] == "diverged" and row["reason"].endswith(f": {DIVERGENCE_CAUSES['torn']}")

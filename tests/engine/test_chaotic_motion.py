@@ -5,8 +5,8 @@ import pytest
 from drives import row, two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.results import formulas
-from warpchain.results.batch_means import INTERVAL
+from warpchain.results import metric_formulas
+from warpchain.results.window_statistics import INTERVAL_ERRORS
 
 
 def chattering(**values):
@@ -86,7 +86,7 @@ def test_errors_of_a_chaotic_drive():
     table = simulate(drives, device="cpu", record=Record("none"), window=(0.4, 1.6)).metrics
     for name in ("tension_mean", "driver->driven.tension_mean", "driven->driver.tension_mean"):
         means, errors = table[name].to_numpy(), table[f"{name}_se"].to_numpy()
-        assert (np.abs(means - means.mean()) > INTERVAL * errors).sum() <= 2
+        assert (np.abs(means - means.mean()) > INTERVAL_ERRORS * errors).sum() <= 2
         assert np.isnan(errors).sum() <= 1  # which then says that it is unknown
         assert 0.35 < np.nanmedian(errors) / means.std(ddof=1) < 2.0
 
@@ -103,9 +103,11 @@ def test_errors_of_short_windows_are_unknown(turns, known):
 def test_batches_add_up(start, monkeypatch):
     """Whatever step the window begins at, batches stand for all of it: their mean is the window's."""
     found = []
-    monkeypatch.setattr("warpchain.results.metrics.LEAST_TURNS", 0.0)
+    monkeypatch.setattr("warpchain.results.metrics.LEAST_CHAIN_TURNS", 0.0)
     monkeypatch.setattr(
-        formulas, "standard_error", lambda means, weights: found.append((means, weights)) or np.ones(len(means))
+        metric_formulas,
+        "mean_standard_error",
+        lambda means, weights: found.append((means, weights)) or np.ones(len(means)),
     )
     metrics = row(two_sprockets(step=1e-5), duration=0.045, window=(start, 0.045))
     steps = round((0.045 - start) / 1e-5)

@@ -7,8 +7,8 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.results.channels import NAMES
-from warpchain.results.engineering_report import HandedIn
+from warpchain.results.channels import CHANNEL_NAMES
+from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.shaft_signals import hub_forces
 
 
@@ -34,12 +34,12 @@ def test_hubs_bear_the_strands_less_what_turns_the_chain_around(run):
 
 
 def test_frames_tell_the_same_without_tooth_friction(run):
-    row, found = run.metrics.to_pylist()[0], HandedIn(run[0], 0.3, 0.6)
-    mean = found.hubs.mean(axis=0)
+    row, found = run.metrics.to_pylist()[0], EngineeringReport(run[0], 0.3, 0.6)
+    mean = found.hub_forces.mean(axis=0)
     for s, name in enumerate(("driver", "driven")):
         # 3,000 frames of a window of 60,000 steps
         assert mean[s, 0] == pytest.approx(row[f"{name}.hub_force_x_mean"], rel=0.01)
-        assert np.hypot(*found.hubs[:, s].T).max() <= row[f"{name}.hub_force_max"] * (1 + 1e-9)
+        assert np.hypot(*found.hub_forces[:, s].T).max() <= row[f"{name}.hub_force_max"] * (1 + 1e-9)
 
 
 def test_recorded_every_step_the_channel_is_what_the_kernel_adds_up():
@@ -47,7 +47,7 @@ def test_recorded_every_step_the_channel_is_what_the_kernel_adds_up():
     drive = two_sprockets(speed=20.0, duration=0.002).with_values(
         {"contact.sprocket.friction": 0.2, "chain.elongation": -1e-3}
     )
-    record = Record(rate=1e9, channels=NAMES)
+    record = Record(rate=1e9, channels=CHANNEL_NAMES)
     run = simulate(drive, device="cpu", window=(0.001, 0.002), record=record)
     row, trajectory = run.metrics.to_pylist()[0], run[0]
     within = trajectory.time > 0.001 - 1e-9
@@ -70,7 +70,7 @@ def test_share_of_links_without_tension(run):
 
 
 def test_metrics_of_a_recording(run):
-    found = HandedIn(run[0], 0.3, 0.6).metrics()
+    found = EngineeringReport(run[0], 0.3, 0.6).metrics()
     assert set(found) >= {"driven.phase_mean", "driver.jump_margin", "driver->driven.slack_time"}
     assert found["driven.phase_mean"] < 0.0  # the load pulls it back
     assert 0.0 < found["driver.jump_margin_relative"] <= 1.0 + 1e-3

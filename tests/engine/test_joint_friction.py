@@ -7,7 +7,7 @@ import pytest
 from drives import errors_of, marine_values, of_long, put, row, two_sprockets
 
 from warpchain import Record, read_archive, simulate
-from warpchain.results.channels import NAMES
+from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.losses import losses
 
 WORN_IN, NEW = 4 / math.pi, math.pi / 2
@@ -69,7 +69,11 @@ def test_the_pin_term_of_spicer():
 
 @pytest.mark.parametrize(
     ("integrator", "channels"),
-    [("leapfrog", BOTH), *of_long(("rk4", NAMES)), pytest.param("leapfrog", BOTH[:1], marks=pytest.mark.thorough)],
+    [
+        ("leapfrog", BOTH),
+        *of_long(("rk4", CHANNEL_NAMES)),
+        pytest.param("leapfrog", BOTH[:1], marks=pytest.mark.thorough),
+    ],
 )
 def test_powers_of_the_joints_add_up_to_their_loss(integrator, channels, tmp_path):
     # sampled at every step, the joints' powers under the window's trapezoids are the metric's sum in another order

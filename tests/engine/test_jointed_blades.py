@@ -11,7 +11,7 @@ from warpchain.assembly.arm_balance import chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
-from warpchain.results.scene import parts_at, pose_at_frame
+from warpchain.results.scene import guide_arm_tensioner_parts, pose_at_frame
 from warpchain.view.rerun import view
 
 
@@ -80,10 +80,14 @@ def test_archive_and_pictures_hold_the_joint(tmp_path):
     drawn = np.subtract(LOWER["pivot"], UPPER["pivot"])
     c, s = math.cos(upper), math.sin(upper)
     joint = UPPER["pivot"] + np.array([[c, -s], [s, c]]) @ drawn
-    lines = [part.points for part in parts_at(drive, pose_at_frame(back, last)) if part.name == "lower"]
+    lines = [
+        part.points for part in guide_arm_tensioner_parts(drive, pose_at_frame(back, last)) if part.name == "lower"
+    ]
     assert lines[0][0] == pytest.approx(joint, abs=1e-9)
     # the faces of both segments are where the rollers that press on them are
-    for line in (part.points for part in parts_at(drive, pose_at_frame(back, last)) if part.kind == "guide"):
+    for line in (
+        part.points for part in guide_arm_tensioner_parts(drive, pose_at_frame(back, last)) if part.kind == "guide"
+    ):
         gaps = np.linalg.norm(np.asarray(back.position[last])[:, None] - line[None], axis=2)
         assert gaps.min() < 1.2 * drive.chain.roller_radius + drive.guide_offset(0)
     view(run, save=tmp_path / "a.rrd")

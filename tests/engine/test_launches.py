@@ -14,7 +14,7 @@ from warpchain.engine import buckets, gpu
 from warpchain.engine.launches import UNIT, groups, shares, steps_left
 from warpchain.engine.pack import pack
 from warpchain.engine.share import _steps_of
-from warpchain.results.channels import frame_width
+from warpchain.results.channels import drive_frame_width
 from warpchain.results.schedule import Schedule
 
 
@@ -124,7 +124,7 @@ def test_how_steps_are_shared_out_changes_no_bit(fibers, monkeypatch):
 
     def run(most):
         packed = pack(drives, schedules)
-        width = frame_width(drives[0])
+        width = drive_frame_width(drives[0])
         packed.drives["first_value"] = [0, 0, width * (most // 32 + 1), 0]
         engine, frames = gpu.GpuEngine(packed, "cpu"), {0: [], 2: []}
         buffer = engine.frame_buffer(width * (most // 32 + most // 20 + 2))
@@ -143,6 +143,6 @@ def test_how_steps_are_shared_out_changes_no_bit(fibers, monkeypatch):
         return {"rollers": engine.rollers()} | joined | engine.sums()
 
     shared, once = run(64), run(320)
-    assert once["frames 0"].size == 10 * frame_width(drives[0]) and once["frames 0"].any()
+    assert once["frames 0"].size == 10 * drive_frame_width(drives[0]) and once["frames 0"].any()
     for name in ("rollers", "frames 0", "frames 2", "chain", "strand", "sprocket", "contact"):
         np.testing.assert_array_equal(shared[name], once[name], err_msg=name)

@@ -10,9 +10,9 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 from warpchain import Record, load_drive, read_archive, simulate, write_archive
 from warpchain.drive.examples import drive_path
-from warpchain.results.channels import NAMES
+from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.housing import housing_loads
-from warpchain.results.scene import parts_at, pose_at_frame
+from warpchain.results.scene import guide_arm_tensioner_parts, pose_at_frame
 from warpchain.view.rerun import view
 
 G, MASS, LENGTH, INERTIA = 9.81, 2.0, 0.3, 0.25
@@ -123,7 +123,7 @@ def test_what_leads_a_pivot_holds_the_arm_on_the_arm_too(integrator, precision):
     """
     drive = two_arms().with_values({"run.integrator": integrator, "run.step": 1e-5})
     exact = precision == "float64"
-    record = Record(rate=5000.0, channels=NAMES)
+    record = Record(rate=5000.0, channels=CHANNEL_NAMES)
     run = simulate(drive, duration=0.18, window=(0.03, 0.18), precision=precision, record=record)
     row, time = run.metrics.to_pylist()[0], np.asarray(run[0].time)
     angles = np.asarray(run[0].arm_angle, dtype=float)
@@ -172,7 +172,9 @@ def test_a_carried_sprocket_goes_with_the_pivot_and_stands_in_pictures(tmp_path)
     assert np.asarray(back.sprocket_center[:, 1]) == pytest.approx(arm.pivot + moved + lever, abs=1e-7)
     assert table.farthest == pytest.approx(0.05 * math.hypot(max(map(abs, table.x)), max(table.y)))
     last = len(time) - 1
-    (line,) = [part.points for part in parts_at(drive, pose_at_frame(back, last)) if part.kind == "arm"]
+    (line,) = [
+        part.points for part in guide_arm_tensioner_parts(drive, pose_at_frame(back, last)) if part.kind == "arm"
+    ]
     assert line[1] == pytest.approx(np.asarray(back.sprocket_center[last, 1]), abs=1e-9)
     view(run, save=tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").stat().st_size > 10_000

@@ -7,7 +7,7 @@ from drives import example, timing, two_sprockets
 from warpchain import Record, simulate
 from warpchain.engine.cpu import kernel_of
 from warpchain.engine.pack import pack
-from warpchain.results.channels import NAMES
+from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.schedule import Schedule
 
 SHORT = Schedule(3e-6, 100, 50, 100, 0)
@@ -30,7 +30,7 @@ def test_all_kinds_of_drives_share_a_kernel(name):
 
 def test_a_run_has_the_same_bits_whatever_is_recorded_and_beside_another_kind():
     alone = simulate(PAIR, device="cpu")
-    beside = simulate([PAIR, timing(run__duration=1e-5)], device="cpu", record=Record(channels=NAMES))
+    beside = simulate([PAIR, timing(run__duration=1e-5)], device="cpu", record=Record(channels=CHANNEL_NAMES))
     row = beside.metrics.to_pylist()[0]
     assert alone.metrics.to_pylist()[0] == {name: row[name] for name in alone.metrics.column_names}
     for channel in ("position", "velocity", "tension"):

@@ -28,14 +28,14 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.drive.rings import rings_of
 from warpchain.engine.arrays import starts
-from warpchain.results.channels import frame_width
+from warpchain.results.channels import drive_frame_width
 from warpchain.results.schedule import Schedule
 
 
 def run(packed, variants, kind, blocks, order):
     """State, sums and frames of variants on blocks, by name; launches of so many steps."""
     chains_of = [ring.drive for drive in variants for ring in rings_of(drive)]
-    widths = [frame_width(chain, packed.frame) * 16 for chain in chains_of]
+    widths = [drive_frame_width(chain, packed.frame) * 16 for chain in chains_of]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
     state, sums = run_blocks(packed, kind, blocks, order, frames)

@@ -17,7 +17,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import BY_SPEED, DECLARED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import room
-from warpchain.results.channels import FRAME, NAMES, frame_of
+from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_FRAME, frame_with_channels
 from warpchain.results.schedule import Schedule
 
 LARGE = [
@@ -29,7 +29,7 @@ LARGE = [
 
 @pytest.mark.parametrize(("kind", "blocks"), some_of(LARGE, [], LARGE[:1]))
 def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, kind, blocks):
-    kernel = block_kernel(kind, blocks, FRAME)  # ptxas refuses more than 48 KiB
+    kernel = block_kernel(kind, blocks, DEFAULT_FRAME)  # ptxas refuses more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
 
@@ -42,13 +42,13 @@ def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     assert "rows" in of.places and of.asked >= 1024 * 48
     assert all(place % 16 == 0 for place in of.places.values())
     assert room(replace(kind, shape=replace(kind.shape, shared_bytes=DECLARED))).asked == 0
-    module = block_kernel(kind, 2, FRAME).module
+    module = block_kernel(kind, 2, DEFAULT_FRAME).module
     wp.compile_aot_module(module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     asked = json.loads(next(path for path in tmp_path.iterdir() if path.suffix == ".meta").read_text())
     assert all(bytes_ >= of.asked for name, bytes_ in asked.items() if name.endswith("forward_smem_bytes"))
 
 
-def measuring(resident, shape, parts, real, frame=FRAME, **more):
+def measuring(resident, shape, parts, real, frame=DEFAULT_FRAME, **more):
     """A kernel that takes metrics."""
     return block_kernel(BlockKind(real, shape, parts, measuring=True, **more), resident, frame)
 
@@ -58,7 +58,7 @@ FORMS = {
     "many": partial(measuring, 16, WARPS, Parts(2, 1)),
     "moving": partial(measuring, 4, FEW, Parts(2, 1), moving=True),
     "few": partial(measuring, 4, FEW, Parts(2, 1)),
-    "rk4, bending": partial(measuring, 8, WARPS, Parts(2, 1), frame=frame_of(NAMES), **BENDING),
+    "rk4, bending": partial(measuring, 8, WARPS, Parts(2, 1), frame=frame_with_channels(CHANNEL_NAMES), **BENDING),
     "several chains": partial(measuring, 8, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, rings=2)),
     "relax": lambda real: block_relax_kernel(BlockKind(real, FEW, Parts(2, 1)), 4),
 }
@@ -94,4 +94,4 @@ def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name, precisi
     packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], precision)
     columns = {field: int(values[0]) for field, values in kind_columns(packed).items()}
     kind = kernel_kind("measure", Bucket(kind_of(packed.real, columns, 8), np.zeros(1, int), None))
-    assert not called(compiled(block_kernel(kind, resident(kind), FRAME), tmp_path))
+    assert not called(compiled(block_kernel(kind, resident(kind), DEFAULT_FRAME), tmp_path))

@@ -17,7 +17,7 @@ from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
 from warpchain.kernels import structs
 from warpchain.kernels.physics.mount import FREE
-from warpchain.results.channels import FRAME, Sizes
+from warpchain.results.channels import DEFAULT_FRAME, PartCounts
 
 LINKS, PITCH, MASS, WEIGHT = 10, 0.05, 0.5, 9.81
 ROLLER_RADIUS = 0.015
@@ -124,7 +124,7 @@ def test_springs_carry_what_lies_on_the_bar(integrator):
     np.testing.assert_allclose(pressed, [0.0, -weight], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(SPRING * sinks, pressed, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(sinks, [0.0, -weight / SPRING], rtol=1e-9, atol=1e-15)
-    forces = FRAME.split(frames, Sizes(LINKS, 0))["guide_force"][-1]
+    forces = DEFAULT_FRAME.split_frames(frames, PartCounts(LINKS, 0))["guide_force"][-1]
     np.testing.assert_allclose(forces, MASS * WEIGHT, rtol=1e-9)
     _, y, _, _ = raw.state(engine)
     np.testing.assert_allclose(y, ROLLER_RADIUS + sinks[1] - MASS * WEIGHT / CONTACT, rtol=1e-9)

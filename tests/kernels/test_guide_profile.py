@@ -7,7 +7,7 @@ import warp as wp
 from own_kernels import kernel
 
 from warpchain.kernels.physics.guide import piece_height
-from warpchain.results.channels import FRAME
+from warpchain.results.channels import DEFAULT_FRAME
 
 ROLLER_RADIUS = 0.004
 
@@ -126,7 +126,7 @@ def test_rollers_at_rest_over_an_arc():
         step=1e-6, steps=1, sample_every=1,
     )  # fmt: skip
     engine, frames = raw.run(packed)
-    force = frames[0][FRAME.place("guide_force") * n :][:n]
+    force = frames[0][DEFAULT_FRAME.place("guide_force") * n :][:n]
     np.testing.assert_allclose(force, 1e7 * depth, rtol=1e-8)
     # and the balance: give the contact the stiffness at which depth carries N, and nothing moves
     length = pitch * (1.0 - depth / radius)

@@ -19,7 +19,7 @@ from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.physics import impact
-from warpchain.results.channels import FRAME, FrameLayout, frame_of
+from warpchain.results.channels import DEFAULT_FRAME, FrameLayout, frame_with_channels
 
 ROOT = Path(__file__).resolve().parents[2]
 KERNELS = ROOT / "kernels"
@@ -57,20 +57,20 @@ def test_no_kernel_is_hashed_by_warp():
 
 def test_whatever_a_kernel_is_made_for_tells_it_apart():
     kind = BlockKind(wp.float64, BlockShape(32, 4), Parts(2, 1))
-    asked = frame_of(["joint_friction_power"])
+    asked = frame_with_channels(["joint_friction_power"])
     forms = [
-        ("advance", wp.float64, 264, FRAME),
-        ("relax", wp.float64, 264, FRAME),
-        ("advance", wp.float32, 264, FRAME),
-        ("advance", wp.float64, 1032, FRAME),
+        ("advance", wp.float64, 264, DEFAULT_FRAME),
+        ("relax", wp.float64, 264, DEFAULT_FRAME),
+        ("advance", wp.float32, 264, DEFAULT_FRAME),
+        ("advance", wp.float64, 1032, DEFAULT_FRAME),
         ("advance", wp.float64, 264, asked),
-        ("advance", wp.float64, 264, FRAME, True),
-        ("advance", kind, 4, FRAME),
-        ("advance", kind, 8, FRAME),
-        ("advance", replace(kind, measuring=True), 4, FRAME),
+        ("advance", wp.float64, 264, DEFAULT_FRAME, True),
+        ("advance", kind, 4, DEFAULT_FRAME),
+        ("advance", kind, 8, DEFAULT_FRAME),
+        ("advance", replace(kind, measuring=True), 4, DEFAULT_FRAME),
     ]
     assert len({digest(*form) for form in forms}) == len(forms)
-    assert digest(*forms[0]) == digest("advance", wp.float64, 264, FrameLayout(FRAME.channels))
+    assert digest(*forms[0]) == digest("advance", wp.float64, 264, FrameLayout(DEFAULT_FRAME.channels))
 
 
 def test_a_law_that_is_added_while_running_tells_it_apart(monkeypatch):
@@ -86,7 +86,7 @@ def test_another_version_of_warp_hashes_kernels_itself(monkeypatch):
 
 def test_no_compiler_contracts_the_kernels_of_gpus(monkeypatch):
     kind = BlockKind(wp.float64, BlockShape(32, 4), Parts(2, 1))
-    kernels = [block_kernel(kind, 4, FRAME), block_relax_kernel(kind, 4), collect_kernel(wp.float64)]
+    kernels = [block_kernel(kind, 4, DEFAULT_FRAME), block_relax_kernel(kind, 4), collect_kernel(wp.float64)]
     monkeypatch.setattr(wp, "__version__", "1.18.0")  # which hashes kernels itself
     kernels.append(collect_kernel.__wrapped__(wp.float64))
     assert not any(kernel.module.options["fuse_fp"] for kernel in kernels)
@@ -140,7 +140,7 @@ def test_runs_are_the_same_where_warp_hashes_kernels_itself():
 def test_this_version_of_warp_is_known():
     # else starts are slower by half a second: see whether `_Hasher` and `_Module` still fit, and add it to `KNOWN`
     assert wp.__version__.startswith(modules.KNOWN)
-    kernel = advance.advance_kernel(wp.float64, 264, FRAME, several=False)
+    kernel = advance.advance_kernel(wp.float64, 264, DEFAULT_FRAME, several=False)
     assert isinstance(kernel.module, modules._Module)
     kernel.module.get_module_hash(1)
     assert kernel.module.hashers and all(isinstance(of, modules._Hasher) for of in kernel.module.hashers.values())

@@ -57,7 +57,7 @@ from warpchain.kernels.physics.tooth import grid_of, in_teeth, tracked_seat
 from warpchain.kernels.precision import as_float32
 from warpchain.kernels.structs import BodyState, Ensemble, Guide, Motion, Piece, Sprocket, Tabulated
 from warpchain.kernels.sums import add_powers, gathered_powers
-from warpchain.results.channels import FRAME
+from warpchain.results.channels import DEFAULT_FRAME
 
 EPS = 2.0**-24
 """Largest relative rounding of float32."""
@@ -508,7 +508,7 @@ LOOPS = {
 
 @pytest.mark.parametrize("name", each_of(LOOPS, [], ["few", "pushed, rk4"]))
 def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
-    every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, FRAME), tmp_path))
+    every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, DEFAULT_FRAME), tmp_path))
     assert len(loop) > 0.4 * len(every)  # the time loop, not one of those before and after it
     assert not float64_arithmetic(loop)
     assert not contractible(every)
@@ -528,7 +528,7 @@ MEASURING = {
 
 @pytest.mark.parametrize("name", each_of(MEASURING, [], ["plain"]))
 def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
-    ptx = compiled(block_kernel(MEASURING[name], 12, FRAME), tmp_path)
+    ptx = compiled(block_kernel(MEASURING[name], 12, DEFAULT_FRAME), tmp_path)
     every, loop = time_loop(ptx)
     free, branches = loop_without_float64(ptx)
     # contacts' sums, forces and all of the motion are in what goes around without float64

@@ -112,7 +112,7 @@ def test_the_recipe_of_an_integrator(tmp_path):
 def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
     """Against its closed form, joint by joint, beside friction and without any."""
     paths = ["kernels/physics/friction.py", "kernels/structs.py", "warpchain/drive/chain.py"]
-    paths += ["warpchain/drive/chain.py", "warpchain/engine/fill.py", "warpchain/results/resolution.py"]
+    paths += ["warpchain/drive/chain.py", "warpchain/engine/fill.py", "warpchain/results/step_resolution.py"]
     (tmp_path / "drive.toml").write_text(dumps_drive(two_sprockets(integrator="rk4", settle="false")))
     folder = followed(tmp_path / "tree", "A new moment in the joints", paths)
     for friction in (0.1, 0.0):

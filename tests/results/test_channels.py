@@ -11,16 +11,16 @@ from grown import ROOT, followed, run_in
 
 from warpchain import Record, Trajectory, dumps_drive, simulate
 from warpchain.results.channels import (
+    CHANNEL_NAMES,
     CHANNELS,
-    DEFAULT,
-    FRAME,
-    NAMES,
-    OF_ROLLERS,
+    DEFAULT_CHANNELS,
+    DEFAULT_FRAME,
+    ROLLER_CHANNELS,
     Channel,
     FrameLayout,
-    Sizes,
-    frame_of,
-    frame_width,
+    PartCounts,
+    drive_frame_width,
+    frame_with_channels,
 )
 
 USED = """
@@ -67,7 +67,7 @@ def test_the_recipe_of_a_channel(tmp_path):
 
 def test_a_trajectory_holds_every_channel():
     names = [field.name for field in dataclasses.fields(Trajectory)]
-    assert names == ["drive", "time", *NAMES, "window"]
+    assert names == ["drive", "time", *CHANNEL_NAMES, "window"]
     for channel in CHANNELS:
         held = Trajectory(two_sprockets(), np.zeros(1), **{channel.name: np.zeros((1, 1))}).channels()
         assert list(held) == [channel.name]
@@ -75,15 +75,21 @@ def test_a_trajectory_holds_every_channel():
 
 
 def test_what_is_on_request_takes_no_room_unless_asked_for():
-    assert tuple(name for name in NAMES if name not in DEFAULT) == ("joint_friction_power", "hub_force")
-    assert frame_of(DEFAULT) == FRAME
-    assert Record().channels == DEFAULT
+    assert tuple(name for name in CHANNEL_NAMES if name not in DEFAULT_CHANNELS) == (
+        "joint_friction_power",
+        "hub_force",
+    )
+    assert frame_with_channels(DEFAULT_CHANNELS) == DEFAULT_FRAME
+    assert Record().channels == DEFAULT_CHANNELS
     drive = two_sprockets()
-    assert frame_width(drive, frame_of(NAMES)) - frame_width(drive) == drive.chain.links + 2 * 2
+    assert (
+        drive_frame_width(drive, frame_with_channels(CHANNEL_NAMES)) - drive_frame_width(drive)
+        == drive.chain.links + 2 * 2
+    )
 
 
 def test_channels_of_rollers_share_no_field():
-    fields = [field for channel in OF_ROLLERS for field in channel.fields]
+    fields = [field for channel in ROLLER_CHANNELS for field in channel.value_names]
     assert len(set(fields)) == len(fields)
 
 
@@ -96,27 +102,29 @@ def test_places_of_a_frame():
             Channel("d", "m", "sprocket", "", ("x", "y")),
         )
     )
-    assert (small.values("roller"), small.values("sprocket"), small.width(Sizes(4, 2))) == (3, 3, 18)
+    assert (small.values("roller"), small.values("sprocket"), small.frame_width(PartCounts(4, 2))) == (3, 3, 18)
     assert [small.place(name) for name in "abcd"] == [0, 0, 2, 1]
-    found = small.split(np.arange(36).reshape(2, 18), Sizes(4, 2))
+    found = small.split_frames(np.arange(36).reshape(2, 18), PartCounts(4, 2))
     np.testing.assert_array_equal(found["a"][1], 18 + np.array([[0, 4], [1, 5], [2, 6], [3, 7]]))
     np.testing.assert_array_equal(found["c"][0], [8, 9, 10, 11])
     np.testing.assert_array_equal(found["b"][0], [12, 15])
     np.testing.assert_array_equal(found["d"][0], [[13, 14], [16, 17]])
-    assert hash(small) != hash(FRAME)
+    assert hash(small) != hash(DEFAULT_FRAME)
 
 
-@pytest.mark.parametrize(("asked", "names"), [((), DEFAULT), (NAMES, NAMES)], ids=["default", "all"])
+@pytest.mark.parametrize(
+    ("asked", "names"), [((), DEFAULT_CHANNELS), (CHANNEL_NAMES, CHANNEL_NAMES)], ids=["default", "all"]
+)
 def test_frames_have_room_for_every_channel(asked, names):
-    drive, frame = two_sprockets(), frame_of(asked)
-    width = frame_width(drive, frame)
-    found = frame.split(np.arange(2 * width).reshape(2, -1), Sizes.of(drive))
+    drive, frame = two_sprockets(), frame_with_channels(asked)
+    width = drive_frame_width(drive, frame)
+    found = frame.split_frames(np.arange(2 * width).reshape(2, -1), PartCounts.of_drive(drive))
     assert list(found) == list(names)
     for channel in CHANNELS:
         if channel.name not in names:
             assert channel.on_request
             continue
-        assert found[channel.name].shape == (2, *channel.shape(Sizes.of(drive)))
+        assert found[channel.name].shape == (2, *channel.shape(PartCounts.of_drive(drive)))
         assert len(channel.dimensions) == found[channel.name].ndim
     every = np.concatenate([values.reshape(-1) for values in found.values()])
     np.testing.assert_array_equal(np.sort(every), np.arange(2 * width))  # each value once
@@ -130,7 +138,7 @@ def test_kernels_write_every_value_of_a_frame(precision):
 
     drive = two_sprockets()
     engine = CpuEngine(pack([drive], [Schedule(drive.run.step, 20, 0, 20, 10)]).at_precision(precision), 1)
-    frames = engine.frame_buffer(3 * frame_width(drive) + 1)
+    frames = engine.frame_buffer(3 * drive_frame_width(drive) + 1)
     frames.fill_(np.nan)
     for future in engine.advance(21, frames):
         future.result()

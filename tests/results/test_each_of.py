@@ -6,10 +6,10 @@ from drives import example
 
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.rings import rings_of
-from warpchain.results import resolution
-from warpchain.results.formulas import each_of
-from warpchain.results.metrics import Ended
-from warpchain.results.ripple import slowest_ripple
+from warpchain.results import step_resolution
+from warpchain.results.metric_formulas import number_of_each_drive
+from warpchain.results.metrics import VariantEnds
+from warpchain.results.ripple import slowest_ripple_periods
 
 FACTORS = np.random.default_rng(3).uniform(0.8, 1.2, (6, 4))
 VALUES = {
@@ -34,24 +34,37 @@ def test_numbers_of_a_stack_are_those_of_each_drive(name):
     for drives in spread(name):
         stacks, partners = stacks_of(drives), len(drives[0].sprockets) + len(drives[0].guides)
         assert len(stacks) == 1
-        functions = [lambda drive: drive.chain.mass, lambda drive: drive.chain.links, resolution._bend]
-        functions += [resolution._least_stiffness, *[resolution._joint_arm] * drives[0].chain.rubs]
-        functions += [lambda drive, k=k: resolution._rubbing(drive, k) for k in range(partners)]
-        functions += [lambda drive, k=k: resolution._ramp_time(drive, k) for k in range(partners)]
+        functions = [
+            lambda drive: drive.chain.mass,
+            lambda drive: drive.chain.links,
+            step_resolution._tooth_bend_inertia,
+        ]
+        functions += [
+            step_resolution._softest_link_stiffness,
+            *[step_resolution._joint_friction_arm] * drives[0].chain.rubs,
+        ]
+        functions += [
+            lambda drive, k=k: step_resolution._partner_friction_coefficient(drive, k) for k in range(partners)
+        ]
+        functions += [lambda drive, k=k: step_resolution._partner_ramp_time(drive, k) for k in range(partners)]
         for function in functions:
-            np.testing.assert_array_equal(each_of(drives, stacks, function), [function(drive) for drive in drives])
+            np.testing.assert_array_equal(
+                number_of_each_drive(drives, stacks, function), [function(drive) for drive in drives]
+            )
         turns, seconds = 10.0 * FACTORS[:, :1] * np.ones(len(drives[0].sprockets)), FACTORS[:, 1]
-        alone = [slowest_ripple(*of) for of in zip(drives, turns, seconds, strict=True)]
-        np.testing.assert_array_equal(each_of(drives, stacks, slowest_ripple, turns, seconds), alone)
-        np.testing.assert_array_equal(each_of(drives, None, slowest_ripple, turns, seconds), alone)
+        alone = [slowest_ripple_periods(*of) for of in zip(drives, turns, seconds, strict=True)]
+        np.testing.assert_array_equal(
+            number_of_each_drive(drives, stacks, slowest_ripple_periods, turns, seconds), alone
+        )
+        np.testing.assert_array_equal(number_of_each_drive(drives, None, slowest_ripple_periods, turns, seconds), alone)
 
 
 def test_some_variants_have_the_stacks_of_all():
     drives = [*spread("marine")[0], *spread("engine")[0], *spread("marine")[0][::-1]]
-    ended = Ended(drives, drives, *np.zeros((3, len(drives))), stacks=stacks_of(drives))
+    ended = VariantEnds(drives, drives, *np.zeros((3, len(drives))), stacks=stacks_of(drives))
     stiffness = np.array([drive.chain.stiffness for drive in drives])
-    np.testing.assert_array_equal(ended.each(lambda drive: drive.chain.stiffness), stiffness)
+    np.testing.assert_array_equal(ended.number_of_each(lambda drive: drive.chain.stiffness), stiffness)
     for some in (np.array([0, 3, 7, 8, 17]), np.arange(6, 12), np.array([5])):
-        of = ended.of(some)
+        of = ended.select_variants(some)
         assert sorted(v for stack in of.stacks for v in stack.members.tolist()) == list(range(len(some)))
-        np.testing.assert_array_equal(of.each(lambda drive: drive.chain.stiffness), stiffness[some])
+        np.testing.assert_array_equal(of.number_of_each(lambda drive: drive.chain.stiffness), stiffness[some])

@@ -7,7 +7,7 @@ from drives import with_bar as bar_drive
 
 from warpchain import Trajectory
 from warpchain.drive.face_profile import Piece, make_profile
-from warpchain.results.guide_load import guide_contacts, guide_loads, on_face, tangent_at
+from warpchain.results.guide_load import face_coordinates, face_tangents, guide_loads, recorded_guide_contacts
 from warpchain.results.losses import friction_power
 
 PITCH, RADIUS, SPEED, FORCE, MU = 0.05, 0.015, 4.0, 30.0, 0.2
@@ -64,22 +64,22 @@ def test_places_on_straight_face_and_rounded_ends():
     face = with_bar().profile(0)
     t, n, start = np.array([0.8, 0.6]), np.array([-0.6, 0.8]), np.array(BAR["start"])
     along = np.array([0.0, 0.1, 0.5])
-    place, height = on_face(face, start + along[:, None] * t + 0.02 * n)
+    place, height = face_coordinates(face, start + along[:, None] * t + 0.02 * n)
     np.testing.assert_allclose(place, along, atol=1e-14)
     np.testing.assert_allclose(height, 0.02, atol=1e-14)
     # 30 degrees before the start and after the end, around the centers of the rounded ends, 0.01 above their surface
     angle = np.radians(30.0)
     arm = 0.06 * np.array([np.cos(angle) * n - np.sin(angle) * t, np.cos(angle) * n + np.sin(angle) * t])
-    place, height = on_face(face, np.array([start, start + 0.5 * t]) - 0.05 * n + arm)
+    place, height = face_coordinates(face, np.array([start, start + 0.5 * t]) - 0.05 * n + arm)
     np.testing.assert_allclose(place, [-0.05 * angle, 0.5 + 0.05 * angle], atol=1e-14)
     np.testing.assert_allclose(height, 0.01, atol=1e-14)
-    headings = tangent_at(face, place)  # turned by 30 degrees each way
+    headings = face_tangents(face, place)  # turned by 30 degrees each way
     np.testing.assert_allclose(headings @ t, np.cos(angle), atol=1e-14)
     assert headings[0] @ n > 0.0 > headings[1] @ n
-    beyond, _ = on_face(face, start[None] - 0.3 * t - 0.06 * n)
+    beyond, _ = face_coordinates(face, start[None] - 0.3 * t - 0.06 * n)
     assert np.isnan(beyond).all()
     bar = face.pieces[1]
-    ahead = tangent_at(face, np.array(face.places[1:2]))[0]
+    ahead = face_tangents(face, np.array(face.places[1:2]))[0]
     np.testing.assert_allclose(bar.start + bar.length * ahead, face.pieces[2].start, atol=1e-14)
 
 
@@ -88,7 +88,7 @@ def test_places_on_a_curved_face():
     face = make_profile([Piece((0.0, 0.0), 0.0, 1.0 / 0.3, 0.15 * np.pi)], 0.01)
     angle, height = np.radians([1.0, 44.0, 89.0]), np.array([0.01, 0.05, -0.02])
     radius = 0.3 - height
-    place, found = on_face(face, np.stack([radius * np.sin(angle), 0.3 - radius * np.cos(angle)], axis=1))
+    place, found = face_coordinates(face, np.stack([radius * np.sin(angle), 0.3 - radius * np.cos(angle)], axis=1))
     np.testing.assert_allclose(place, 0.3 * angle, rtol=1e-12)
     np.testing.assert_allclose(found, height, atol=1e-15)
 
@@ -105,7 +105,7 @@ def test_a_guide_on_an_arm_is_seen_in_the_arm_s_frame():
         drive, still.time, position=pivot + (still.position - pivot) @ turn, velocity=still.velocity @ turn,
         guide_force=still.guide_force, arm_angle=np.full((200, 1), 0.3),
     )  # fmt: skip
-    (mine,), (theirs,) = guide_contacts(still), guide_contacts(turned)
+    (mine,), (theirs,) = recorded_guide_contacts(still), recorded_guide_contacts(turned)
     np.testing.assert_allclose(theirs.place, mine.place, atol=1e-12)
     np.testing.assert_allclose(theirs.speed, mine.speed, rtol=1e-12)
 
@@ -114,7 +114,7 @@ def test_a_drive_without_guides_has_no_loads():
     drive = two_sprockets()
     nothing = np.zeros((3, drive.chain.links))
     trajectory = Trajectory(drive, np.arange(3.0), position=np.zeros((*nothing.shape, 2)), guide_force=nothing)
-    assert guide_contacts(trajectory) == [] and guide_loads(trajectory) == []
+    assert recorded_guide_contacts(trajectory) == [] and guide_loads(trajectory) == []
 
 
 def test_a_chain_that_slides_around_a_curved_guide():

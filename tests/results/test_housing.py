@@ -16,9 +16,9 @@ from warpchain import Record, loads_drive, simulate, write_archive
 from warpchain.archive.export import export, export_orders
 from warpchain.errors import SimulationError, WarpchainError
 from warpchain.results import housing
-from warpchain.results.channels import NAMES
+from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.housing import components, housing_loads, order_levels
-from warpchain.results.pivots import pivots
 
 SCREWED = BLADE.replace('side = "right"\n', 'side = "right"\nbolts = [[0.06, 0.22], [0.05, 0.15], [0.045, 0.08]]\n')
 
@@ -26,7 +26,7 @@ SCREWED = BLADE.replace('side = "right"\n', 'side = "right"\nbolts = [[0.06, 0.2
 @pytest.fixture(scope="module")
 def run():
     drive = loads_drive(SCREWED).with_values({"sprockets.crank.mass": 0.5, "sprockets.cam.mass": 1.5})
-    return simulate(drive, record=Record(rate=1e9, channels=NAMES), duration=0.01, device="cpu")
+    return simulate(drive, record=Record(rate=1e9, channels=CHANNEL_NAMES), duration=0.01, device="cpu")
 
 
 @pytest.fixture(scope="module")
@@ -107,11 +107,11 @@ def test_an_arm_on_another_one_loads_the_pivot_of_that():
     lead = {"time": time.tolist(), "x": (20.0 * time**2).tolist(), "y": (-5.0 * time**2).tolist()}
     drive = two_sprockets(speed=0.0, torque=0.0, gravity=-9.81, step=5e-6)
     drive = drive.with_values({"arms": [upper | {"pivot_table": lead}, lower]})
-    trajectory = simulate(drive, record=Record(rate=1e9, channels=NAMES), duration=0.015, device="cpu")[0]
+    trajectory = simulate(drive, record=Record(rate=1e9, channels=CHANNEL_NAMES), duration=0.015, device="cpu")[0]
     loads = {load.name: load.force for load in housing_loads(trajectory)}
     assert list(loads) == ["hub driver", "hub driven", "pivot upper"]
     t, angle = trajectory.time, np.asarray(trajectory.arm_angle, dtype=float)
-    at = pivots(drive, t, angle)
+    at = arm_pivots(drive, t, angle)
     momentum = sum(momentum_of(arm, t, at[:, a], angle[:, a]) for a, arm in enumerate(drive.arms))
     change = (momentum[-10] - momentum[10]) / (t[-10] - t[10])
     mean = np.trapezoid(loads["pivot upper"][10:-9], t[10:-9], axis=0) / (t[-10] - t[10])
@@ -131,7 +131,7 @@ def test_a_plunger_s_inertia_takes_its_part_of_the_push():
     push["plunger"]["mass"] = 0.25
     push["oil"] |= {"supply": 1e5, "supply_table": {"time": [0.0, 2e-3], "pressure": [1e5, 6e5]}}
     drive = two_sprockets(speed=0.0, torque=0.0, settle="false").with_values({"arms": [arm], "tensioners": [push]})
-    trajectory = simulate(drive, record=Record(rate=2e4, channels=NAMES), duration=0.006, device="cpu")[0]
+    trajectory = simulate(drive, record=Record(rate=2e4, channels=CHANNEL_NAMES), duration=0.006, device="cpu")[0]
     loads = {load.name: load.force for load in housing_loads(trajectory)}
     seat, pivot = loads["seat chain tensioner"][2:-2], loads["pivot arm"][2:-2]
     np.testing.assert_allclose(pivot, seat * -0.02 / (0.02 + 0.25 * 0.2**2), atol=3e-3 * np.abs(seat).max())

@@ -12,9 +12,16 @@ from warpchain.engine.fill import JOINT_INERTIA
 from warpchain.errors import DriveError
 from warpchain.kernels import relaxation
 from warpchain.kernels.physics import friction
-from warpchain.results.formulas import Balance
-from warpchain.results.judgement import LEAST_STRETCH, RULES, UNMEASURED, common_reasons, judge, warning_text
-from warpchain.results.resolution import HELD
+from warpchain.results.judgement import (
+    LEAST_STRETCH,
+    LIMIT_RULES,
+    UNMEASURED_REASON,
+    common_reasons,
+    judge_variants,
+    judgement_warning,
+)
+from warpchain.results.metric_formulas import EnergyBalance
+from warpchain.results.step_resolution import BRISTLE_STIFFNESS
 
 SIZED = two_sprockets().with_values(  # its breaking load is 250 kN
     {"chain.size": "32B", "chain.stiffness": 5e7, "sprockets.driver.prescribed.ramp_time": 0.1}
@@ -28,7 +35,7 @@ def judged(drive=SIZED, limits=None, measured=True, layouts=None, **metrics):
         name.replace("__", "."): (np.array([value if value is not None else 0.0]), np.array([value is None]))
         for name, value in given.items()
     }
-    found = judge([drive], columns, np.array([measured]), limits, layouts)
+    found = judge_variants([drive], columns, np.array([measured]), limits, layouts)
     return found.status[0], found.reason[0]
 
 
@@ -75,10 +82,10 @@ BESIDE = {"joint_give": {"energy_change": math.inf}}
 """Other limits, of what is judged in starts only."""
 
 
-@pytest.mark.parametrize("key", [rule.key for rule in RULES])
+@pytest.mark.parametrize("key", [rule.key for rule in LIMIT_RULES])
 def test_a_limit_judges_by_its_metric_as_the_caller_sets_it(key):
     beyond, within, words = BEYOND[key]
-    (rule,) = (rule for rule in RULES if rule.key == key)
+    (rule,) = (rule for rule in LIMIT_RULES if rule.key == key)
     beside = BESIDE.get(key, {})
     status, reason = judged(limits=Limits(**beside), **beyond)
     assert status == "suspect" and words in reason and reason.endswith(rule.advice)
@@ -95,11 +102,11 @@ def test_a_start_is_judged_by_what_holds_in_one_and_drives_beside_it_by_all():
         assert (status, words in reason) == (("ok", False) if key in ("energy_change", "start") else ("suspect", True))
     columns = {"energy_change_relative": np.array([0.9, 0.9]), "diverged": np.zeros(2), "diverged_time": np.zeros(2)}
     given = {name: (values, np.zeros(2, dtype=bool)) for name, values in columns.items()}
-    assert judge([start, SIZED], given, np.ones(2, dtype=bool)).status == ["ok", "suspect"]
+    assert judge_variants([start, SIZED], given, np.ones(2, dtype=bool)).status == ["ok", "suspect"]
 
 
 def test_limits_and_rules_are_the_same_keys():
-    assert [*(rule.key for rule in RULES), "layout"] == list(Limits.model_fields)
+    assert [*(rule.key for rule in LIMIT_RULES), "layout"] == list(Limits.model_fields)
 
 
 def test_what_is_null_or_has_no_scale_is_not_judged():
@@ -126,7 +133,7 @@ def test_several_reasons_stand_together_and_diverged_is_worst():
     assert status == "suspect" and "energy residual +50 %" in reason and "; driver: slipped by 1 teeth" in reason
     told = "diverged at 0.25 s: take a smaller step (run.step) or a higher impact_speed_floor"
     assert judged(diverged=True, diverged_time=0.25, measured=False, driver__slips=1) == ("diverged", told)
-    assert judged(measured=False) == ("suspect", UNMEASURED)
+    assert judged(measured=False) == ("suspect", UNMEASURED_REASON)
 
 
 def test_a_layout_that_is_wrong_is_the_reason_and_takes_the_place_of_the_smaller_step():
@@ -148,24 +155,24 @@ def test_mistakes_in_limits_are_told_all_at_once():
 
 def test_one_line_names_variants_counts_and_the_first_of_like_reasons():
     status = ["ok", "suspect", "diverged", *7 * ["suspect"], "suspect"]
-    reason = ["", "a: 1", "gone at 3 s", *(f"a: {v}" for v in range(7)), UNMEASURED]
-    assert warning_text(status, reason) == (
+    reason = ["", "a: 1", "gone at 3 s", *(f"a: {v}" for v in range(7)), UNMEASURED_REASON]
+    assert judgement_warning(status, reason) == (
         "8 of 11 variants are suspect and 1 diverged (1, 2, 3, 4, 5, 6 and 3 more): 8 variants, e.g. a: 1; "
         "1 variant: gone at 3 s"
     )
-    assert warning_text(["suspect"], ["a: 1"]) == "suspect: a: 1"
-    assert warning_text(["diverged"], ["diverged at 1 s"]) == "diverged at 1 s"
-    assert warning_text(["ok", "suspect"], ["", UNMEASURED]) is None
+    assert judgement_warning(["suspect"], ["a: 1"]) == "suspect: a: 1"
+    assert judgement_warning(["diverged"], ["diverged at 1 s"]) == "diverged at 1 s"
+    assert judgement_warning(["ok", "suspect"], ["", UNMEASURED_REASON]) is None
     alike = common_reasons([("suspect", "x 1"), ("suspect", "x 2e-3"), ("suspect", "y")])
     assert alike == [("suspect", "x 1", 2), ("suspect", "y", 1)]
 
 
 def test_a_residual_is_held_against_a_thousandth_of_what_is_stored_where_hardly_any_energy_is_turned_over():
     """1e-9 J missing of 1e-8 J turned over, with 1 kJ stored, is round-off: 1e-9 / (1e-3 1e3); of 10 J it stays."""
-    still = Balance(input=1e-8, output=9e-9, links=0.0, dissipated=0.0, change=0.0, stored=1e3)
-    assert still.relative == pytest.approx(1e-9, rel=1e-6)
-    busy = Balance(input=10.0, output=9.0, links=0.0, dissipated=0.0, change=0.0, stored=1e3)
-    assert busy.relative == pytest.approx(1.0 / 9.5)
+    still = EnergyBalance(input=1e-8, output=9e-9, links=0.0, dissipated=0.0, change=0.0, stored=1e3)
+    assert still.relative_residual == pytest.approx(1e-9, rel=1e-6)
+    busy = EnergyBalance(input=10.0, output=9.0, links=0.0, dissipated=0.0, change=0.0, stored=1e3)
+    assert busy.relative_residual == pytest.approx(1.0 / 9.5)
 
 
 def test_reasons_of_a_variant_do_not_depend_on_what_runs_beside_it():
@@ -177,7 +184,7 @@ def test_reasons_of_a_variant_do_not_depend_on_what_runs_beside_it():
 
     def reason(names):
         columns = {name: (np.full(2, given[name]), np.array([False, False])) for name in names}
-        return judge([example("marine"), SIZED], columns, np.ones(2, dtype=bool)).reason[1]
+        return judge_variants([example("marine"), SIZED], columns, np.ones(2, dtype=bool)).reason[1]
 
     alone = reason(list(given))
     assert [alone.index(f"{strand}: pushes") for strand in strands] == sorted(
@@ -198,7 +205,7 @@ def test_a_chain_of_another_drive_does_not_take_a_strand_from_its_limit():
 
     def reason(drives):
         given = {of: (np.full(len(drives), value), np.zeros(len(drives), dtype=bool)) for of, value in columns.items()}
-        return judge(drives, given, np.ones(len(drives), dtype=bool)).reason[0]
+        return judge_variants(drives, given, np.ones(len(drives), dtype=bool)).reason[0]
 
     assert reason([drive]) == reason([drive, beside]) != ""
 
@@ -213,7 +220,7 @@ def test_ten_thousand_variants_are_judged_in_little_time():
     took = []
     for _ in range(3):
         begin = time.process_time()
-        found = judge([SIZED] * count, columns, np.ones(count, dtype=bool), None, [()] * count)
+        found = judge_variants([SIZED] * count, columns, np.ones(count, dtype=bool), None, [()] * count)
         took.append(time.process_time() - begin)
     assert min(took) < 5e-5 * count
     assert set(found.status) == {"suspect"} and found.reason[0].count("; ") == 2
@@ -222,7 +229,7 @@ def test_ten_thousand_variants_are_judged_in_little_time():
 def test_numbers_of_kernels_are_theirs():
     """Results and kernels cannot import one another."""
     assert float(relaxation.LEAST_STRETCH) == LEAST_STRETCH
-    assert pytest.approx(friction.SPRING * JOINT_INERTIA, rel=1e-12) == HELD  # rounded
+    assert pytest.approx(friction.SPRING * JOINT_INERTIA, rel=1e-12) == BRISTLE_STIFFNESS  # rounded
 
 
 @pytest.mark.parametrize("torque", [1e25, 1e29])

@@ -14,10 +14,10 @@ from scipy.io import savemat
 
 from warpchain import Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
-from warpchain.results.measured import compared, signal_units, source, sources
-from warpchain.results.measured_binary import read_here
-from warpchain.results.measured_columns import Columns
-from warpchain.results.measured_file import Measured, read_signal
+from warpchain.results.measured import compared, signal_sources, signal_units, source
+from warpchain.results.measured_binary import read_binary_columns_here
+from warpchain.results.measured_columns import MeasuredColumns
+from warpchain.results.measured_file import MeasuredSignal, read_signal
 
 TEETH, TURNS = 20, 10.0
 
@@ -49,7 +49,7 @@ def known():
 def test_statistics_and_orders_of_a_known_signal(known):
     """A sensor that reads 5 % too much: all of it is 1.05 times. Ten revolutions, so that order 20 is a line."""
     time = np.linspace(0.0, 1.0, 2000, endpoint=False)
-    found = compared(known, Measured("link 7.tension", "N", time, signal(time, 1.05)))
+    found = compared(known, MeasuredSignal("link 7.tension", "N", time, signal(time, 1.05)))
     for name, exact in {"mean": 2000.0, "std": 100.0 / np.sqrt(2.0), "smallest": 1900.0, "largest": 2100.0}.items():
         ours, theirs = found.statistics[name]
         # 20 samples a period, and 10: the largest one is within cos(pi / 10) of the sine's 100 N
@@ -71,17 +71,17 @@ def test_the_offset_at_which_both_agree_best(known):
     run = Trajectory(known.drive, time, **known.channels() | {"tension": bump[:, None] * np.ones((1, 60))})
     rig = np.linspace(0.0, 0.6, 1201)
     values = 2000.0 + 480.0 * np.exp(-(((rig + 1.1 - 1.4) / 0.05) ** 2))
-    found = compared(run, Measured("link 0.tension", "N", rig, values), offset=None)
+    found = compared(run, MeasuredSignal("link 0.tension", "N", rig, values), offset=None)
     # to the coarser of both intervals, half a millisecond
     assert found.measured.time[0] == pytest.approx(1.1, abs=6e-4)
-    assert compared(run, Measured("link 0.tension", "N", rig, values), 1.0).measured.time[0] == 1.0
+    assert compared(run, MeasuredSignal("link 0.tension", "N", rig, values), 1.0).measured.time[0] == 1.0
 
 
 @pytest.mark.parametrize(
     ("text", "columns"),
     [
         ("time [s],tension [kN]\n0.0,1.5\n0.5,2.5\n", None),
-        ("time (ms),other,tension (N)\n0,7,1500\n500,7,2500\n", Columns(column="tension")),
+        ("time (ms),other,tension (N)\n0,7,1500\n500,7,2500\n", MeasuredColumns(column="tension")),
         ("# rig 7\nZeit;Kraft\ns;kN\n0,0;1,5\n0,5;2,5\n", None),
         ("t\tF\n0.0\t1500\n0.5\t2500\n\n", None),
         ("time,tension\n0.0,1500\n0.5,2.5e3\n", None),
@@ -97,7 +97,7 @@ def test_files_as_rigs_write_them(tmp_path, text, columns):
 
 def test_a_unit_that_is_said_goes_before_the_heads(tmp_path):
     (tmp_path / "rig.csv").write_text("t [s],n [V]\n0,60\n1,30\n")
-    found = read_signal(tmp_path / "rig.csv", "a.speed", "rad/s", Columns(unit="rpm"))
+    found = read_signal(tmp_path / "rig.csv", "a.speed", "rad/s", MeasuredColumns(unit="rpm"))
     assert found.values == pytest.approx([2.0 * pi, pi])
 
 
@@ -141,8 +141,8 @@ def test_every_source_has_a_view_and_its_unit():
 
     for drive in (two_sprockets(duration=0.001), *map(example, ("v6", "balance_shafts"))):
         run = simulate(drive.with_values({"run.duration": 1e-3, "run.sample_rate": 1e4}))[0]
-        assert {name: of.unit for name, of in sources(run).items()} == signal_units(drive)
-        for name, of in sources(run).items():
+        assert {name: of.unit for name, of in signal_sources(run).items()} == signal_units(drive)
+        for name, of in signal_sources(run).items():
             assert of.group in CURVE_GROUPS
             assert of.values().shape == run.time.shape, name
     assert {"rotor.speed", "tongue.torque", "tongue.twist"} <= set(signal_units(drive))
@@ -185,14 +185,14 @@ def test_mat_and_mdf4_hold_the_signal_that_was_written(tmp_path):
         signals = (("force", "kN", np.sin(time)), ("speed", "rpm", np.cos(time)))
         mdf.append([asammdf.Signal(values, time, unit=unit, name=name) for name, unit, values in signals])
         mdf.save(tmp_path / "rig.mf4", overwrite=True)
-    kilonewtons = read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns(unit="kN"))
+    kilonewtons = read_signal(tmp_path / "rig.mat", "a.tension", "N", MeasuredColumns(unit="kN"))
     assert kilonewtons.time == pytest.approx(time)
     assert kilonewtons.values == pytest.approx(1e3 * np.sin(time))
     assert read_signal(tmp_path / "rig.mf4", "a.tension", "N").values == pytest.approx(1e3 * np.sin(time))
-    speed = read_signal(tmp_path / "rig.mf4", "a.speed", "rad/s", Columns(column="speed"))
+    speed = read_signal(tmp_path / "rig.mf4", "a.speed", "rad/s", MeasuredColumns(column="speed"))
     assert speed.values == pytest.approx(np.pi / 30.0 * np.cos(time))
     with pytest.raises(SimulationError, match="no column 'f': allowed are t, force, speed"):
-        read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns(column="f"))
+        read_signal(tmp_path / "rig.mat", "a.tension", "N", MeasuredColumns(column="f"))
     for name, words in (("rig.mat", "is not a MAT file"), ("rig.mf4", "is not MDF4")):
         (tmp_path / name).write_bytes(b"t,force\n0,1\n" * 20)
         with pytest.raises(SimulationError, match=words) as refused:
@@ -208,9 +208,9 @@ TWICE = "time [s],force [N],force [kN],time [s]\n0,1500,1.4,0\n0.5,2500,2.4,1\n"
 @pytest.mark.parametrize(
     ("columns", "values"),
     [
-        (Columns("#2", "#1"), [1500.0, 2500.0]),
-        (Columns("#3", "#4"), [1400.0, 2400.0]),
-        (Columns("force [kN]", "#1"), [1400.0, 2400.0]),
+        (MeasuredColumns("#2", "#1"), [1500.0, 2500.0]),
+        (MeasuredColumns("#3", "#4"), [1400.0, 2400.0]),
+        (MeasuredColumns("force [kN]", "#1"), [1400.0, 2400.0]),
     ],
 )
 def test_a_column_can_be_chosen_by_its_number_or_its_whole_head(tmp_path, columns, values):
@@ -223,14 +223,26 @@ def test_a_column_can_be_chosen_by_its_number_or_its_whole_head(tmp_path, column
     [
         (
             TWICE,
-            Columns(time="#1"),
+            MeasuredColumns(time="#1"),
             "'force' names the columns #2, force [N] and #3, force [kN]: say --column '#2', or",
         ),
-        (TWICE, Columns("force", "#1"), "'force' names the columns #2, force [N] and #3, force [kN]: say --column"),
-        (TWICE, Columns("#2"), "'time' names the columns #1, time [s] and #4, time [s]: say --time '#1', or another"),
-        (TWICE, Columns("#5", "#1"), "no column '#5'"),
-        (TWICE, Columns("#0", "#1"), "no column '#0'"),
-        (TWICE.replace("kN", "N"), Columns("force [N]", "#1"), "'force [N]' names the columns #2, force [N] and #3"),
+        (
+            TWICE,
+            MeasuredColumns("force", "#1"),
+            "'force' names the columns #2, force [N] and #3, force [kN]: say --column",
+        ),
+        (
+            TWICE,
+            MeasuredColumns("#2"),
+            "'time' names the columns #1, time [s] and #4, time [s]: say --time '#1', or another",
+        ),
+        (TWICE, MeasuredColumns("#5", "#1"), "no column '#5'"),
+        (TWICE, MeasuredColumns("#0", "#1"), "no column '#0'"),
+        (
+            TWICE.replace("kN", "N"),
+            MeasuredColumns("force [N]", "#1"),
+            "'force [N]' names the columns #2, force [N] and #3",
+        ),
     ],
 )
 def test_a_name_that_stands_twice_is_refused(tmp_path, text, columns, said):
@@ -256,7 +268,7 @@ def test_a_name_that_stands_twice_in_mat_and_mdf4(tmp_path):
     text = r"'force' names the columns #1, force of group 0 and #2, force of group 1: say --column '#1'"
     with pytest.raises(SimulationError, match=text):
         read_signal(tmp_path / "rig.mf4", "a.tension", "N")
-    assert read_signal(tmp_path / "rig.mf4", "a.tension", "N", Columns("#2")).values[0] == 1.0
+    assert read_signal(tmp_path / "rig.mf4", "a.tension", "N", MeasuredColumns("#2")).values[0] == 1.0
 
 
 GERMAN = "Zeit [s];Kraft [N];am\n0,000022;1.249;24.12.2026\n0,5;2.500,5;24.12.2026\n"
@@ -276,7 +288,9 @@ GERMAN = "Zeit [s];Kraft [N];am\n0,000022;1.249;24.12.2026\n0,5;2.500,5;24.12.20
 def test_a_file_has_one_decimal_sign(tmp_path, text, decimal, values):
     """The other one is between thousands, where the sign is said; a guess would be wrong by a factor of 1000."""
     (tmp_path / "rig.csv").write_text(text)
-    assert read_signal(tmp_path / "rig.csv", "a.tension", "N", Columns(decimal=decimal)).values.tolist() == values
+    assert (
+        read_signal(tmp_path / "rig.csv", "a.tension", "N", MeasuredColumns(decimal=decimal)).values.tolist() == values
+    )
 
 
 @pytest.mark.parametrize(
@@ -296,18 +310,18 @@ def test_a_file_has_one_decimal_sign(tmp_path, text, decimal, values):
 def test_numbers_of_which_it_is_not_said_what_they_are(tmp_path, text, decimal, said):
     (tmp_path / "rig.csv").write_text(text)
     with pytest.raises(SimulationError) as caught:
-        read_signal(tmp_path / "rig.csv", "a.tension", "N", Columns(decimal=decimal))
+        read_signal(tmp_path / "rig.csv", "a.tension", "N", MeasuredColumns(decimal=decimal))
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_small_mat_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp_path, monkeypatch):
     """The head of a variable says its length; the zeros themselves, compressed a thousand times, are not read."""
-    monkeypatch.setattr("warpchain.results.measured_binary.MOST_VALUES", 10**5)
+    monkeypatch.setattr("warpchain.results.measured_binary.MOST_SIGNAL_VALUES", 10**5)
     monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: pytest.fail("it was read"))
     time = np.linspace(0.0, 1.0, 10**5 + 1)
     savemat(tmp_path / "rig.mat", {"t": time, "force": np.zeros_like(time)}, do_compression=True)
     with pytest.raises(SimulationError, match=r"rig.mat: t has 100001 values; allowed are at most 100000"):
-        read_here(tmp_path / "rig.mat", Columns())
+        read_binary_columns_here(tmp_path / "rig.mat", MeasuredColumns())
 
 
 def test_a_small_mdf4_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp_path, monkeypatch):
@@ -315,10 +329,10 @@ def test_a_small_mdf4_file_of_millions_of_zeros_is_refused_before_it_is_read(tmp
     with asammdf.MDF(version="4.10") as mdf:
         mdf.append([asammdf.Signal(np.zeros_like(time), time, unit="N", name="force")])
         mdf.save(tmp_path / "rig.mf4", overwrite=True)
-    monkeypatch.setattr("warpchain.results.measured_binary.MOST_VALUES", 1000)
+    monkeypatch.setattr("warpchain.results.measured_binary.MOST_SIGNAL_VALUES", 1000)
     monkeypatch.setattr("asammdf.MDF.get", lambda *_, **__: pytest.fail("it was read"))
     with pytest.raises(SimulationError, match=r"rig.mf4: force has 1001 values; allowed are at most 1000"):
-        read_here(tmp_path / "rig.mf4", Columns())
+        read_binary_columns_here(tmp_path / "rig.mf4", MeasuredColumns())
 
 
 def test_variables_that_are_no_vectors_of_real_numbers_are_none_of_a_signal(tmp_path):
@@ -328,9 +342,9 @@ def test_variables_that_are_no_vectors_of_real_numbers_are_none_of_a_signal(tmp_
     savemat(tmp_path / "rig.mat", {"sparse": row, "t": time, "force": 2.0 * time, "wave": 1j * time})
     assert read_signal(tmp_path / "rig.mat", "a.tension", "N").values.tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
     with pytest.raises(SimulationError, match=r"rig.mat: no column 'sparse': allowed are t, force, wave"):
-        read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns("sparse"))
+        read_signal(tmp_path / "rig.mat", "a.tension", "N", MeasuredColumns("sparse"))
     with pytest.raises(SimulationError, match=r"rig.mat: variable 'wave': must hold real numbers"):
-        read_signal(tmp_path / "rig.mat", "a.tension", "N", Columns("wave"))
+        read_signal(tmp_path / "rig.mat", "a.tension", "N", MeasuredColumns("wave"))
 
 
 def test_flipped_bits_of_a_mat_file_are_read_or_refused_in_one_line(tmp_path):
@@ -347,7 +361,7 @@ def test_flipped_bits_of_a_mat_file_are_read_or_refused_in_one_line(tmp_path):
         flipped[bit // 8] ^= 1 << (bit % 8)
         path.write_bytes(flipped)
         try:
-            read_here(path, Columns())
+            read_binary_columns_here(path, MeasuredColumns())
         except SimulationError as error:
             told += 1
             assert "\n" not in str(error) and "()" not in str(error)
@@ -393,7 +407,7 @@ def test_a_file_that_ends_the_process_which_reads_it_is_one_line(tmp_path, monke
     (tmp_path / "asammdf.py").write_text(f"import os, time\ndef MDF(path):\n    {act}\n")
     (tmp_path / "rig.mf4").touch()
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("warpchain.results.measured_binary.PATIENCE", 3.0 if "sleep" in act else 60.0)
+    monkeypatch.setattr("warpchain.results.measured_binary.MOST_READING_TIME", 3.0 if "sleep" in act else 60.0)
     with pytest.raises(SimulationError, match=said) as caught:
         read_signal(tmp_path / "rig.mf4", "a.tension", "N")
     assert "\n" not in str(caught.value)
@@ -411,4 +425,4 @@ def test_an_exception_without_words_is_named(tmp_path, monkeypatch, reader):
     path = tmp_path / ("rig.mat" if "mat" in reader else "rig.mf4")
     path.touch()
     with pytest.raises(SimulationError, match=r"\(AssertionError\)$"):
-        read_here(path, Columns())
+        read_binary_columns_here(path, MeasuredColumns())

@@ -9,9 +9,18 @@ from grown import followed, run_in
 from warpchain import Record, dumps_drive, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.examples import example_names
-from warpchain.results.batch_means import ERROR
-from warpchain.results.metric_columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
+from warpchain.results.metric_columns import (
+    ALL_METRICS,
+    COLUMN_BY_NAME,
+    RECORDED_METRICS,
+    RUN_METRICS,
+    column_of_metric,
+    metric_names,
+    title_of_metric,
+    unit_of_metric,
+)
 from warpchain.results.objectives import add_objectives
+from warpchain.results.window_statistics import ERROR_SUFFIX
 
 USED = """
 import json, sys
@@ -55,8 +64,8 @@ def test_the_recipe_of_a_metric(tmp_path):
 def test_the_registry_has_every_column(drive):
     whole = 700 * resolve_step(drive)  # enough steps for batches
     table = simulate(drive, duration=whole, window=(0.0, whole), device="cpu", record=Record("none")).metrics
-    facts = [column.name for column in RUN.columns]
-    names = [name for name in metric_names(drive) if not name.endswith(ERROR)]  # the window is short
+    facts = [column.name for column in RUN_METRICS.columns]
+    names = [name for name in metric_names(drive) if not name.endswith(ERROR_SUFFIX)]  # the window is short
     if table["status"][0].as_py() and "efficiency" not in table.column_names:  # where the driver is driven
         names.remove("efficiency")
     untouched = [name for name in table.column_names if name.endswith(".force_max") and table[name][0].as_py() == 0.0]
@@ -64,30 +73,30 @@ def test_the_registry_has_every_column(drive):
     assert table.column_names == [*facts, *names]
     kinds = {float: "double", int: "int64", bool: "bool", str: "string"}
     for field in table.schema:
-        column = column_of(field.name)
+        column = column_of_metric(field.name)
         assert field.metadata == {b"unit": column.unit.encode()}
         assert str(field.type) == kinds[column.kind]
-        assert title_of(field.name).endswith(column.title)
+        assert title_of_metric(field.name).endswith(column.title)
 
 
 def test_the_registry_has_what_recorded_variants_have():
     run = simulate(two_sprockets(duration=0.1), device="cpu", limits=STARTING)
     added = set(add_objectives(run).column_names) - set(run.metrics.column_names)
     assert added
-    assert {name.split(".")[-1] for name in added} <= {c.name for group in RECORDED for c in group.columns}
+    assert {name.split(".")[-1] for name in added} <= {c.name for group in RECORDED_METRICS for c in group.columns}
 
 
 def test_one_name_has_one_unit_and_one_title():
-    rows = [c for groups in (*METRICS, (RUN,), RECORDED) for group in groups for c in group.columns]
-    assert all(COLUMNS[row.name] == row for row in rows)
+    rows = [c for groups in (*ALL_METRICS, (RUN_METRICS,), RECORDED_METRICS) for group in groups for c in group.columns]
+    assert all(COLUMN_BY_NAME[row.name] == row for row in rows)
     ends = {(row.name.rsplit(".", 1)[-1], row.unit, row.kind) for row in rows}
     assert len({name for name, *_ in ends}) == len(ends)
 
 
 def test_words_for_a_column():
-    assert title_of("tension_max") == "largest link tension"
-    assert title_of("a->b.tension_max") == "a->b: largest link tension"
-    assert title_of("links.dissipated") == "energy dissipated in the links"
-    assert title_of("bar.dissipated") == "bar: energy dissipated in the contacts"
-    assert (title_of("price"), unit_of("price"), column_of("price")) == ("price", "1", None)
-    assert unit_of("bar.pv_max") == "W/m"
+    assert title_of_metric("tension_max") == "largest link tension"
+    assert title_of_metric("a->b.tension_max") == "a->b: largest link tension"
+    assert title_of_metric("links.dissipated") == "energy dissipated in the links"
+    assert title_of_metric("bar.dissipated") == "bar: energy dissipated in the contacts"
+    assert (title_of_metric("price"), unit_of_metric("price"), column_of_metric("price")) == ("price", "1", None)
+    assert unit_of_metric("bar.pv_max") == "W/m"

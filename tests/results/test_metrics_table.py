@@ -9,8 +9,8 @@ from warpchain.drive import Drive
 from warpchain.kernels import relaxation, structs
 from warpchain.kernels.statistics import BATCHES
 from warpchain.results import metrics
-from warpchain.results.metric_columns import same_columns
-from warpchain.results.metrics import Ended, _column, energy_balance, metrics_blocks, metrics_table
+from warpchain.results.metric_columns import variants_by_columns
+from warpchain.results.metrics import VariantEnds, _arrow_column, energy_balance, metric_blocks, metrics_table
 from warpchain.results.schedule import Schedule
 
 STRUCTS = {
@@ -62,7 +62,7 @@ def table_of(chosen: list[int]) -> pa.Table:
     schedules = [Schedule(1e-6 * (v + 1), 100, 50, 100, 0) for v in chosen]
     steps = np.array([101, 101, 70, 101, 101, 80, 101, 101])[chosen]
     mine = [every[v] for v in chosen]
-    ended = Ended(mine, schedules, steps, np.array(chosen) == 2, settled[chosen])
+    ended = VariantEnds(mine, schedules, steps, np.array(chosen) == 2, settled[chosen])
 
     def stacked(numbers: np.ndarray) -> dict[str, np.ndarray]:
         each = [sums_of(mine[n], chosen[n]) for n in numbers]
@@ -76,7 +76,9 @@ def table_of(chosen: list[int]) -> pa.Table:
         batched = batches, stacked.pop("durations")
         return {**stacked, "batches": batched, "parts": batched, "tension": tension}
 
-    return metrics_table(ended, metrics_blocks(ended, lambda variants: [(ended.of(variants), stacked(variants))]))
+    return metrics_table(
+        ended, metric_blocks(ended, lambda variants: [(ended.select_variants(variants), stacked(variants))])
+    )
 
 
 def held(row):
@@ -102,7 +104,7 @@ def test_variants_are_worked_on_a_block_at_a_time(monkeypatch):
 
 def test_rows_of_what_they_have_are_the_table_again():
     table = table_of(list(range(8)))
-    again = metrics.table_of(list(map(held, table.to_pylist())))
+    again = metrics.table_from_rows(list(map(held, table.to_pylist())))
     assert set(again.column_names) == set(table.column_names)
     assert again.equals(table.select(again.column_names))
 
@@ -128,9 +130,9 @@ def test_sums_over_many_partners_go_as_for_one():
 
 def test_kinds_go_by_columns():
     every = drives()
-    assert [kind.tolist() for kind in same_columns(every)] == [[0, 3, 5], [1, 6], [2, 4, 7]]
+    assert [kind.tolist() for kind in variants_by_columns(every)] == [[0, 3, 5], [1, 6], [2, 4, 7]]
     longer = every[0].with_values({"run.duration": 9.0})
-    assert len(same_columns([every[0], longer])) == 1
+    assert len(variants_by_columns([every[0], longer])) == 1
 
 
 @pytest.mark.parametrize(
@@ -146,7 +148,7 @@ def test_kinds_go_by_columns():
 )
 def test_columns_are_what_pyarrow_makes_of_them(kind, values):
     for missing in (np.zeros(len(values), dtype=bool), np.arange(len(values)) % 2 == 0):
-        column = _column(kind, values, missing)
+        column = _arrow_column(kind, values, missing)
         column.validate(full=True)
         assert column.equals(pa.array(values, type=column.type, mask=missing)) or np.isnan(values).any()
         told, plain = column.to_pylist(), pa.array(values, type=column.type, mask=missing).to_pylist()
@@ -155,7 +157,7 @@ def test_columns_are_what_pyarrow_makes_of_them(kind, values):
 
 @pytest.mark.parametrize("words", [[], ["ok"], ["ok", "", "Spannräder – größer", "diverged"], ["ok", None]])
 def test_columns_of_texts_are_what_pyarrow_makes_of_them(words):
-    column = _column(str, words, None)
+    column = _arrow_column(str, words, None)
     column.validate(full=True)
     assert column.equals(pa.array(words, pa.string()))
 
@@ -171,9 +173,9 @@ def test_rows_gathered_from_a_table_are_those_made_of_them_one_by_one(rows):
         (3, "ok", 4.5, -1.0, 0, 0.5),
     ]
     given = [held(dict(zip(names, row, strict=True))) for row in values]
-    table = metrics.table_of(given)
+    table = metrics.table_from_rows(given)
     kept = {"tension_mean", "a.torque_mean", "b.torque_mean"}
     parts = [{name: value for name, value in row.items() if name in kept} for row in given]
-    one_by_one = metrics.table_of([{} if row is None else parts[row] for row in rows])
-    found = metrics.gathered(table, rows, kept.__contains__)
+    one_by_one = metrics.table_from_rows([{} if row is None else parts[row] for row in rows])
+    found = metrics.select_metrics(table, rows, kept.__contains__)
     assert found.equals(one_by_one.drop_columns("variant"), check_metadata=True)

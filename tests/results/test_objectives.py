@@ -9,9 +9,9 @@ from drives import STARTING, two_sprockets
 from warpchain import Record, simulate
 from warpchain.errors import SimulationError
 from warpchain.results.fatigue import Woehler
-from warpchain.results.metric_columns import unit_of
-from warpchain.results.metrics import design_columns
-from warpchain.results.objectives import add_objectives, engagement_impulses, from_trajectory
+from warpchain.results.metric_columns import unit_of_metric
+from warpchain.results.metrics import design_metric_columns
+from warpchain.results.objectives import add_objectives, engagement_impulses, trajectory_objectives
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import transmission_error
 
@@ -20,7 +20,7 @@ DRIVE = two_sprockets(mass=1.5)
 
 def design_row(metrics):
     """The objectives of one variant, from its other metrics."""
-    columns = design_columns([DRIVE], {name: np.ma.array([value]) for name, value in metrics.items()})
+    columns = design_metric_columns([DRIVE], {name: np.ma.array([value]) for name, value in metrics.items()})
     return {name: column[0] for name, column in columns.items() if not np.ma.getmaskarray(column)[0]}
 
 
@@ -61,7 +61,7 @@ def test_transmission_error_of_a_known_rotation():
     trajectory = Trajectory(drive, time, sprocket_angle=angle)
     assert transmission_error(trajectory, 1) == pytest.approx(ripple, abs=1e-12)
     swing = {"driven.transmission_error_rms": 1e-3 / math.sqrt(2.0), "driven.transmission_error_range": 2e-3}
-    assert from_trajectory(trajectory, 0.0, 2.0) == pytest.approx(swing, rel=1e-6)
+    assert trajectory_objectives(trajectory, 0.0, 2.0) == pytest.approx(swing, rel=1e-6)
 
 
 def test_impulse_of_a_half_sine_and_of_a_plateau():
@@ -94,7 +94,7 @@ def test_fatigue_of_a_known_swing():
     tension = np.stack([swing, np.full_like(swing, 9e3)], axis=1)
     angle = np.stack([time, time], axis=1) * 2.0 * np.pi  # 36 revolutions, of 20 teeth; 60 links: 12 of the chain
     swung = Trajectory(DRIVE, time, tension=tension, sprocket_angle=angle)
-    row = from_trajectory(swung, 0.0, 36.0, Woehler(3.0, 1e3, 1e6))
+    row = trajectory_objectives(swung, 0.0, 36.0, Woehler(3.0, 1e3, 1e6))
     assert row["damage_per_hour_max"] == pytest.approx(180 * 2.0**3 / 1e6 * 100, rel=1e-9)
     assert row["damage_per_hour_mean"] == pytest.approx(0.5 * row["damage_per_hour_max"])
     assert row["tension_equivalent_range"] == pytest.approx(2e3 * (180 / 12) ** (1 / 3), rel=1e-9)
@@ -120,13 +120,13 @@ def test_objectives_of_a_run_join_its_metrics():
     units = {"peak_factor": "1", "driven.transmission_error_rms": "rad", "tension_equivalent_range": "N"}
     units |= {"driver.impact_impulse": "N s", "driver.engagement_impulse": "N s", "damage_per_hour_max": "1/h"}
     for name, unit in (units | {"contact_energy_per_revolution": "J"}).items():
-        assert table.schema.field(name).metadata == {b"unit": unit.encode()} and unit_of(name) == unit
+        assert table.schema.field(name).metadata == {b"unit": unit.encode()} and unit_of_metric(name) == unit
 
 
 def test_refusals():
     time = np.linspace(0.0, 1.0, 11)
     with pytest.raises(SimulationError, match=r"2 frames from 0 to 0\.1 s"):
-        from_trajectory(Trajectory(DRIVE, time), 0.0, 0.1)
+        trajectory_objectives(Trajectory(DRIVE, time), 0.0, 0.1)
     with pytest.raises(SimulationError, match="recorded without sprocket_angle"):
         transmission_error(Trajectory(DRIVE, time), 1)
     with pytest.raises(SimulationError, match="recorded without position, sprocket_center, sprocket_force"):

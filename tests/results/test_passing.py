@@ -8,13 +8,13 @@ from warpchain import Trajectory, dumps_drive, loads_drive
 from warpchain.assembly.tooth_hold import top_radius
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.results.batch_means import share_below
-from warpchain.results.engineering_report import HandedIn
+from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.joint_wear import elongation_rate, joint_wear
-from warpchain.results.losses import friction_power, joint_rates
+from warpchain.results.losses import friction_power, joint_turn_rates
 from warpchain.results.shaft_signals import hub_forces
-from warpchain.results.signals import seen_at
-from warpchain.results.tooth_jump import jump_margin
+from warpchain.results.signals import probe_signals
+from warpchain.results.tooth_jump import tooth_jump_margin
+from warpchain.results.window_statistics import histogram_share_below
 
 UNIQUE = "must be unique among the names of all parts"
 
@@ -61,7 +61,7 @@ def test_margin_to_tooth_jump():
     top = np.hypot(*([r, 0.0] + length * along))  # offset by R_r, the flank passes through the seat's center
     assert top_radius(drive, 0) == pytest.approx(top, abs=2e-9)  # the clearance, and the outline's bisection
     for lift in (0.0, 1e-3, top - r):
-        found = jump_margin(in_seats(drive, lift), 0)
+        found = tooth_jump_margin(in_seats(drive, lift), 0)
         assert found.height == pytest.approx(top - r, abs=1e-9)
         assert found.margin[0] == pytest.approx(top - r - lift, abs=1e-9)
 
@@ -71,11 +71,11 @@ def test_the_roller_that_is_nearest_to_jumping_is_told():
     trajectory = in_seats(drive)
     place = trajectory.position[0, 10]  # half around: in the middle of the driver's wrap
     trajectory.position[0, 10] = place * (1.0 + 2e-3 / np.hypot(*place))
-    found = jump_margin(trajectory, 0)
+    found = tooth_jump_margin(trajectory, 0)
     assert found.margin[0] == pytest.approx(found.height - 2e-3, abs=1e-12)
     assert found.angle[0] == pytest.approx(np.pi / 2, abs=1e-3)
     trajectory.position[0, :] = 1e3
-    assert np.isnan(jump_margin(trajectory, 0).margin[0])
+    assert np.isnan(tooth_jump_margin(trajectory, 0).margin[0])
 
 
 def test_curved_flanks_lean_back_from_the_seat_to_the_tip():
@@ -108,7 +108,7 @@ def passing_chain():
 
 def test_a_probe_sees_the_link_that_passes():
     trajectory, place = passing_chain()
-    seen = seen_at(trajectory, (1.0, 1.0), 0.05)
+    seen = probe_signals(trajectory, (1.0, 1.0), 0.05)
     link = (place <= 0.0).sum(axis=1) - 1
     np.testing.assert_array_equal(seen.link, link)
     np.testing.assert_array_equal(seen.tension, 100.0 * link)
@@ -119,7 +119,7 @@ def test_a_probe_sees_the_link_that_passes():
 
 def test_a_probe_sees_nothing_beyond_its_radius():
     trajectory, _ = passing_chain()
-    seen = seen_at(trajectory, (1.0, 1.0), 1.9e-3)
+    seen = probe_signals(trajectory, (1.0, 1.0), 1.9e-3)
     assert (seen.link == -1).all() and np.isnan(seen.tension).all()
 
 
@@ -140,7 +140,7 @@ def folding(rate=8.0, frames=101):
 
 def test_joints_of_a_rhombus_that_folds():
     trajectory = folding()
-    np.testing.assert_allclose(np.abs(joint_rates(trajectory)), 16.0, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(joint_turn_rates(trajectory)), 16.0, rtol=1e-9)
     # 4 joints of mu kappa r_p T |g|
     np.testing.assert_allclose(friction_power(trajectory)["joints"], 4 * 0.1 * 1.25 * 0.004 * 500.0 * 16.0, rtol=1e-9)
     wear = joint_wear(trajectory)
@@ -164,18 +164,18 @@ def test_bearing_area_of_a_size():
 
 def test_hub_forces_need_their_channels():
     with pytest.raises(SimulationError, match="recorded without"):
-        _ = HandedIn(folding()).hubs
+        _ = EngineeringReport(folding()).hub_forces
 
 
 def test_share_below_is_the_inverse_of_the_quantile():
     edges = np.array([[-4.0, -2.0, 0.0, 2.0, 4.0]])
     counts = np.array([[2, 6, 12, 4]])
-    assert share_below(counts, edges, [-3.0], [5.0], 0.0) == pytest.approx(8 / 24)
-    assert share_below(counts, edges, [-3.0], [5.0], 1.0) == pytest.approx(14 / 24)  # half of the third bin
-    assert share_below(counts, edges, [-3.0], [5.0], -9.0) == 0.0
-    assert share_below(counts, edges, [-3.0], [5.0], 9.0) == 1.0
-    assert share_below(counts, edges, [-3.0], [5.0], -2.5) == pytest.approx(1 / 24)  # from the least value on
-    assert np.isnan(share_below(0 * counts, edges, [-3.0], [5.0], 0.0))
+    assert histogram_share_below(counts, edges, [-3.0], [5.0], 0.0) == pytest.approx(8 / 24)
+    assert histogram_share_below(counts, edges, [-3.0], [5.0], 1.0) == pytest.approx(14 / 24)  # half of the third bin
+    assert histogram_share_below(counts, edges, [-3.0], [5.0], -9.0) == 0.0
+    assert histogram_share_below(counts, edges, [-3.0], [5.0], 9.0) == 1.0
+    assert histogram_share_below(counts, edges, [-3.0], [5.0], -2.5) == pytest.approx(1 / 24)  # from the least value on
+    assert np.isnan(histogram_share_below(0 * counts, edges, [-3.0], [5.0], 0.0))
 
 
 def test_probes_in_a_drive_file():

@@ -6,7 +6,7 @@ import pytest
 from drives import example, two_sprockets
 
 from warpchain import Record, read_archive, simulate
-from warpchain.results.replicate_metrics import summary
+from warpchain.results.replicate_metrics import summarize_copies
 
 TABLE = {
     "drive": [0, 0, 0, 1, 1, 2, 2],
@@ -22,7 +22,7 @@ TABLE = {
 
 
 def test_means_and_errors_are_those_of_their_definition():
-    first, second, third = summary(pa.table(TABLE), "drive").to_pylist()
+    first, second, third = summarize_copies(pa.table(TABLE), "drive").to_pylist()
     assert (first["x"], first["n"]) == (3.0, 3)
     assert first["x_se"] == pytest.approx(np.std([1.0, 2.0, 6.0], ddof=1) / np.sqrt(3.0), rel=1e-15)
     assert (first["hits"], first["steady"]) == (2.0, pytest.approx(2.0 / 3.0))
@@ -40,9 +40,9 @@ def test_a_drives_means_do_not_hang_on_the_others():
     values = random.standard_normal(30) * 1e3
     table = pa.table({"drive": np.arange(30) // 10, "replicate": np.arange(30) % 10, "status": ["ok"] * 30,
                       "reason": [""] * 30, "y": values})  # fmt: skip
-    whole = summary(table, "drive").to_pylist()
-    alone = [summary(table.slice(10 * d, 10), "drive").to_pylist()[0] for d in range(3)]
-    uneven = summary(table.slice(0, 17), "drive").to_pylist()
+    whole = summarize_copies(table, "drive").to_pylist()
+    alone = [summarize_copies(table.slice(10 * d, 10), "drive").to_pylist()[0] for d in range(3)]
+    uneven = summarize_copies(table.slice(0, 17), "drive").to_pylist()
     assert whole == alone
     assert uneven[0] == whole[0]
 

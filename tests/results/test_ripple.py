@@ -7,8 +7,8 @@ import pytest
 from drives import example, two_sprockets
 
 from warpchain import simulate
-from warpchain.results.judgement import changes_within
-from warpchain.results.ripple import slowest_ripple
+from warpchain.results.judgement import has_table_change
+from warpchain.results.ripple import slowest_ripple_periods
 
 FOUR = [50.0 + 20.0 * math.cos(4.0 * math.tau * k / 720) for k in range(721)]
 ANGLES = [math.tau * k / 720 for k in range(721)]
@@ -50,20 +50,20 @@ VALVES = {
 )
 def test_periods_of_the_slowest_ripple(changes, periods):
     drive = two_sprockets().with_values(changes)
-    assert slowest_ripple(drive, np.array([4.0, 3.0]), 0.5) == pytest.approx(periods)
+    assert slowest_ripple_periods(drive, np.array([4.0, 3.0]), 0.5) == pytest.approx(periods)
 
 
 def test_a_drive_whose_ripple_was_asked_for_can_still_be_changed():
     load = {"sprockets.driven.load.table": {"angle": ANGLES, "torque": [*FOUR[:-1], FOUR[0]]}, "valves": (VALVES,)}
     drive = two_sprockets().with_values(load)
-    assert slowest_ripple(drive, np.array([4.0, 3.0]), 0.5) > 0.0
+    assert slowest_ripple_periods(drive, np.array([4.0, 3.0]), 0.5) > 0.0
     assert drive.with_values({"run.phase": 0.1, "valves.valves.phase": 1.0}).valves[0].slowest_order == 4.0
 
 
 def test_shafts_and_their_motors_count():
     drive = example("conveyor").with_values({"shafts.drum.load.harmonics": ({"order": 1.0, "amplitude": 5.0},)})
     ratio = drive.sprockets[0].teeth / drive.sprockets[1].teeth
-    assert slowest_ripple(drive, np.array([4.0, 4.0 * ratio]), 0.5) == pytest.approx(4.0 * ratio)
+    assert slowest_ripple_periods(drive, np.array([4.0, 4.0 * ratio]), 0.5) == pytest.approx(4.0 * ratio)
 
 
 @pytest.mark.parametrize(
@@ -79,14 +79,14 @@ def test_shafts_and_their_motors_count():
     ],
 )
 def test_what_a_table_over_time_changes_within_a_window(changes, seen):
-    assert changes_within(two_sprockets().with_values(changes), 0.1, 0.2) == seen
+    assert has_table_change(two_sprockets().with_values(changes), 0.1, 0.2) == seen
 
 
 def test_gear_changes_are_seen():
     drive = example("motorcycle_drivetrain")
     times = next(coupling.ratios for coupling in drive.couplings if coupling.ratios).time
-    assert changes_within(drive, times[1] - 0.01, times[1] + 0.01)
-    assert not changes_within(drive, 9.0, 9.1)
+    assert has_table_change(drive, times[1] - 0.01, times[1] + 0.01)
+    assert not has_table_change(drive, 9.0, 9.1)
 
 
 def test_a_load_that_falls_within_the_window_is_no_start_that_swings():

@@ -5,8 +5,14 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Trajectory
-from warpchain.results.rotation import cycle_average, order_amplitudes, order_cuts, rising, turns_of
-from warpchain.results.shaft_signals import phase_error, phase_of
+from warpchain.results.order_tracking import (
+    cycle_average,
+    driver_turns,
+    last_rising_frames,
+    order_amplitudes,
+    order_cuts,
+)
+from warpchain.results.shaft_signals import phase_error, phase_error_in_window
 
 UNEVEN = np.linspace(0.0, 2.0, 20001)
 
@@ -78,8 +84,8 @@ def test_cycles_of_a_slice_keep_their_angle():
 
 
 def test_the_part_that_rises():
-    assert rising(np.array([0.0, 1.0, 1.0, 2.0, 1.5, 1.6, 2.0])) == slice(4, None)
-    assert rising(np.arange(3.0)) == slice(0, None)
+    assert last_rising_frames(np.array([0.0, 1.0, 1.0, 2.0, 1.5, 1.6, 2.0])) == slice(4, None)
+    assert last_rising_frames(np.arange(3.0)) == slice(0, None)
 
 
 def test_phase_error_of_a_camshaft():
@@ -91,10 +97,10 @@ def test_phase_error_of_a_camshaft():
     crank = 2.0 * np.pi * turns
     angle = np.stack([crank + 0.3, 0.5 * (crank + lag) - 1.1], axis=1)
     trajectory = Trajectory(drive, UNEVEN, sprocket_angle=angle)
-    np.testing.assert_allclose(turns_of(trajectory), turns, atol=1e-12)
+    np.testing.assert_allclose(driver_turns(trajectory), turns, atol=1e-12)
     np.testing.assert_allclose(phase_error(trajectory, 1), lag, atol=1e-12)
     window = (UNEVEN >= 0.2) & (turns <= turns[-1])
-    found = phase_of(trajectory, 1, window, orders=(0.5, 1.0, 2.0, 4.0))
+    found = phase_error_in_window(trajectory, 1, window, orders=(0.5, 1.0, 2.0, 4.0))
     assert found.shift == pytest.approx(-0.4 * degree, abs=1e-3 * degree)  # an uncounted part of a period is left
     assert found.high - found.low == pytest.approx(0.4 * degree, rel=1e-3)
     np.testing.assert_allclose(found.amplitude, np.array([0.0, 0.0, 0.2, 0.0]) * degree, atol=1e-5 * degree)

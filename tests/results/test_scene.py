@@ -11,13 +11,13 @@ import warpchain
 from warpchain import simulate
 from warpchain.results.scene import (
     arm_outline,
-    contact_arrows,
+    contact_force_vectors,
+    engaged_sprockets,
     guide_outline,
-    nearest_sprocket,
     strand_displacement,
     tensioner_outline,
     tooth_outline,
-    turned,
+    turn_points,
 )
 
 
@@ -77,12 +77,12 @@ def test_displacement_is_that_of_the_crossing_nearest_the_strand():
 
 def test_arrows_carry_the_recorded_forces_and_push_rollers_out_of_the_teeth():
     trajectory = simulate(two_sprockets(duration=0.05))[0]
-    sprockets, guides = contact_arrows(trajectory)
+    sprockets, guides = contact_force_vectors(trajectory)
     size = np.linalg.norm(sprockets, axis=-1)
     np.testing.assert_allclose(size, trajectory.sprocket_force, rtol=1e-9, atol=1e-9)
     assert not guides.any()
     # moments of the drawn forces about the driven sprocket are those that the solver recorded
-    on = (nearest_sprocket(trajectory) == 1)[..., None]
+    on = (engaged_sprockets(trajectory) == 1)[..., None]
     r = trajectory.position - trajectory.sprocket_center[:, None, 1]
     f = np.where(on, -sprockets, 0.0)
     moment = (r[..., 0] * f[..., 1] - r[..., 1] * f[..., 0]).sum(axis=1)
@@ -102,4 +102,4 @@ def test_arms_and_tensioners_are_drawn_where_they_are():
     width = np.ptp((plunger - pad) @ np.array([-along[1], along[0]]))
     assert width == pytest.approx(drive.tensioners[0].plunger.diameter)
     assert ((housing - pad) @ along).max() < 0.0
-    assert turned(np.array([[2.0, 1.0]]), (1.0, 1.0), 0.5 * np.pi) == pytest.approx(np.array([[1.0, 2.0]]))
+    assert turn_points(np.array([[2.0, 1.0]]), (1.0, 1.0), 0.5 * np.pi) == pytest.approx(np.array([[1.0, 2.0]]))

@@ -10,14 +10,14 @@ from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     amplitude_spectrum,
     contact_angles,
-    events,
-    guide_forces,
-    last_round,
-    latter_half,
+    guide_forces_and_rollers,
+    last_round_frames,
+    latter_half_frames,
+    opening_events,
     order_spectrum,
-    speed_ratio,
+    range_and_path,
+    speed_ratio_to_driver,
     strand_tension,
-    stroke,
     transmission_error,
 )
 
@@ -71,8 +71,10 @@ def test_ratio_and_error_of_a_driven_sprocket_that_hunts():
     # less its mean, and from where it started: 1e-3 (sin - mean of sin), the mean at most 2/(30 * 10) of the amplitude
     np.testing.assert_allclose(error, 1e-3 * np.sin(30.0 * time), atol=1e-5)
     # derivative 0.03 cos(30 t) over 8; the recorded speed here is a difference quotient, off by (30 * 5e-4)^2 / 6
-    np.testing.assert_allclose(speed_ratio(trajectory, 1)[1:-1], 1.0 + 0.00375 * np.cos(30.0 * time[1:-1]), atol=1e-6)
-    np.testing.assert_allclose(speed_ratio(trajectory, 0), 1.0)
+    np.testing.assert_allclose(
+        speed_ratio_to_driver(trajectory, 1)[1:-1], 1.0 + 0.00375 * np.cos(30.0 * time[1:-1]), atol=1e-6
+    )
+    np.testing.assert_allclose(speed_ratio_to_driver(trajectory, 0), 1.0)
 
 
 def test_transmission_errors_are_shown_in_degrees(monkeypatch):
@@ -89,12 +91,12 @@ def test_transmission_errors_are_shown_in_degrees(monkeypatch):
 def test_forces_on_guide_bars_and_sprockets_are_all_accounted_for():
     drive = example("marine").with_values({"run.duration": 0.35, "run.sample_rate": 1000.0})
     trajectory = simulate(drive)[0]
-    ((force, rollers),) = guide_forces(trajectory)
+    ((force, rollers),) = guide_forces_and_rollers(trajectory)
     np.testing.assert_allclose(force, trajectory.guide_force.sum(axis=1), rtol=1e-12)
     np.testing.assert_array_equal(rollers, (trajectory.guide_force > 0.0).sum(axis=1))
     assert rollers.max() >= 1  # the bar is touched at 0.25 s
     found = [contact_angles(trajectory, s) for s in range(3)]
-    total = trajectory.sprocket_force[latter_half(trajectory)].sum()
+    total = trajectory.sprocket_force[latter_half_frames(trajectory)].sum()
     assert sum(angles.force.sum() for angles in found) == pytest.approx(total, rel=1e-12)
     for angles in found:
         pressed = angles.angle[angles.force > 0.0]
@@ -106,8 +108,8 @@ def test_forces_on_guide_bars_and_sprockets_are_all_accounted_for():
 def test_the_last_round_is_as_many_teeth_as_links():
     time = np.linspace(0.0, 10.0, 20001)
     trajectory = turning(8.0 * time)  # 20 teeth, 60 links: three revolutions in 2.356 s, to half a millisecond
-    assert time[last_round(trajectory)][0] == pytest.approx(10.0 - 6.0 * np.pi / 8.0, abs=5.01e-4)
-    assert last_round(turning(0.8 * time)) == slice(0, None)
+    assert time[last_round_frames(trajectory)][0] == pytest.approx(10.0 - 6.0 * np.pi / 8.0, abs=5.01e-4)
+    assert last_round_frames(turning(0.8 * time)) == slice(0, None)
 
 
 def test_the_link_at_mid_strand_is_the_one_there():
@@ -127,7 +129,7 @@ def test_the_link_at_mid_strand_is_the_one_there():
 
 def test_a_sine_goes_back_and_forth_four_amplitudes_a_period():
     time = np.linspace(0.0, 2.0, 20001)
-    found = stroke(time, 3.0 + 0.5 * np.sin(2.0 * np.pi * 10.0 * time))
+    found = range_and_path(time, 3.0 + 0.5 * np.sin(2.0 * np.pi * 10.0 * time))
     assert (found.low, found.high) == pytest.approx((2.5, 3.5), rel=1e-5)
     assert found.travel == pytest.approx(1.0, rel=1e-5)
     assert found.mean == pytest.approx(3.0, rel=1e-6)
@@ -137,13 +139,15 @@ def test_a_sine_goes_back_and_forth_four_amplitudes_a_period():
 def test_openings_of_a_valve():
     time = np.arange(1000) * 1e-3
     lift = np.maximum(np.sin(2.0 * np.pi * 5.0 * (time - 0.05)), 0.0)  # opens at 0.05, 0.25, ... for 0.1 s
-    found = events(time, lift)
+    found = opening_events(time, lift)
     assert found.openings == 5 and found.rate == pytest.approx(5.0, rel=1e-9)
     assert found.share == pytest.approx(0.5, abs=6e-3)  # a sample at either end of five spells
     assert found.longest == pytest.approx(0.1, abs=2e-3)
 
 
 def test_what_is_open_from_the_beginning_did_not_open():
-    assert events(np.arange(4.0), np.array([1.0, 1.0, 0.0, 1.0])).openings == 1
-    assert events(np.arange(4.0), np.ones(4))[0] == 0 and events(np.arange(4.0), np.ones(4)).share == 1.0
-    assert events(np.arange(4.0), np.zeros(4)) == (0, 0.0, 0.0, 0.0)
+    assert opening_events(np.arange(4.0), np.array([1.0, 1.0, 0.0, 1.0])).openings == 1
+    assert (
+        opening_events(np.arange(4.0), np.ones(4))[0] == 0 and opening_events(np.arange(4.0), np.ones(4)).share == 1.0
+    )
+    assert opening_events(np.arange(4.0), np.zeros(4)) == (0, 0.0, 0.0, 0.0)

@@ -5,7 +5,14 @@ import pytest
 
 from warpchain.engine.outcomes import tension_edges
 from warpchain.kernels.statistics import BINS
-from warpchain.results.batch_means import INTERVAL, change, drift, quantile, standard_error, steady
+from warpchain.results.window_statistics import (
+    INTERVAL_ERRORS,
+    histogram_quantile,
+    is_steady,
+    mean_standard_error,
+    window_change,
+    window_drift,
+)
 
 SHARES = (0.001, 0.01, 0.5, 0.99, 0.999)
 BATCHES = 80
@@ -44,7 +51,7 @@ def test_quantiles_of_known_samples(kind):
     edges = tension_edges(np.array([scale]))
     counts = np.histogram(np.clip(x, edges[0, 0], np.nextafter(edges[0, -1], 0.0)), edges[0])[0][None]
     for share in SHARES:
-        found, exact = quantile(counts, edges, [x.min()], [x.max()], share)[0], np.quantile(x, share)
+        found, exact = histogram_quantile(counts, edges, [x.min()], [x.max()], share)[0], np.quantile(x, share)
         assert abs(found - exact) < 0.01 * max(abs(exact), scale), share
 
 
@@ -54,7 +61,7 @@ def test_quantiles_do_not_leave_the_range():
     counts[0, 120] = 7  # all alike
     counts[1, [0, -1]] = 5  # beyond the bins' ends: evenly from the end bins' inner edges to the extremes
     low, high = np.array([165.0, -1e6, 0.0]), np.array([165.0, 1e6, 0.0])
-    found = np.array([quantile(counts, edges, low, high, share) for share in SHARES])
+    found = np.array([histogram_quantile(counts, edges, low, high, share) for share in SHARES])
     assert (found[:, 0] == 165.0).all()
     assert found[0, 1] == pytest.approx(-1e6 + 0.002 * (1e6 + edges[1, 1]))
     assert found[-1, 1] == pytest.approx(1e6 - 0.002 * (1e6 - edges[1, -2]))
@@ -83,10 +90,10 @@ def test_errors_cover(kind):
     Some are unknown where the lowest ordinates hold little but one swing, by chance.
     """
     x = SEQUENCES[kind](np.random.default_rng(7), 4000)
-    mean, error = x.mean(axis=1), standard_error(batch_means(x))
+    mean, error = x.mean(axis=1), mean_standard_error(batch_means(x))
     known = np.isfinite(error)
     assert known.mean() > FEW_KNOWN.get(kind, 0.94)
-    assert 0.92 < (np.abs(mean) < INTERVAL * error)[known].mean() < 0.98
+    assert 0.92 < (np.abs(mean) < INTERVAL_ERRORS * error)[known].mean() < 0.98
     assert 1 / 1.5 < np.median(error[known]) / mean.std() < 1.5
 
 
@@ -96,7 +103,7 @@ def test_hardly_any_error_is_far_too_small(kind):
     errors below a fifth of the deviation of the means are rarer than one in 100. Where the memory is a tenth of the
     window or more the lowest ordinates are not alike, and their mean does not help."""
     x = SEQUENCES[kind](np.random.default_rng(7), 4000)
-    error = standard_error(batch_means(x))
+    error = mean_standard_error(batch_means(x))
     assert (error < 0.2 * x.mean(axis=1).std()).mean() < 0.01
 
 
@@ -108,9 +115,9 @@ def test_a_determinate_signal_is_no_noise(periods):
     """
     x = sines(np.random.default_rng(5), 4000, 0.0, **{periods: 1.0})
     means, scatter = batch_means(x), x.mean(axis=1).std()
-    error = standard_error(means)
+    error = mean_standard_error(means)
     assert 1 / 1.5 < np.median(error) / scatter < 1.5
-    assert (np.abs(x.mean(axis=1)) < INTERVAL * error).all()
+    assert (np.abs(x.mean(axis=1)) < INTERVAL_ERRORS * error).all()
     assert np.sqrt((means.var(axis=1, ddof=1) / BATCHES).mean()) / scatter > 3.0
 
 
@@ -118,7 +125,7 @@ def test_a_determinate_signal_is_no_noise(periods):
 def test_what_a_slow_sine_makes_of_batches_is_unknown(periods, known):
     """One of 401.4 periods, which each batch cuts at another phase, looks like one of 1.4."""
     x = sines(np.random.default_rng(5), 500, 0.01, **{periods: 3.0})
-    assert np.isfinite(standard_error(batch_means(x))).mean() == known
+    assert np.isfinite(mean_standard_error(batch_means(x))).mean() == known
 
 
 def test_batches_of_unlike_lengths_count_for_what_they_are():
@@ -131,29 +138,29 @@ def test_batches_of_unlike_lengths_count_for_what_they_are():
     weights = np.diff(np.concatenate([[0], ends, [4000]])).astype(float)
     x = np.sin(2.0 * np.pi * (40.3 * np.arange(4000) / 4000 + random.random((500, 1))))
     means = np.add.reduceat(x, np.concatenate([[0], ends]), axis=1) / weights
-    alike = standard_error(x.reshape(500, BATCHES, -1).mean(axis=2))
-    assert np.median(standard_error(means, weights) / alike) == pytest.approx(1.0, abs=0.3)
-    assert np.median(standard_error(means) / alike) > 2.0
+    alike = mean_standard_error(x.reshape(500, BATCHES, -1).mean(axis=2))
+    assert np.median(mean_standard_error(means, weights) / alike) == pytest.approx(1.0, abs=0.3)
+    assert np.median(mean_standard_error(means) / alike) > 2.0
 
 
 def test_no_scatter_has_no_error():
     still = np.full((1, PARTS), 5.0)
-    assert standard_error(still)[0] == 0.0
-    change, chance = drift(still)
-    assert (change[0], chance[0]) == (0.0, 1.0) and steady(still)[0]
+    assert mean_standard_error(still)[0] == 0.0
+    change, chance = window_drift(still)
+    assert (change[0], chance[0]) == (0.0, 1.0) and is_steady(still)[0]
 
 
 def test_a_drift_is_told_from_scatter():
     """False alarms come at their nominal rate, a drift of four deviations of the batches' means is found."""
     random, runs = np.random.default_rng(11), 4000
     noise = 100.0 + 5.0 * random.normal(size=(runs, PARTS))
-    change, chance = drift(noise)
+    change, chance = window_drift(noise)
     assert 0.002 < (chance < 0.01).mean() < 0.012  # 1 % less what the correction takes off
     assert abs(change.mean()) < 4 * change.std() / np.sqrt(runs)
     ramp = noise + 20.0 * (np.arange(PARTS) + 0.5) / PARTS
-    assert drift(ramp)[0].mean() == pytest.approx(20.0, abs=4 * change.std() / np.sqrt(runs))
-    assert steady(ramp).mean() < 0.05
-    assert steady(noise).mean() > 0.98
+    assert window_drift(ramp)[0].mean() == pytest.approx(20.0, abs=4 * change.std() / np.sqrt(runs))
+    assert is_steady(ramp).mean() < 0.05
+    assert is_steady(noise).mean() > 0.98
 
 
 def test_a_ripple_that_the_window_cuts_is_no_change():
@@ -163,16 +170,16 @@ def test_a_ripple_that_the_window_cuts_is_no_change():
     place, w = (np.arange(PARTS) + 0.5) / PARTS, 2.0 * np.pi * waves[:, None]
     ripple = -np.diff(np.cos(w * edges + 0.2), axis=1) / w * PARTS
     means = 100.0 + 3.0 * place + 30.0 * ripple
-    np.testing.assert_allclose(change(means, waves), 3.0, rtol=1e-9)
-    off = np.abs(drift(means)[0] - 3.0)
+    np.testing.assert_allclose(window_change(means, waves), 3.0, rtol=1e-9)
+    off = np.abs(window_drift(means)[0] - 3.0)
     assert (off < 1.05 * 6.0 * 30.0 / (np.pi * waves)).all() and off[0] > 30.0
     for none in (0.0, 0.5, 9.5):  # none, not a whole one, or more than the parts resolve: the line alone
-        assert (change(means, np.full(5, none)) == drift(means)[0]).all()
+        assert (window_change(means, np.full(5, none)) == window_drift(means)[0]).all()
 
 
 def test_a_small_or_exact_drift():
     place = (np.arange(PARTS) + 0.5) / PARTS
     creeping, ramped = 100.0 + 0.9 * place, 100.0 + 1.2 * place  # 0.9 and 1.2 % of the mean, without any scatter
-    assert drift(ramped[None])[0][0] == pytest.approx(1.2)
-    assert drift(ramped[None])[1][0] < 1e-6
-    assert steady(creeping[None])[0] and not steady(ramped[None])[0]
+    assert window_drift(ramped[None])[0][0] == pytest.approx(1.2)
+    assert window_drift(ramped[None])[1][0] < 1e-6
+    assert is_steady(creeping[None])[0] and not is_steady(ramped[None])[0]

@@ -92,7 +92,7 @@ SHORT = {"device": "cpu", "record": Record(variants="none"), "duration": 3.5e-3,
 @pytest.mark.filterwarnings("ignore")
 def test_each_has_the_metrics_that_it_has_alone(name, monkeypatch):
     """To the last bit: formulas, batches of the window and initial states, whatever stands first."""
-    monkeypatch.setattr(metrics, "LEAST_TURNS", 1e-6)  # standard errors, though the window is short
+    monkeypatch.setattr(metrics, "LEAST_CHAIN_TURNS", 1e-6)  # standard errors, though the window is short
     drives = structures(example(name).with_values({"run.settle": False}))
     alone = [simulate(drive, **SHORT).metrics.to_pylist()[0] for drive in drives]
     for sense in (1, -1):

@@ -13,9 +13,9 @@ from study_helpers import write_study
 
 from warpchain import load_drive, simulate
 from warpchain.errors import StudyError
-from warpchain.results.measured import signal_units, source, sources
+from warpchain.results.measured import signal_sources, signal_units, source
 from warpchain.results.run import Record
-from warpchain.results.signal_features import Features
+from warpchain.results.signal_features import SignalFeatures
 from warpchain.study.analysis.posterior import (
     posterior_directions,
     rank_of_value,
@@ -112,15 +112,15 @@ def test_features_of_a_sine_are_its_closed_form():
     time = np.arange(4000) / 2000.0
     values = 3.0 + 2.0 * np.sin(2.0 * np.pi * 40.0 * time)
     values += 0.5 * np.random.default_rng(0).standard_normal(len(time))
-    features = Features(("mean", "std"), (4.0,), ((20.0, 60.0), (100.0, 500.0), (0.0, 5000.0)))
+    features = SignalFeatures(("mean", "std"), (4.0,), ((20.0, 60.0), (100.0, 500.0), (0.0, 5000.0)))
     assert features.names == ("mean", "std", "order 4", "20 to 60 Hz", "100 to 500 Hz", "0 to 5000 Hz")
-    found = features.of(time, values, 10.0)
+    found = features.values_of_signal(time, values, 10.0)
     noise = 0.5 * np.sqrt(0.4)
     expected = [3.0, np.hypot(np.sqrt(2.0), 0.5), 2.0, np.hypot(np.sqrt(2.0), 0.5 * np.sqrt(0.04)), noise]
     assert found[:5] == pytest.approx(expected, rel=0.04)  # noise in 800 lines: 1 / sqrt(2 * 800) = 2.5 %
     assert np.isnan(found[5])  # beyond half the sampling rate
-    assert 0.0 < features.errors(time, values, 10.0)[0] < 0.05
-    assert np.isnan(features.of(time[:4], values[:4], 10.0)).all()
+    assert 0.0 < features.standard_errors(time, values, 10.0)[0] < 0.05
+    assert np.isnan(features.values_of_signal(time[:4], values[:4], 10.0)).all()
 
 
 CALIBRATION = """
@@ -205,7 +205,7 @@ def test_a_run_that_stands_for_the_rig_gives_its_torque_back(calibrated, capsys)
         torque.mean(), abs=torque.std()
     )
     assert {f"{name}.{unit}" for name, unit in signal_units(load_drive(path.parent / "tiny.toml")).items()} == {
-        f"{name}.{of.unit}" for name, of in sources(rig).items()
+        f"{name}.{of.unit}" for name, of in signal_sources(rig).items()
     }
     said = []
     again = calibrate(path, found.folder, progress=lambda *_: pytest.fail("ran again"), report=said.append)

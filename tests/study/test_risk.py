@@ -11,7 +11,7 @@ from study_helpers import LIMITS, NOISY, write_study
 
 import warpchain
 from warpchain.errors import StudyError
-from warpchain.results.units import quantity
+from warpchain.results.units import quantity_words
 from warpchain.study.analysis import correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
 from warpchain.study.analysis.failure_probability import FailureEstimate, design_points, subset_simulation
@@ -222,7 +222,7 @@ def page_tells_the_probability(out, lines, metric, page, capsys):
     torque = float(results.values("torque")[row])
     assert point.deviations == {"torque": pytest.approx(torque - 5.0, abs=1e-9)}  # of mean 5 and deviation 1
     assert point.distance == pytest.approx(abs(torque - 5.0)) and point.broken == ((metric, "max"),)
-    assert f"<td>{quantity(torque, results.column_unit('torque'))}</td>" in text
+    assert f"<td>{quantity_words(torque, results.column_unit('torque'))}</td>" in text
     assert "normal, mean 5 N m, std 1 N m" in text and "no sample of the noise" in text
     assert "keeps the limits with a probability" not in text
 

@@ -12,7 +12,7 @@ from PIL import Image
 from warpchain import Record, simulate, write_archive
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
-from warpchain.results.objectives import from_trajectory
+from warpchain.results.objectives import trajectory_objectives
 from warpchain.study.report.rerun_scatters import log_study_scatters, view_study
 from warpchain.study.results import export_table, read_results
 from warpchain.study.run.recordings import recorded_trajectories, results_with_objectives
@@ -106,7 +106,7 @@ def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys)
     assert [value is not None for value in column] == [False, True, False, True, False]
     window = (more.values("window_start")[3], more.values("window_end")[3])
     (trajectory,) = recorded_trajectories(results, folder, [3]).values()
-    assert column[3] == from_trajectory(trajectory, *window, curve)["damage_per_hour_max"]
+    assert column[3] == trajectory_objectives(trajectory, *window, curve)["damage_per_hour_max"]
     assert "driven.transmission_error_rms" in more.metrics
     assert more.column_unit("damage_per_hour_max") == "1/h"
     export_table(results.table, folder / "results.parquet")

@@ -12,7 +12,7 @@ from command import refused, run
 from view.html_page import Page
 
 from warpchain.errors import StudyError
-from warpchain.results.units import decimals
+from warpchain.results.units import distinguishing_decimals
 from warpchain.study.analysis import main_effects
 from warpchain.study.report import study_report_html, telling_metrics
 from warpchain.study.report.decision_sections import ReportGoals
@@ -222,7 +222,7 @@ def test_numbers_are_plain():
 )
 def test_digits_are_those_of_the_range(values, digits, words):
     """Four digits of the range, of the value where all are alike, and two of each small value."""
-    assert decimals(values) == digits
+    assert distinguishing_decimals(values) == digits
     assert [column_number(value, digits) for value in values] == words
 
 

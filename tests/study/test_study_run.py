@@ -23,8 +23,8 @@ from warpchain.drive import load_drive
 from warpchain.engine import simulation
 from warpchain.errors import SimulationError, StudyError, WarpchainError
 from warpchain.results.fatigue import Woehler
-from warpchain.results.metric_columns import column_of
-from warpchain.results.objectives import from_trajectory
+from warpchain.results.metric_columns import column_of_metric
+from warpchain.results.objectives import trajectory_objectives
 from warpchain.study.results import BOOKKEEPING_COLUMNS, read_results
 from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.prepare import preferred_shard_size, prepare_folder
@@ -386,7 +386,7 @@ def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
     assert "s1.transmission_error_rms" in results.metrics
     (trajectory,) = recorded_trajectories(results, tmp_path / "out", [3]).values()
     window = results.values("window_start")[3], results.values("window_end")[3]
-    assert damage[3] == from_trajectory(trajectory, *window, Woehler(5.0, 100.0))["damage_per_hour_max"] > 0.0
+    assert damage[3] == trajectory_objectives(trajectory, *window, Woehler(5.0, 100.0))["damage_per_hour_max"] > 0.0
     again = results_with_objectives(results, tmp_path / "out", Woehler(5.0, 50.0))
     assert sorted(again.table.column_names) == sorted(results.table.column_names)
     assert again.table["damage_per_hour_max"][3].as_py() == pytest.approx(32.0 * damage[3])  # (100 / 50)^5
@@ -497,7 +497,7 @@ def test_every_column_of_a_table_is_of_one_kind(tmp_path):
     outcome = run_study(write_study(tmp_path, ALL, points=2, text=text), tmp_path / "out", workers=1)
     results = read_results(outcome.table)
     names = results.table.column_names
-    aside = {name for name in names if (column := column_of(name)) and column.aside}
+    aside = {name for name in names if (column := column_of_metric(name)) and column.is_aside}
     kinds = [results.factors, results.metrics, set(BOOKKEEPING_COLUMNS) & set(names), aside]
     assert sorted(name for kind in kinds for name in kind) == sorted(names)  # none is of two kinds
     assert set(BOOKKEEPING_COLUMNS) - set(names) == {"diverged", "diverged_time"}  # the status says it; none diverged

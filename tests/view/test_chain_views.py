@@ -12,11 +12,11 @@ from warpchain.assembly.summary import derive
 from warpchain.assembly.summary import report as text_of
 from warpchain.drive.transmission import turn_alike
 from warpchain.errors import SimulationError
-from warpchain.results.chains import chain_row, chain_trajectories
-from warpchain.results.engineering_report import HandedIn
+from warpchain.results.chains import chain_metrics_row, chain_trajectories
+from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.measured import compared, source
-from warpchain.results.measured_file import Measured
-from warpchain.results.objectives import from_trajectory
+from warpchain.results.measured_file import MeasuredSignal
+from warpchain.results.objectives import trajectory_objectives
 from warpchain.results.signals import strand_tension
 from warpchain.view.figures.plot import plot_figures
 from warpchain.view.report import report
@@ -81,7 +81,7 @@ def test_a_page_shows_the_motion_of_a_shaft_once(stages, alike, moving):
     assert turn_alike(run.drives[0]) == alike
     row, headings, rows = run.metrics.to_pylist()[0], [], []
     for name, trajectory in chain_trajectories(run[0]).items():
-        found, own = HandedIn(trajectory, alike=alike), chain_row(row, name)
+        found, own = EngineeringReport(trajectory, alike=alike), chain_metrics_row(row, name)
         headings += re.findall(r"<h3>([^<,]+)</h3>", "".join(body_parts(found, own)))
         rows += re.findall(r"<td>([^<]+)\.speed_mean</td>", "".join(metric_parts(found, own)))
     assert sorted(headings) == moving
@@ -102,7 +102,7 @@ def test_notebooks_show_each_chain(recorded):
 
 
 def test_objectives_of_chains_begin_with_their_names(recorded):
-    found = from_trajectory(recorded[1][0], 0.01, 0.02)
+    found = trajectory_objectives(recorded[1][0], 0.01, 0.02)
     assert {"mid in.transmission_error_rms", "out.transmission_error_rms"} <= found.keys()
 
 
@@ -113,7 +113,7 @@ def test_a_measured_signal_is_laid_over_that_of_its_chain(recorded, tmp_path):
     second = chain_trajectories(one)["second"]
     half = slice(len(one.time) // 2, None)
     name = "second.mid out->out.tension"
-    found = compared(one, Measured(name, "N", one.time[half], strand_tension(second, 0)[half]))
+    found = compared(one, MeasuredSignal(name, "N", one.time[half], strand_tension(second, 0)[half]))
     assert found.statistics["mean"][0] == pytest.approx(found.statistics["mean"][1], rel=0.05)
     assert found.simulated == pytest.approx(strand_tension(second, 0))
     with pytest.raises(SimulationError, match=r'"first\.link I\.tension" with I from 0 to 65, "second\.link I'):

@@ -12,8 +12,8 @@ from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import StillArm, chain_path
 from warpchain.drive.examples import example_names
 from warpchain.drive.rings import rings_of
-from warpchain.results.guide_load import on_face, on_guide_frame
-from warpchain.results.scene import chain_line, parts_at, pose_at_frame, pose_at_start, teeth_at
+from warpchain.results.guide_load import face_coordinates, rollers_in_guide_frame
+from warpchain.results.scene import chain_outline, guide_arm_tensioner_parts, pose_at_frame, pose_at_start, teeth_parts
 from warpchain.view.figures.drive_figure import PART_STYLES, drive_figure
 from warpchain.view.html import picture_html
 from warpchain.view.notebook import PICTURE_SIZE
@@ -33,14 +33,14 @@ def heights(drive, points, arm):
         a = drive.arm_of(g)
         pivot = np.zeros(2) if a is None else np.asarray(drive.arms[a].pivot)
         c, s = np.cos(0.0 if a is None else arm[a]), np.sin(0.0 if a is None else arm[a])
-        found.append(on_face(drive.profile(g), (points - pivot) @ np.array([[c, -s], [s, c]]) + pivot)[1])
+        found.append(face_coordinates(drive.profile(g), (points - pivot) @ np.array([[c, -s], [s, c]]) + pivot)[1])
     return np.array(found)
 
 
 def rides(drive):
     """Asserts that the drawn chain touches every pitch circle and is on no guide's wrong side."""
     path = chain_path(drive)
-    line, pose = chain_line(drive, path), pose_at_start(drive, path)
+    line, pose = chain_outline(drive, path), pose_at_start(drive, path)
     assert (line[0] == line[-1]).all()
     assert np.hypot(*np.diff(line, axis=0).T).max() < 1.01 * path.strand_length.max()
     for s, center in enumerate(pose.center):
@@ -67,8 +67,10 @@ def test_the_car_is_drawn_with_its_blade_against_the_chain(moved):
     lowest = np.nanmin(heights(drive, moved.position[-1], pose.arm), axis=1)
     offset = [drive.guide_offset(g) for g in range(len(drive.guides))]
     assert lowest == pytest.approx(offset, rel=0.01)
-    (blade,) = (part.points for part in parts_at(drive, pose) if part.name == "blade")
-    places, angle = on_guide_frame(moved, 0, np.full(len(blade), len(moved.time) - 1), np.zeros(len(blade), int))
+    (blade,) = (part.points for part in guide_arm_tensioner_parts(drive, pose) if part.name == "blade")
+    places, angle = rollers_in_guide_frame(
+        moved, 0, np.full(len(blade), len(moved.time) - 1), np.zeros(len(blade), int)
+    )
     assert angle == pytest.approx(pose.arm[0])
     gap = np.hypot(*(blade[:, None] - moved.position[-1]).transpose(2, 0, 1)).min()
     assert gap == pytest.approx(offset[0], rel=0.01)
@@ -77,12 +79,16 @@ def test_the_car_is_drawn_with_its_blade_against_the_chain(moved):
 def test_plungers_are_drawn_where_they_push(moved):
     """At the recorded extension, which is kinematic, and at assembly at that of the arm in balance."""
     drive = moved.drive
-    drawn = {part.name: part.points for part in parts_at(drive, pose_at_start(drive)) if part.kind == "plunger"}
+    drawn = {
+        part.name: part.points
+        for part in guide_arm_tensioner_parts(drive, pose_at_start(drive))
+        if part.kind == "plunger"
+    }
     still = StillArm(drive, 0).extension(drive.tensioners[0], chain_path(drive).arm_angle[0])
     tensioner = drive.tensioners[0]
     for points, extension in (
         (drawn["tensioner"], still),
-        (next(p.points for p in parts_at(drive, pose_at_frame(moved, 3)) if p.kind == "plunger"),
+        (next(p.points for p in guide_arm_tensioner_parts(drive, pose_at_frame(moved, 3)) if p.kind == "plunger"),
          moved.tensioner_extension[3, 0]),
     ):  # fmt: skip
         reach = ((points - tensioner.at) @ np.asarray(tensioner.unit_direction)).max()
@@ -100,7 +106,7 @@ def test_the_figure_has_every_part_at_its_place(name):
     drive = example(name)
     pose = pose_at_start(drive)
     (axis,) = drive_figure(drive).axes
-    parts = [*teeth_at(drive, pose, 4), *parts_at(drive, pose)]
+    parts = [*teeth_parts(drive, pose, 4), *guide_arm_tensioner_parts(drive, pose)]
     scale = 1e3 if "[mm]" in axis.get_xlabel() else 1.0
     drawn = [line.get_xydata() for line in axis.lines] + [patch.get_xy() for patch in axis.patches]
     for part in parts:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from warpchain import Record, Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
 from warpchain.results.signals import peak_frames, peaks_over_time
-from warpchain.results.tension_colors import tension_color
+from warpchain.results.tension_colors import tension_colors
 from warpchain.view.palette import (
     CURVE_PALETTE,
     curve_colors,
@@ -102,7 +102,7 @@ def test_color_steps_are_the_scale_of_the_archive():
     tension = np.array([-5.0, 0.0, 31.0, 62.5, 99.0, 1e9, np.nan])
     shown = packed_tension_colors(tension_color_steps(tension, 100.0)).astype(">u4").view(np.uint8).reshape(-1, 4)
     # 256 steps over four spans of at most 195 counts a channel: half a step is 1.5 counts, rounded
-    np.testing.assert_allclose(shown[:-1].astype(int), tension_color(tension[:-1], 100.0).astype(int), atol=2)
+    np.testing.assert_allclose(shown[:-1].astype(int), tension_colors(tension[:-1], 100.0).astype(int), atol=2)
 
 
 def test_curves_within_the_budget_keep_the_tension_peak(run):
@@ -120,7 +120,7 @@ def test_curves_within_the_budget_keep_the_tension_peak(run):
     log_tension_image(spy, "a", spiked, spiked, 20, 1e6)
     (image,) = [c for c in spy.static["/a/tension\\ image/image"] if isinstance(c, rr.Image)]
     pixels = np.asarray(image.buffer.as_arrow_array().to_pylist()[0], np.uint8).reshape(60, 20, 3)
-    red = tension_color(np.array([1.0]), 1.0)[0, :3]
+    red = tension_colors(np.array([1.0]), 1.0)[0, :3]
     assert (pixels == red).all(axis=2).sum() == 1
     # link 5 of 60 is the sixth row from below, frame 37 of 401 in spell 1 of 20
     np.testing.assert_array_equal(pixels[60 - 1 - 5, 1], red)
@@ -357,6 +357,6 @@ def test_curves_are_readable_on_dark_ground():
 
 def test_no_thing_has_a_color_of_the_tension_scale():
     """Nor one that looks like it: farther than what `test_viewer.py` takes for it, 14 counts of a channel."""
-    scale = tension_color(np.arange(256.0), 255.0)[:, :3].astype(int)
+    scale = tension_colors(np.arange(256.0), 255.0)[:, :3].astype(int)
     for color in CURVE_PALETTE:
         assert np.abs(scale - np.array(color)).max(axis=1).min() > 20

@@ -16,8 +16,8 @@ from view.html_page import Page
 import warpchain
 from warpchain import Record, Wear, simulate
 from warpchain.errors import SimulationError
-from warpchain.results.engineering_report import HandedIn
-from warpchain.results.losses import power_over_speed
+from warpchain.results.engineering_report import EngineeringReport
+from warpchain.results.losses import friction_power_over_speed
 from warpchain.view.figures.sweep import run_up_cuts, run_up_orders
 from warpchain.view.report import report_tables, run_report_html
 from warpchain.view.report.run_report import run_sections
@@ -59,10 +59,12 @@ def test_the_page_needs_nothing_else(page):
 def test_a_cycle_of_turns_is_of_drives_where_something_repeats(run):
     """A drive without harmonics has none; where the load swings with the turns, the section and its link are there."""
     swinging = run.drives[0].with_values({"sprockets.driven.load.harmonics": [{"order": 1.0, "amplitude": 50.0}]})
-    found = HandedIn(run[0], 0.1, 0.6)
+    found = EngineeringReport(run[0], 0.1, 0.6)
     names = [section.name for section in run_sections(found, {}, run)]
     assert "cycle" not in names
-    again = [section.name for section in run_sections(HandedIn(replace(run[0], drive=swinging), 0.1, 0.6), {}, run)]
+    again = [
+        section.name for section in run_sections(EngineeringReport(replace(run[0], drive=swinging), 0.1, 0.6), {}, run)
+    ]
     assert again == [*names[:4], "cycle", *names[4:]]
 
 
@@ -79,21 +81,23 @@ def test_the_page_tells_the_metrics_in_units_of_engineers(run, page):
 
 
 def test_friction_in_the_frames_is_that_of_every_step(run):
-    row, found = run.metrics.to_pylist()[0], HandedIn(run[0], 0.1, 0.6)
+    row, found = run.metrics.to_pylist()[0], EngineeringReport(run[0], 0.1, 0.6)
     inside = run[0].time >= 0.1
     # 2,500 frames of 50,000 steps; teeth rub in short bursts
     for name, tolerance in (("joints", 0.02), ("bar", 0.02), ("driver", 0.2), ("driven", 0.2)):
-        assert found.power[name][inside].mean() == pytest.approx(row[f"{name}.friction"] / 0.5, rel=tolerance), name
+        assert found.friction_power[name][inside].mean() == pytest.approx(
+            row[f"{name}.friction"] / 0.5, rel=tolerance
+        ), name
 
 
 def test_wear_of_a_chain_that_goes_around_two_sprockets(run):
     # each joint bends by 2 pi / z and back on either sprocket, four times a round, besides what the strands sway
-    found = HandedIn(run[0], 0.1, 0.6, Wear(1e-15, 1e-4))
+    found = EngineeringReport(run[0], 0.1, 0.6, Wear(1e-15, 1e-4))
     drive = run.drives[0]
     turned = run[0].sprocket_angle[-1, 0] - run[0].sprocket_angle[run[0].time >= 0.1][0, 0]
     rounds = turned / (2.0 * np.pi) * 20 / drive.chain.links
     least = 0.006 * rounds * 4 * 2.0 * np.pi / 20
-    distance = found.wear.distance.mean()
+    distance = found.joint_wear.distance.mean()
     assert 0.98 * least < distance < 3.0 * least  # this chain's strands sway much
     # elongation of Archard's law from what the metrics say
     metrics = found.metrics()
@@ -153,18 +157,18 @@ def test_friction_over_the_speeds_of_variants(run):
     drives = [base.with_values({"sprockets.driver.prescribed.speed": speed, "run.duration": 0.2})
               for speed in (30.0, 10.0, 20.0)]  # fmt: skip
     swept = simulate(drives, device="cpu", record=Record(variants=[0], rate=2000.0), limits=STARTING)
-    speed, groups = power_over_speed(swept)
+    speed, groups = friction_power_over_speed(swept)
     np.testing.assert_allclose(speed, [10.0, 20.0, 30.0], rtol=1e-6)
     assert list(groups) == ["joints", "guides", "teeth"]
     rows = swept.metrics.to_pylist()
     each = [rows[v]["joints.friction"] / (rows[v]["window_end"] - rows[v]["window_start"]) for v in (1, 2, 0)]
     np.testing.assert_allclose(groups["joints"], each, rtol=1e-12)
     assert "All variants of the run" in run_report_html(swept)
-    assert power_over_speed(run) is None
+    assert friction_power_over_speed(run) is None
     elsewhere = {"prescribed": base.sprockets[0].prescribed, "load": None}
     led = {f"sprockets.driven.{key}": value for key, value in elsewhere.items()}
     other = base.with_values(led | {"sprockets.driver.prescribed": None, "sprockets.driver.inertia": 2.0})
-    assert power_over_speed(replace(swept, drives=[*swept.drives[:2], other])) is None
+    assert friction_power_over_speed(replace(swept, drives=[*swept.drives[:2], other])) is None
 
 
 def test_a_run_up_is_cut_by_orders():
@@ -177,7 +181,7 @@ def test_a_run_up_is_cut_by_orders():
         }
     )
     assert run_up_orders(drive) == [0.5, 2.0, 4.0, 20.0]  # what is excited, two that are usual, tooth passing
-    found = run_up_cuts(HandedIn(simulate(drive, device="cpu", record=Record(rate=5000.0))[0]))
+    found = run_up_cuts(EngineeringReport(simulate(drive, device="cpu", record=Record(rate=5000.0))[0]))
     unit, speeds = found["speed of the shaft"]
     cuts = speeds["driver"]
     assert unit == "rad/s" and len(cuts.speed) >= 6
@@ -206,7 +210,7 @@ def test_only_motions_cover_a_distance_and_each_value_has_its_own_prefix():
     page = report_tables.body_motion_table(found, {"moment": ("N m", swing), "angle": ("rad", swing)}, 0)
     moment, angle = (line for line in page.split("<tr>") if "moment" in line or "angle" in line)
     assert "\u2013" in moment and "\u2013" not in angle
-    found.power = {"small": np.full(101, 1.049), "large": np.full(101, 2e3)}
+    found.friction_power = {"small": np.full(101, 1.049), "large": np.full(101, 2e3)}
     page = report_tables.friction_power_table(found, {})
     assert "1.049 W" in page and "2 kW" in page
 

@@ -8,7 +8,7 @@ from drives import two_sprockets
 from run_ups import kart
 
 from warpchain import Record, simulate
-from warpchain.results.engineering_report import handed_in
+from warpchain.results.engineering_report import engineering_report
 from warpchain.view.figures.figure_style import driver_speed_text, run_line
 from warpchain.view.figures.plot import draw_figures
 from warpchain.view.recorded_variants import recorded_variant
@@ -28,7 +28,7 @@ def test_titles_have_the_mean_of_the_window(run):
     seen = recorded_variant(run, 0).trajectory
     angle = np.interp([0.04, 0.1], seen.time, seen.sprocket_angle[:, seen.drive.driver])
     assert mean == pytest.approx(abs(np.diff(angle)[0]) / 0.06, rel=1e-4)
-    assert run_heading(handed_in(run)) == f"Chain drive, {words}"
+    assert run_heading(engineering_report(run)) == f"Chain drive, {words}"
     assert run_line(seen).endswith(words)
     figures = draw_figures(run, only=["strand-displacement", "link-tension"])  # of the whole run and of its last round
     assert all(figure.get_suptitle().endswith(words) for figure in figures.values())

@@ -15,12 +15,12 @@ from PIL import Image
 from waiting import wait_for
 
 from warpchain import simulate, write_archive
-from warpchain.results.tension_colors import tension_color
+from warpchain.results.tension_colors import tension_colors
 from warpchain.view.rerun.run_playback import view
 
 render = load_script("drawings.pictures")
 
-SCALE = np.unique(tension_color(np.arange(256.0), 255.0)[:, :3], axis=0).astype(int)
+SCALE = np.unique(tension_colors(np.arange(256.0), 255.0)[:, :3], axis=0).astype(int)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.files import parse_json
-from warpchain.results.channels import OF_BODIES, OF_ROLLERS
+from warpchain.results.channels import BODY_CHANNELS, ROLLER_CHANNELS
 
 if TYPE_CHECKING:
     from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
@@ -53,7 +53,7 @@ MESSAGE_FIELDS = {
     "repeated TriangleListPrimitive triangles, repeated TextPrimitive texts, repeated ModelPrimitive models",
     "foxglove.SceneEntityDeletion": "Timestamp timestamp, enum Type type, string id",
     "foxglove.SceneUpdate": "repeated SceneEntityDeletion deletions, repeated SceneEntity entities",
-    "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in OF_BODIES)]),
+    "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in BODY_CHANNELS)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
 """Fields of each protobuf message, numbered from 1 in this order; a message stands after those that it uses."""
@@ -240,9 +240,9 @@ def roller_dtype(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
     """Packed little-endian dtype of one roller: its recorded channels, z = 0 behind a position, its color."""
     code = "<f8" if precision == "float64" else "<f4"
     names: list[str] = []
-    for channel in OF_ROLLERS:
+    for channel in ROLLER_CHANNELS:
         if channel.name in channels:
-            names += [*channel.fields, "z"] if channel.name == "position" else channel.fields
+            names += [*channel.value_names, "z"] if channel.name == "position" else channel.value_names
     return np.dtype([(name, code) for name in names] + [(name, "u1") for name in COLOR_FIELDS])
 
 

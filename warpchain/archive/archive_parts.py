@@ -17,8 +17,8 @@ from warpchain.archive.mcap_write import McapWriter
 from warpchain.archive.options import ArchiveOptions
 from warpchain.drive import Drive, dumps_drive
 from warpchain.errors import ArchiveError, warn_caller
-from warpchain.results.arrow_tables import with_column
-from warpchain.results.channels import UNITS
+from warpchain.results.arrow_tables import table_with_column
+from warpchain.results.channels import CHANNEL_UNITS
 from warpchain.results.run import RunInfo
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class ArchivePart:
         held = {
             "links": str(content.links),
             "channels": " ".join(content.channels),
-            "units": ", ".join(UNITS[name] for name in content.channels),
+            "units": ", ".join(CHANNEL_UNITS[name] for name in content.channels),
             "precision": content.precision,
             "values": content.values,
             **facts,
@@ -168,7 +168,7 @@ class ArchiveParts:
             if not part.file.is_finished:
                 self._finish_part(part, {"ended": "continued"})
         if self._options.numbers is not None:
-            metrics = with_column(metrics, "variant", self._numbers)
+            metrics = table_with_column(metrics, "variant", self._numbers)
         last.file.add_attachment(
             archive_format.METRICS_ATTACHMENT, media_type(archive_format.METRICS_ATTACHMENT), _arrow_bytes(metrics)
         )

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from warpchain.archive import archive_format
 from warpchain.drive import Drive
-from warpchain.results.channels import CHANNEL, NAMES, OF_BODIES, OF_ROLLERS, Sizes
-from warpchain.results.pivots import pivots
+from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.channels import BODY_CHANNELS, CHANNEL_BY_NAME, CHANNEL_NAMES, ROLLER_CHANNELS, PartCounts
 from warpchain.results.run import Trajectory
-from warpchain.results.tension_colors import tension_color
+from warpchain.results.tension_colors import tension_colors
 
 MESSAGE_OPCODE = 0x05
 MESSAGE_HEADER = np.dtype(
@@ -111,7 +111,7 @@ class FrameContent:
         drive = trajectory.drive
         packed = values or precision
         exact = exact and "position" in held and packed == "float32" and precision == "float64"
-        return cls.from_drive(drive, tuple(n for n in NAMES if n in held), precision, packed, exact, variant)
+        return cls.from_drive(drive, tuple(n for n in CHANNEL_NAMES if n in held), precision, packed, exact, variant)
 
     @classmethod
     def from_drive(
@@ -120,7 +120,7 @@ class FrameContent:
         """Content of the frames of a drive's variant with these channels."""
         names = tuple(sprocket.name for sprocket in drive.sprockets)
         arms = tuple(arm.name for arm in drive.arms)
-        sizes = Sizes.of(drive)
+        sizes = PartCounts.of_drive(drive)
         counts = sizes.tensioners, sizes.shafts, sizes.couplings, sizes.valves
         return cls(drive.links, names, channels, precision, values, exact, variant, arms, *counts)
 
@@ -145,17 +145,17 @@ class FrameContent:
         """Numpy type name of a channel as it is read back."""
         if channel == "position" and self.has_exact_positions:
             return "float64"
-        return self.values if CHANNEL[channel].of_rollers else self.precision
+        return self.values if CHANNEL_BY_NAME[channel].is_of_rollers else self.precision
 
     def channel_shape(self, channel: str) -> tuple[int, ...]:
         """Shape of a channel in one frame."""
-        return CHANNEL[channel].shape(self.part_counts)
+        return CHANNEL_BY_NAME[channel].shape(self.part_counts)
 
     @property
-    def part_counts(self) -> Sizes:
+    def part_counts(self) -> PartCounts:
         """Numbers of the parts that channels are recorded of."""
         bodies = len(self.sprockets), len(self.arms), self.tensioners, self.shafts, self.couplings, self.valves
-        return Sizes(self.links, *bodies)
+        return PartCounts(self.links, *bodies)
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class ChunkLayout:
         """Writes the values of a trajectory, and its rollers' colors, into frames of `dtype`."""
         points = frames["rollers"]["body"]["data"]
         for channel, values in chunk.channels().items():
-            if CHANNEL[channel].of_rollers:
+            if CHANNEL_BY_NAME[channel].is_of_rollers:
                 points[channel] = values
             else:
                 frames["state"]["body"][channel] = values
@@ -244,7 +244,7 @@ class ChunkLayout:
                 body[f"x_{s}"], body[f"y_{s}"] = center[:, 0], center[:, 1]
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
             carrying = range(len(chunk.drive.arms)) if "arm_angle" in self.content.channels else ()
-            pivot = pivots(chunk.drive, chunk.time, chunk.arm_angle)
+            pivot = arm_pivots(chunk.drive, chunk.time, chunk.arm_angle)
             for a in carrying:
                 angle, s = chunk.arm_angle[:, a], len(self.content.sprockets) + a  # type: ignore[index]
                 body[f"x_{s}"], body[f"y_{s}"] = pivot[:, a, 0], pivot[:, a, 1]
@@ -256,7 +256,7 @@ class ChunkLayout:
         for channel in self.content.channels:
             if channel == "position" and self.content.has_exact_positions:
                 held[channel] = frames["positions"]["body"]["position"]
-            elif CHANNEL[channel].of_rollers:
+            elif CHANNEL_BY_NAME[channel].is_of_rollers:
                 held[channel] = frames["rollers"]["body"]["data"][channel]
             else:
                 held[channel] = frames["state"]["body"][channel]
@@ -287,10 +287,10 @@ def _roller_cloud_body(content: FrameContent) -> _BodyBuilder:
     code = np.dtype(content.values).newbyteorder("<")
     point = _BodyBuilder()
     point.template += bytes(layout.itemsize)
-    for channel in OF_ROLLERS:
+    for channel in ROLLER_CHANNELS:
         if channel.name in content.channels:
             kind = np.dtype((code, (len(channel.components),))) if channel.components else code
-            point.fields[channel.name] = (kind, field_offset(layout, channel.fields[0]))
+            point.fields[channel.name] = (kind, field_offset(layout, channel.value_names[0]))
     point.fields["color"] = (np.dtype("<u4"), field_offset(layout, archive_format.COLOR_FIELDS[0]))
     body = _BodyBuilder()
     body.add_timestamp()
@@ -304,7 +304,7 @@ def _state_body(content: FrameContent) -> _BodyBuilder:
     body = _BodyBuilder()
     body.add_bytes(b"\x09")
     body.add_value("time", "<f8")
-    for number, channel in enumerate(OF_BODIES, start=2):
+    for number, channel in enumerate(BODY_CHANNELS, start=2):
         if channel.name in content.channels:
             body.add_message_field(number, channel.name, ("<f8", channel.shape(content.part_counts)))
     return body
@@ -381,7 +381,7 @@ def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
 def _color_table() -> NDArray[np.uint32]:
     """Packed colors from zero tension to the scale's end, then that of an unknown tension."""
     share = np.append(np.linspace(0.0, 1.0, COLOR_STEPS), np.nan)
-    return tension_color(share, 1.0).view("<u4")[:, 0]
+    return tension_colors(share, 1.0).view("<u4")[:, 0]
 
 
 def _color_indices(chunk: Trajectory, shape: tuple[int, ...], full_scale: float) -> NDArray[np.intp]:

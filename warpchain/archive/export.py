@@ -13,8 +13,8 @@ from warpchain.archive.housing_export import write_mdf4, write_universal_file
 from warpchain.errors import ArchiveError
 from warpchain.extras import require_extra
 from warpchain.files import refusals_as_errors, whole_file
-from warpchain.results.arrow_tables import export_table, unit_table, with_unit_heads
-from warpchain.results.channels import AXES, CHANNEL, UNITS
+from warpchain.results.arrow_tables import export_table, table_with_unit_heads, table_with_units
+from warpchain.results.channels import AXIS_LABELS, CHANNEL_BY_NAME, CHANNEL_UNITS
 from warpchain.version import installed_version
 
 if TYPE_CHECKING:
@@ -91,20 +91,20 @@ def flat_table(trajectory: Trajectory) -> pa.Table:
     import pyarrow as pa
 
     columns: dict[str, NDArray[Any]] = {"time": trajectory.time}
-    units = {"time": UNITS["time"]}
+    units = {"time": CHANNEL_UNITS["time"]}
     drive = trajectory.drive
     named = {kind: [part.name for part in parts] for kind, parts in _bodies_by_kind(drive).items()}
     for channel, array in trajectory.channels().items():
-        of = named.get(CHANNEL[channel].per) or [str(i) for i in range(array.shape[1])]
+        of = named.get(CHANNEL_BY_NAME[channel].per) or [str(i) for i in range(array.shape[1])]
         for i, part in enumerate(of):
             if array.ndim == 2:
                 parts = {f"{channel}.{part}": array[:, i]}
             else:
-                parts = {f"{channel}.{part}.{axis}": array[:, i, k] for k, axis in enumerate(AXES)}
+                parts = {f"{channel}.{part}.{axis}": array[:, i, k] for k, axis in enumerate(AXIS_LABELS)}
             columns |= parts
-            units |= dict.fromkeys(parts, UNITS[channel])
+            units |= dict.fromkeys(parts, CHANNEL_UNITS[channel])
     arrays = {name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()}
-    return unit_table(arrays, units).replace_schema_metadata({"warpchain": installed_version()})
+    return table_with_units(arrays, units).replace_schema_metadata({"warpchain": installed_version()})
 
 
 def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
@@ -123,14 +123,14 @@ def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
 def _write_npz(file: IO[bytes], trajectory: Trajectory) -> None:
     """Writes an array a channel, and `units` with rows of name and unit."""
     arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
-    np.savez_compressed(file, units=np.array([(name, UNITS[name]) for name in arrays]), **arrays)
+    np.savez_compressed(file, units=np.array([(name, CHANNEL_UNITS[name]) for name in arrays]), **arrays)
 
 
 def _write_csv(file: IO[bytes], trajectory: Trajectory) -> None:
     """Writes CSV: a first line of names with units in brackets, such as `tension.12 [N]`; numbers in full."""
     from pyarrow import csv
 
-    csv.write_csv(with_unit_heads(flat_table(trajectory)), file)
+    csv.write_csv(table_with_unit_heads(flat_table(trajectory)), file)
 
 
 def _write_parquet(file: IO[bytes], trajectory: Trajectory) -> None:
@@ -151,13 +151,13 @@ def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
             root.attrs[f"{kind}s"] = [part.name for part in parts]
         root.attrs["drive"] = trajectory.drive.as_read.model_dump_json(exclude_none=True)
         time = root.create_dataset("time", data=trajectory.time)
-        time.attrs["units"] = UNITS["time"]
+        time.attrs["units"] = CHANNEL_UNITS["time"]
         time.make_scale("time")
         for name, values in trajectory.channels().items():
             held = root.create_dataset(name, data=values, compression="gzip", shuffle=True)
-            held.attrs["units"], held.attrs["description"] = UNITS[name], CHANNEL[name].description
+            held.attrs["units"], held.attrs["description"] = CHANNEL_UNITS[name], CHANNEL_BY_NAME[name].description
             held.dims[0].attach_scale(time)
-            for k, label in enumerate(CHANNEL[name].dimensions):
+            for k, label in enumerate(CHANNEL_BY_NAME[name].dimensions):
                 held.dims[k].label = label
         root.flush()
         file.write(root.id.get_file_image())
@@ -171,7 +171,7 @@ def _write_matlab(file: IO[bytes], trajectory: Trajectory) -> None:
     held: dict[str, Any] = {"time": trajectory.time[:, None], **channels}
     for kind, parts in _bodies_by_kind(trajectory.drive).items():
         held[f"{kind}s"] = np.array([part.name for part in parts], dtype=object)
-    held["units"] = {name: UNITS[name] for name in ("time", *channels)}
+    held["units"] = {name: CHANNEL_UNITS[name] for name in ("time", *channels)}
     savemat(file, held, do_compression=True)
 
 

@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.results.channels import CHANNEL
+from warpchain.results.channels import CHANNEL_BY_NAME
 from warpchain.results.housing import components, housing_loads
 from warpchain.version import installed_version
 
@@ -59,7 +59,7 @@ def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
     for channel in ("sprocket_angle", "sprocket_speed"):
         held = getattr(trajectory, channel)
         for s, sprocket in enumerate(trajectory.drive.sprockets):
-            yield f"{channel}.{sprocket.name}", CHANNEL[channel].unit, held[:, s]
+            yield f"{channel}.{sprocket.name}", CHANNEL_BY_NAME[channel].unit, held[:, s]
 
 
 def write_mdf4(file: IO[bytes], trajectory: Trajectory) -> None:

@@ -24,7 +24,7 @@ from warpchain.archive.chunk_layout import (
 from warpchain.archive.mcap_read import ChunkEntry, McapIndex, convert_read_errors, iterate_records
 from warpchain.drive import Drive, loads_drive
 from warpchain.errors import ArchiveError, DriveError
-from warpchain.results.channels import NAMES
+from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.run import Trajectory
 
 READ_TOPICS = ("rollers", "state", "positions")
@@ -101,7 +101,7 @@ class VariantChunks:
     chunks: list[ChunkEntry] = field(default_factory=list)
 
 
-class LazyTrajectories(Mapping[int, Trajectory]):
+class ArchiveTrajectories(Mapping[int, Trajectory]):
     """Trajectories of the recorded variants, read when asked for and held as long as somebody else holds them.
 
     Args:
@@ -116,7 +116,7 @@ class LazyTrajectories(Mapping[int, Trajectory]):
         self._last: Trajectory | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return LazyTrajectories, (self.files, self._drives, self._gaps)
+        return ArchiveTrajectories, (self.files, self._drives, self._gaps)
 
     @cached_property
     def _chunks_by_variant(self) -> dict[int, list[VariantChunks]]:
@@ -177,7 +177,7 @@ class LazyTrajectories(Mapping[int, Trajectory]):
             channels, precision, values = facts["channels"].split(), facts["precision"], facts["values"]
         except KeyError as missing:
             raise ArchiveError(f"{place.file.path}: {place.rollers.topic} lacks its metadata {missing}") from None
-        known = set(channels) <= set(NAMES) and len(set(channels)) == len(channels)
+        known = set(channels) <= set(CHANNEL_NAMES) and len(set(channels)) == len(channels)
         if not known or precision not in PRECISIONS or values not in PRECISIONS:
             raise ArchiveError(f"{place.file.path}: {place.rollers.topic} has wrong metadata; see warpchain recover")
         exact = "positions" in place.numbers
@@ -188,7 +188,7 @@ class LazyTrajectories(Mapping[int, Trajectory]):
         variant: int,
         start: float | None = None,
         end: float | None = None,
-        channels: Sequence[str] = NAMES,
+        channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Trajectory:
         """Part of a variant's trajectory, from a start to an end [s], in arrays of its own."""
         held: dict[str, list[Any]] = {}
@@ -209,7 +209,7 @@ class LazyTrajectories(Mapping[int, Trajectory]):
         variant: int,
         start: float | None = None,
         end: float | None = None,
-        channels: Sequence[str] = NAMES,
+        channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
         """Part of a variant's trajectory chunk by chunk, as views of the chunks' bytes."""
         layout, drive = self.chunk_layout(variant), self._drives.drive_of(variant)

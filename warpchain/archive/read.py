@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 from warpchain.archive import archive_format
 from warpchain.archive.archive_names import archive_files, unfinished_files
-from warpchain.archive.lazy_trajectories import LazyDrives, LazyTrajectories
+from warpchain.archive.lazy_trajectories import ArchiveTrajectories, LazyDrives
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.untrusted_arrow import table_from_untrusted_bytes
 from warpchain.argument_checks import FiniteNumber, check_arguments
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import is_being_written
-from warpchain.results.channels import NAMES
-from warpchain.results.run import Run, RunInfo, Trajectory, check_names
+from warpchain.results.channels import CHANNEL_NAMES
+from warpchain.results.run import Run, RunInfo, Trajectory, check_channel_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,7 +34,7 @@ class Archive(Run):
     `archive[i]` is the whole trajectory of the variant that it calls i; `read` and `blocks` give parts of it.
     """
 
-    trajectories: LazyTrajectories = field(repr=False)
+    trajectories: ArchiveTrajectories = field(repr=False)
 
     @check_arguments(SimulationError)
     def __getitem__(self, variant: int) -> Trajectory:
@@ -94,7 +94,7 @@ class Archive(Run):
         variant: int,
         start: FiniteNumber | None = None,
         end: FiniteNumber | None = None,
-        channels: Sequence[str] = NAMES,
+        channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Trajectory:
         """Part of a variant's trajectory; reads only the chunks that hold it.
 
@@ -115,7 +115,7 @@ class Archive(Run):
         variant: int,
         start: FiniteNumber | None = None,
         end: FiniteNumber | None = None,
-        channels: Sequence[str] = NAMES,
+        channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
         """Part of a variant's trajectory chunk by chunk, as read-only views of the chunks' bytes (see `read`).
 
@@ -123,9 +123,9 @@ class Archive(Run):
         """
         return self._checked_trajectories(variant, channels).iterate_blocks(variant, start, end, channels)
 
-    def _checked_trajectories(self, variant: int, channels: Sequence[str]) -> LazyTrajectories:
+    def _checked_trajectories(self, variant: int, channels: Sequence[str]) -> ArchiveTrajectories:
         """Trajectories of the archive, once variant and channels are found to exist."""
-        check_names("channels", channels)
+        check_channel_names("channels", channels)
         if variant not in self.trajectories:
             self[variant]  # raises, and names the variants there are
         return self.trajectories
@@ -161,8 +161,8 @@ def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
     except (KeyError, ValueError) as error:
         raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
     drives = LazyDrives(files, numbers, gaps=info.ended == ENDED_RECOVERED)
-    metrics = _metrics_table(last, numbers, info.ended)
-    return Archive(drives, metrics, LazyTrajectories(files, drives, gaps=info.ended == ENDED_RECOVERED), info)
+    metrics = _archived_metrics(last, numbers, info.ended)
+    return Archive(drives, metrics, ArchiveTrajectories(files, drives, gaps=info.ended == ENDED_RECOVERED), info)
 
 
 def numbers_from_metadata(start: Mapping[str, str]) -> Sequence[int]:
@@ -234,7 +234,7 @@ def _check_set(
         raise ArchiveError(f"{path}: {len(files)} of its {end['parts']} files are there")
 
 
-def _metrics_table(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
+def _archived_metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
     """Metrics table of an archive; a recovered one that has lost it has only the column `variant`."""
     import pyarrow as pa
 

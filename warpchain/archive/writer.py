@@ -26,7 +26,7 @@ from warpchain.argument_checks import check_arguments
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError
 from warpchain.results.run import Run, RunInfo, Trajectory
-from warpchain.results.tension_colors import full_scale
+from warpchain.results.tension_colors import tension_scale_end
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -242,7 +242,7 @@ def _color_scale_end(chunk: Trajectory) -> float:
     if chunk.tension is None:
         return 1.0
     values = chunk.tension.reshape(-1)
-    return full_scale(values[:: max(1, values.size // COLOR_SAMPLES)])
+    return tension_scale_end(values[:: max(1, values.size // COLOR_SAMPLES)])
 
 
 @check_arguments(ArchiveError)

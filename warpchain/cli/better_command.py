@@ -75,10 +75,10 @@ def _progress_text(found: DriveComparison) -> str:
 
 def _difference_text(found: DriveComparison) -> str:
     """The mean difference of two drives with its confidence interval, in words."""
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     of = found.found
-    mean, low, high = (quantity(value, found.metric_unit) for value in (of.mean, of.low, of.high))
+    mean, low, high = (quantity_words(value, found.metric_unit) for value in (of.mean, of.low, of.high))
     if not isfinite(of.half):
         return f"{mean}, too few for an interval"
     return f"{mean}, {low} to {high} with {100.0 * of.level:g} % confidence"
@@ -86,12 +86,12 @@ def _difference_text(found: DriveComparison) -> str:
 
 def _better_lines(found: DriveComparison, drives: list[str]) -> list[str]:
     """The answer of `warpchain better` as lines to print."""
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     of, left_out = found.found, len(found.differences) - found.found.pairs
     way = "less" if found.sense == "min" else "more"
     lines = [f"{found.metric} over the noise of {', '.join(found.results[0].noise_factors)}; {way} is better"]
-    lines += [f"{name}: {quantity(m, found.metric_unit)} in the mean, better in {found.won_pairs(name)} of "
+    lines += [f"{name}: {quantity_words(m, found.metric_unit)} in the mean, better in {found.won_pairs(name)} of "
               f"{of.pairs} pairs: {drive}"
               for name, m, drive in zip("AB", found.means, drives, strict=True)]  # fmt: skip
     part = f" ({100.0 * of.mean / abs(found.means[0]):+.2g} %)" if found.means[0] else ""
@@ -118,14 +118,14 @@ def _better_lines(found: DriveComparison, drives: list[str]) -> list[str]:
 
 def _decision_text(found: DriveComparison) -> str:
     """A sentence on what would decide which drive is better."""
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     of = found.found
     if of.mean == of.deviation == 0.0:
         return "no pair differs: the noise sets what the drives differ in, or the metric does not see it"
     needed = of.pairs_needed()
     if needed is None:
-        return f"the means differ by at most {quantity(max(abs(of.low), abs(of.high)), found.metric_unit)}"
+        return f"the means differ by at most {quantity_words(max(abs(of.low), abs(of.high)), found.metric_unit)}"
     every = len(found.differences) / of.pairs
     runs = round(2 * found.copies * needed * every)
     text = f"should mean and scatter stay, it takes about {needed} pairs; go on with --budget {runs} or more"
@@ -138,15 +138,15 @@ def _decision_text(found: DriveComparison) -> str:
 
 def _rare_event_text(found: DriveComparison) -> str:
     """A sentence on rare events that the compared pairs may have missed."""
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     of = found.found
     text = f"{of.pairs} pairs may miss an event rarer than 1 in {1.0 / of.missed_probability:.2g}"
     if of.reversing_change > 0.0:
-        least = ("-" if of.mean > 0.0 else "+") + quantity(of.reversing_change, found.metric_unit)
+        least = ("-" if of.mean > 0.0 else "+") + quantity_words(of.reversing_change, found.metric_unit)
         text += f": it reverses the sign if it changes the difference by more than {least}"
     deviations = f", {of.reckoned / of.deviation:.3g} deviations" if of.deviation else ""
-    return f"{text}; reckoned with: {quantity(of.reckoned, found.metric_unit)}{deviations}"
+    return f"{text}; reckoned with: {quantity_words(of.reckoned, found.metric_unit)}{deviations}"
 
 
 def _better_json(found: DriveComparison) -> dict[str, Any]:

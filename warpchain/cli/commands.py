@@ -116,9 +116,9 @@ def new_command(arguments: argparse.Namespace) -> int:
 
 def metrics_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain metrics`: lists the metrics of a drive's runs."""
-    from warpchain.results.metric_columns import column_of, table_names
+    from warpchain.results.metric_columns import column_of_metric, metric_table_names
 
-    columns = {name: column_of(name) for name in table_names(_drive_of_arguments(arguments))}
+    columns = {name: column_of_metric(name) for name in metric_table_names(_drive_of_arguments(arguments))}
     rows = [(name, column.unit, column.title) for name, column in columns.items() if column]
     if arguments.json:
         import json
@@ -266,12 +266,12 @@ def run_command(arguments: argparse.Namespace) -> int:
 
 def _channels_from_words(words: list[str]) -> tuple[str, ...]:
     """The channels that words name, each once; "default" means those that are not on request."""
-    from warpchain.results.channels import DEFAULT, NAMES
+    from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
 
     for word in words:
-        if word not in ("default", *NAMES):
-            raise WarpchainError(f"--channels: {word!r} is unknown; allowed are default, {', '.join(NAMES)}")
-    return tuple(dict.fromkeys(name for word in words for name in (DEFAULT if word == "default" else (word,))))
+        if word not in ("default", *CHANNEL_NAMES):
+            raise WarpchainError(f"--channels: {word!r} is unknown; allowed are default, {', '.join(CHANNEL_NAMES)}")
+    return tuple(dict.fromkeys(name for word in words for name in (DEFAULT_CHANNELS if word == "default" else (word,))))
 
 
 def _limits_from_words(words: list[str]) -> Any:
@@ -292,9 +292,9 @@ def _limits_from_words(words: list[str]) -> Any:
 
 def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     """Lines to print on a run: tension, sprockets, energy, losses, status."""
-    from warpchain.results.judgement import STARTS
+    from warpchain.results.judgement import START_ENERGY_CHANGE
     from warpchain.results.losses import losses
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     if row["diverged"]:
         return [row["reason"]]
@@ -305,35 +305,37 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     for before in [f"{chain.name}." for chain in drive.chains] or [""]:
         mean, least, most = (row[f"{before}tension_{of}"] for of in ("mean", "min", "max"))
         named = before.replace(".", ": ")
-        words = [quantity(value, "N") for value in (mean, least, most)]
+        words = [quantity_words(value, "N") for value in (mean, least, most)]
         lines.append(f"{named}tension: mean {words[0]}, from {words[1]} to {words[2]}")
     for sprocket in drive.sprockets:
         name = sprocket.name
-        moment, force = quantity(row[f"{name}.moment_mean"], "N m"), quantity(row[f"{name}.force_max"], "N")
+        moment, force = quantity_words(row[f"{name}.moment_mean"], "N m"), quantity_words(row[f"{name}.force_max"], "N")
         lines.append(
             f"{name}: speed {row[f'{name}.speed_mean']:.4g} rad/s, moment {moment}, largest contact force {force}, "
             f"{row[f'{name}.contacts']} rollers engaged"
         )
         if row.get(f"{name}.travel_max") is not None:
             lines.append(
-                f"{name}: center up to {quantity(row[f'{name}.travel_max'], 'm')} from its place, mean mount force "
-                f"{quantity(row[f'{name}.mount_force_mean'], 'N')}"
+                f"{name}: center up to {quantity_words(row[f'{name}.travel_max'], 'm')} from its place, "
+                f"mean mount force {quantity_words(row[f'{name}.mount_force_mean'], 'N')}"
             )
     residual = row["energy_residual_relative"]
     terms = {"in": row["input_work"], "out": row["output_work"], "lost": sum(losses(drive, row).values())}
     terms |= {"into motion and springs": row["energy_change"]}
-    works = ", ".join(f"{word} {quantity(value, 'J')}" for word, value in terms.items())
-    unsteady = abs(row["energy_change_relative"] or 0.0) > STARTS  # out and lost are of no steady work there
+    works = ", ".join(f"{word} {quantity_words(value, 'J')}" for word, value in terms.items())
+    unsteady = (
+        abs(row["energy_change_relative"] or 0.0) > START_ENERGY_CHANGE
+    )  # out and lost are of no steady work there
     known = row.get("efficiency") is not None and not unsteady
     efficiency = f", efficiency {100.0 * row['efficiency']:.2f} % (out over out and lost)" if known else ""
     joints = [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"]
     rubbed = [row[name] for name in joints if row.get(name) is not None]
-    rubbing = f", joint friction {quantity(sum(rubbed), 'J')}" if rubbed else ""
+    rubbing = f", joint friction {quantity_words(sum(rubbed), 'J')}" if rubbed else ""
     lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
     lines += _run_loss_lines(drive, row)
     if row.get("steady") is False:
         change = row.get("tension_drift")
-        size = "" if change is None else f" (mean tension changes by {quantity(change, 'N')} over the window)"
+        size = "" if change is None else f" (mean tension changes by {quantity_words(change, 'N')} over the window)"
         lines.append(f"not steady yet{size}: run longer (--duration) before you take its means for those of the drive")
     return [*lines, *_run_status_lines(row)]
 
@@ -341,7 +343,7 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
     """A line on a run's losses by group: power, and share of the input."""
     from warpchain.results.losses import losses
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     seconds, works = row["window_end"] - row["window_start"], row["input_work"]
     found = losses(drive, row)
@@ -349,12 +351,13 @@ def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
     if total <= 0.0 or seconds <= 0.0:
         return []
     shares = [
-        f"{group} {quantity(energy / seconds, 'W')}" + (f" ({100.0 * energy / works:.2g} %)" if works > 0.0 else "")
+        f"{group} {quantity_words(energy / seconds, 'W')}"
+        + (f" ({100.0 * energy / works:.2g} %)" if works > 0.0 else "")
         for group, energy in found.items()
         if energy != 0.0
     ]
     part = f", {100.0 * total / works:.3g} % of the input" if works > 0.0 else ""
-    return [f"losses: {quantity(total / seconds, 'W')}{part}: {', '.join(shares)}"]
+    return [f"losses: {quantity_words(total / seconds, 'W')}{part}: {', '.join(shares)}"]
 
 
 def _run_status_lines(row: dict[str, Any]) -> list[str]:

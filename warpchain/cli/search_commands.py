@@ -78,7 +78,7 @@ def risk_command(arguments: argparse.Namespace) -> int:
 
 def _print_recommended(found: Any) -> None:
     """Prints the designs that a search recommends, and how to play them."""
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     results, runs = found.designs, len(found.results.status)
     over = f" of {len(results.status)} designs over the same noise" if found.results.noise_factors else ""
@@ -89,13 +89,15 @@ def _print_recommended(found: Any) -> None:
             print(f"  {line}")
         for name in results.factors:
             value = results.table[name][one.row].as_py()
-            words = quantity(value, results.column_unit(name), digits=6) if isinstance(value, float) else str(value)
+            words = (
+                quantity_words(value, results.column_unit(name), digits=6) if isinstance(value, float) else str(value)
+            )
             print(f"  {name} = {words}")
         for name, (mean, deviation) in one.believed.items():
             if name not in results.factors:
                 unit = results.column_unit(name)
-                simulated = "" if one.spreads else f"model estimate; {quantity(one.measured[name], unit)} "
-                print(f"  {name}: {quantity(mean, unit, deviation)} ({simulated}simulated)")
+                simulated = "" if one.spreads else f"model estimate; {quantity_words(one.measured[name], unit)} "
+                print(f"  {name}: {quantity_words(mean, unit, deviation)} ({simulated}simulated)")
         for of in one.spreads:
             print(f"  spread of {of.metric} over the noise comes from: {of.parts_text()}")
         print(f"  drive: {found.drives[k]}")

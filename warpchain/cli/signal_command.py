@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
-    from warpchain.results.measured import Comparison
+    from warpchain.results.measured import SignalComparison
 
 SIGNAL_ENDINGS = (".png", ".svg", ".rrd", ".json")
 
@@ -18,7 +18,7 @@ SIGNAL_ENDINGS = (".png", ".svg", ".rrd", ".json")
 def compare_signal(arguments: argparse.Namespace) -> list[str]:
     """Compares a measured signal with a run, writes what was asked for, and returns the lines to print."""
     from warpchain.results.measured import compared, source
-    from warpchain.results.measured_columns import Columns
+    from warpchain.results.measured_columns import MeasuredColumns
     from warpchain.results.measured_file import read_signal
     from warpchain.view.recorded_variants import recorded_variant
 
@@ -28,7 +28,7 @@ def compare_signal(arguments: argparse.Namespace) -> list[str]:
     offset = _time_offset_from_word(arguments.offset)
     one = recorded_variant(arguments.archive, arguments.variant)
     unit = source(one.trajectory, arguments.name, "--as ").unit
-    columns = Columns(arguments.column, arguments.time, arguments.unit, arguments.time_unit, arguments.decimal)
+    columns = MeasuredColumns(arguments.column, arguments.time, arguments.unit, arguments.time_unit, arguments.decimal)
     found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
     lines = _comparison_lines(found)
     for path in arguments.output:
@@ -39,24 +39,24 @@ def compare_signal(arguments: argparse.Namespace) -> list[str]:
 
 def _time_offset_from_word(word: str) -> float | None:
     """The offset of --offset [s]; None for "auto"."""
-    from warpchain.results.measured_file import LATEST
+    from warpchain.results.measured_file import LATEST_TIME
 
     if word == "auto":
         return None
     try:
-        if abs(float(word)) <= LATEST:
+        if abs(float(word)) <= LATEST_TIME:
             return float(word)
     except ValueError:
         pass
-    raise WarpchainError(f"--offset {word}: must be a number of seconds within {LATEST:g}, or auto")
+    raise WarpchainError(f"--offset {word}: must be a number of seconds within {LATEST_TIME:g}, or auto")
 
 
-def _comparison_lines(found: Comparison) -> list[str]:
+def _comparison_lines(found: SignalComparison) -> list[str]:
     """Lines of a table of simulated and measured statistics and orders."""
-    from warpchain.results.units import shown
+    from warpchain.results.units import display_unit
 
     measured = found.measured
-    unit, factor = shown(measured.unit, max(map(abs, found.statistics.get("largest", (0.0,)))))
+    unit, factor = display_unit(measured.unit, max(map(abs, found.statistics.get("largest", (0.0,)))))
     span = f"{measured.time[0]:.4g} to {measured.time[-1]:.4g} s"
     lines = [f"{measured.name} [{unit}]: measured {span}, simulated in the latter half of the run"]
     rows = [(name, *pair) for name, pair in found.statistics.items()]
@@ -69,7 +69,7 @@ def _comparison_lines(found: Comparison) -> list[str]:
     return lines
 
 
-def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found: Comparison) -> None:
+def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found: SignalComparison) -> None:
     """Writes a measured signal's comparison as figure, JSON or Rerun recording, by the path's ending."""
     if path.suffix == ".rrd":
         from warpchain.view.rerun import view
@@ -86,7 +86,7 @@ def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found
         save_figures({path.stem: measured_figure(one.trajectory, found)}, path.parent, path.suffix[1:])
 
 
-def _comparison_json(found: Comparison) -> dict[str, Any]:
+def _comparison_json(found: SignalComparison) -> dict[str, Any]:
     """A measured signal's comparison for JSON, in SI units."""
     pair = ("simulated", "measured")
     return {

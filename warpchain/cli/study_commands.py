@@ -218,13 +218,13 @@ def study_merge_command(arguments: argparse.Namespace) -> int:
 
 def _print_study_status(outcome: Any) -> int:
     """Prints how far a study is; returns the exit status."""
-    from warpchain.results.statuses import reason_words
+    from warpchain.results.statuses import reason_of_count
 
     done, count = outcome.shards
     counts = ", ".join(f"{number} {status}" for status, number in outcome.counts.items())
     print(f"{done} of {count} shards are done; variants: {counts}")
     for reason, number in outcome.reasons:
-        print(f"  {reason_words(number, reason)}")
+        print(f"  {reason_of_count(number, reason)}")
     if outcome.went_on is not None:
         on, anew = outcome.went_on
         print(f"of longer runs, {on} continued from the end of shorter ones, {anew} started again")

@@ -27,7 +27,7 @@ from warpchain.engine.answers import share_answers
 from warpchain.engine.pack import fill_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import DriveError
-from warpchain.results.metrics import Ended
+from warpchain.results.metrics import VariantEnds
 
 Item = TypeVar("Item")
 
@@ -77,7 +77,7 @@ class Rows:
                  for ring, lines in zip(self.rings, layouts, strict=True)]  # fmt: skip
         return [sum(named[a:b], ()) for a, b in zip(self.first[:-1], self.first[1:], strict=True)]
 
-    def ended(self, rows: Ended, schedules: Sequence[Any], stacks: Sequence[Stack]) -> Ended:
+    def ended(self, rows: VariantEnds, schedules: Sequence[Any], stacks: Sequence[Stack]) -> VariantEnds:
         """Ends of variants, from those of their rows."""
         if self.alone:
             return rows
@@ -85,7 +85,7 @@ class Rows:
         spans = list(zip(self.first[:-1], self.first[1:], strict=True))
         layouts = None if rows.layouts is None else self.layouts(rows.layouts)  # type: ignore[arg-type]
         return replace(
-            rows.of(self.first[:-1]),
+            rows.select_variants(self.first[:-1]),
             drives=self.variants,
             schedules=schedules,
             layouts=layouts,

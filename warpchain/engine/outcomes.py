@@ -18,7 +18,7 @@ from warpchain.engine.arrays import KINDS, TABLE, Engine, starts
 from warpchain.engine.packed import Packed, coordinates, spread
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
-from warpchain.results.formulas import Fields
+from warpchain.results.metric_formulas import LazyFields
 
 Rows = Mapping[str, NDArray[Any]]
 
@@ -142,7 +142,7 @@ def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
         np.subtract(noted[1:], noted[:-1], out=each[1:-1])
         return found
 
-    return Fields(batches)
+    return LazyFields(batches)
 
 
 def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> NDArray[np.float64]:
@@ -171,7 +171,7 @@ def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | N
 
 
 def causes_of(engine: Engine, drives: Sequence[Drive], diverged: NDArray[np.bool_]) -> list[str]:
-    """Why each variant diverged (V,): a key of `results.judgement.CAUSES`, "" where it did not.
+    """Why each variant diverged (V,): a key of `results.judgement.DIVERGENCE_CAUSES`, "" where it did not.
 
     Told by where its rollers and bodies are, if they are anywhere, and whether links are as long as they should be.
     """

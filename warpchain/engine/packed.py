@@ -19,7 +19,7 @@ from warpchain.engine.arrays import PACKED, TABLE, array_type, dtype_of, lengths
 from warpchain.errors import SimulationError
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.structs import GROUND
-from warpchain.results.channels import FRAME, FrameLayout
+from warpchain.results.channels import DEFAULT_FRAME, FrameLayout
 
 REAL = {"float64": wp.float64, "float32": wp.float32}
 
@@ -98,7 +98,7 @@ class Packed(Arrays):
 
     precision: str
     assemblies: Assemblies
-    frame: FrameLayout = FRAME
+    frame: FrameLayout = DEFAULT_FRAME
 
     @classmethod
     def blank(cls, drives: NDArray[Any], assemblies: Assemblies) -> Packed:

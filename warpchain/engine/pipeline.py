@@ -25,7 +25,7 @@ from warpchain.engine.share import How, Members, Outcome, Share
 from warpchain.errors import DeviceError, SimulationError, warn_caller
 from warpchain.progress import COMPILING, ProgressReport, StopRequest
 from warpchain.results.channels import WHOLE_FRAME, FrameLayout
-from warpchain.results.metrics import joined
+from warpchain.results.metrics import join_ends
 
 if TYPE_CHECKING:
     from warpchain.engine.checkpoint import Keeper
@@ -210,7 +210,7 @@ class Shares:
             warn_caller(f"{error}; another GPU took what it had")
         outcomes = [future.result() for future in self._running]
         blocks = [block for outcome in outcomes for block in outcome.blocks()]
-        ended = joined([outcome.ended for outcome in outcomes], self._numbers)
+        ended = join_ends([outcome.ended for outcome in outcomes], self._numbers)
         frames = {number: of for outcome in outcomes for number, of in outcome.frames.items()}
         return Outcome(ended, lambda: blocks, frames, max(outcome.at for outcome in outcomes))
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.results.chains import of_chains
-from warpchain.results.channels import Sizes, channels_of, frame_width
+from warpchain.results.chains import trajectory_of_chains
+from warpchain.results.channels import PartCounts, channels_of_drive, drive_frame_width
 from warpchain.results.run import Record, RunInfo, Trajectory
 from warpchain.results.schedule import Schedule
 
@@ -120,7 +120,7 @@ class Recorder:
         self.rows, self.begins = rows, rows.first
         self.owners = [v for v in self.indices for _ in range(self.begins[v], self.begins[v + 1])]
         self.written = [r for v in self.indices for r in range(self.begins[v], self.begins[v + 1])]
-        self.widths = np.array([frame_width(rows.drives[r], packed.frame) for r in self.written], dtype=np.int64)
+        self.widths = np.array([drive_frame_width(rows.drives[r], packed.frame) for r in self.written], dtype=np.int64)
         self.every = np.array([schedules[v].sample_every for v in self.owners], dtype=np.int64)
         self.bytes_per_value = np.dtype(recording.precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
@@ -177,12 +177,15 @@ class Recorder:
             time = (np.arange(start, stop) * every).astype(np.float64) * self.schedules[v].step
             parts.setdefault(v, []).append(self._trajectory(r, time, values))
         for v, chains in parts.items():
-            self._keep(v, chains[0] if len(chains) == 1 else of_chains(self.drives[v], chains))
+            self._keep(v, chains[0] if len(chains) == 1 else trajectory_of_chains(self.drives[v], chains))
 
     def _trajectory(self, r: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
         """Frames of a row as they lie in a buffer, as a trajectory of its own memory."""
         drive = self.rows.drives[r]
-        channels, names = self.packed.frame.split(values, Sizes.of(drive)), channels_of(drive, self.channels)
+        channels, names = (
+            self.packed.frame.split_frames(values, PartCounts.of_drive(drive)),
+            channels_of_drive(drive, self.channels),
+        )
         return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in names})
 
     def _keep(self, v: int, chunk: Trajectory) -> None:
@@ -200,12 +203,12 @@ class Recorder:
         chunks = self._kept.pop(v)
         if not chunks:
             rows = range(self.begins[v], self.begins[v + 1])
-            widths = [frame_width(self.rows.drives[r], self.packed.frame) for r in rows]
+            widths = [drive_frame_width(self.rows.drives[r], self.packed.frame) for r in rows]
             parts = [self._trajectory(r, np.zeros(0), np.zeros((0, w))) for r, w in zip(rows, widths, strict=True)]
-            return parts[0] if len(parts) == 1 else of_chains(self.drives[v], parts)
+            return parts[0] if len(parts) == 1 else trajectory_of_chains(self.drives[v], parts)
         if len(chunks) == 1:
             return chunks[0]
         time = np.concatenate([chunk.time for chunk in chunks])
-        names = channels_of(chunks[0].drive, self.channels)
+        names = channels_of_drive(chunks[0].drive, self.channels)
         joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in names}
         return Trajectory(chunks[0].drive, time, **joined)

@@ -21,7 +21,7 @@ from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, lead
 from warpchain.kernels.structs import Tensioner
 from warpchain.progress import Progress, progress_reporter
-from warpchain.results.arrow_tables import unit_table
+from warpchain.results.arrow_tables import table_with_units
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -234,4 +234,4 @@ def _sample_table(one: Shake, values: NDArray[np.float64]) -> pa.Table:
 def _table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
     import pyarrow as pa
 
-    return unit_table({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)
+    return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

@@ -31,7 +31,7 @@ from warpchain.engine.recorder import Recorder, Recording
 from warpchain.engine.settling import net_force, settle
 from warpchain.progress import ProgressReport, StopRequest
 from warpchain.results.channels import FrameLayout
-from warpchain.results.metrics import Blocks, Ended, Part, metrics_blocks
+from warpchain.results.metrics import ChainEnds, ColumnBlocks, VariantEnds, metric_blocks
 from warpchain.results.run import Trajectory
 from warpchain.results.schedule import MOST_STEPS, Schedule
 
@@ -104,8 +104,8 @@ class Outcome:
         at: when the last step was done, by `time.monotonic`.
     """
 
-    ended: Ended
-    blocks: Callable[[], Blocks]
+    ended: VariantEnds
+    blocks: Callable[[], ColumnBlocks]
     frames: Mapping[int, Trajectory]
     at: float
 
@@ -174,7 +174,7 @@ class Share:
             at = time.monotonic()
             state = engine.progress()
             diverged = state["diverged"] != 0
-            rows = Ended(
+            rows = VariantEnds(
                 drives,
                 self.rows.spread(self.members.schedules),
                 state["step"],
@@ -195,20 +195,20 @@ class Share:
 
 
 def _blocks(
-    ended: Ended,
-    rows: Ended,
+    ended: VariantEnds,
+    rows: VariantEnds,
     begins: NDArray[np.int64],
     sums: tuple[dict[str, NDArray[Any]], Packed],
     numbers: NDArray[np.int64],
-) -> Blocks:
+) -> ColumnBlocks:
     """The metrics of variants, which are called `numbers`, from the sums of their rows, which begin at `begins`."""
     chains = np.diff(begins)
 
-    def parts_of(variants: NDArray[np.intp]) -> list[Part]:
+    def parts_of(variants: NDArray[np.intp]) -> list[ChainEnds]:
         found = [begins[variants] + c for c in range(int(chains[variants[0]]))]
-        return [(rows.of(mine), split_sums(*sums, mine)) for mine in found]
+        return [(rows.select_variants(mine), split_sums(*sums, mine)) for mine in found]
 
-    return [(numbers[variants], columns) for variants, columns in metrics_blocks(ended, parts_of)]
+    return [(numbers[variants], columns) for variants, columns in metric_blocks(ended, parts_of)]
 
 
 def _await(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], None]) -> None:

@@ -29,9 +29,9 @@ from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import Progress, interruptible_work, progress_reporter
-from warpchain.results.judgement import Limits, warning_text
+from warpchain.results.judgement import Limits, judgement_warning
 from warpchain.results.metrics import metrics_table
-from warpchain.results.replicate_metrics import with_copies
+from warpchain.results.replicate_metrics import metrics_with_copies
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.results.schedule import LOOK_EVERY, Schedule, whole_steps
 from warpchain.version import installed_version
@@ -124,7 +124,7 @@ def simulate(
     from warpchain.engine.pipeline import MOST, Shares, begun
     from warpchain.engine.share import How, Members, Share
     from warpchain.kernels.structs import types
-    from warpchain.results.channels import frame_of
+    from warpchain.results.channels import frame_with_channels
 
     start_warp()
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
@@ -137,7 +137,10 @@ def simulate(
     schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
     types(real_of(precision))  # an unknown precision ends here; made before threads of shares ask for them
-    members, frame = Members(chosen, schedules, stacks, np.arange(len(chosen))), frame_of(recording.record.channels)
+    members, frame = (
+        Members(chosen, schedules, stacks, np.arange(len(chosen))),
+        frame_with_channels(recording.record.channels),
+    )
     most = MOST if archive is None else 1  # of a share each to be written at a time, so that files follow the time
     parts, first, (devices, why) = begun(members, frame, device, (precision, cores), most)
     rest: Iterable[Share] = (Share(part, frame) for part in parts[1:])
@@ -168,8 +171,8 @@ def simulate(
                     _warn(LayoutWarning, layout_line(shares.layouts))
                     outcome = shares.outcome()
         info = replace(info, ended="interrupted" if stop.is_asked else "complete", wall_time=outcome.at - begin)
-        metrics = with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
-        _warn(SuspectWarning, warning_text(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
+        metrics = metrics_with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
+        _warn(SuspectWarning, judgement_warning(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recording.trajectories(writer, metrics, info, outcome.frames), info)
 
 

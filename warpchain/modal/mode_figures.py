@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.scene import Part, Pose, parts_at
+from warpchain.results.scene import DrivePose, OutlinePart, guide_arm_tensioner_parts
 from warpchain.view.figures.figure_style import LINE_COLORS, rpm_of_speed, strand_label
 
 if TYPE_CHECKING:
@@ -36,10 +36,12 @@ def fixed_part_lines(drive: Drive) -> list[Array]:
     return [part.points for part in _drive_parts(drive, bodies) if not part.carried]
 
 
-def _drive_parts(drive: Drive, bodies: Array) -> list[Part]:
+def _drive_parts(drive: Drive, bodies: Array) -> list[OutlinePart]:
     """Parts of a drive as lines, where bodies (B, 3) stand."""
     count = len(drive.sprockets)
-    return parts_at(drive, Pose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2]))
+    return guide_arm_tensioner_parts(
+        drive, DrivePose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2])
+    )
 
 
 SWING_SIZE = 0.06

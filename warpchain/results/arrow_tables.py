@@ -14,7 +14,7 @@ from warpchain.drive import Drive
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
 from warpchain.files import refusals_as_errors, whole_file
-from warpchain.results.channels import AXES, CHANNEL, UNITS
+from warpchain.results.channels import AXIS_LABELS, CHANNEL_BY_NAME, CHANNEL_UNITS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating]
 
 
-def to_arrow(time: Array, channels: Mapping[str, Array]) -> pa.Table:
-    """A pyarrow table of a trajectory's time (F,) and channels (F, ...), one row a frame.
+def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
+    """Pyarrow table of a trajectory's time (F,) and channels (F, ...), one row a frame.
 
-    `time` is a column of numbers, every channel one of lists of fixed size (lists of pairs for positions and the like).
-    The columns share the arrays' memory where the arrays are contiguous. Each field's metadata has its `unit`.
+    Channels are columns of lists of fixed size (lists of pairs for vectors), which share contiguous arrays' memory.
+    Each field's metadata has its `unit`.
     """
     import pyarrow as pa
 
@@ -37,21 +37,21 @@ def to_arrow(time: Array, channels: Mapping[str, Array]) -> pa.Table:
         for size in reversed(values.shape[1:]):
             column = pa.FixedSizeListArray.from_arrays(column, size)
         columns[name] = column
-    return unit_table(columns, UNITS)
+    return table_with_units(columns, CHANNEL_UNITS)
 
 
-def unit_table(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.Table:
-    """Columns as a table, each field's metadata with its `unit`."""
+def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.Table:
+    """Table of columns, each field's metadata with its `unit`."""
     import pyarrow as pa
 
     fields = [pa.field(name, column.type, metadata={"unit": units[name]}) for name, column in columns.items()]
     return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
 
 
-def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
-    """An xarray dataset of a trajectory's time and channels, whose memory it shares.
+def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
+    """Xarray dataset of a trajectory's time and channels, whose memory it shares.
 
-    Its dimensions are time, roller, link, sprocket, arm, tensioner and axis; variables have `units` and `long_name`.
+    Variables have `units` and `long_name`.
 
     Raises:
         WarpchainError: xarray is not installed.
@@ -61,8 +61,8 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
 
     variables = {}
     for name, values in channels.items():
-        facts = {"units": UNITS[name], "long_name": CHANNEL[name].description}
-        variables[name] = (CHANNEL[name].dimensions, values, facts)
+        facts = {"units": CHANNEL_UNITS[name], "long_name": CHANNEL_BY_NAME[name].description}
+        variables[name] = (CHANNEL_BY_NAME[name].dimensions, values, facts)
     labels: dict[str, Any] = {
         "roller": np.arange(drive.links),
         "link": np.arange(drive.links),
@@ -72,21 +72,21 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
         "shaft": [shaft.name for shaft in drive.shafts],
         "coupling": [coupling.name for coupling in drive.couplings],
         "valve": [valves.name for valves in drive.valves],
-        "axis": list(AXES),
+        "axis": list(AXIS_LABELS),
     }
     used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}
     held = {name: values for name, values in labels.items() if name in used}
-    return xr.Dataset(variables, {"time": ("time", time, {"units": UNITS["time"]}), **held})
+    return xr.Dataset(variables, {"time": ("time", time, {"units": CHANNEL_UNITS["time"]}), **held})
 
 
-def with_unit_heads(table: pa.Table) -> pa.Table:
-    """A table with units in the names of its columns, such as `tension_max [N]`; numbers without a unit have none."""
+def table_with_unit_heads(table: pa.Table) -> pa.Table:
+    """Table with units in the names of its columns, such as `tension_max [N]`; none for numbers without a unit."""
     units = ((field.name, (field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema)
     return table.rename_columns([name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in units])
 
 
-def without_unit_heads(table: pa.Table) -> pa.Table:
-    """The table of which `with_unit_heads` gave this one: units are in the fields' metadata."""
+def table_without_unit_heads(table: pa.Table) -> pa.Table:
+    """Table whose columns' names lose their units, such as ` [N]`, to the fields' metadata."""
     import pyarrow as pa
 
     fields = []
@@ -96,8 +96,8 @@ def without_unit_heads(table: pa.Table) -> pa.Table:
     return pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
 
 
-def with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
-    """A table with other values, (rows,), in the column of a name; its place, type and facts stay."""
+def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
+    """Table with other values, (rows,), in the column of a name; its place, type and metadata stay."""
     import pyarrow as pa
 
     at = table.column_names.index(name)
@@ -106,7 +106,7 @@ def with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
 
 
 def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
-    """Writes a table as Parquet or CSV, by the file's ending; it appears under its name only when whole.
+    """Writes a table as Parquet or CSV, by the file's ending, under its name only when whole; returns the path.
 
     Units are in the fields' metadata (`unit`), those of CSV in its head.
 
@@ -120,7 +120,7 @@ def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] 
         if target.suffix == ".csv":
             from pyarrow import csv
 
-            csv.write_csv(with_unit_heads(table), file)
+            csv.write_csv(table_with_unit_heads(table), file)
         else:
             from pyarrow import parquet
 

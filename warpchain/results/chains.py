@@ -1,4 +1,4 @@
-"""Trajectories and runs of drives with several chains, and each chain's as that of a drive of its own."""
+"""Trajectories of drives with several chains, joined from and split into those of each chain."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from warpchain.drive import Drive
 from warpchain.drive.chain_parts import Ring
 from warpchain.drive.rings import rings_of
 from warpchain.drive.shafts import Beside
-from warpchain.results.channels import CHANNEL, Kind
+from warpchain.results.channels import CHANNEL_BY_NAME, PartKind
 from warpchain.results.run import Trajectory
 
 
-def _places(drive: Drive, rings: Sequence[Ring], kind: Kind) -> list[NDArray[np.int64]]:
-    """Places of each chain's things of a kind in the whole drive's channels; rollers one chain after the other."""
+def _channel_places(drive: Drive, rings: Sequence[Ring], kind: PartKind) -> list[NDArray[np.int64]]:
+    """Places of each chain's parts of a kind in the whole drive's channels; rollers one chain after the other."""
     if kind in ("roller", "link"):
         ends = np.cumsum([ring.drive.chain.links for ring in rings])
         return [np.arange(end - ring.drive.chain.links, end) for end, ring in zip(ends, rings, strict=True)]
     return [np.array(ring.places[f"{kind}s"], dtype=np.int64) for ring in rings]
 
 
-def of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
-    """The trajectory of a drive from those of its chains, in their order, over the same frames."""
+def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
+    """Trajectory of a drive from those of its chains, in their order, over the same frames."""
     rings = rings_of(drive)
     channels: dict[str, Any] = {}
     for name in dict.fromkeys(name for part in parts for name in part.channels()):
-        places = _places(drive, rings, CHANNEL[name].per)
+        places = _channel_places(drive, rings, CHANNEL_BY_NAME[name].per)
         held = [part.channels().get(name) for part in parts]
         like = next(values for values in held if values is not None)
         whole = np.zeros((len(like), sum(map(len, places)), *like.shape[2:]), dtype=like.dtype)
@@ -41,23 +41,23 @@ def of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
 
 
 def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
-    """Each chain's trajectory by its name; of a drive of one chain, that itself by ""."""
+    """Each chain's trajectory by its name; of a drive of one chain, the trajectory itself by ""."""
     drive = trajectory.drive
     if not drive.chains:
         return {"": trajectory}
     rings = rings_of(drive)
     found = {}
     for k, ring in enumerate(rings):
-        held = {name: values[:, _places(drive, rings, CHANNEL[name].per)[k]]
+        held = {name: values[:, _channel_places(drive, rings, CHANNEL_BY_NAME[name].per)[k]]
                 for name, values in trajectory.channels().items()}  # fmt: skip
-        held |= _other_sprockets(trajectory, ring, held)
+        held |= _shaft_channels(trajectory, ring, held)
         held = {name: values for name, values in held.items() if values.shape[1]}
         found[ring.name] = Trajectory(ring.drive, trajectory.time, **held, window=trajectory.window)
     return found
 
 
-def _other_sprockets(trajectory: Trajectory, ring: Ring, held: Mapping[str, Any]) -> dict[str, Any]:
-    """Channels of the shafts of a chain, with those that are other chains' sprockets."""
+def _shaft_channels(trajectory: Trajectory, ring: Ring, held: Mapping[str, Any]) -> dict[str, Any]:
+    """Channels of a chain's shafts, with those that are other chains' sprockets."""
     names = [sprocket.name for sprocket in trajectory.drive.sprockets]
     others = [names.index(shaft.name) for shaft in ring.drive.shafts if isinstance(shaft, Beside)]
     angle, speed = trajectory.sprocket_angle, trajectory.sprocket_speed
@@ -69,8 +69,8 @@ def _other_sprockets(trajectory: Trajectory, ring: Ring, held: Mapping[str, Any]
     return found
 
 
-def chain_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A chain's row of metrics as that of a drive of its own: its own columns without its name, then all others."""
+def chain_metrics_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Row of a chain's metrics as of a drive of its own: its columns without its name, then those of no chain."""
     if not name:
         return dict(row)
     before = f"{name}."

@@ -1,7 +1,6 @@
-"""The table of recorded channels, and what follows from it: names, units, dimensions, and how a frame lies in memory.
+"""The table of recorded channels, and what follows from it: names, units, dimensions, layout of a frame in memory.
 
-A new channel is a row of `CHANNELS` here and the line of `kernels/frames.py` that writes its value. Kernels, recorder,
-trajectories, tables, archives and the table in `docs/archive.md` go by the row.
+A new channel is a row of `CHANNELS` and the line of `kernels/frames.py` that writes its value.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
-Kind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve"]
-"""Kinds of things that channels are of."""
+PartKind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve"]
+"""Kinds of parts that channels are recorded of."""
 
 
 @dataclass(frozen=True)
-class Sizes:
-    """Numbers of the things that channels are of; as many links as rollers."""
+class PartCounts:
+    """Numbers of the parts that channels are recorded of; as many links as rollers."""
 
     rollers: int
     sprockets: int
@@ -34,18 +33,16 @@ class Sizes:
     valves: int = 0
 
     @classmethod
-    def of(cls, drive: Drive) -> Sizes:
-        """Those of a drive; shafts of several chains without gears, couplings and motors have their sprockets' channels
-        only.
-        """
+    def of_drive(cls, drive: Drive) -> PartCounts:
+        """Numbers of a drive's parts; without its shafts where several chains have no gears, couplings and motors."""
         from warpchain.drive.transmission import is_geared
 
         shafts = () if drive.chains and not is_geared(drive) else drive.shafts
         turned = shafts, drive.couplings, drive.valves
         return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, *turned)))
 
-    def count(self, kind: Kind) -> int:
-        """Number of things of a kind."""
+    def count_of(self, kind: PartKind) -> int:
+        """Number of parts of a kind."""
         return self.rollers if kind in ("roller", "link") else int(getattr(self, f"{kind}s"))
 
 
@@ -56,38 +53,37 @@ class Channel:
     Attributes:
         name: as in `Trajectory` and `Record.channels`.
         unit: SI unit.
-        per: what it is recorded of; link i is the one after roller i.
+        per: kind of part that it is recorded of; link i is the one after roller i.
         description: what it is, in a few words.
-        components: names of a vector's components; of a channel of rollers or links its fields in an archive, so that
-            no two of those share one. Empty for a number.
+        components: names of a vector's components, which are fields in an archive; empty for a number.
         on_request: whether frames hold it only where it is asked for by name (`Record.channels`).
     """
 
     name: str
     unit: str
-    per: Kind
+    per: PartKind
     description: str
     components: tuple[str, ...] = ()
     on_request: bool = False
 
     @property
-    def fields(self) -> tuple[str, ...]:
-        """Name of each of its values."""
+    def value_names(self) -> tuple[str, ...]:
+        """Names of the channel's values: its components, or its own."""
         return self.components or (self.name,)
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """Names of its dimensions over a trajectory: time, then what it is of, then `axis` for a vector."""
+        """Names of the channel's dimensions in a trajectory: time, its kind of part, `axis` for a vector."""
         return ("time", self.per, *(("axis",) if self.components else ()))
 
     @property
-    def of_rollers(self) -> bool:
-        """Whether there is one for each roller or link, not for each sprocket, arm or tensioner."""
+    def is_of_rollers(self) -> bool:
+        """Whether the channel is of rollers or links, rather than of sprockets or other bodies."""
         return self.per in ("roller", "link")
 
-    def shape(self, sizes: Sizes) -> tuple[int, ...]:
-        """Its shape in one frame."""
-        count = sizes.count(self.per)
+    def shape(self, sizes: PartCounts) -> tuple[int, ...]:
+        """Shape of the channel in one frame."""
+        count = sizes.count_of(self.per)
         return (count, len(self.components)) if self.components else (count,)
 
 
@@ -116,113 +112,111 @@ CHANNELS = (
     Channel("valve_torque", "N m", "valve", "torque of a group of valves against forward rotation of its shaft"),
     Channel("valve_force", "N", "valve", "least force of a cam of the group on its follower"),
 )
-"""Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
+"""Channels that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 
-NAMES = tuple(channel.name for channel in CHANNELS)
+CHANNEL_NAMES = tuple(channel.name for channel in CHANNELS)
 """Names of the channels, in the table's order."""
-DEFAULT = tuple(channel.name for channel in CHANNELS if not channel.on_request)
-"""Names of those that are recorded unless others are asked for."""
-CHANNEL = {channel.name: channel for channel in CHANNELS}
-"""The channels by name."""
-OF_ROLLERS = tuple(channel for channel in CHANNELS if channel.of_rollers)
-"""The channels of rollers and of links."""
-OF_BODIES = tuple(channel for channel in CHANNELS if not channel.of_rollers)
-"""The channels of sprockets, arms, tensioners, shafts, couplings and valves."""
-UNITS = {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
+DEFAULT_CHANNELS = tuple(channel.name for channel in CHANNELS if not channel.on_request)
+"""Names of the channels that are recorded unless others are asked for."""
+CHANNEL_BY_NAME = {channel.name: channel for channel in CHANNELS}
+ROLLER_CHANNELS = tuple(channel for channel in CHANNELS if channel.is_of_rollers)
+"""Channels of rollers and of links."""
+BODY_CHANNELS = tuple(channel for channel in CHANNELS if not channel.is_of_rollers)
+"""Channels of sprockets, arms, tensioners, shafts, couplings and valves."""
+CHANNEL_UNITS = {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
 """Unit of a trajectory's time and of each channel."""
-AXES = ("x", "y")
+AXIS_LABELS = ("x", "y")
 """Labels of the dimension `axis`."""
 
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Layout of one frame's values in a row of memory.
+    """Layout of one frame's values in a row of memory, whose numbers kernels take as constants (`kernels/frames.py`).
 
-    First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one sprocket
-    after the other, those of the arms, tensioners, shafts, couplings and valves likewise. With N rollers and S
-    sprockets, component k of a channel is at
+    First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one after
+    the other, and likewise of arms, tensioners, shafts, couplings and valves. With N rollers and S sprockets, component
+    k of a channel is at
 
         (place + k) N + i                                         of roller or link i
         values(roller) N + values(sprocket) s + place + k         of sprocket s
         values(roller) N + values(sprocket) S + values(arm) a + place + k   of arm a, and so on
-
-    Kernels take these numbers from it as constants (`kernels/frames.py`).
-
-    Attributes:
-        channels: what a frame holds.
     """
 
     channels: tuple[Channel, ...]
 
     @cached_property
-    def _places(self) -> dict[str, int]:
+    def _places_by_name(self) -> dict[str, int]:
+        """Place of each channel among the values of its kind of part."""
         places: dict[str, int] = {}
-        ends = dict.fromkeys(BLOCKS, 0)
+        ends = dict.fromkeys(FRAME_BLOCKS, 0)
         for channel in self.channels:
-            block = _block(channel.per)
+            block = _frame_block(channel.per)
             places[channel.name] = ends[block]
-            ends[block] += len(channel.fields)
+            ends[block] += len(channel.value_names)
         return places
 
     def holds(self, name: str) -> bool:
-        """Whether a frame has that channel."""
-        return name in self._places
+        """Whether a frame has a channel."""
+        return name in self._places_by_name
 
     def place(self, name: str) -> int:
-        """A channel's first row among those of the rollers, or its first value among those of a sprocket and so on."""
-        return self._places[name]
+        """Place of a channel: its first row among the rollers', or its first value among a sprocket's and so on."""
+        return self._places_by_name[name]
 
-    def values(self, kind: Kind) -> int:
-        """Values of a frame per roller (with its link), sprocket, arm or tensioner."""
-        return sum(len(channel.fields) for channel in self.channels if _block(channel.per) == _block(kind))
+    def values(self, kind: PartKind) -> int:
+        """Number of values in a frame per roller (with its link), sprocket, arm and so on."""
+        return sum(
+            len(channel.value_names) for channel in self.channels if _frame_block(channel.per) == _frame_block(kind)
+        )
 
-    def width(self, sizes: Sizes) -> int:
+    def frame_width(self, sizes: PartCounts) -> int:
         """Number of values of one frame."""
-        return sum(self.values(kind) * sizes.count(kind) for kind in BLOCKS)
+        return sum(self.values(kind) * sizes.count_of(kind) for kind in FRAME_BLOCKS)
 
-    def split(self, frames: NDArray[Any], sizes: Sizes) -> dict[str, NDArray[Any]]:
-        """The channels of frames (F, `width`) by name, as views: (F, N), (F, S), or (F, ..., 2) for vectors."""
+    def split_frames(self, frames: NDArray[Any], sizes: PartCounts) -> dict[str, NDArray[Any]]:
+        """Channels of frames (F, `frame_width`) by name, as views: (F, N), (F, S), or (F, ..., 2) for vectors."""
         blocks, end = {}, 0
-        for kind in BLOCKS:
-            count, values = sizes.count(kind), self.values(kind)
+        for kind in FRAME_BLOCKS:
+            count, values = sizes.count_of(kind), self.values(kind)
             held, end = frames[:, end : end + count * values], end + count * values
             shape = (len(frames), values, count) if kind == "roller" else (len(frames), count, values)
             blocks[kind] = held.reshape(shape).transpose(0, 2, 1) if kind == "roller" else held.reshape(shape)
         found = {}
         for channel in self.channels:
             first = self.place(channel.name)
-            held = blocks[_block(channel.per)][:, :, first : first + len(channel.fields)]
+            held = blocks[_frame_block(channel.per)][:, :, first : first + len(channel.value_names)]
             found[channel.name] = held if channel.components else held[:, :, 0]
         return found
 
 
-BLOCKS: tuple[Kind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
-"""The kinds whose values stand together in a frame, in order; those of links with those of rollers."""
+FRAME_BLOCKS: tuple[PartKind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
+"""Kinds whose values stand together in a frame, in order; those of links with those of rollers."""
 
 
-def _block(kind: Kind) -> Kind:
+def _frame_block(kind: PartKind) -> PartKind:
+    """Kind of part among whose values those of a kind stand in a frame."""
     return "roller" if kind == "link" else kind
 
 
-FRAME = FrameLayout(tuple(CHANNEL[name] for name in DEFAULT))
-"""Layout of the kernels' frames where nothing else is asked for."""
+DEFAULT_FRAME = FrameLayout(tuple(CHANNEL_BY_NAME[name] for name in DEFAULT_CHANNELS))
+"""Layout of the kernels' frames where no channel is asked for."""
 
 WHOLE_FRAME = FrameLayout(CHANNELS)
-"""Layout of frames that hold every channel, which the CPU's kernel writes: it is then one, whatever is recorded."""
+"""Layout of frames that hold every channel, which the CPU's kernel writes."""
 
 
-def frame_of(channels: Iterable[str]) -> FrameLayout:
-    """Layout of frames that hold, beside what all do, those of these channels that are on request."""
+def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
+    """Layout of frames that hold the default channels and those of these that are on request."""
     asked = set(channels)
     return FrameLayout(tuple(channel for channel in CHANNELS if not channel.on_request or channel.name in asked))
 
 
-def frame_width(drive: Drive, frame: FrameLayout = FRAME) -> int:
+def drive_frame_width(drive: Drive, frame: FrameLayout = DEFAULT_FRAME) -> int:
     """Number of values of one frame of a drive."""
-    return frame.width(Sizes.of(drive))
+    return frame.frame_width(PartCounts.of_drive(drive))
 
 
-def channels_of(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
-    """Those of these channels that a drive has anything of."""
-    sizes = Sizes.of(drive)
-    return tuple(name for name in names if sizes.count(CHANNEL[name].per) > 0)
+def channels_of_drive(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
+    """Those channels, of some, that a drive has parts for."""
+    sizes = PartCounts.of_drive(drive)
+    return tuple(name for name in names if sizes.count_of(CHANNEL_BY_NAME[name].per) > 0)

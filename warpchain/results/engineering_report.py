@@ -1,7 +1,6 @@
-"""Engineering report of a recorded variant, analyzed once: metrics, and what figures are drawn from.
+"""Engineering report of a recorded variant: metrics, and what figures are drawn from.
 
-Each part is made when it is first asked for and kept; a part whose channels were not recorded raises a
-`SimulationError` that names them.
+Each part is made when it is first asked for; a part whose channels were not recorded raises a `SimulationError`.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ from numpy.typing import NDArray
 from warpchain.argument_checks import PositiveNumber, check_arguments
 from warpchain.drive.transmission import turn_alike
 from warpchain.errors import SimulationError
-from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_contacts, guide_loads
+from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_loads, recorded_guide_contacts
 from warpchain.results.joint_wear import WEAR_COEFFICIENT, JointWear, elongation_rate, joint_wear
 from warpchain.results.losses import friction_power
 from warpchain.results.run import Run, Trajectory
-from warpchain.results.shaft_signals import Phase, hub_forces, phase_of
-from warpchain.results.signals import Seen, seen_at, strand_tension
-from warpchain.results.tooth_jump import JumpMargin, jump_margin
+from warpchain.results.shaft_signals import PhaseError, hub_forces, phase_error_in_window
+from warpchain.results.signals import ProbeSignals, probe_signals, strand_tension
+from warpchain.results.tooth_jump import JumpMargin, tooth_jump_margin
 
 Array = NDArray[np.float64]
 
@@ -45,8 +44,8 @@ class Wear:
     bearing_area: PositiveNumber | None = None
 
 
-def windowed(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """The frames of a window [s], both ends included.
+def trajectory_in_window(trajectory: Trajectory, start: float, end: float) -> Trajectory:
+    """Frames of a trajectory in a window [s], both ends included.
 
     Raises:
         SimulationError: fewer than three of them.
@@ -57,15 +56,14 @@ def windowed(trajectory: Trajectory, start: float, end: float) -> Trajectory:
     return trajectory.at(inside)
 
 
-class HandedIn:
-    """Analysis of one recorded variant for an engineering report.
+class EngineeringReport:
+    """Engineering report of one recorded variant.
 
     Args:
         trajectory: the whole recording.
-        start, end: the window that means and extremes are taken over [s]; the recording's latter half by default.
+        start, end: window of means and extremes [s]; the recording's latter half by default.
         wear: how the joints wear.
-        alike: sprockets that turn as another part (`transmission.turn_alike`), where the recording is of one of several
-            chains.
+        alike: sprockets that turn as another part (`transmission.turn_alike`), of one of several chains.
 
     Attributes:
         whole, part: the recording, and its frames in the window.
@@ -83,136 +81,143 @@ class HandedIn:
         self.start = 0.5 * float(trajectory.time[-1]) if start is None else start
         self.end = float(trajectory.time[-1]) if end is None else end
         self.whole = replace(trajectory, window=(self.start, self.end))
-        self.part = windowed(trajectory, self.start, self.end)
+        self.part = trajectory_in_window(trajectory, self.start, self.end)
         self.drive = trajectory.drive
         self.alike = turn_alike(self.drive) if alike is None else alike
 
     @cached_property
-    def contacts(self) -> list[GuideContacts]:
+    def guide_contacts(self) -> list[GuideContacts]:
         """Rollers that press each guide, in the window."""
-        return guide_contacts(self.part)
+        return recorded_guide_contacts(self.part)
 
     @cached_property
-    def guides(self) -> list[GuideLoad]:
+    def guide_loads(self) -> list[GuideLoad]:
         """Load of each guide over its length, in the window."""
-        return guide_loads(self.part, self.contacts)
+        return guide_loads(self.part, self.guide_contacts)
 
     @cached_property
-    def hubs(self) -> Array:
-        """Force on each shaft (F, S, 2) [N], in the window."""
+    def hub_forces(self) -> Array:
+        """Force of the chain on each sprocket (F, S, 2) [N], in the window."""
         return hub_forces(self.part)
 
     @cached_property
-    def phases(self) -> dict[int, Phase]:
-        """Phase error of each sprocket but the driver, over the window, from where the whole recording began."""
+    def phase_errors(self) -> dict[int, PhaseError]:
+        """Phase error of each sprocket but the driver, over the window, from where the recording began."""
         inside = (self.whole.time >= self.start - 1e-12) & (self.whole.time <= self.end + 1e-12)
         others = [s for s in range(len(self.drive.sprockets)) if s != self.drive.driver]
-        return {s: phase_of(self.whole, s, inside) for s in others}
+        return {s: phase_error_in_window(self.whole, s, inside) for s in others}
 
     @cached_property
-    def power(self) -> dict[str, Array]:
+    def friction_power(self) -> dict[str, Array]:
         """Friction power (F,) [W] by what rubs, of the whole recording."""
         return friction_power(self.whole)
 
     @cached_property
-    def jumps(self) -> list[JumpMargin]:
+    def jump_margins(self) -> list[JumpMargin]:
         """Margin to tooth jump of each sprocket, in the window."""
-        return [jump_margin(self.part, s) for s in range(len(self.drive.sprockets))]
+        return [tooth_jump_margin(self.part, s) for s in range(len(self.drive.sprockets))]
 
     @cached_property
-    def probes(self) -> dict[str, Seen]:
+    def probe_signals(self) -> dict[str, ProbeSignals]:
         """Signals of each probe, in the whole recording."""
         pitch = self.drive.chain.pitch
-        return {probe.name: seen_at(self.whole, probe.at, probe.radius or pitch) for probe in self.drive.probes}
+        return {probe.name: probe_signals(self.whole, probe.at, probe.radius or pitch) for probe in self.drive.probes}
 
     @cached_property
-    def wear(self) -> JointWear | None:
+    def joint_wear(self) -> JointWear | None:
         """Sliding of the joints in the window; None without a pin radius."""
         return joint_wear(self.part)
 
     @cached_property
-    def area(self) -> float | None:
-        """Bearing area of a joint [m^2]; None where it is neither given nor known."""
+    def joint_area(self) -> float | None:
+        """Bearing area of a joint [m^2]; None where it is unknown."""
         own = self.wear_law.bearing_area
         return self.drive.chain.joint_area if own is None else own
 
     @property
-    def elongation(self) -> float | None:
-        """Elongation of the chain by wear per second [1/s]; None without pins or bearing area."""
-        if self.wear is None or self.area is None:
+    def elongation_rate(self) -> float | None:
+        """Elongation of the chain by wear [1/s]; None without pins or bearing area."""
+        if self.joint_wear is None or self.joint_area is None:
             return None
-        return elongation_rate(self.drive, self.wear, self.wear_law.coefficient, self.area)
+        return elongation_rate(self.drive, self.joint_wear, self.wear_law.coefficient, self.joint_area)
 
     def metrics(self) -> dict[str, float]:
-        """The metrics (`results.metric_columns.REPORTED`) that the recorded channels allow, by name."""
-        return dict(self._metrics)
+        """Metrics (`metric_columns.REPORT_METRICS`) that the recorded channels allow, by name."""
+        return dict(self._finite_metrics)
 
     @cached_property
-    def _metrics(self) -> dict[str, float]:
+    def _finite_metrics(self) -> dict[str, float]:
+        """Metrics of all parts of the report that are finite, by name."""
         found: dict[str, float] = {}
-        for rows in (_of_strands, _of_sprockets, _of_guides, _of_joints, _of_probes):
+        for rows in (_strand_metrics, _sprocket_metrics, _guide_metrics, _joint_metrics, _probe_metrics):
             found |= rows(self)
         return {name: value for name, value in found.items() if np.isfinite(value)}
 
 
-def _held(of: HandedIn, *channels: str) -> bool:
-    return all(getattr(of.whole, channel) is not None for channel in channels)
+def _has_channels(report: EngineeringReport, *channels: str) -> bool:
+    """Whether a report's recording has these channels."""
+    return all(getattr(report.whole, channel) is not None for channel in channels)
 
 
-def _of_strands(of: HandedIn) -> dict[str, float]:
-    if not _held(of, "position", "tension"):
+def _strand_metrics(report: EngineeringReport) -> dict[str, float]:
+    """Metrics of strands in a report, by name."""
+    if not _has_channels(report, "position", "tension"):
         return {}
-    names = enumerate(of.drive.strand_names)
-    return {f"{name}.slack_time": float((strand_tension(of.part, k) <= 0.0).mean()) for k, name in names}
+    names = enumerate(report.drive.strand_names)
+    return {f"{name}.slack_time": float((strand_tension(report.part, k) <= 0.0).mean()) for k, name in names}
 
 
-def _of_sprockets(of: HandedIn) -> dict[str, float]:
+def _sprocket_metrics(report: EngineeringReport) -> dict[str, float]:
+    """Metrics of sprockets in a report, by name."""
     found: dict[str, float] = {}
-    if _held(of, "sprocket_angle"):
-        for s, phase in of.phases.items():
-            name = of.drive.sprockets[s].name
+    if _has_channels(report, "sprocket_angle"):
+        for s, phase in report.phase_errors.items():
+            name = report.drive.sprockets[s].name
             found |= {f"{name}.phase_mean": phase.shift, f"{name}.phase_range": phase.high - phase.low}
-    if _held(of, "position", "sprocket_center"):
-        for sprocket, jump in zip(of.drive.sprockets, of.jumps, strict=True):
+    if _has_channels(report, "position", "sprocket_center"):
+        for sprocket, jump in zip(report.drive.sprockets, report.jump_margins, strict=True):
             least = float(np.nanmin(jump.margin)) if np.isfinite(jump.margin).any() else np.nan
             found[f"{sprocket.name}.jump_margin"] = least
             found[f"{sprocket.name}.jump_margin_relative"] = least / jump.height
     return found
 
 
-def _of_guides(of: HandedIn) -> dict[str, float]:
-    if not of.drive.guides or not _held(of, "position", "guide_force"):
+def _guide_metrics(report: EngineeringReport) -> dict[str, float]:
+    """Metrics of guides in a report, by name."""
+    if not report.drive.guides or not _has_channels(report, "position", "guide_force"):
         return {}
     found: dict[str, float] = {}
-    for guide, load, contacts in zip(of.drive.guides, of.guides, of.contacts, strict=True):
+    for guide, load, contacts in zip(report.drive.guides, report.guide_loads, report.guide_contacts, strict=True):
         total = float(contacts.force.sum())
         found[f"{guide.name}.line_load_max"] = float(load.mean.max())
         found[f"{guide.name}.off_time"] = 1.0 - load.touching
-        if _held(of, "velocity"):
+        if _has_channels(report, "velocity"):
             found[f"{guide.name}.pv_max"] = float(load.pv.max())
             work = float((contacts.force * np.abs(contacts.speed)).sum())
             found[f"{guide.name}.sliding_speed"] = work / total if total > 0.0 else np.nan
     return found
 
 
-def _of_joints(of: HandedIn) -> dict[str, float]:
-    if not _held(of, "position", "tension") or of.wear is None:
+def _joint_metrics(report: EngineeringReport) -> dict[str, float]:
+    """Metrics of joints in a report, by name."""
+    if not _has_channels(report, "position", "tension") or report.joint_wear is None:
         return {}
-    wear, seconds = of.wear, of.wear.seconds
+    wear, seconds = report.joint_wear, report.joint_wear.seconds
     found = {
         "joints.sliding_speed": float(wear.distance.mean()) / seconds,
         "joints.loaded_sliding": float(wear.loaded.mean()) / seconds,
         "joints.friction_each": float(wear.work.mean()) / seconds,
     }
-    return found if of.elongation is None else found | {"elongation_per_hour": 3600.0 * of.elongation}
+    return found if report.elongation_rate is None else found | {"elongation_per_hour": 3600.0 * report.elongation_rate}
 
 
-def _of_probes(of: HandedIn) -> dict[str, float]:
-    if not of.drive.probes or not _held(of, "position", "velocity", "tension"):
+def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
+    """Metrics of probes in a report, by name."""
+    if not report.drive.probes or not _has_channels(report, "position", "velocity", "tension"):
         return {}
-    inside = of.whole.time >= of.start - 1e-12
+    inside = report.whole.time >= report.start - 1e-12
     found: dict[str, float] = {}
-    for name, seen in of.probes.items():
+    for name, seen in report.probe_signals.items():
         here = inside & (seen.link >= 0)
         if here.any():
             found |= {
@@ -225,8 +230,8 @@ def _of_probes(of: HandedIn) -> dict[str, float]:
     return found
 
 
-def window_of(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, float]:
-    """The window of a row of metrics [s], within what was recorded; the latter half where it was not reached."""
+def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, float]:
+    """Window of a row of metrics [s], within what was recorded; the latter half where it was not reached."""
     end = float(trajectory.time[-1])
     start, stop = row.get("window_start"), row.get("window_end")
     if row.get("input_work") is None or start is None or stop is None or start >= end:
@@ -234,12 +239,12 @@ def window_of(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, fl
     return float(start), min(float(stop), end)
 
 
-def handed_in(run: Run, variant: int | None = None, wear: Wear | None = None) -> HandedIn:
-    """The report of a recorded variant over the window of its metrics; of the first recorded one for None.
+def engineering_report(run: Run, variant: int | None = None, wear: Wear | None = None) -> EngineeringReport:
+    """Engineering report of a recorded variant of a run over the window of its metrics; None takes the first.
 
     Raises:
         SimulationError: a variant that was not recorded.
     """
     index = run.first if variant is None else variant
     trajectory = run[index]
-    return HandedIn(trajectory, *window_of(run.metrics.to_pylist()[run.row_of(index)], trajectory), wear)
+    return EngineeringReport(trajectory, *metrics_window(run.metrics.to_pylist()[run.row_of(index)], trajectory), wear)

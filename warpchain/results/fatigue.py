@@ -1,11 +1,10 @@
 """Fatigue of links: rainflow cycles of their tension, Woehler curve, Miner damage.
 
-A link endures N cycles of the tension range D (peak less valley) by the Woehler curve, and Miner's rule adds up
+A link endures N cycles of the tension range D (peak less valley), and Miner's rule adds up
 
     N(D) = N_ref (D_ref / D)^m,      damage = sum over cycles n_i / N(D_i).                                   (a)
 
-Mean tension is not corrected for: a chain's tension mostly swings from near zero. Cycles are counted after ASTM
-E1049-85 (2011), 5.4.4, by the package rainflow.
+Mean tension is not corrected for. Cycles are counted after ASTM E1049-85 (2011), 5.4.4, by the package rainflow.
 """
 
 from __future__ import annotations
@@ -42,14 +41,14 @@ class Woehler:
     reference_range: PositiveNumber
     reference_cycles: PositiveNumber = 1e6
 
-    def endurance(self, ranges: ArrayLike) -> Array:
-        """Cycles to failure at ranges [N], of their shape."""
+    def cycles_to_failure(self, ranges: ArrayLike) -> Array:
+        """Cycles to failure at tension ranges [N], of their shape."""
         with np.errstate(divide="ignore"):
             return self.reference_cycles * (self.reference_range / np.asarray(ranges, dtype=float)) ** self.exponent
 
 
 def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]:
-    """The package's function that counts one series: (range, mean, 1 or 0.5, first, last) of each cycle.
+    """Function of the package rainflow that counts a series' cycles: (range, mean, 1 or 0.5, first, last) each.
 
     Raises:
         SimulationError: the extra `rainflow` is not installed.
@@ -79,43 +78,38 @@ def count_links(tension: ArrayLike) -> list[Array]:
 
 
 def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage of each link over a recorded time, eq. (a) (L,); 1 is failure.
+    """Miner damage of each link over a recorded time, eq. (a) (L,); 1 is failure. Raises as `count_links`.
 
     Args:
         tension: (F, L) link tensions [N].
         woehler: the Woehler curve.
-        cycles: of `count_links`, if they are counted already.
-
-    Raises:
-        SimulationError: as `count_links`.
+        cycles: of `count_links`, where known.
     """
     found = count_links(tension) if cycles is None else cycles
-    return _sums(found, woehler.reference_range, woehler.exponent) / woehler.reference_cycles
+    return _link_cycle_sums(found, woehler.reference_range, woehler.exponent) / woehler.reference_cycles
 
 
 def equivalent_range(
     tension: ArrayLike, exponent: float, counted: float, cycles: Sequence[Array] | None = None
 ) -> Array:
-    """Range of the constant-amplitude cycles that do the same damage, for each link [N] (L,).
-
-    (sum n_i D_i^m / counted)^(1/m): the same whatever the reference.
+    """Range of constant-amplitude cycles that do each link's damage [N] (L,): (sum n_i D_i^m / counted)^(1/m).
 
     Args:
         tension: (F, L) link tensions [N].
         exponent: m [-].
         counted: number of those cycles, such as chain revolutions in the recorded time.
-        cycles: of `count_links`, if they are counted already.
+        cycles: of `count_links`, where known.
 
     Raises:
         SimulationError: as `count_links`.
     """
     found = count_links(tension) if cycles is None else cycles
     largest = max((float(one[:, 0].max()) for one in found if len(one)), default=0.0) or 1.0  # keeps powers near one
-    return largest * (_sums(found, largest, exponent) / counted) ** (1.0 / exponent)
+    return largest * (_link_cycle_sums(found, largest, exponent) / counted) ** (1.0 / exponent)
 
 
-def _sums(cycles: Sequence[Array], reference: float, exponent: float) -> Array:
-    """Sum of n (range / reference)^m of each link (L,), in the order of its cycles."""
+def _link_cycle_sums(cycles: Sequence[Array], reference: float, exponent: float) -> Array:
+    """Sum of n (range / reference)^m over the cycles of each link (L,), in their order."""
     sums = np.zeros(len(cycles))
     for link, found in enumerate(cycles):
         total = 0.0

@@ -1,12 +1,11 @@
 """Load of a guide: force of the chain over arc length, sliding speed, and their product p v.
 
-A roller presses a guide at one place, and passes over all of them. So over F frames, in a stretch of length b,
+Over F frames, in a stretch of length b of the face,
 
     p = sum of forces / (F b)  [N/m],    p v = sum of forces times sliding speeds / (F b)  [W/m]                 (a)
 
-are the mean normal force and the mean of force times speed, each per length of the face, whatever the stretch. Over the
-width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]; friction turns the share mu of p v
-into heat. At an instant a roller's force has its pitch to itself: the largest p v is max(F |v|) / pitch.
+Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]; friction turns the share mu
+of p v into heat. At an instant a roller's force has its pitch to itself: the largest p v is max(F |v|) / pitch.
 """
 
 from __future__ import annotations
@@ -17,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.face_profile import Profile
-from warpchain.results.pivots import pivots
-from warpchain.results.run import Trajectory, need
+from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.run import Trajectory, require_channels
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-def on_face(face: Profile, points: Array) -> tuple[Array, Array]:
+def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
     """Arc length along a face and height above it of points (K, 2) [m]; nan beyond its rounded ends.
 
-    Where several pieces have a point, as at the back of a bend, the one that it is nearest to counts.
+    Where several pieces of the face have a point, the nearest counts.
     """
     place, height = np.full(len(points), np.nan), np.full(len(points), np.inf)
     for piece, before in zip(face.pieces, face.places, strict=True):
@@ -37,7 +36,7 @@ def on_face(face: Profile, points: Array) -> tuple[Array, Array]:
     return place, np.where(np.isfinite(height), height, np.nan)
 
 
-def tangent_at(face: Profile, place: Array) -> Array:
+def face_tangents(face: Profile, place: Array) -> Array:
     """Unit tangents (K, 2) of a face at arc lengths (K,)."""
     begin, heading, curvature = (
         np.array(values)
@@ -48,34 +47,31 @@ def tangent_at(face: Profile, place: Array) -> Array:
     return np.stack([np.cos(heading), np.sin(heading)], axis=-1)
 
 
-def on_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
-    """Rollers (K,) at frames (K,) in the coordinates in which guide g is drawn (K, 2) [m], and its angle (K,) [rad].
-
-    A guide on an arm turns with it about its pivot; the others stay where they are.
-    """
-    (position,) = need(trajectory, "position")
+def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
+    """Rollers (K,) at frames (K,) in the frame in which guide g is drawn (K, 2) [m], and its angle (K,) [rad]."""
+    (position,) = require_channels(trajectory, "position")
     x = np.asarray(position, dtype=float)[frame, roller]
     arm = trajectory.drive.arm_of(g)
     if arm is None or trajectory.arm_angle is None:
         return x, np.zeros(len(x))
     angle = np.asarray(trajectory.arm_angle, dtype=float)[frame, arm]
     drawn, c, s = np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.cos(angle), np.sin(angle)
-    r = x - pivots(trajectory.drive, trajectory.time, trajectory.arm_angle)[frame, arm]
+    r = x - arm_pivots(trajectory.drive, trajectory.time, trajectory.arm_angle)[frame, arm]
     return drawn + np.stack([c * r[:, 0] + s * r[:, 1], c * r[:, 1] - s * r[:, 0]], axis=-1), angle
 
 
-STRETCHES = 4
+STRETCHES_A_PITCH = 4
 """Stretches of a face in a pitch of the chain."""
 
 
 class GuideContacts(NamedTuple):
-    """The rollers that press one guide, frame by frame.
+    """Rollers that press one guide, frame by frame.
 
     Attributes:
         frame, roller: (K,) when, and which.
         place: (K,) arc length along the face; below 0 and beyond its length on the rounded ends [m].
         force: (K,) normal force [N].
-        speed: (K,) of the chain along the face [m/s], in the direction of the face; 0 without recorded velocities.
+        speed: (K,) of the chain along the face [m/s]; 0 without recorded velocities.
     """
 
     frame: Index
@@ -85,13 +81,13 @@ class GuideContacts(NamedTuple):
     speed: Array
 
 
-def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
-    """The rollers that press each of the G guides.
+def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
+    """Rollers that press each of the G guides of a recording.
 
     Raises:
         SimulationError: recorded without positions or guide forces.
     """
-    _, guide_force = need(trajectory, "position", "guide_force")
+    _, guide_force = require_channels(trajectory, "position", "guide_force")
     drive = trajectory.drive
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
@@ -99,15 +95,15 @@ def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
     if trajectory.velocity is not None:
         v = np.asarray(trajectory.velocity, dtype=float)[frame, roller]
     faces = [drive.profile(g) for g in range(len(drive.guides))]
-    seen = [on_guide_frame(trajectory, g, frame, roller) for g in range(len(faces))]
-    places = [on_face(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
+    seen = [rollers_in_guide_frame(trajectory, g, frame, roller) for g in range(len(faces))]
+    places = [face_coordinates(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
     off = [np.abs(height - drive.guide_offset(g)) for g, (_, height) in enumerate(places)]
     nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=0) if off else np.zeros(len(frame), dtype=np.intp)
     found = []
     for g, face in enumerate(faces):
         mine = (nearest == g) & np.isfinite(places[g][0])
         place, angle = places[g][0][mine], seen[g][1][mine]
-        t = tangent_at(face, place)
+        t = face_tangents(face, place)
         c, s = np.cos(angle), np.sin(angle)
         along = v[mine, 0] * (c * t[:, 0] - s * t[:, 1]) + v[mine, 1] * (s * t[:, 0] + c * t[:, 1])
         found.append(GuideContacts(frame[mine], roller[mine], place, force[mine], along))
@@ -136,7 +132,7 @@ class GuideLoad(NamedTuple):
     touching: float
 
 
-def load_over_length(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
+def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
     """Load of a guide in the stretches between ascending `edges` (B + 1,) [m], over a number of frames."""
     count, widths = len(edges) - 1, np.diff(edges)
     inside = (contacts.place >= edges[0]) & (contacts.place <= edges[-1])
@@ -153,19 +149,15 @@ def load_over_length(contacts: GuideContacts, frames: int, edges: Array, pitch: 
 
 
 def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
-    """Load of each of the G guides over its length and rounded ends, `STRETCHES` stretches in a pitch.
-
-    Args:
-        contacts: of `guide_contacts`, if known.
-    """
+    """Load of each of the G guides over its length and rounded ends, from a recording and its contacts if known."""
     drive = trajectory.drive
     found = []
-    for g, mine in enumerate(guide_contacts(trajectory) if contacts is None else contacts):
+    for g, mine in enumerate(recorded_guide_contacts(trajectory) if contacts is None else contacts):
         face = drive.profile(g)
         first, last = face.places[0], face.places[-1] + face.pieces[-1].length
-        stretches = max(8, round(STRETCHES * face.face_length / drive.chain.pitch))
+        stretches = max(8, round(STRETCHES_A_PITCH * face.face_length / drive.chain.pitch))
         width = face.face_length / stretches
         before, after = int(np.ceil(-first / width)), int(np.ceil((last - face.face_length) / width))
         edges = np.arange(-before, stretches + after + 1) * np.float64(width)
-        found.append(load_over_length(mine, len(trajectory.time), edges, drive.chain.pitch))
+        found.append(guide_load_by_stretch(mine, len(trajectory.time), edges, drive.chain.pitch))
     return found

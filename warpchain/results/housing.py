@@ -5,20 +5,19 @@ on to the housing
 
     F - m a  [N];                                                                                                 (a)
 
-a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90 degrees. A
-mount on springs passes on what its springs and dampers have, a slider across its line what it holds. A tensioner's
-seat takes the reaction of the force on its plunger. An arm on another one passes its own on to that. A guide on n
-bolts at r_i, r their mean, shares its force F, of the moment M about r, as n equal bolts do,
+a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90 degrees. A mount
+on springs passes on what its springs and dampers have, a slider across its line what it holds. An arm on another one
+passes its own on to that. A guide on n bolts at r_i, r their mean, shares its force F, of the moment M about r,
 
     F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
 
-without bolts it has one place, the middle of its face, and M beside it. Forces of sprockets are those of the channel
-`hub_force`; where that was not recorded, and of guides, they are the contacts' normal forces, without friction, a few
-hundredths of them, and as if teeth had no tips. The moment of what drives the shafts is not in it.
+without bolts it has one place, the middle of its face, and M beside it. Forces of sprockets are the channel
+`hub_force`, or without it, as of guides, the contacts' normal forces. The moment of what drives the shafts is not in
+them.
 
-An order's level in dB is that of ISO 1683, of the effective value over 1 micronewton (1 micronewton meter):
+An order's level is that of ISO 1683, of the effective value over 1 micronewton (1 micronewton meter):
 
-    L = 20 log10( (amplitude / sqrt 2) / 1e-6 ).                                                                  (c)
+    L = 20 log10( (amplitude / sqrt 2) / 1e-6 )  [dB].                                                            (c)
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ from numpy.typing import NDArray
 from warpchain.drive.mounts import unit
 from warpchain.drive.sprocket import ArmMount, ElasticMount, PrescribedMount, Sprocket
 from warpchain.errors import SimulationError
+from warpchain.results.arm_pivots import arm_pivots
 from warpchain.results.chains import chain_trajectories
-from warpchain.results.pivots import pivots
-from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import nearest_guides
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.scene import nearest_guides_of_rollers
 from warpchain.results.shaft_signals import hub_forces
 from warpchain.results.signals import order_spectrum
 
@@ -45,11 +44,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-REFERENCE = 1e-6
-"""Effective value of 0 dB: 1 micronewton (ISO 1683), and of moments 1 micronewton meter."""
+LEVEL_REFERENCE = 1e-6
+"""Effective value of 0 dB [N, N m] (ISO 1683)."""
 
 
-class Load(NamedTuple):
+class HousingLoad(NamedTuple):
     """Load on the housing at one place.
 
     Attributes:
@@ -65,53 +64,58 @@ class Load(NamedTuple):
     moment: Array | None = None
 
 
-def housing_loads(trajectory: Trajectory) -> list[Load]:
-    """Loads on the housing: hubs, guides, pivots, seats, in the drive's order, chain by chain.
+def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
+    """Loads on the housing at hubs, guides, pivots and seats, in the drive's order, chain by chain.
 
     Raises:
         SimulationError: recorded without positions, contact forces, or what bodies do.
     """
-    return [load for part in chain_trajectories(trajectory).values() for load in _of_chain(part)]
+    return [load for part in chain_trajectories(trajectory).values() for load in _chain_housing_loads(part)]
 
 
-def _of_chain(trajectory: Trajectory) -> list[Load]:
+def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
+    """Loads of one chain's parts on the housing."""
     drive = trajectory.drive
-    on_hubs, guides = hub_forces(trajectory), _guide_loads(trajectory)
-    hubs = [_hub(trajectory, s, on_hubs[:, s]) for s in range(len(drive.sprockets))]
+    on_hubs, guides = hub_forces(trajectory), _guide_forces_and_moments(trajectory)
+    hubs = [_hub_bearing_force(trajectory, s, on_hubs[:, s]) for s in range(len(drive.sprockets))]
     found = [
-        Load(f"hub {sprocket.name}", sprocket.center, hubs[s])
+        HousingLoad(f"hub {sprocket.name}", sprocket.center, hubs[s])
         for s, sprocket in enumerate(drive.sprockets)
         if not isinstance(sprocket.mount, ArmMount)
     ]
     for g, (force, moment) in enumerate(guides):
         if drive.arm_of(g) is None:
-            found += _bolts(drive, g, force, moment)
-    on_arms = [_pivot(trajectory, a, hubs, guides) for a in range(len(drive.arms))]
+            found += _bolt_loads(drive, g, force, moment)
+    on_arms = [_pivot_load(trajectory, a, hubs, guides) for a in range(len(drive.arms))]
     for a, load in enumerate(on_arms):
         if drive.parent(a) is None:
             force = load.force + sum((on_arms[k].force for k in drive.arms_on(a)), np.zeros_like(load.force))
             found.append(load._replace(force=force))
     for t, tensioner in enumerate(drive.tensioners):
-        (push,) = need(trajectory, "tensioner_force")
-        found.append(Load(f"seat {tensioner.name}", tensioner.at, -np.outer(push[:, t], tensioner.unit_direction)))
+        (push,) = require_channels(trajectory, "tensioner_force")
+        found.append(
+            HousingLoad(f"seat {tensioner.name}", tensioner.at, -np.outer(push[:, t], tensioner.unit_direction))
+        )
     return found
 
 
-def _hub(trajectory: Trajectory, s: int, chain: Array) -> Array:
-    """Force that the bearing of sprocket s passes on (F, 2) [N], (a); on an arm, to that."""
-    center, angle, speed = need(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
+def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
+    """Force that the bearing of sprocket s passes on to the housing or its arm (F, 2) [N], (a)."""
+    center, angle, speed = require_channels(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
     sprocket, time = trajectory.drive.sprockets[s], trajectory.time
     mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.drive.run.gravity)
     force, mount = chain + mass * gravity, sprocket.mount
     if sprocket.balance_wheel is not None:
-        force = force + _wheel(sprocket, np.asarray(angle[:, s], float), np.asarray(speed[:, s], float), time)
+        force = force + _balance_wheel_force(
+            sprocket, np.asarray(angle[:, s], float), np.asarray(speed[:, s], float), time
+        )
         force += sprocket.balance_wheel.mass * gravity
     place = np.asarray(center[:, s], dtype=float)
     if isinstance(mount, ArmMount | PrescribedMount):
-        return np.asarray(force - mass * _rate(_rate(place, time), time))
+        return np.asarray(force - mass * _time_derivative(_time_derivative(place, time), time))
     if mount.kind == "fixed":
         return force
-    off, v = place - np.asarray(sprocket.center), _rate(place, time)
+    off, v = place - np.asarray(sprocket.center), _time_derivative(place, time)
     if isinstance(mount, ElasticMount):
         held = off * mount.stiffness + v * mount.damping - np.asarray(mount.preload)
         return np.asarray(held)
@@ -121,26 +125,26 @@ def _hub(trajectory: Trajectory, s: int, chain: Array) -> Array:
     return np.outer(slide, along) + np.outer(force @ across, across)
 
 
-def _wheel(sprocket: Sprocket, angle: Array, speed: Array, time: Array) -> Array:
+def _balance_wheel_force(sprocket: Sprocket, angle: Array, speed: Array, time: Array) -> Array:
     """Inertia force of a balance wheel about its center (F, 2) [N]."""
     wheel = sprocket.balance_wheel
     assert wheel is not None
     points = np.stack([np.cos(angle + wheel.phase), np.sin(angle + wheel.phase)], axis=-1)
     turned = np.stack([-points[:, 1], points[:, 0]], axis=-1)
     size = wheel.mass * wheel.radius
-    return np.asarray(size * ((speed**2)[:, None] * points - _rate(speed, time)[:, None] * turned))
+    return np.asarray(size * ((speed**2)[:, None] * points - _time_derivative(speed, time)[:, None] * turned))
 
 
-def _rate(values: Array, time: Array) -> Array:
+def _time_derivative(values: Array, time: Array) -> Array:
     """Time derivative of samples (F, ...) by central differences."""
     return np.gradient(values, time, axis=0) if len(time) > 1 else np.zeros_like(values)
 
 
-def _guide_loads(trajectory: Trajectory) -> list[tuple[Array, Array]]:
+def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array]]:
     """Force of the chain on each guide (F, 2) [N], and its moment about the origin (F,) [N m]."""
-    position, guide_force = need(trajectory, "position", "guide_force")
+    position, guide_force = require_channels(trajectory, "position", "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
-    nearest, normal = nearest_guides(trajectory, frame, roller)
+    nearest, normal = nearest_guides_of_rollers(trajectory, frame, roller)
     x = np.asarray(position, dtype=float)[frame, roller]
     push = -np.asarray(guide_force, dtype=float)[frame, roller][:, None] * normal
     moment, count = x[:, 0] * push[:, 1] - x[:, 1] * push[:, 0], len(trajectory.time)
@@ -152,16 +156,18 @@ def _guide_loads(trajectory: Trajectory) -> list[tuple[Array, Array]]:
     return found
 
 
-def _bolts(drive: Drive, g: int, force: Array, moment: Array) -> list[Load]:
-    """Loads of a guide on the ground: of its bolts (b), or of the middle of its face."""
+def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[HousingLoad]:
+    """Loads of a guide on the housing: of its bolts (b), or of the middle of its face."""
     guide = drive.guides[g]
     if not guide.bolts:
         middle = drive.profile(g).points(drive.chain.pitch, caps=False)
         at = middle[len(middle) // 2]
-        return [Load(f"guide {guide.name}", (float(at[0]), float(at[1])), force, _about(at, force, moment))]
+        return [
+            HousingLoad(f"guide {guide.name}", (float(at[0]), float(at[1])), force, _moment_about(at, force, moment))
+        ]
     places = np.asarray(guide.bolts, dtype=float)
     mean = places.mean(axis=0)
-    whole, r = _about(mean, force, moment), places - mean
+    whole, r = _moment_about(mean, force, moment), places - mean
     square = float((r**2).sum())
     found = []
     for i, place in enumerate(places):
@@ -169,39 +175,39 @@ def _bolts(drive: Drive, g: int, force: Array, moment: Array) -> list[Load]:
         if square > 0.0:
             share = share + np.outer(whole / square, [-r[i, 1], r[i, 0]])
         left = None if square > 0.0 else whole
-        found.append(Load(f"bolt {guide.name} {i + 1}", (float(place[0]), float(place[1])), share, left))
+        found.append(HousingLoad(f"bolt {guide.name} {i + 1}", (float(place[0]), float(place[1])), share, left))
     return found
 
 
-def _about(place: Array, force: Array, moment: Array) -> Array:
-    """Moment about a place of a force whose moment about the origin is given."""
+def _moment_about(place: Array, force: Array, moment: Array) -> Array:
+    """Moment about a place of a force whose moment about the origin is given [N m]."""
     return np.asarray(moment - (place[0] * force[:, 1] - place[1] * force[:, 0]))
 
 
-def _pivot(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> Load:
+def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> HousingLoad:
     """Load of the pivot of arm a, (a), without the arms on it."""
     drive, time = trajectory.drive, trajectory.time
     arm = drive.arms[a]
-    arm_angle, arm_speed = need(trajectory, "arm_angle", "arm_speed")
+    arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
     angle, speed = np.asarray(arm_angle[:, a], dtype=float), np.asarray(arm_speed[:, a], dtype=float)
-    turning = _rate(speed, time)
+    turning = _time_derivative(speed, time)
     r = np.subtract(arm.center, arm.pivot)
     c, s = np.cos(angle), np.sin(angle)
     mass_at = np.stack([c * r[0] - s * r[1], s * r[0] + c * r[1]], axis=-1)
     turned = np.stack([-mass_at[:, 1], mass_at[:, 0]], axis=-1)
     acceleration = turning[:, None] * turned - (speed**2)[:, None] * mass_at
     if arm.pivot_table is not None or arm.arm is not None:
-        acceleration += _rate(_rate(pivots(drive, time, arm_angle)[:, a], time), time)
+        acceleration += _time_derivative(_time_derivative(arm_pivots(drive, time, arm_angle)[:, a], time), time)
     force = arm.mass * (np.asarray(drive.run.gravity) - acceleration)
     force = force + sum((guides[g][0] for g in drive.guides_of(a)), np.zeros_like(force))
     force = force + sum((hubs[s] for s in drive.sprockets_on(a)), np.zeros_like(force))
     for t, tensioner in enumerate(drive.tensioners):
         if drive.tensioner_body(t) == drive.first_arm_body + a:
-            push, extension = need(trajectory, "tensioner_force", "tensioner_extension")
-            stroke = _rate(_rate(np.asarray(extension[:, t], dtype=float), time), time)
+            push, extension = require_channels(trajectory, "tensioner_force", "tensioner_extension")
+            stroke = _time_derivative(_time_derivative(np.asarray(extension[:, t], dtype=float), time), time)
             own = np.asarray(push[:, t], dtype=float) - tensioner.plunger_mass * stroke
             force = force + np.outer(own, tensioner.unit_direction)
-    return Load(f"pivot {arm.name}", arm.pivot, force)
+    return HousingLoad(f"pivot {arm.name}", arm.pivot, force)
 
 
 def order_levels(trajectory: Trajectory) -> pa.Table:
@@ -222,19 +228,20 @@ def order_levels(trajectory: Trajectory) -> pa.Table:
             raise SimulationError("orders: the driver must turn one way in the latter half, by at least a few teeth")
         columns.setdefault("order", found[0])
         with np.errstate(divide="ignore"):
-            columns[name] = 20.0 * np.log10(found[1] / np.sqrt(2.0) / REFERENCE)
-    from warpchain.results.arrow_tables import unit_table
+            columns[name] = 20.0 * np.log10(found[1] / np.sqrt(2.0) / LEVEL_REFERENCE)
+    from warpchain.results.arrow_tables import table_with_units
 
-    units = {name: "1" if name == "order" else f"dB re 1 u{_unit(name)}" for name in columns}
-    return unit_table({name: pa.array(values) for name, values in columns.items()}, units)
+    units = {name: "1" if name == "order" else f"dB re 1 u{_component_unit(name)}" for name in columns}
+    return table_with_units({name: pa.array(values) for name, values in columns.items()}, units)
 
 
-def _unit(name: str) -> str:
+def _component_unit(name: str) -> str:
+    """Unit of a component of a housing load, by its name."""
     return "N m" if name.endswith(".moment") else "N"
 
 
 def components(trajectory: Trajectory) -> dict[str, Array]:
-    """The components of all loads by name, "hub crank.x", ".y" and ".moment", (F,) each [N], [N m]."""
+    """Components of all housing loads by name, "hub crank.x", ".y" and ".moment", (F,) each [N], [N m]."""
     found: dict[str, Array] = {}
     for load in housing_loads(trajectory):
         found |= {f"{load.name}.{axis}": load.force[:, k] for k, axis in enumerate("xy")}

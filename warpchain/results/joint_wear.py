@@ -4,8 +4,8 @@ While the links at a joint turn by d(phi) against each other, the pin slides r_p
 
     s = r_p sum |d(phi)|  [m],    L = r_p sum N |d(phi)|  [N m],    sliding work W = mu kappa L                  (a)
 
-Archard: pin and bush together lose the volume k L, over the bearing area A = d_2 b_2 the depth k L / A. Each joint
-lengthens the chain by its depth (docs/wear.md), so that N joints of a chain of N pitches p make it longer by
+Pin and bush together lose the volume k L, over the bearing area A = d_2 b_2 the depth k L / A, by which each joint
+lengthens the chain (docs/wear.md). N joints of a chain of N pitches p make it longer by
 
     elongation = k L / (A p),    L the mean of all joints.                                                       (b)
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.results.losses import joint_loads
-from warpchain.results.run import Trajectory, need
+from warpchain.results.run import Trajectory, require_channels
 
 Array = NDArray[np.float64]
 
@@ -44,14 +44,14 @@ class JointWear(NamedTuple):
 
 
 def joint_wear(trajectory: Trajectory) -> JointWear | None:
-    """Sliding of each joint; None without a pin radius.
+    """Sliding of each joint of a recording; None without a pin radius.
 
-    Turning is taken from frame to frame, so that frames must come at least twice as often as links turn back and forth.
+    Frames must come at least twice as often as links turn back and forth.
 
     Raises:
         SimulationError: recorded without positions or tensions.
     """
-    position, _ = need(trajectory, "position", "tension")
+    position, _ = require_channels(trajectory, "position", "tension")
     chain, radius = trajectory.drive.chain, trajectory.drive.chain.pin_radius
     if radius is None or len(trajectory.time) < 2:
         return None
@@ -67,7 +67,7 @@ def joint_wear(trajectory: Trajectory) -> JointWear | None:
 
 
 def elongation_rate(drive: Drive, wear: JointWear, coefficient: float, area: float) -> float:
-    """Elongation of the chain by wear, per second [1/s] (b).
+    """Elongation of the chain by wear of its joints per second [1/s] (b).
 
     Args:
         coefficient: k [m^2/N].

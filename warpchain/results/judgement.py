@@ -1,7 +1,7 @@
-"""Which variants to believe: limits that a run is held against, and what becomes of each variant.
+"""Limits that a run's metrics are held against, and what each variant is judged to be.
 
 A variant is "diverged" where it was stopped as such, "suspect" where something of it is beyond its limit, else "ok". A
-new limit is a row of `RULES` and a field of `Limits`; the table in `docs/judged-runs.md` goes by the rows.
+new limit is a row of `LIMIT_RULES` and a field of `Limits`.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from pydantic import Field
 from warpchain.drive.batch import Stack
 from warpchain.drive.batch_math import largest
 from warpchain.drive.schema import Part, Value
-from warpchain.results.formulas import each_of
-from warpchain.results.statuses import DIVERGED, OK, SUSPECT, common_reasons, reason_words
+from warpchain.results.metric_formulas import number_of_each_drive
+from warpchain.results.statuses import DIVERGED, OK, SUSPECT, common_reasons, reason_of_count
 
 if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
 
-WELL = 0.5
-"""Of the step that just keeps a limit: what a reason asks for."""
-NAMED = 6
-"""Most variants that a warning names."""
+WELL_KEPT_SHARE = 0.5
+"""Step that a reason asks for, of the one that just keeps a limit."""
+MOST_NAMED = 6
+"""Variants that a warning names at most."""
 MOST_REASONS = 3
-"""Most reasons that a warning gives."""
+"""Reasons that a warning gives at most."""
 
 Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
 ]
-STARTS = 0.5
+START_ENERGY_CHANGE = 0.5
 """Change of energy over the losses beyond which a window is one of a start."""
-Share = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
+LimitShare = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 
 
 class Limits(Part):
@@ -49,7 +49,7 @@ class Limits(Part):
         breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`).
         compression: largest force with which a link of a strand pushes, over the largest link tension.
         mean_compression: mean force with which a strand pushes, over the largest link tension.
-        resolution: least number of steps in the shortest time of friction and ramps (`results.resolution`).
+        resolution: least number of steps in the shortest time of friction and ramps (`results.step_resolution`).
         joint_give: tension that the give of joints that stick stands for, over a strand's 99.9 % tension, in a start.
         start: change of the mean tension over a window after a ramp of the driver, over that mean: swings of the start.
         slips: teeth that the chain jumped on a sprocket.
@@ -60,7 +60,7 @@ class Limits(Part):
     """
 
     energy_residual: Limit = 0.01
-    energy_change: Limit = STARTS
+    energy_change: Limit = START_ENERGY_CHANGE
     settle_residual: Limit = 0.01
     breaking_load: Limit = 1.0
     compression: Limit = 1.0
@@ -70,7 +70,7 @@ class Limits(Part):
     start: Limit = 0.07
     slips: Limit = 0.0
     missed: Limit = 0.0
-    engaged: Share = 0.5
+    engaged: LimitShare = 0.5
     valve_float: Limit = 0.0
     layout: Limit = 0.0
 
@@ -83,27 +83,27 @@ class Limits(Part):
         return "-"  # also in %
 
 
-Each = Callable[..., NDArray[np.float64]]
-"""Gives (V,) a number of each drive, of a function of a drive or a stack and of what else there is (`each_of`)."""
-Given = tuple[NDArray[Any], NDArray[np.bool_]]
+NumberOfEach = Callable[..., NDArray[np.float64]]
+"""Function that gives a number of each drive (V,), from that of one drive or a stack (`number_of_each_drive`)."""
+ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
 """Values of a column (V,), and where it is null."""
 
 
 @dataclass(frozen=True)
-class Rule:
+class LimitRule:
     """A limit's column, scale and words.
 
     Attributes:
         key: field of `Limits`.
-        column: what is held against it, a column of the metrics by its own name; "" for the drive itself.
+        column: metric that is held against the limit, by its own name.
         unit: what the limit is in, for documents.
-        text: a reason, from the name of what it is of ("" for the chain) and the value.
+        text: a reason, from the name of the part ("" for the chain) and the value.
         advice: what to change.
-        of: whose column it is: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
-        least: whether the limit is a lower one.
+        part: whose column it is: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
+        is_lower: whether the limit is a lower one.
         size: what of a value an upper limit is for.
-        over: what a column is taken over, from what gives numbers of the drives, columns (V,) and what stands before
-            its name, NaN where there is nothing; left out for 1.
+        scale: what a column is taken over, from what gives numbers of the drives, columns (V,) and the column's prefix,
+            nan for none; left out for 1.
         after_start: whether it is for windows after a start, so that drives with `run.start` are not judged by it.
         order: power of the step that the column goes by, 0 where reasons name no step.
     """
@@ -113,134 +113,146 @@ class Rule:
     unit: str
     text: Callable[[str, float], str]
     advice: str
-    of: str = ""
-    least: bool = False
+    part: str = ""
+    is_lower: bool = False
     size: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.abs
-    over: Callable[[Each, Mapping[str, Given], str], NDArray[np.float64]] | None = None
+    scale: Callable[[NumberOfEach, Mapping[str, ColumnValues], str], NDArray[np.float64]] | None = None
     after_start: bool = False
     order: int = 0
 
-    def reason(self, of: str, value: float, limit: float) -> str:
-        """A reason: what is beyond the limit, the step that keeps it well where that is known, what to change."""
+    def reason_text(self, of: str, value: float, limit: float) -> str:
+        """Reason for a value beyond its limit: what it is, the step that keeps it well, what to change."""
         step = ""
         if self.order and limit > 0.0:
-            step = f" at this step, but little at {WELL * (limit / abs(value)) ** (1.0 / self.order):.2g} of it"
+            step = (
+                f" at this step, but little at {WELL_KEPT_SHARE * (limit / abs(value)) ** (1.0 / self.order):.2g} of it"
+            )
         return f"{self.text(of, value)}{step}: {self.advice}"
 
     @property
-    def where(self) -> str:
-        """The column's name, for documents."""
-        return f"{self.of}.{self.column}" if self.of else self.column
+    def column_name(self) -> str:
+        """Name of the rule's column, for documents."""
+        return f"{self.part}.{self.column}" if self.part else self.column
 
 
-def _of_chain(each: Each, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
-    """(V,) a number of each drive's chain that a column's prefix is of; NaN where there is none."""
+def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
+    """A number of each drive's chain that a column's prefix names, or of its only one (V,); nan where there is none."""
     name = of.partition(".")[0]
 
-    def of_drive(drive: Drive) -> Any:
+    def number_of_drive(drive: Drive) -> Any:
         chains = [chain for chain in drive.chains if chain.name == name] if drive.chains else [drive.chain]
         found = value(chains[0]) if chains else None
         return np.nan if found is None else found
 
-    return each(of_drive)
+    return each(number_of_drive)
 
 
-def breaking_load(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """Breaking load of each drive's chain [N], NaN where it names no size."""
-    return _of_chain(each, of, lambda chain: chain.breaking_load)
+def breaking_loads(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
+    """Breaking load of each drive's chain (V,) [N], nan where it names no size."""
+    return _number_of_prefix_chain(each, of, lambda chain: chain.breaking_load)
 
 
 LEAST_STRETCH = 1e-9
-"""Of a link [m]: a force that stretches it by less is none, as in settling (`kernels/integrate.py`)."""
+"""Stretch of a link [m] below which a force is none, as in settling (`kernels/integrate.py`)."""
 
 
-def least_force(each: Each, of: str) -> NDArray[np.float64]:
-    """Least that counts as a force of a link [N], NaN where a drive has no such chain."""
-    return LEAST_STRETCH * _of_chain(each, of, lambda chain: chain.stiffness)
+def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
+    """Least force (V,) that counts as one of a link [N], nan where a drive has no such chain."""
+    return LEAST_STRETCH * _number_of_prefix_chain(each, of, lambda chain: chain.stiffness)
 
 
-def largest_pull(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """Largest link tension of the window [N], at least what counts."""
+def largest_link_tensions(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
+    """Largest link tension of the window (V,) [N], at least `least_link_forces`."""
     chain, several, _ = of.rpartition(".")
-    least, name = least_force(each, of), f"{chain}.tension_max" if several else "tension_max"
+    least, name = least_link_forces(each, of), f"{chain}.tension_max" if several else "tension_max"
     return np.maximum(columns[name][0], least) if name in columns else np.full_like(least, np.nan)
 
 
-def largest_tension(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """Largest link force of the window [N], pulling or pushing, at least what counts; NaN where there is none."""
+def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
+    """Largest link force of the window (V,) [N], pulling or pushing, at least `least_link_forces`; nan for none."""
     names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
-    ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_force(each, of)
+    ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_link_forces(each, of)
     largest = np.max(ends, axis=0) if ends else np.zeros_like(least)
     return np.where(largest > 0.0, np.maximum(largest, least), np.nan)
 
 
-def changes_within(drive: Drive, begin: Any, end: Any) -> Any:
-    """Whether a table over time changes a motion, load, motor, ratio, clutch, oil supply or place between two times
-    [s], which are numbers or (V,) those of a stack's variants.
+def has_table_change(drive: Drive, begin: Any, end: Any) -> Any:
+    """Whether a table over time changes a motion, load, ratio, clutch, oil supply or place between two times [s].
+
+    The times are numbers or those (V,) of a stack's variants.
     """
-    changes = [_changes(*table, begin, end) for table in _tables(drive)]
+    changes = [_has_change_between(*table, begin, end) for table in _tables_over_time(drive)]
     return np.any(changes, axis=0) if changes else False
 
 
-def _tables(drive: Drive) -> Iterator[tuple[Any, Any]]:
-    """Times [s] and values of all tables over time."""
+def _tables_over_time(drive: Drive) -> Iterator[tuple[Any, Any]]:
+    """Times [s] and values of all tables over time of a drive."""
     parts: list[Any] = [*drive.sprockets, *drive.shafts]
-    held = [_of(of, "table") for part in parts for of in (part.load, part.prescribed, _of(part, "motor"))]
-    held += [_of(coupling.clutch, "table") for coupling in drive.couplings]
-    held += [_of(tensioner.oil, "supply_table") for tensioner in drive.tensioners]
+    held = [
+        _attribute_or_none(of, "table")
+        for part in parts
+        for of in (part.load, part.prescribed, _attribute_or_none(part, "motor"))
+    ]
+    held += [_attribute_or_none(coupling.clutch, "table") for coupling in drive.couplings]
+    held += [_attribute_or_none(tensioner.oil, "supply_table") for tensioner in drive.tensioners]
     yield from ((table.over, table.values) for table in held if table is not None and table.time is not None)
     ratios = (coupling.ratios for coupling in drive.couplings)
     yield from ((of.time, of.ratio) for of in ratios if of is not None)
-    places = [*(_of(sprocket.mount, "table") for sprocket in drive.sprockets), *(arm.pivot_table for arm in drive.arms)]
+    places = [
+        *(_attribute_or_none(sprocket.mount, "table") for sprocket in drive.sprockets),
+        *(arm.pivot_table for arm in drive.arms),
+    ]
     for table in (table for table in places if table is not None):
         yield from ((table.time, column) for column in (table.x, table.y) if column is not None)
 
 
-def _of(part: Any, name: str) -> Any:
+def _attribute_or_none(part: Any, name: str) -> Any:
+    """Attribute of a part by name, None where it has none."""
     return getattr(part, name, None)
 
 
-def _changes(over: Any, values: Any, begin: Any, end: Any) -> Any:
-    """Whether a quantity over time, as at its ends beyond them, changes from `begin` to `end`."""
+def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
+    """Whether a quantity over time, constant beyond its ends, changes from `begin` to `end`."""
     time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
     changes = np.append(0, np.cumsum(value[1:] != value[:-1]))
     first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
     return changes[np.maximum(first, 0)] != changes[np.minimum(last, len(value) - 1)]
 
 
-def _ramp_time(drive: Drive) -> Any:
-    """Time of the longest ramp of a motion [s], 0 of none."""
+def _longest_ramp_time(drive: Drive) -> Any:
+    """Time of a drive's longest ramp of a motion [s], 0 without one."""
     motions = [*(of.prescribed for of in drive.sprockets), *(of.prescribed for of in drive.shafts)]
     return largest(0.0, *(motion.ramp_time for motion in motions if motion))
 
 
-def tension_after_ramp(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """Mean tension of the window of a chain [N], at least what counts; NaN where there is none, where no ramp is
-    over before it begins, or where a table over time changes what the drive does within it.
+def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
+    """Mean tension of the window of a chain (V,) [N], at least `least_link_forces`; nan unless it follows a ramp.
+
+    It is nan, too, where a table over time changes what the drive does within the window.
     """
-    ramps, name = each(_ramp_time), f"{of}.tension_mean" if of else "tension_mean"
+    ramps, name = each(_longest_ramp_time), f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
         return np.full_like(ramps, np.nan)
     mean, begin, end = columns[name][0], columns["window_start"][0], columns["window_end"][0]
-    ramped = (ramps > 0.0) & (begin >= ramps) & (each(changes_within, begin, end) == 0.0)
-    return np.where(ramped, np.maximum(np.abs(mean), least_force(each, of)), np.nan)
+    ramped = (ramps > 0.0) & (begin >= ramps) & (each(has_table_change, begin, end) == 0.0)
+    return np.where(ramped, np.maximum(np.abs(mean), least_link_forces(each, of)), np.nan)
 
 
-def ones_of_starts(each: Each, columns: Mapping[str, Given], of: str) -> NDArray[np.float64]:
-    """1 where the window is one of a start, of which each extreme is a single event, NaN elsewhere."""
+def start_window_ones(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
+    """1 where the window (V,) is one of a start, of which each extreme is a single event, nan elsewhere."""
     change, null = columns.get("energy_change_relative", (np.zeros_like(columns["diverged_time"][0]), False))
-    return np.where((np.abs(change) > STARTS) & ~np.asarray(null), 1.0, np.nan)
+    return np.where((np.abs(change) > START_ENERGY_CHANGE) & ~np.asarray(null), 1.0, np.nan)
 
 
-RULES = (
-    Rule(
+LIMIT_RULES = (
+    LimitRule(
         "energy_residual",
         "energy_residual_relative",
         "of the energy turned over",
         lambda of, value: f"energy residual {100.0 * value:+.2g} % of the energy turned over",
         "take a smaller step (run.step), a higher impact_speed_floor, or float64",
     ),
-    Rule(
+    LimitRule(
         "energy_change",
         "energy_change_relative",
         "of the losses",
@@ -250,117 +262,117 @@ RULES = (
         "take a longer run or a later window, after the start, or for a start itself run.start = true",
         after_start=True,
     ),
-    Rule(
+    LimitRule(
         "settle_residual",
         "settle_force",
         "of the largest link force",
         lambda of, value: f"settling left a net force of {value:.2g} of the largest link force",
         "make the chain fit more closely (warpchain fit), or take run.settle = false and a later window",
-        over=largest_tension,
+        scale=largest_link_forces,
     ),
-    Rule(
+    LimitRule(
         "breaking_load",
         "tension_max",
         "of the chain's breaking load",
         lambda of, value: f"largest tension {value:.2g} of the chain's breaking load",
         "take a stronger chain.size, less load, a longer ramp_time, or a smaller step (run.step)",
-        over=breaking_load,
+        scale=breaking_loads,
     ),
-    Rule(
+    LimitRule(
         "compression",
         "tension_min",
         "of the largest tension",
         lambda of, value: f"{of}: a link pushes with {-value:.2g} of the largest tension",
         "take more preload (warpchain fit), a longer ramp_time, or a smaller step (run.step)",
-        of="STRAND",
+        part="STRAND",
         size=np.negative,
-        over=largest_pull,
+        scale=largest_link_tensions,
     ),
-    Rule(
+    LimitRule(
         "mean_compression",
         "tension_mean",
         "of the largest tension",
         lambda of, value: f"{of}: pushes in the mean, with {-value:.2g} of the largest tension, which no chain does",
         "take more preload (warpchain fit), less load, or a later window",
-        of="STRAND",
+        part="STRAND",
         size=np.negative,
-        over=largest_pull,
+        scale=largest_link_tensions,
     ),
-    Rule(
+    LimitRule(
         "resolution",
         "resolution",
         "steps",
         lambda of, value: f"{of}: only {value:.2g} steps in the shortest time of its friction or ramp",
         "take a smaller step (run.step), less friction, or a longer ramp_time",
-        least=True,
-        of="PART",
+        is_lower=True,
+        part="PART",
     ),
-    Rule(
+    LimitRule(
         "joint_give",
         "joint_give",
         "of the 99.9 % tension, in a start",
         lambda of, value: f"{of}: joints that stick give way by {100.0 * value:.2g} % of its tension_q999",
         "take a smaller step (run.step), or less friction in the joints",
-        of="STRAND",
-        over=ones_of_starts,
+        part="STRAND",
+        scale=start_window_ones,
         order=2,
     ),
-    Rule(
+    LimitRule(
         "start",
         "tension_drift",
         "of the mean tension, after a ramp",
         lambda of, value: f"the mean tension changes by {100.0 * value:+.2g} % in the window: the start still swings",
         "take a longer ramp_time, or a longer run and a later window, or for a start itself run.start = true",
-        over=tension_after_ramp,
+        scale=mean_tensions_after_ramp,
         after_start=True,
     ),
-    Rule(
+    LimitRule(
         "slips",
         "slips",
         "teeth",
         lambda of, value: f"{of}: slipped by {abs(value):g} teeth",
         "take more preload (warpchain fit), more wrap, less load, or a longer ramp_time",
-        of="SPROCKET",
+        part="SPROCKET",
     ),
-    Rule(
+    LimitRule(
         "missed",
         "missed",
         "rollers",
         lambda of, value: f"{of}: missed by {value:g} rollers",
         "move or lengthen the guide-bar, or take more preload or a smaller step (run.step)",
-        of="GUIDE",
+        part="GUIDE",
     ),
-    Rule(
+    LimitRule(
         "engaged",
         "engaged",
         "of the rollers of the assembled wrap",
         lambda of, value: f"{of}: only {100.0 * value:.0f} % of its wrap is on its teeth at the end",
         "take more preload (warpchain fit), less load, or a longer ramp_time",
-        least=True,
-        of="SPROCKET",
+        is_lower=True,
+        part="SPROCKET",
     ),
-    Rule(
+    LimitRule(
         "valve_float",
         "valve_float",
         "of the time",
         lambda of, value: f"{of}: followers would lift off their cams for {100.0 * value:.2g} % of the time",
         "take more spring.preload or stiffness, less mass, a profile with longer flanks, or less speed",
-        of="VALVES",
+        part="VALVES",
     ),
 )
 """Rules on metrics, in the order of reasons."""
 
-TORN = "torn"
-CAUSES = {
-    TORN: "take a smaller step (run.step) or a higher impact_speed_floor",
+TORN_CAUSE = "torn"
+DIVERGENCE_CAUSES = {
+    TORN_CAUSE: "take a smaller step (run.step) or a higher impact_speed_floor",
     "left": "its chain came off and left the drive, whole: take more preload (warpchain fit), more wrap, less load, or "
     "a longer ramp_time",
     "center": "the center of a sprocket left the drive: take a stiffer mount, less preload of it, or less load",
     "settling": "settling found no equilibrium: make the chain fit more closely (warpchain fit), or take "
     "run.settle = false and a later window",
 }
-"""Causes for a variant to diverge, where it is not its step alone, and what to do about it."""
-UNMEASURED = "ended before its window for metrics was over"
+"""Causes for a variant to diverge, and what to do about them."""
+UNMEASURED_REASON = "ended before its window for metrics was over"
 
 
 @dataclass(frozen=True)
@@ -376,26 +388,26 @@ class Judgement:
     reason: list[str]
 
 
-def judge(
+def judge_variants(
     drives: Sequence[Drive],
-    columns: Mapping[str, Given],
+    columns: Mapping[str, ColumnValues],
     measured: NDArray[np.bool_],
     limits: Limits | None = None,
     layouts: Sequence[Sequence[str]] | None = None,
     causes: Sequence[str] | None = None,
     stacks: Sequence[Stack] | None = None,
 ) -> Judgement:
-    """Judges V variants by their metrics.
+    """Judges V variants by their metrics; returns status and reason of each.
 
     Args:
         drives: the variants.
-        columns: their metrics by name; those that a rule does not find are not judged by it. Of `diverged` variants
-            "diverged" and "diverged_time" [s] say when.
+        columns: their metrics by name; a rule without its column judges none. "diverged" and "diverged_time" [s] are
+            needed.
         measured: (V,) which came to the end of their window.
         limits: None takes the defaults.
         layouts: (V,) what is wrong with each drive's layout (`assembly.layout.findings`); None judges none.
-        causes: (V,) which of `CAUSES` made it diverge, "" where it did not; None takes the step for it.
-        stacks: the drives sorted into kinds, where they are.
+        causes: (V,) which of `DIVERGENCE_CAUSES` made it diverge, "" where it did not; None takes the step for it.
+        stacks: the drives sorted into kinds, where known.
     """
     limits = limits or Limits()
     found: dict[int, list[str]] = {}
@@ -406,14 +418,14 @@ def judge(
     diverged, _ = columns["diverged"]
     times, _ = columns["diverged_time"]
     for v in np.flatnonzero(diverged).tolist():
-        end = "" if v in found else f": {CAUSES[causes[v] if causes else TORN]}"
+        end = "" if v in found else f": {DIVERGENCE_CAUSES[causes[v] if causes else TORN_CAUSE]}"
         found.setdefault(v, []).insert(0, f"diverged at {times[v]:.4g} s{end}")
     for v in np.flatnonzero(~measured & ~diverged.astype(bool)).tolist():
-        found.setdefault(v, []).append(UNMEASURED)
-    for v, name in _not_finite(drives, columns).items():
+        found.setdefault(v, []).append(UNMEASURED_REASON)
+    for v, name in _first_nonfinite_columns(drives, columns).items():
         if not diverged[v]:
-            found.setdefault(v, []).append(f"{name} is not finite: {CAUSES[TORN]}, or less load")
-    for v, reasons in _beyond(drives, stacks, columns, limits).items():
+            found.setdefault(v, []).append(f"{name} is not finite: {DIVERGENCE_CAUSES[TORN_CAUSE]}, or less load")
+    for v, reasons in _reasons_beyond_limits(drives, stacks, columns, limits).items():
         if not diverged[v]:
             found.setdefault(v, []).extend(reasons)
     status, reason = [OK] * len(drives), [""] * len(drives)
@@ -423,66 +435,66 @@ def judge(
     return Judgement(status, reason)
 
 
-def _beyond(
-    drives: Sequence[Drive], stacks: Sequence[Stack] | None, columns: Mapping[str, Given], limits: Limits
+def _reasons_beyond_limits(
+    drives: Sequence[Drive], stacks: Sequence[Stack] | None, columns: Mapping[str, ColumnValues], limits: Limits
 ) -> dict[int, list[str]]:
-    """Reasons of each variant, by its number: rule by rule, and in the order of its drive's own columns."""
+    """Reasons of each variant with metrics beyond limits, by its number: rule by rule, in the columns' order."""
     found: dict[int, list[tuple[int, str, str]]] = {}
     chains = {chain.name for drive in drives for chain in drive.chains}
-    each = partial(each_of, drives, stacks)
+    each = partial(number_of_each_drive, drives, stacks)
     starts = each(lambda drive: drive.run.start) != 0.0
-    for r, rule in enumerate(RULES):
+    for r, rule in enumerate(LIMIT_RULES):
         limit = float(getattr(limits, rule.key))
-        if limit == (0.0 if rule.least else np.inf):
+        if limit == (0.0 if rule.is_lower else np.inf):
             continue
         for name in columns:
             of, _, column = name.rpartition(".")
             if column != rule.column:
                 continue
-            mine = _has_rule(drives, of, rule, chains) & ~(rule.after_start & starts)
+            mine = _is_judged_by_rule(drives, of, rule, chains) & ~(rule.after_start & starts)
             if not mine.any():
                 continue
-            scale = np.ones(len(drives)) if rule.over is None else rule.over(each, columns, of)
+            scale = np.ones(len(drives)) if rule.scale is None else rule.scale(each, columns, of)
             values, null = columns[name]
             shares = values / scale
-            within = shares >= limit if rule.least else rule.size(shares) <= limit
+            within = shares >= limit if rule.is_lower else rule.size(shares) <= limit
             for v in np.flatnonzero(mine & ~(within | null | np.isnan(scale)) & np.isfinite(values)).tolist():
-                named = f"{of}: " if drives[v].chains and not rule.of and of else ""
-                text = f"{named}{rule.reason(of, float(shares[v]), limit)}"
+                named = f"{of}: " if drives[v].chains and not rule.part and of else ""
+                text = f"{named}{rule.reason_text(of, float(shares[v]), limit)}"
                 found.setdefault(v, []).append((r, name, text))
-    return {v: [text for _, _, text in _in_own_order(drives[v], of)] for v, of in found.items()}
+    return {v: [text for _, _, text in _reasons_in_column_order(drives[v], of)] for v, of in found.items()}
 
 
-def _in_own_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
+def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
     """Reasons (rule, column, text) rule by rule; of one rule in the order of the drive's own columns."""
     if len({rule for rule, _, _ in reasons}) == len(reasons):
         return reasons
-    places = _places(drive)
+    places = _column_places(drive)
     return sorted(reasons, key=lambda of: (of[0], places.get(of[1], -1), of[1]))
 
 
-def _places(drive: Drive) -> dict[str, int]:
+def _column_places(drive: Drive) -> dict[str, int]:
     """Place of each column among those of the drive's own table."""
     from warpchain.results.metric_columns import metric_names  # which imports what this module judges
 
     return {name: place for place, name in enumerate(metric_names(drive))}
 
 
-def _has_rule(drives: Sequence[Drive], of: str, rule: Rule, chains: set[str]) -> NDArray[np.bool_]:
-    """(V,) whether a rule's column of this prefix is held against its limit.
+def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains: set[str]) -> NDArray[np.bool_]:
+    """Whether each drive's column of this prefix is held against a rule's limit (V,).
 
     Args:
-        of: what stands before the column's name; "" for a drive's only chain.
+        of: the column's prefix; "" for a drive's only chain.
         chains: names of the chains of all drives that have several.
     """
     own: bool | NDArray[np.bool_] = of == ""
     if of in chains:
         own = np.array([any(chain.name == of for chain in drive.chains) for drive in drives])
-    return np.broadcast_to(np.logical_not(own) if rule.of else own, len(drives))
+    return np.broadcast_to(np.logical_not(own) if rule.part else own, len(drives))
 
 
-def _not_finite(drives: Sequence[Drive], columns: Mapping[str, Given]) -> dict[int, str]:
-    """The first of each variant's own columns, by its number, that has a value which is not finite."""
+def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, ColumnValues]) -> dict[int, str]:
+    """Name of each variant's first column, by the variant's number, that has a value which is not finite."""
     found: dict[int, list[str]] = {}
     for name, (values, null) in columns.items():
         if values.dtype.kind == "f":
@@ -490,17 +502,17 @@ def _not_finite(drives: Sequence[Drive], columns: Mapping[str, Given]) -> dict[i
                 found.setdefault(v, []).append(name)
     first = {}
     for v, names in found.items():
-        places = _places(drives[v]) if len(names) > 1 else {}
+        places = _column_places(drives[v]) if len(names) > 1 else {}
         first[v] = min(names, key=lambda name: (places.get(name, -1), name))
     return first
 
 
-def warning_text(status: Sequence[str], reason: Sequence[str]) -> str | None:
+def judgement_warning(status: Sequence[str], reason: Sequence[str]) -> str | None:
     """One line on V variants: which are not ok, why, and what to change; None where all are ok.
 
-    A variant whose run was interrupted, and that has nothing else, is left out: who did it knows.
+    A variant whose run was interrupted, and that has nothing else, is left out.
     """
-    bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED]
+    bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED_REASON]
     if not bad:
         return None
     if len(status) == 1:
@@ -512,9 +524,11 @@ def warning_text(status: Sequence[str], reason: Sequence[str]) -> str | None:
         head += f" {'is' if suspect == 1 else 'are'} suspect" + (f" and {diverged} diverged" if diverged else "")
     else:
         head += " diverged"
-    names = ", ".join(map(str, bad[:NAMED])) + (f" and {len(bad) - NAMED} more" if len(bad) > NAMED else "")
+    names = ", ".join(map(str, bad[:MOST_NAMED])) + (
+        f" and {len(bad) - MOST_NAMED} more" if len(bad) > MOST_NAMED else ""
+    )
     common = common_reasons((status[v], reason[v]) for v in bad)
-    lines = [reason_words(count, text) for _, text, count in common[:MOST_REASONS]]
+    lines = [reason_of_count(count, text) for _, text, count in common[:MOST_REASONS]]
     if len(common) == 1:
         lines = [common[0][1] if len(bad) == 1 else f"e.g. {common[0][1]}"]
     more = [f"{len(common) - MOST_REASONS} further reasons"] if len(common) > MOST_REASONS else []

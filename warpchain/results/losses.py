@@ -1,4 +1,4 @@
-"""Energy that dissipates over the window, by group, and friction power over time, by what rubs.
+"""Energy dissipated over the window by group, and friction power over time by what rubs.
 
 With mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), N normal forces and v sliding speeds,
 
@@ -6,8 +6,8 @@ With mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), N normal forces and v slidi
     guides   mu(v) N |v|                                                                                         (b)
     teeth    mu(v) N |v|,   v along the contact                                                                  (c)
 
-as the kernels have it, but for their bound on what a step can stop, which only what hardly slides feels. The metrics
-`joints.friction` and `PART.friction` are summed at every step; these are of the frames, and so over time and speed.
+as the kernels have it, but for their bound on what a step can stop. These are of the frames, and so over time and
+speed; the metrics `joints.friction` and `PART.friction` are summed at every step.
 """
 
 from __future__ import annotations
@@ -20,22 +20,26 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, rubbing_of, tooth_rubbing
-from warpchain.results.formulas import partner_names
-from warpchain.results.guide_load import GuideContacts, guide_contacts
-from warpchain.results.run import Run, Trajectory, need
-from warpchain.results.scene import nearest_sprocket, sprocket_normals
+from warpchain.results.guide_load import GuideContacts, recorded_guide_contacts
+from warpchain.results.metric_formulas import partner_names
+from warpchain.results.run import Run, Trajectory, require_channels
+from warpchain.results.scene import engaged_sprockets, sprocket_normals
 
-JOINTS, TEETH, BARS, LINKS, MOUNTS = "joints", "sprocket contacts", "guides", "links", "mounts"
-BEARINGS, ARMS, COUPLINGS, SLIPPING = "bearings", "arms and tensioners", "couplings", "clutches and gear changes"
-"""The groups: friction in the joints; damping and friction of rollers on teeth and on guides; damping of the links and
-of mounts; friction in bearings; damping of arms and tensioners with what gap and valve take of the oil's energy, and of
-couplings; slipping of clutches and changes of ratio."""
+JOINT_LOSSES = "joints"
+TOOTH_LOSSES = "sprocket contacts"
+GUIDE_LOSSES = "guides"
+LINK_LOSSES = "links"
+MOUNT_LOSSES = "mounts"
+BEARING_LOSSES = "bearings"
+ARM_LOSSES = "arms and tensioners"
+COUPLING_LOSSES = "couplings"
+SLIP_LOSSES = "clutches and gear changes"
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
     """Energy dissipated over the window by group [J], the largest first; groups that the drive has not are left out.
 
-    Together with `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
+    With `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
 
     Args:
         metrics: a variant's row.
@@ -44,15 +48,15 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
     bars = [g.name for g in drive.guides]
     pushed = [arm.name for arm in drive.arms] + [tensioner.name for tensioner in drive.tensioners]
     columns = {
-        JOINTS: [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"],
-        TEETH: [f"{name}.{kind}" for name in teeth for kind in ("dissipated", "friction")],
-        BARS: [f"{name}.{kind}" for name in bars for kind in ("dissipated", "friction")],
-        LINKS: ["links.dissipated"],
-        MOUNTS: [f"{name}.mount_dissipated" for name in teeth],
-        BEARINGS: [f"{name}.bearing_friction" for name in teeth],
-        ARMS: [f"{name}.{kind}" for name in pushed for kind in ("damping_loss", "oil_loss")],
-        COUPLINGS: [f"{coupling.name}.damping_loss" for coupling in drive.couplings],
-        SLIPPING: [f"{coupling.name}.slip_loss" for coupling in drive.couplings],
+        JOINT_LOSSES: [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"],
+        TOOTH_LOSSES: [f"{name}.{kind}" for name in teeth for kind in ("dissipated", "friction")],
+        GUIDE_LOSSES: [f"{name}.{kind}" for name in bars for kind in ("dissipated", "friction")],
+        LINK_LOSSES: ["links.dissipated"],
+        MOUNT_LOSSES: [f"{name}.mount_dissipated" for name in teeth],
+        BEARING_LOSSES: [f"{name}.bearing_friction" for name in teeth],
+        ARM_LOSSES: [f"{name}.{kind}" for name in pushed for kind in ("damping_loss", "oil_loss")],
+        COUPLING_LOSSES: [f"{coupling.name}.damping_loss" for coupling in drive.couplings],
+        SLIP_LOSSES: [f"{coupling.name}.slip_loss" for coupling in drive.couplings],
     }
     found = {
         group: [float(metrics[name]) for name in names if metrics.get(name) is not None]
@@ -65,15 +69,15 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
 Array = NDArray[np.float64]
 
 
-def coefficient(rubbing: Rubbing, speed: Array) -> Array:
-    """mu(v) at sliding speeds [m/s]."""
+def friction_coefficient(rubbing: Rubbing, speed: Array) -> Array:
+    """Friction coefficient mu(v) at sliding speeds [m/s]."""
     part = np.asarray(speed) / rubbing.stribeck_speed
     return rubbing.dynamic + (rubbing.static - rubbing.dynamic) * np.exp(-part * part)
 
 
-def joint_rates(trajectory: Trajectory) -> Array:
+def joint_turn_rates(trajectory: Trajectory) -> Array:
     """Rate at which the links at each roller turn against each other, g (F, N) [rad/s]."""
-    position, velocity = need(trajectory, "position", "velocity")
+    position, velocity = require_channels(trajectory, "position", "velocity")
     across = np.roll(position, -1, axis=1) - position
     relative = np.roll(velocity, -1, axis=1) - velocity
     square = across[..., 0] ** 2 + across[..., 1] ** 2
@@ -83,33 +87,33 @@ def joint_rates(trajectory: Trajectory) -> Array:
 
 def joint_loads(trajectory: Trajectory) -> Array:
     """Force on each joint (F, N) [N]: the larger of its two links' tensions, whatever their sign."""
-    (tension,) = need(trajectory, "tension")
+    (tension,) = require_channels(trajectory, "tension")
     size = np.abs(np.asarray(tension, dtype=float))
     return np.maximum(size, np.roll(size, 1, axis=1))
 
 
-def joint_power(trajectory: Trajectory) -> Array:
+def total_joint_friction_power(trajectory: Trajectory) -> Array:
     """Friction power of all joints (F,) [W]: as recorded, or else (a)."""
     if trajectory.joint_friction_power is not None:
         return np.asarray(trajectory.joint_friction_power, dtype=float).sum(axis=1)
     joint, radius = trajectory.drive.chain.joint, trajectory.drive.chain.pin_radius
     if joint is None or radius is None:
         return np.zeros(len(trajectory.time))
-    rate = np.abs(joint_rates(trajectory))
-    moment = coefficient(rubbing_of(joint), radius * rate) * joint.factor * radius * joint_loads(trajectory)
+    rate = np.abs(joint_turn_rates(trajectory))
+    moment = friction_coefficient(rubbing_of(joint), radius * rate) * joint.factor * radius * joint_loads(trajectory)
     return np.asarray((moment * rate).sum(axis=1))
 
 
-def guide_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Array:
+def guide_friction_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Array:
     """Friction power on guide g (F,) [W] (b)."""
     speed = np.abs(contacts.speed)
-    power = coefficient(guide_rubbing(trajectory.drive, g), speed) * contacts.force * speed
+    power = friction_coefficient(guide_rubbing(trajectory.drive, g), speed) * contacts.force * speed
     return np.asarray(np.bincount(contacts.frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
-def tooth_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array:
-    """Friction power on the teeth of sprocket s (F,) [W] (c); `near` (F, N) is `nearest_sprocket`'s."""
-    position, velocity, sprocket_force, sprocket_speed, sprocket_center = need(
+def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array:
+    """Friction power on the teeth of sprocket s (F,) [W] (c); `near` (F, N) is of `engaged_sprockets`."""
+    position, velocity, sprocket_force, sprocket_speed, sprocket_center = require_channels(
         trajectory, "position", "velocity", "sprocket_force", "sprocket_speed", "sprocket_center"
     )
     frame, roller = np.nonzero((sprocket_force > 0.0) & (near == s))
@@ -122,7 +126,7 @@ def tooth_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array
     relative = np.stack([-omega * r[:, 1], omega * r[:, 0]], axis=-1) - v
     n = sprocket_normals(trajectory, s, frame, roller)
     sliding = np.abs(relative[:, 1] * n[:, 0] - relative[:, 0] * n[:, 1])
-    power = coefficient(tooth_rubbing(trajectory.drive), sliding) * force * sliding
+    power = friction_coefficient(tooth_rubbing(trajectory.drive), sliding) * force * sliding
     return np.asarray(np.bincount(frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
@@ -131,20 +135,20 @@ def friction_power(trajectory: Trajectory) -> dict[str, Array]:
     drive = trajectory.drive
     found: dict[str, Array] = {}
     if drive.chain.rubs:
-        found["joints"] = joint_power(trajectory)
-    touching = guide_contacts(trajectory) if drive.guides else []
+        found["joints"] = total_joint_friction_power(trajectory)
+    touching = recorded_guide_contacts(trajectory) if drive.guides else []
     for g, guide in enumerate(drive.guides):
         if guide_rubbing(drive, g).rubs:
-            found[guide.name] = guide_power(trajectory, g, touching[g])
+            found[guide.name] = guide_friction_power(trajectory, g, touching[g])
     if tooth_rubbing(drive).rubs:
-        near = nearest_sprocket(trajectory)
+        near = engaged_sprockets(trajectory)
         for s, sprocket in enumerate(drive.sprockets):
-            found[sprocket.name] = tooth_power(trajectory, s, near)
+            found[sprocket.name] = tooth_friction_power(trajectory, s, near)
     return found
 
 
-def by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
-    """Friction powers by name as those of "joints", of all "guides" and of the "teeth" of all sprockets."""
+def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
+    """Friction powers by name added up to "joints", all "guides" and the "teeth" of all sprockets."""
     groups = {
         "joints": ["joints"],
         "guides": [guide.name for guide in drive.guides],
@@ -154,12 +158,11 @@ def by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
     return {group: np.sum(values, axis=0) for group, values in held.items() if values}
 
 
-def power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
-    """Mean friction power of a run's variants that are ok by group (V,) [W], over the driver's mean speed (V,) [rad/s].
+def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
+    """Mean friction power of a run's ok variants by group (V,) [W], over the driver's mean speed (V,) [rad/s].
 
-    Of the sums at every step (`joints.friction`, `PART.friction`), ascending in speed; None with fewer than three
-    speeds, where nothing rubs, and of variants that unlike sprockets drive or that have several chains. Variants must
-    have the parts of the first.
+    Of the sums at every step, ascending in speed; None with fewer than three speeds, where nothing rubs, or where
+    variants have several chains or unlike drivers. Variants must have the parts of the first.
     """
     drive, table = run.drives[0], run.metrics
     names = {f"{of.sprockets[of.driver].name}.speed_mean" for of in run.drives}
@@ -176,4 +179,4 @@ def power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
         return None
     order = np.flatnonzero(known)[np.argsort(np.abs(speed[known]))]
     power = {part: values[order] / (end - start)[order] for part, values in columns.items()}
-    return np.abs(speed[order]), by_group(drive, power)
+    return np.abs(speed[order]), friction_power_by_group(drive, power)

@@ -1,9 +1,8 @@
 """A measured signal beside a run: laid over the simulated one, statistics and orders compared.
 
-The simulated values are those of the latter half of the recording, which the start's transients have left; the measured
-ones are all that are given. Orders are multiples of the driver's revolution. Of the run its angle is known; the rig is
-taken to turn at the run's mean speed, so that its orders are as sharp as its speed was even. The amplitude of an order
-is the largest line of the spectrum within `WITHIN` lines of it (Hann window, `signals.amplitude_spectrum`).
+Simulated values are those of the latter half of the recording, measured ones all that are given. Orders are multiples
+of the driver's revolution; the rig is taken to turn at the run's mean speed. The amplitude of an order is the largest
+line of the spectrum within `LINES_WITHIN` lines of it (Hann window, `signals.amplitude_spectrum`).
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
-from warpchain.results.channels import CHANNEL, UNITS, Sizes
-from warpchain.results.measured_file import STATISTICS, Measured
-from warpchain.results.run import Trajectory, need
+from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_UNITS, PartCounts
+from warpchain.results.measured_file import SIGNAL_STATISTICS, MeasuredSignal
+from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import (
     TOOTH_PASSINGS,
     amplitude_spectrum,
-    forward,
-    largest_contacts,
-    latter_half,
+    forward_values,
+    largest_contact_forces,
+    latter_half_frames,
     order_spectrum,
     part_signals,
     strand_tension,
@@ -38,12 +37,18 @@ from warpchain.results.signals import (
 
 Array = NDArray[np.float64]
 
-WITHIN = 2
+LINES_WITHIN = 2
 """Lines of a spectrum about an order among which its amplitude is looked for."""
 
 
-class Source(NamedTuple):
-    """A signal of a run to compare with: its SI unit, the group of curves in playback, its values (F,)."""
+class SignalSource(NamedTuple):
+    """A signal of a run to compare a measured one with.
+
+    Attributes:
+        unit: SI unit.
+        group: of curves in playback.
+        values: works out the values (F,).
+    """
 
     unit: str
     group: str
@@ -51,7 +56,7 @@ class Source(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Comparison:
+class SignalComparison:
     """A measured signal beside the simulated one.
 
     Attributes:
@@ -59,11 +64,11 @@ class Comparison:
         group: of curves in playback.
         time, simulated: (F,) of the whole recording.
         statistics: simulated and measured value by name ("mean", "std", ...), in the signal's unit.
-        orders: simulated and measured amplitude by order, for the orders that excite the drive and both resolve.
+        orders: cause, simulated and measured amplitude by order, for those that excite the drive and both resolve.
         spectra: orders and amplitudes (2, L) of the simulated and of the measured signal; None where it has none.
     """
 
-    measured: Measured
+    measured: MeasuredSignal
     group: str
     time: Array
     simulated: Array
@@ -72,21 +77,26 @@ class Comparison:
     spectra: tuple[tuple[Array, Array] | None, tuple[Array, Array] | None]
 
 
-def sources(trajectory: Trajectory) -> dict[str, Source]:
-    """Signals to lay a measured one over, by name: STRAND.tension, SPROCKET.speed, COUPLING.torque, "link 7.tension"
-    and so on; of several chains CHAIN.STRAND.tension, "CHAIN.link 7.tension"."""
-    found: dict[str, Source] = {}
+def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
+    """Signals of a run to lay a measured one over, by name.
+
+    STRAND.tension, SPROCKET.speed, COUPLING.torque, "link 7.tension" and so on; of several chains CHAIN.STRAND.tension,
+    "CHAIN.link 7.tension".
+    """
+    found: dict[str, SignalSource] = {}
     for chain, own in chain_trajectories(trajectory).items():
-        found |= _chain_sources(own, f"{chain}." if chain else "")
+        found |= _chain_signal_sources(own, f"{chain}." if chain else "")
     held = trajectory.channels()
     for name, signal, channel, group, i in part_signals(trajectory.drive):
         if channel in held:
-            found[f"{name}.{signal}"] = Source(UNITS[channel], group, partial(_of, held[channel], i))
+            found[f"{name}.{signal}"] = SignalSource(
+                CHANNEL_UNITS[channel], group, partial(_signal_column, held[channel], i)
+            )
     return found
 
 
 def signal_units(drive: Drive) -> dict[str, str]:
-    """SI units of all `sources` of a drive whose runs are recorded as by default, by name."""
+    """SI units of all `signal_sources` of a drive recorded as by default, by name."""
     units: dict[str, str] = {}
     for ring in rings_of(drive):
         before = f"{ring.name}." if ring.name else ""
@@ -97,43 +107,51 @@ def signal_units(drive: Drive) -> dict[str, str]:
                      for kind, unit in (("speed", "rad/s"), ("moment", "N m"))}  # fmt: skip
         links = {f"{before}link {i}.tension": "N" for i in range(ring.drive.chain.links)}
         units |= strands | {f"{name}.contact": "N" for name in parts} | sprockets | links
-    sizes = Sizes.of(drive)
-    recorded = [of for of in part_signals(drive) if sizes.count(CHANNEL[of[2]].per)]
-    return units | {f"{name}.{signal}": UNITS[channel] for name, signal, channel, _, _ in recorded}
+    sizes = PartCounts.of_drive(drive)
+    recorded = [of for of in part_signals(drive) if sizes.count_of(CHANNEL_BY_NAME[of[2]].per)]
+    return units | {f"{name}.{signal}": CHANNEL_UNITS[channel] for name, signal, channel, _, _ in recorded}
 
 
-def _chain_sources(trajectory: Trajectory, before: str) -> dict[str, Source]:
-    """`sources` of a chain; names of its strands and links begin with `before`."""
+def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, SignalSource]:
+    """Signals of a chain to compare with, by name; those of its strands and links begin with `before`."""
     drive = trajectory.drive
-    found: dict[str, Source] = {}
+    found: dict[str, SignalSource] = {}
     for k, name in enumerate(drive.strand_names):
-        found[f"{before}{name}.tension"] = Source("N", "strand tension", partial(strand_tension, trajectory, k))
+        found[f"{before}{name}.tension"] = SignalSource("N", "strand tension", partial(strand_tension, trajectory, k))
         along = partial(strand_displacement, trajectory, k)
-        found[f"{before}{name}.displacement"] = Source("m", "displacement", along)
+        found[f"{before}{name}.displacement"] = SignalSource("m", "displacement", along)
     parts = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     for p, name in enumerate(parts):
-        found[f"{name}.contact"] = Source("N", "contact", partial(_contact, trajectory, p))
+        found[f"{name}.contact"] = SignalSource("N", "contact", partial(_largest_contact_force, trajectory, p))
     for s, sprocket in enumerate(drive.sprockets):
         if trajectory.sprocket_speed is not None:
-            found[f"{sprocket.name}.speed"] = Source("rad/s", "speed", partial(_of, trajectory.sprocket_speed, s))
+            found[f"{sprocket.name}.speed"] = SignalSource(
+                "rad/s", "speed", partial(_signal_column, trajectory.sprocket_speed, s)
+            )
         if trajectory.sprocket_moment is not None:
-            found[f"{sprocket.name}.moment"] = Source("N m", "moment", partial(_of, trajectory.sprocket_moment, s))
+            found[f"{sprocket.name}.moment"] = SignalSource(
+                "N m", "moment", partial(_signal_column, trajectory.sprocket_moment, s)
+            )
     for i in range(drive.chain.links):
-        found[f"{before}link {i}.tension"] = Source("N", "tension", partial(_of, trajectory.tension, i))
+        found[f"{before}link {i}.tension"] = SignalSource(
+            "N", "tension", partial(_signal_column, trajectory.tension, i)
+        )
     return found
 
 
-def _contact(trajectory: Trajectory, part: int) -> Array:
-    return largest_contacts(trajectory)[part]
+def _largest_contact_force(trajectory: Trajectory, part: int) -> Array:
+    """Largest contact force of a sprocket or guide on any roller (F,) [N]."""
+    return largest_contact_forces(trajectory)[part]
 
 
-def _of(values: NDArray[np.floating] | None, index: int) -> Array:
+def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
+    """Values (F,) of one part in a channel (F, parts)."""
     assert values is not None
     return np.asarray(values[:, index], dtype=float)
 
 
-def source(trajectory: Trajectory, name: str, option: str = "") -> Source:
-    """The signal that a measured one of that name is compared with.
+def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
+    """Signal of a run that a measured one of that name is compared with.
 
     Args:
         option: what stands before the name where it was given, such as "--as ".
@@ -141,8 +159,10 @@ def source(trajectory: Trajectory, name: str, option: str = "") -> Source:
     Raises:
         SimulationError: an unknown name, with those that there are, or a channel that was not recorded.
     """
-    need(trajectory, "tension", "position", "sprocket_angle", "sprocket_center", "sprocket_force", "guide_force")
-    found = sources(trajectory)
+    require_channels(
+        trajectory, "tension", "position", "sprocket_angle", "sprocket_center", "sprocket_force", "guide_force"
+    )
+    found = signal_sources(trajectory)
     if name not in found:
         chains = {ring.name: ring.drive.chain.links for ring in rings_of(trajectory.drive)}
         befores = {f"{chain}." if chain else "": links for chain, links in chains.items()}
@@ -152,41 +172,40 @@ def source(trajectory: Trajectory, name: str, option: str = "") -> Source:
     return found[name]
 
 
-def compared(trajectory: Trajectory, measured: Measured, offset: float | None = 0.0) -> Comparison:
-    """Lays a measured signal over the simulated one.
+def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | None = 0.0) -> SignalComparison:
+    """Comparison of a measured signal with the simulated one of a run. Raises as `source`.
 
     Args:
         offset: added to the measured time [s]; None takes the one at which both correlate best.
-
-    Raises:
-        SimulationError: what `source` refuses.
     """
     of = source(trajectory, measured.name)
     simulated = of.values()
-    part = latter_half(trajectory)
+    part = latter_half_frames(trajectory)
     if offset is None:
-        offset = _best_offset(trajectory.time[part], simulated[part], measured)
-    measured = Measured(measured.name, measured.unit, measured.time + offset, measured.values)
+        offset = _best_time_offset(trajectory.time[part], simulated[part], measured)
+    measured = MeasuredSignal(measured.name, measured.unit, measured.time + offset, measured.values)
     held = simulated[part][np.isfinite(simulated[part])]
-    statistics = {name: (form(held), form(measured.values)) for name, form in STATISTICS.items()} if len(held) else {}
+    statistics = (
+        {name: (form(held), form(measured.values)) for name, form in SIGNAL_STATISTICS.items()} if len(held) else {}
+    )
     ours = order_spectrum(trajectory, simulated)
-    theirs = _measured_orders(trajectory, measured)
-    return Comparison(
+    theirs = _measured_order_spectrum(trajectory, measured)
+    return SignalComparison(
         measured,
         of.group,
         trajectory.time,
         simulated,
         statistics,
-        _orders(trajectory, ours, theirs),
+        _excitation_order_amplitudes(trajectory, ours, theirs),
         (ours, theirs),
     )
 
 
-def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array, Array] | None:
+def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -> tuple[Array, Array] | None:
     """Spectrum of the measured signal over orders of the run's driver; None where that stands still."""
-    (sprocket_angle,) = need(trajectory, "sprocket_angle")
-    part = latter_half(trajectory)
-    angle = forward(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
+    (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
+    part = latter_half_frames(trajectory)
+    angle = forward_values(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
     seconds = float(trajectory.time[-1] - trajectory.time[part][0])
     turns = (angle[-1] - angle[0]) / (2.0 * np.pi)
     if turns <= 0.0 or seconds <= 0.0 or len(measured.time) < 8:
@@ -196,10 +215,10 @@ def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array,
     return amplitude_spectrum(values, float(even[1] - even[0]) * turns / seconds)
 
 
-def _orders(
+def _excitation_order_amplitudes(
     trajectory: Trajectory, ours: tuple[Array, Array] | None, theirs: tuple[Array, Array] | None
 ) -> dict[float, tuple[str, float, float]]:
-    """Excitation orders, with the amplitudes of both signals there, where both spectra resolve them."""
+    """Cause and both signals' amplitudes of each order that excites the drive, where both spectra resolve it."""
     if ours is None or theirs is None:
         return {}
     causes = {order.value: order.cause for order in orders(trajectory.drive)}
@@ -209,27 +228,31 @@ def _orders(
     found = {}
     for value, cause in sorted(causes.items()):
         lines = [round(float(value / spectrum[0][1])) for spectrum in (ours, theirs)]
-        if all(line > WITHIN and line + WITHIN < len(s[0]) for line, s in zip(lines, (ours, theirs), strict=True)):
+        if all(
+            line > LINES_WITHIN and line + LINES_WITHIN < len(s[0])
+            for line, s in zip(lines, (ours, theirs), strict=True)
+        ):
             both = [
-                float(s[1][line - WITHIN : line + WITHIN + 1].max())
+                float(s[1][line - LINES_WITHIN : line + LINES_WITHIN + 1].max())
                 for line, s in zip(lines, (ours, theirs), strict=True)
             ]
             found[value] = (cause, both[0], both[1])
     return found
 
 
-def _best_offset(time: Array, simulated: Array, measured: Measured) -> float:
+def _best_time_offset(time: Array, simulated: Array, measured: MeasuredSignal) -> float:
     """Offset of the measured time with which both signals correlate best [s]."""
     from scipy.signal import correlate
 
     step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))
 
-    def even(at: Array, values: Array) -> Any:
+    def even_samples(at: Array, values: Array) -> Any:
+        """Samples of a signal at even times, less their mean."""
         where = np.arange(at[0], at[-1], step)
         held = np.interp(where, at, np.nan_to_num(values, nan=float(np.nanmean(values))))
         return held - held.mean()
 
-    ours, theirs = even(time, simulated), even(measured.time, measured.values)
+    ours, theirs = even_samples(time, simulated), even_samples(measured.time, measured.values)
     products = correlate(ours, theirs, mode="full")
     # lags at which little overlaps have small products, so that they do not win
     lag = int(np.argmax(products)) - (len(theirs) - 1)

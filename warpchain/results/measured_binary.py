@@ -1,7 +1,6 @@
 """Measured signals of MAT and MDF4 files, read in a process of their own.
 
-scipy and asammdf read these files in C, where a damaged one can end the process, take all memory, or never end. Here
-it ends another one, which is one line.
+scipy and asammdf read these files in C, where a damaged one can end the process, take all memory, or never end.
 """
 
 from __future__ import annotations
@@ -24,34 +23,48 @@ from warpchain.errors import SimulationError
 from warpchain.extras import require_extra
 from warpchain.files import open_regular_file, refusal_reason
 from warpchain.python_process import can_start_python, start_python
-from warpchain.results.measured_columns import Column, Columns, column_index, finite
+from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, column_index, require_finite_values
 
-MOST_VALUES = 2**25
+MOST_SIGNAL_VALUES = 2**25
 """Values of a signal, at most; 256 MiB, as a chunk of an archive."""
-MEMORY = 2**33
+MOST_MEMORY = 2**33
 """Address space of the process that reads, at most [bytes]."""
-PATIENCE = 300.0
+MOST_READING_TIME = 300.0
 """Time that reading may take [s]."""
-_NUMBERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "single", "double", "logical")
-"""Kinds of variables in MAT files that are arrays of numbers."""
-_TIMES = ("time", "t", "Time")
+_MAT_NUMBER_CLASSES = (
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+    "single",
+    "double",
+    "logical",
+)
+"""Classes of variables in MAT files that are arrays of numbers."""
+_MDF_TIME_CHANNELS = ("time", "t", "Time")
 """Channels of MDF4 that have the time of others."""
 
 
-def read_binary(path: str | Path, columns: Columns) -> tuple[Column, Column]:
-    """The columns of time and values of a MAT or MDF4 file, read in a process of its own where one can be started.
+def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
+    """Columns of time and values of a MAT or MDF4 file, read in a process of its own where one can be started.
 
     Raises:
-        SimulationError: as `read_here`, or a file at which that process ended.
+        SimulationError: as `read_binary_columns_here`, or a file at which that process ended.
     """
     if not can_start_python():
-        return read_here(path, columns)
+        return read_binary_columns_here(path, columns)
     with start_python(__name__, subprocess.PIPE) as process:
         try:
-            answer, _ = process.communicate(pickle.dumps((os.fspath(path), columns)), PATIENCE)
+            answer, _ = process.communicate(pickle.dumps((os.fspath(path), columns)), MOST_READING_TIME)
         except subprocess.TimeoutExpired:
             process.kill()
-            raise SimulationError(f"{path}: cannot be read: reading it takes more than {PATIENCE:g} s") from None
+            raise SimulationError(
+                f"{path}: cannot be read: reading it takes more than {MOST_READING_TIME:g} s"
+            ) from None
         except BaseException:
             process.kill()
             raise
@@ -67,21 +80,21 @@ def read_binary(path: str | Path, columns: Columns) -> tuple[Column, Column]:
     return (words[0], words[1], time), (words[2], words[3], values)
 
 
-def read_here(path: str | Path, columns: Columns) -> tuple[Column, Column]:
-    """The columns of time and values of a MAT or MDF4 file, read in this process.
+def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
+    """Columns of time and values of a MAT or MDF4 file, read in this process.
 
     Raises:
-        SimulationError: a file or column that is not understood, more than `MOST_VALUES`, or no package asammdf.
+        SimulationError: a file or column that is not understood, too many values, or no package asammdf.
     """
-    time, signal = (_of_mat if Path(path).suffix.lower() == ".mat" else _of_mdf)(path, columns)
+    time, signal = (_columns_from_mat if Path(path).suffix.lower() == ".mat" else _columns_from_mdf)(path, columns)
     if len(time[2]) != len(signal[2]):
         raise SimulationError(f"{path}: {signal[0]} has {len(signal[2])} values, {time[0]} {len(time[2])}")
     return time, signal
 
 
 @contextlib.contextmanager
-def _understood(path: str | Path, words: str) -> Iterator[None]:
-    """Says in one line what keeps a file from being read; `words` of one that is damaged."""
+def _convert_file_errors(path: str | Path, words: str) -> Iterator[None]:
+    """Turns what keeps a file from being read into a SimulationError of one line; `words` are for damage."""
     try:
         yield
     except SimulationError:
@@ -92,10 +105,14 @@ def _understood(path: str | Path, words: str) -> Iterator[None]:
         raise SimulationError(f"{path}: {words} ({refusal_reason(error)})") from None
 
 
-def _of_mat(path: str | Path, columns: Columns) -> tuple[Column, Column]:
+def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
+    """Columns of time and values of a MAT file."""
     from scipy.io import loadmat, whosmat
 
-    with _understood(path, "is not a MAT file of version 4 to 7.2"), open(open_regular_file(path), "rb") as file:
+    with (
+        _convert_file_errors(path, "is not a MAT file of version 4 to 7.2"),
+        open(open_regular_file(path), "rb") as file,
+    ):
         listed = whosmat(file)
         twice = [name for name, count in Counter(name for name, *_ in listed).items() if count > 1]
         if twice:
@@ -103,14 +120,14 @@ def _of_mat(path: str | Path, columns: Columns) -> tuple[Column, Column]:
         lengths = {
             name: math.prod(shape)
             for name, shape, kind in listed
-            if kind in _NUMBERS and math.prod(shape) == max(shape, default=0) > 1
+            if kind in _MAT_NUMBER_CLASSES and math.prod(shape) == max(shape, default=0) > 1
         }
         names = [(name, name) for name in lengths]
         at = column_index(path, names, columns.time, 0, "time")
         of = column_index(path, names, columns.column, 1 if at == 0 else 0)
         wanted = [names[at][0], names[of][0]]
         for name in wanted:
-            _check_length(path, name, lengths[name])
+            _check_value_count(path, name, lengths[name])
         file.seek(0)
         held = loadmat(file, variable_names=wanted)
         found = [np.asarray(held[name]).ravel() for name in wanted]
@@ -118,44 +135,55 @@ def _of_mat(path: str | Path, columns: Columns) -> tuple[Column, Column]:
         if values.dtype.kind not in "iuf":
             raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
     time, signal = (
-        (name, "", finite(path, name, values.astype(float))) for name, values in zip(wanted, found, strict=True)
+        (name, "", require_finite_values(path, name, values.astype(float)))
+        for name, values in zip(wanted, found, strict=True)
     )
     return time, signal
 
 
-def _check_length(path: str | Path, name: str, count: int) -> None:
+def _check_value_count(path: str | Path, name: str, count: int) -> None:
     """Refuses more values than a signal may have, before they are read: a small file can state any number of zeros."""
-    if count > MOST_VALUES:
-        raise SimulationError(f"{path}: {name} has {count} values; allowed are at most {MOST_VALUES}")
+    if count > MOST_SIGNAL_VALUES:
+        raise SimulationError(f"{path}: {name} has {count} values; allowed are at most {MOST_SIGNAL_VALUES}")
 
 
-def _of_mdf(path: str | Path, columns: Columns) -> tuple[Column, Column]:
+def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
+    """Columns of time and values of an MDF4 file."""
     require_extra("mdf", "MDF4", SimulationError)
     import asammdf
 
-    with _understood(path, "is not MDF4"):
+    with _convert_file_errors(path, "is not MDF4"):
         os.close(open_regular_file(path))
         with asammdf.MDF(path) as mdf:
-            places = [(name, *at) for name, all_of in mdf.channels_db.items() for at in all_of if name not in _TIMES]
+            places = [
+                (name, *at)
+                for name, all_of in mdf.channels_db.items()
+                for at in all_of
+                if name not in _MDF_TIME_CHANNELS
+            ]
             names = [(name, f"{name} of group {group}") for name, group, _ in places]
             name, group, channel = places[column_index(path, names, columns.column, 0)]
-            _check_length(path, name, mdf.groups[group].channel_group.cycles_nr)
+            _check_value_count(path, name, mdf.groups[group].channel_group.cycles_nr)
             signal = mdf.get(name, group, channel)
     if getattr(signal.samples, "dtype", np.dtype(object)).kind not in "iuf" or signal.samples.ndim != 1:
         raise SimulationError(f"{path}: channel {name!r}: must hold numbers")
-    time = finite(path, "time", np.asarray(signal.timestamps, dtype=float))
-    return ("time", "s", time), (name, signal.unit or "", finite(path, name, signal.samples.astype(float)))
+    time = require_finite_values(path, "time", np.asarray(signal.timestamps, dtype=float))
+    return ("time", "s", time), (
+        name,
+        signal.unit or "",
+        require_finite_values(path, name, signal.samples.astype(float)),
+    )
 
 
-def serve() -> None:
-    """Answers what is asked on standard input, on what was standard output, with memory that is bounded."""
+def answer_read_request() -> None:
+    """Answers a request on standard input, on what was standard output, with bounded memory."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
         path, columns = pickle.load(sys.stdin.buffer)
-        _bound()
+        _limit_memory()
         try:
-            columns_read = read_here(path, columns)
+            columns_read = read_binary_columns_here(path, columns)
             words, data = [word for *both, _ in columns_read for word in both], [values for *_, values in columns_read]
         except SimulationError as error:
             words, data = [str(error)], []
@@ -164,15 +192,15 @@ def serve() -> None:
             answers.write(np.ascontiguousarray(values).data)
 
 
-def _bound() -> None:
+def _limit_memory() -> None:
     """Bounds this process's memory, and lets it leave no image of it."""
     with contextlib.suppress(ImportError, OSError, ValueError):  # a system without such bounds
         import resource
 
-        for what, most in ((resource.RLIMIT_CORE, 0), (resource.RLIMIT_AS, MEMORY)):
+        for what, most in ((resource.RLIMIT_CORE, 0), (resource.RLIMIT_AS, MOST_MEMORY)):
             hard = resource.getrlimit(what)[1]
             resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
 if __name__ == "__main__":
-    serve()
+    answer_read_request()

@@ -12,18 +12,18 @@ from warpchain.drive.schema import HUGE
 from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
-Column = tuple[str, str, Array]
+MeasuredColumn = tuple[str, str, Array]
 """Name, unit ("" where it is not said) and values (K,)."""
 
 
 @dataclass(frozen=True)
-class Columns:
+class MeasuredColumns:
     """Columns and units of a file of measured values.
 
     Attributes:
-        column: the values' column, variable or channel: its name, its name and unit as they stand in the file, or its
-            number, "#2"; None is the first after the time.
-        time: the same of the column of time; None is the first. Channels of MDF4 have their own.
+        column: column, variable or channel of the values: name, name and unit as in the file, or number, "#2"; None is
+            the first after the time.
+        time: column of the time, named likewise; None is the first. Channels of MDF4 have their own.
         unit, time_unit: of them; None takes what the head says in brackets or parentheses, else SI.
         decimal: "." or ",", which ends the whole part of numbers in CSV; the other one is then between thousands. None
             takes the one that all numbers of the file have.
@@ -39,7 +39,7 @@ class Columns:
 def column_index(
     path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
 ) -> int:
-    """The place of a column among all, each given by its name, and by its name with its unit.
+    """Place of a column among all, each given by its name, and by its name with its unit.
 
     Raises:
         SimulationError: there is none of that name, or several.
@@ -61,7 +61,8 @@ def column_index(
     raise SimulationError(f"{path}: no column {name!r}: allowed are {', '.join(known)}")
 
 
-def finite(path: str | Path, name: str, values: Array) -> Array:
+def require_finite_values(path: str | Path, name: str, values: Array) -> Array:
+    """Values of a column; raises SimulationError where one is not finite."""
     if not (np.abs(values) <= HUGE).all():
         raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
     return values

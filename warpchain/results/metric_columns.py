@@ -1,8 +1,7 @@
 """The registry of metrics: every column of a table of metrics, with its unit, its title and how it is formed.
 
-A new metric is a row here; if it needs a sum of its own, also a field of that sum in `kernels/structs.py` and the
-line of `kernels/sums.py` that adds to it. Names, units and kinds of the table, and the lists in `docs/metrics.md`,
-go by the row.
+A new metric is a row here; if it needs a sum of its own, also a field in `kernels/structs.py` and the line of
+`kernels/sums.py` that adds to it.
 """
 
 from __future__ import annotations
@@ -20,26 +19,26 @@ from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
 from warpchain.drive.rings import rings_of
 from warpchain.drive.trains import is_free
-from warpchain.results.batch_means import ERROR
-from warpchain.results.formulas import (
-    THINGS,
-    Values,
-    deviation,
+from warpchain.results.metric_formulas import (
+    PART_PREFIXES,
+    VariantValues,
+    chamber_filling_time,
+    contact_energy_per_revolution,
+    deviation_of,
     displacement_std,
-    error_of,
-    filling_time,
-    flowed,
-    friction_power,
+    flow_of,
     impact_impulse,
-    mean,
+    mean_of,
     peak_factor,
-    per_revolution,
-    rms,
-    tension_quantile,
-    tension_share_below,
-    total,
+    rms_of,
+    standard_error_of,
+    sum_of,
+    tension_quantile_of,
+    tension_share_below_value,
+    total_friction_power,
 )
-from warpchain.results.resolution import joint_give, joint_resolution, partner_resolution, ramps
+from warpchain.results.step_resolution import is_ramped, joint_give, joint_resolution, partner_resolution
+from warpchain.results.window_statistics import ERROR_SUFFIX
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -47,324 +46,328 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Column:
-    """One metric.
+    """A column of a table of metrics.
 
     Attributes:
-        name: its own; the name of what it is of, and a dot, stand before it: `camshaft.speed_mean`.
+        name: its own; the name of its part, and a dot, stand before it: `camshaft.speed_mean`.
         unit: SI unit, "1" for a count, ratio or flag.
         title: what it is, in words.
-        value: forms it from what its group gives (`Summed`, `Balance` or `Judged`) of one variant or of many at once,
-            masked where there is none (`formulas.where`); left out where the number comes from elsewhere.
+        value: forms it from what its group gives (`WindowSums`, `EnergyBalance` or `DesignInputs`), masked where there
+            is none (`mask_absent`); left out where the number comes from elsewhere.
         kind: float, int, bool or str.
-        aside: says how good other metrics are, or more of the same: studies analyze it only where it is named.
+        is_aside: whether it says how good other metrics are, or more of the same: studies analyze it only by name.
     """
 
     name: str
     unit: str
     title: str
-    value: Callable[[Any], Values] | None = None
+    value: Callable[[Any], VariantValues] | None = None
     kind: type = float
-    aside: bool = False
+    is_aside: bool = False
 
 
 @dataclass(frozen=True)
-class Group:
-    """Columns of one kind of thing that are formed alike.
+class MetricGroup:
+    """Columns of one kind of part that are formed alike.
 
     Attributes:
-        of: key of `THINGS`.
+        part: key of `PART_PREFIXES`.
         columns: in the table's order.
         source: the field of `kernels.structs.Sums` that they are formed from, if it is one.
-        weight: of rows of those sums, from the window's length [s] and the number of rollers; where 0, there is no such
-            thing in the window.
-        where: whether the drive's thing of this index has them; left out if every one has.
+        weight: of rows of those sums, from the window's length [s] and the number of rollers; 0 where the window has no
+            such part.
+        applies_to: whether the drive's part of this index has them; left out if every one has.
     """
 
-    of: str
+    part: str
     columns: tuple[Column, ...]
     source: str = ""
-    weight: Callable[[Any, Values, Values], Values] = lambda sums, duration, rollers: duration
-    where: Callable[[Drive, int], bool] | None = None
+    weight: Callable[[Any, VariantValues, VariantValues], VariantValues] = lambda sums, duration, rollers: duration
+    applies_to: Callable[[Drive, int], bool] | None = None
 
 
-def rubs_on(drive: Drive, index: int) -> bool:
-    """Whether rollers rub on a partner."""
+def has_partner_friction(drive: Drive, index: int) -> bool:
+    """Whether rollers rub on a partner of a drive."""
     sprockets = len(drive.sprockets)
     return (tooth_rubbing(drive) if index < sprockets else guide_rubbing(drive, index - sprockets)).rubs
 
 
-QUANTILES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
-"""Quantiles of link tension by what ends their names: the digits of the share after the point."""
+TENSION_QUANTILE_SHARES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
+"""Shares of the quantiles of link tension by what ends their names: the share's digits after the point."""
 
 
 @cache
-def error_column(column: Column) -> Column:
-    """The column of the standard error of a mean, one for each mean."""
+def standard_error_column(column: Column) -> Column:
+    """Column of the standard error of a mean, one for each mean's column."""
     assert column.value is not None
     title = f"standard error of the {column.title}"
-    return Column(f"{column.name}{ERROR}", column.unit, title, error_of(column.value), aside=True)
+    return Column(f"{column.name}{ERROR_SUFFIX}", column.unit, title, standard_error_of(column.value), is_aside=True)
 
 
-def with_errors(*columns: Column) -> tuple[Column, ...]:
+def columns_with_errors(*columns: Column) -> tuple[Column, ...]:
     """Columns of one group of sums, each mean followed by its standard error."""
     found: list[Column] = []
     for column in columns:
-        found += [column, error_column(column)] if column.name.endswith("_mean") else [column]
+        found += [column, standard_error_column(column)] if column.name.endswith("_mean") else [column]
     return tuple(found)
 
 
-TENSION_MIN = Column("tension_min", "N", "smallest link tension", total("tension_min"))
-TENSION_MAX = Column("tension_max", "N", "largest link tension", total("tension_max"))
-TENSION_MEAN = Column("tension_mean", "N", "mean link tension", mean("tension"))
-TENSION_STD = Column("tension_std", "N", "standard deviation of link tension", deviation("tension"))
+TENSION_MIN = Column("tension_min", "N", "smallest link tension", sum_of("tension_min"))
+TENSION_MAX = Column("tension_max", "N", "largest link tension", sum_of("tension_max"))
+TENSION_MEAN = Column("tension_mean", "N", "mean link tension", mean_of("tension"))
+TENSION_STD = Column("tension_std", "N", "standard deviation of link tension", deviation_of("tension"))
 TENSION_QUANTILES = tuple(
     Column(
         f"tension_{name}",
         "N",
         f"tension that {100.0 * share:g} % of links and instants are below",
-        tension_quantile(share),
-        aside=name not in ("q001", "q999"),
+        tension_quantile_of(share),
+        is_aside=name not in ("q001", "q999"),
     )
-    for name, share in QUANTILES.items()
+    for name, share in TENSION_QUANTILE_SHARES.items()
 )
 TENSION_SLACK = Column(
-    "slack", "1", "share of links and instants without tension", tension_share_below(0.0), aside=True
+    "slack", "1", "share of links and instants without tension", tension_share_below_value(0.0), is_aside=True
 )
 
-MOMENT_MEAN = Column("moment_mean", "N m", "mean moment of the contact forces, counter-clockwise", mean("moment"))
+MOMENT_MEAN = Column("moment_mean", "N m", "mean moment of the contact forces, counter-clockwise", mean_of("moment"))
 FORCE_MAX = Column(
-    "force_max", "N", "largest contact force on a roller; of a tensioner, its largest", total("force_max")
+    "force_max", "N", "largest contact force on a roller; of a tensioner, its largest", sum_of("force_max")
 )
-DAMPING_LOSS = Column("damping_loss", "J", "energy that its dampers and stops take", total("dissipated"))
+DAMPING_LOSS = Column("damping_loss", "J", "energy that its dampers and stops take", sum_of("dissipated"))
 
-CHAIN = Group(
+CHAIN_TENSION_METRICS = MetricGroup(
     "chain",
-    with_errors(TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD, *TENSION_QUANTILES, TENSION_SLACK),
+    columns_with_errors(TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD, *TENSION_QUANTILES, TENSION_SLACK),
     source="chain",
     weight=lambda sums, duration, rollers: sums["samples"] * rollers,
 )
-STRAND_TENSION = Group(
+STRAND_TENSION_METRICS = MetricGroup(
     "strand",
-    with_errors(TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD, *TENSION_QUANTILES, TENSION_SLACK),
+    columns_with_errors(TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD, *TENSION_QUANTILES, TENSION_SLACK),
     source="strand",
     weight=lambda sums, duration, rollers: sums["links"],
 )
-STRAND_DISPLACEMENT = Group(
+STRAND_DISPLACEMENT_METRICS = MetricGroup(
     "strand",
-    with_errors(
-        Column("displacement_min", "m", "smallest mid-strand displacement, left positive", total("displacement_min")),
-        Column("displacement_mean", "m", "mean mid-strand displacement", mean("displacement")),
-        Column("displacement_max", "m", "largest mid-strand displacement", total("displacement_max")),
-        Column("displacement_rms", "m", "root mean square of the mid-strand displacement", rms("displacement")),
+    columns_with_errors(
+        Column("displacement_min", "m", "smallest mid-strand displacement, left positive", sum_of("displacement_min")),
+        Column("displacement_mean", "m", "mean mid-strand displacement", mean_of("displacement")),
+        Column("displacement_max", "m", "largest mid-strand displacement", sum_of("displacement_max")),
+        Column("displacement_rms", "m", "root mean square of the mid-strand displacement", rms_of("displacement")),
     ),
     source="strand",
     weight=lambda sums, duration, rollers: sums["samples"],
 )
-SPROCKET = Group(
+SPROCKET_METRICS = MetricGroup(
     "sprocket",
-    with_errors(
-        Column("speed_min", "rad/s", "smallest angular velocity, counter-clockwise", total("speed_min")),
-        Column("speed_mean", "rad/s", "mean angular velocity", mean("speed")),
-        Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
-        Column("speed_std", "rad/s", "standard deviation of the angular velocity", deviation("speed")),
+    columns_with_errors(
+        Column("speed_min", "rad/s", "smallest angular velocity, counter-clockwise", sum_of("speed_min")),
+        Column("speed_mean", "rad/s", "mean angular velocity", mean_of("speed")),
+        Column("speed_max", "rad/s", "largest angular velocity", sum_of("speed_max")),
+        Column("speed_std", "rad/s", "standard deviation of the angular velocity", deviation_of("speed")),
         MOMENT_MEAN,
-        Column("hub_force_x_mean", "N", "mean force of the chain on the sprocket to the right", mean("force", 0)),
-        Column("hub_force_y_mean", "N", "mean force of the chain on the sprocket upward", mean("force", 1)),
-        Column("hub_force_max", "N", "largest force of the chain on the sprocket", total("force_max")),
+        Column("hub_force_x_mean", "N", "mean force of the chain on the sprocket to the right", mean_of("force", 0)),
+        Column("hub_force_y_mean", "N", "mean force of the chain on the sprocket upward", mean_of("force", 1)),
+        Column("hub_force_max", "N", "largest force of the chain on the sprocket", sum_of("force_max")),
     ),
     source="sprocket",
 )
-MOUNT = Group(
+MOUNT_METRICS = MetricGroup(
     "sprocket",
-    with_errors(
-        Column("travel_x_mean", "m", "mean displacement of the center to the right", mean("travel", 0)),
-        Column("travel_y_mean", "m", "mean displacement of the center upward", mean("travel", 1)),
-        Column("travel_max", "m", "largest distance of the center from where it is stated", total("travel_max")),
-        Column("mount_force_mean", "N", "mean magnitude of what holds the center", mean("force")),
-        Column("mount_dissipated", "J", "energy dissipated in the mount's damper", total("dissipated")),
+    columns_with_errors(
+        Column("travel_x_mean", "m", "mean displacement of the center to the right", mean_of("travel", 0)),
+        Column("travel_y_mean", "m", "mean displacement of the center upward", mean_of("travel", 1)),
+        Column("travel_max", "m", "largest distance of the center from where it is stated", sum_of("travel_max")),
+        Column("mount_force_mean", "N", "mean magnitude of what holds the center", mean_of("force")),
+        Column("mount_dissipated", "J", "energy dissipated in the mount's damper", sum_of("dissipated")),
     ),
     source="mount",
-    where=lambda drive, index: moves(drive.sprockets[index]),
+    applies_to=lambda drive, index: moves(drive.sprockets[index]),
 )
-BEARING = Group(
+BEARING_METRICS = MetricGroup(
     "sprocket",
-    (Column("bearing_friction", "J", "energy dissipated by friction in its bearing", total("friction")),),
+    (Column("bearing_friction", "J", "energy dissipated by friction in its bearing", sum_of("friction")),),
     source="mount",
-    where=lambda drive, index: drive.sprockets[index].bearing is not None,
+    applies_to=lambda drive, index: drive.sprockets[index].bearing is not None,
 )
-SLIP = Group(
+SLIP_METRICS = MetricGroup(
     "sprocket",
-    (Column("slips", "1", "teeth that the chain jumped", total("slips"), kind=int),),
+    (Column("slips", "1", "teeth that the chain jumped", sum_of("slips"), kind=int),),
     source="slip",
 )
-CONTACT = Group(
+CONTACT_METRICS = MetricGroup(
     "partner",
     (
         FORCE_MAX,
-        Column("impacts", "1", "contacts that began", total("impacts"), kind=int),
-        Column("impulse", "N s", "time integral of the contact forces", total("impulse")),
-        Column("dissipated", "J", "energy dissipated in the contacts", total("dissipated")),
+        Column("impacts", "1", "contacts that began", sum_of("impacts"), kind=int),
+        Column("impulse", "N s", "time integral of the contact forces", sum_of("impulse")),
+        Column("dissipated", "J", "energy dissipated in the contacts", sum_of("dissipated")),
     ),
     source="contact",
 )
-FRICTION = Group(
+CONTACT_FRICTION_METRICS = MetricGroup(
     "partner",
-    (Column("friction", "J", "energy dissipated by friction in the contacts", total("friction")),),
+    (Column("friction", "J", "energy dissipated by friction in the contacts", sum_of("friction")),),
     source="contact",
-    where=rubs_on,
+    applies_to=has_partner_friction,
 )
-TOUCHES = Group(
+TOOTH_CONTACT_METRICS = MetricGroup(
     "partner",
     (
         Column(
             "contacts",
             "1",
             "rollers that came into contact for the first time in their pass",
-            total("contacts"),
+            sum_of("contacts"),
             kind=int,
         ),
     ),
     source="contact",
-    where=lambda drive, index: index < len(drive.sprockets),
+    applies_to=lambda drive, index: index < len(drive.sprockets),
 )
-MISSED = Group(
+MISSED_ROLLER_METRICS = MetricGroup(
     "partner",
-    (Column("missed", "1", "rollers in the bar that did not come through its face", total("missed"), kind=int),),
+    (Column("missed", "1", "rollers in the bar that did not come through its face", sum_of("missed"), kind=int),),
     source="contact",
-    where=lambda drive, index: index >= len(drive.sprockets),
+    applies_to=lambda drive, index: index >= len(drive.sprockets),
 )
-ARM = Group(
+ARM_METRICS = MetricGroup(
     "arm",
     (
-        Column("angle_min", "rad", "smallest angle, counter-clockwise from the drawing", total("angle_min")),
-        Column("angle_mean", "rad", "mean angle", mean("angle")),
-        Column("angle_max", "rad", "largest angle", total("angle_max")),
-        Column("angle_std", "rad", "standard deviation of the angle", deviation("angle")),
+        Column("angle_min", "rad", "smallest angle, counter-clockwise from the drawing", sum_of("angle_min")),
+        Column("angle_mean", "rad", "mean angle", mean_of("angle")),
+        Column("angle_max", "rad", "largest angle", sum_of("angle_max")),
+        Column("angle_std", "rad", "standard deviation of the angle", deviation_of("angle")),
         MOMENT_MEAN,
         DAMPING_LOSS,
     ),
     source="arm",
 )
-PIVOT = Group(
+PIVOT_METRICS = MetricGroup(
     "arm",
-    (Column("pivot_work", "J", "work done on it by what leads its pivot", total("work")),),
+    (Column("pivot_work", "J", "work done on it by what leads its pivot", sum_of("work")),),
     source="arm",
-    where=lambda drive, index: drive.arms[index].pivot_table is not None,
+    applies_to=lambda drive, index: drive.arms[index].pivot_table is not None,
 )
-TENSIONER = Group(
+TENSIONER_METRICS = MetricGroup(
     "tensioner",
     (
-        Column("force_min", "N", "smallest force on its body", total("force_min")),
-        Column("force_mean", "N", "mean force on its body", mean("force")),
+        Column("force_min", "N", "smallest force on its body", sum_of("force_min")),
+        Column("force_mean", "N", "mean force on its body", mean_of("force")),
         FORCE_MAX,
-        Column("extension_min", "m", "smallest extension, from the drawing", total("extension_min")),
-        Column("extension_mean", "m", "mean extension", mean("extension")),
-        Column("extension_max", "m", "largest extension", total("extension_max")),
+        Column("extension_min", "m", "smallest extension, from the drawing", sum_of("extension_min")),
+        Column("extension_mean", "m", "mean extension", mean_of("extension")),
+        Column("extension_max", "m", "largest extension", sum_of("extension_max")),
         DAMPING_LOSS,
     ),
     source="tensioner",
 )
-OIL = Group(
+OIL_METRICS = MetricGroup(
     "tensioner",
     (
-        Column("pressure_min", "Pa", "smallest absolute pressure in the chamber", total("pressure_min")),
-        Column("pressure_mean", "Pa", "mean absolute pressure in the chamber", mean("pressure")),
-        Column("pressure_max", "Pa", "largest absolute pressure in the chamber", total("pressure_max")),
-        Column("leaked", "m^3", "oil that leaked through the gap", flowed("leaked")),
-        Column("supplied", "m^3", "oil that came in through the check valve", flowed("supplied")),
-        Column("oil_loss", "J", "energy that gap and valves take", flowed("leak_loss", "valve_loss")),
-        Column("supply_work", "J", "work of the oil supply", flowed("supply_work")),
+        Column("pressure_min", "Pa", "smallest absolute pressure in the chamber", sum_of("pressure_min")),
+        Column("pressure_mean", "Pa", "mean absolute pressure in the chamber", mean_of("pressure")),
+        Column("pressure_max", "Pa", "largest absolute pressure in the chamber", sum_of("pressure_max")),
+        Column("leaked", "m^3", "oil that leaked through the gap", flow_of("leaked")),
+        Column("supplied", "m^3", "oil that came in through the check valve", flow_of("supplied")),
+        Column("oil_loss", "J", "energy that gap and valves take", flow_of("leak_loss", "valve_loss")),
+        Column("supply_work", "J", "work of the oil supply", flow_of("supply_work")),
         Column(
             "suction_work",
             "J",
             "work on its plunger where oil and spring would draw it back; one that stayed behind would have none",
-            total("suction_work"),
+            sum_of("suction_work"),
         ),
     ),
     source="tensioner",
-    where=lambda drive, index: drive.tensioners[index].hydraulic,
+    applies_to=lambda drive, index: drive.tensioners[index].hydraulic,
 )
-RELIEF = Group(
+RELIEF_METRICS = MetricGroup(
     "tensioner",
-    (Column("relieved", "m^3", "oil that its relief valve let out", flowed("relieved")),),
+    (Column("relieved", "m^3", "oil that its relief valve let out", flow_of("relieved")),),
     source="tensioner",
-    where=lambda drive, index: drive.tensioners[index].relief is not None,
+    applies_to=lambda drive, index: drive.tensioners[index].relief is not None,
 )
-DRAINED = Group(
+FILLING_METRICS = MetricGroup(
     "tensioner",
-    (Column("filling_time", "s", "time until oil had filled its chamber; none where it has not", filling_time),),
+    (
+        Column(
+            "filling_time", "s", "time until oil had filled its chamber; none where it has not", chamber_filling_time
+        ),
+    ),
     source="tensioner",
-    where=lambda drive, index: drive.tensioners[index].drained,
+    applies_to=lambda drive, index: drive.tensioners[index].drained,
 )
-VENT = Group(
+VENT_METRICS = MetricGroup(
     "tensioner",
-    (Column("vented", "m^3", "oil that went out through its vent", flowed("vented")),),
+    (Column("vented", "m^3", "oil that went out through its vent", flow_of("vented")),),
     source="tensioner",
-    where=lambda drive, index: drive.tensioners[index].vent is not None,
+    applies_to=lambda drive, index: drive.tensioners[index].vent is not None,
 )
-SPEEDS = ("speed_min", "speed_mean", "speed_max", "speed_std")
-SHAFT = Group(
+SHAFT_SPEED_NAMES = ("speed_min", "speed_mean", "speed_max", "speed_std")
+SHAFT_METRICS = MetricGroup(
     "shaft",
-    tuple(column for column in SPROCKET.columns if column.name in SPEEDS),
+    tuple(column for column in SPROCKET_METRICS.columns if column.name in SHAFT_SPEED_NAMES),
     source="shaft",
 )
-MOTOR = Group(
+MOTOR_METRICS = MetricGroup(
     "shaft",
     (
-        Column("motor_moment_mean", "N m", "mean moment of its motor, counter-clockwise", mean("motor")),
-        Column("motor_moment_max", "N m", "largest magnitude of that", total("motor_max")),
-        Column("motor_work", "J", "work of its motor", total("motor_work")),
+        Column("motor_moment_mean", "N m", "mean moment of its motor, counter-clockwise", mean_of("motor")),
+        Column("motor_moment_max", "N m", "largest magnitude of that", sum_of("motor_max")),
+        Column("motor_work", "J", "work of its motor", sum_of("motor_work")),
     ),
     source="shaft",
-    where=lambda drive, index: drive.shafts[index].motor is not None,
+    applies_to=lambda drive, index: drive.shafts[index].motor is not None,
 )
-TORQUE_MEAN = Column("torque_mean", "N m", "mean moment that it passes on to its second shaft", mean("moment"))
-COUPLING = Group(
+TORQUE_MEAN = Column("torque_mean", "N m", "mean moment that it passes on to its second shaft", mean_of("moment"))
+COUPLING_METRICS = MetricGroup(
     "coupling",
     (
-        Column("twist_min", "rad", "smallest twist", total("twist_min")),
-        Column("twist_mean", "rad", "mean twist", mean("twist")),
-        Column("twist_max", "rad", "largest twist", total("twist_max")),
-        Column("torque_min", "N m", "smallest moment that it passes on", total("moment_min")),
+        Column("twist_min", "rad", "smallest twist", sum_of("twist_min")),
+        Column("twist_mean", "rad", "mean twist", mean_of("twist")),
+        Column("twist_max", "rad", "largest twist", sum_of("twist_max")),
+        Column("torque_min", "N m", "smallest moment that it passes on", sum_of("moment_min")),
         TORQUE_MEAN,
-        Column("torque_max", "N m", "largest moment that it passes on", total("moment_max")),
+        Column("torque_max", "N m", "largest moment that it passes on", sum_of("moment_max")),
         DAMPING_LOSS,
     ),
     source="coupling",
 )
-SLIPPING = Group(
+COUPLING_SLIP_METRICS = MetricGroup(
     "coupling",
-    (Column("slip_loss", "J", "energy lost as its clutch slips and its ratio changes", total("slip_loss")),),
+    (Column("slip_loss", "J", "energy lost as its clutch slips and its ratio changes", sum_of("slip_loss")),),
     source="coupling",
-    where=lambda drive, index: drive.couplings[index].slips,
+    applies_to=lambda drive, index: drive.couplings[index].slips,
 )
-GEAR = Group(
+GEAR_METRICS = MetricGroup(
     "gear",
     (
         TORQUE_MEAN,
-        Column("tooth_force_mean", "N", "mean magnitude of the force between its teeth", mean("force")),
-        Column("tooth_force_max", "N", "largest magnitude of the force between its teeth", total("force_max")),
+        Column("tooth_force_mean", "N", "mean magnitude of the force between its teeth", mean_of("force")),
+        Column("tooth_force_max", "N", "largest magnitude of the force between its teeth", sum_of("force_max")),
     ),
     source="gear",
 )
-VALVE = Group(
+VALVE_METRICS = MetricGroup(
     "valve",
     (
-        Column("cam_torque_min", "N m", "smallest moment against forward rotation", total("torque_min")),
-        Column("cam_torque_mean", "N m", "mean moment against forward rotation", mean("torque")),
-        Column("cam_torque_max", "N m", "largest moment against forward rotation", total("torque_max")),
-        Column("cam_force_min", "N", "smallest force of a cam on its follower", total("force_min")),
-        Column("valve_float", "1", "share of time for which a follower would lift off its cam", mean("afloat")),
+        Column("cam_torque_min", "N m", "smallest moment against forward rotation", sum_of("torque_min")),
+        Column("cam_torque_mean", "N m", "mean moment against forward rotation", mean_of("torque")),
+        Column("cam_torque_max", "N m", "largest moment against forward rotation", sum_of("torque_max")),
+        Column("cam_force_min", "N", "smallest force of a cam on its follower", sum_of("force_min")),
+        Column("valve_float", "1", "share of time for which a follower would lift off its cam", mean_of("afloat")),
     ),
     source="valve",
 )
-JOINTS = Group(
+JOINT_METRICS = MetricGroup(
     "chain",
-    (Column("joints.friction", "J", "energy dissipated by friction in the joints", total("friction")),),
+    (Column("joints.friction", "J", "energy dissipated by friction in the joints", sum_of("friction")),),
     source="chain",
-    where=lambda drive, index: drive.chain.rubs,
+    applies_to=lambda drive, index: drive.chain.rubs,
 )
-BALANCE = Group(
+BALANCE_METRICS = MetricGroup(
     "chain",
     (
         Column("input_work", "J", "work of what prescribes angles and centers", lambda balance: balance.input),
@@ -380,34 +383,51 @@ BALANCE = Group(
         Column("energy_change_relative", "1", "that change over the losses", lambda balance: balance.relative_change),
         Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
         Column(
-            "energy_residual_relative", "1", "residual over the energy turned over", lambda balance: balance.relative
+            "energy_residual_relative",
+            "1",
+            "residual over the energy turned over",
+            lambda balance: balance.relative_residual,
         ),
     ),
 )
-STEADY = Group(
+STEADY_METRICS = MetricGroup(
     "chain",
     (
-        Column("tension_drift", "N", "change of the mean tension over the window", lambda of: of.change, aside=True),
-        Column("tension_drift_p", "1", "probability of such a change by chance", lambda of: of.chance, aside=True),
-        Column("steady", "1", "whether neither tension nor speeds drift", lambda of: of.steady, bool, aside=True),
+        Column(
+            "tension_drift",
+            "N",
+            "change of the mean tension over the window",
+            lambda of: of.tension_change,
+            is_aside=True,
+        ),
+        Column(
+            "tension_drift_p",
+            "1",
+            "probability of such a change by chance",
+            lambda of: of.tension_change_chance,
+            is_aside=True,
+        ),
+        Column("steady", "1", "whether neither tension nor speeds drift", lambda of: of.is_steady, bool, is_aside=True),
     ),
 )
 PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)
-PER_REVOLUTION = Column(
+CONTACT_ENERGY_PER_REVOLUTION = Column(
     "contact_energy_per_revolution",
     "J",
     "wear index: energy that contacts dissipate in a revolution of the driver",
-    per_revolution,
+    contact_energy_per_revolution,
 )
-VIBRATION = Column("displacement_std", "m", "vibration: deviation of the displacement from its mean", displacement_std)
-NOISE = Column(
+DISPLACEMENT_STD = Column(
+    "displacement_std", "m", "vibration: deviation of the displacement from its mean", displacement_std
+)
+IMPACT_IMPULSE = Column(
     "impact_impulse",
     "N s",
     "noise proxy: sqrt(2 m E), the blow that would lose the energy E which a tooth passing loses",
     impact_impulse,
 )
-RESOLVED = (
-    Group(
+RESOLUTION_METRICS = (
+    MetricGroup(
         "chain",
         (
             Column(
@@ -415,12 +435,12 @@ RESOLVED = (
                 "1",
                 "steps in which friction bends a joint by a tooth",
                 joint_resolution,
-                aside=True,
+                is_aside=True,
             ),
         ),
-        where=lambda drive, index: drive.chain.rubs,
+        applies_to=lambda drive, index: drive.chain.rubs,
     ),
-    Group(
+    MetricGroup(
         "strand",
         (
             Column(
@@ -428,12 +448,12 @@ RESOLVED = (
                 "1",
                 "tension that the give of joints that stick stands for, over `tension_q999`",
                 joint_give,
-                aside=True,
+                is_aside=True,
             ),
         ),
-        where=lambda drive, index: drive.chain.rubs,
+        applies_to=lambda drive, index: drive.chain.rubs,
     ),
-    Group(
+    MetricGroup(
         "partner",
         (
             Column(
@@ -441,20 +461,27 @@ RESOLVED = (
                 "1",
                 "steps in which friction moves a roller by a pitch, or in its ramp, where these are fewer",
                 partner_resolution,
-                aside=True,
+                is_aside=True,
             ),
         ),
-        where=lambda drive, index: rubs_on(drive, index) or ramps(drive, index),
+        applies_to=lambda drive, index: has_partner_friction(drive, index) or is_ramped(drive, index),
     ),
 )
-RUBBED = Group(
+FRICTION_POWER_METRICS = MetricGroup(
     "chain",
-    (Column("friction_power", "W", "power that friction takes in joints, on teeth and on guide-bars", friction_power),),
-    where=lambda drive, index: (
-        drive.chain.rubs or any(rubs_on(drive, k) for k in range(len(drive.sprockets) + len(drive.guides)))
+    (
+        Column(
+            "friction_power",
+            "W",
+            "power that friction takes in joints, on teeth and on guide-bars",
+            total_friction_power,
+        ),
+    ),
+    applies_to=lambda drive, index: (
+        drive.chain.rubs or any(has_partner_friction(drive, k) for k in range(len(drive.sprockets) + len(drive.guides)))
     ),
 )
-RUN = Group(
+RUN_METRICS = MetricGroup(
     "chain",
     (
         Column("variant", "1", "number of the variant", kind=int),
@@ -466,21 +493,21 @@ RUN = Group(
         Column("window_end", "s", "its end"),
     ),
 )
-ENGAGED = Group(
+ENGAGED_METRICS = MetricGroup(
     "sprocket",
     (Column("engaged", "1", "rollers on its teeth at the end of the run, over those at assembly"),),
 )
-SETTLING = Group(
+SETTLING_METRICS = MetricGroup(
     "chain",
     (
         Column("settle_steps", "1", "steps that settling took", kind=int),
         Column("settle_residual", "1", "largest net force left on a roller over the largest link force"),
         Column("settle_force", "N", "largest net force left on a roller"),
     ),
-    where=lambda drive, index: drive.run.settle,
+    applies_to=lambda drive, index: drive.run.settle,
 )
-RECORDED = (
-    Group(
+RECORDED_METRICS = (
+    MetricGroup(
         "sprocket",
         (
             Column("transmission_error_rms", "rad", "transmission error: root mean square of what the angle misses"),
@@ -488,7 +515,7 @@ RECORDED = (
             Column("engagement_impulse", "N s", "mean impulse of a roller's first touch, over 2 pi sqrt(m/K)"),
         ),
     ),
-    Group(
+    MetricGroup(
         "chain",
         (
             Column("damage_per_hour_max", "1/h", "Miner damage of the worst link an hour"),
@@ -498,12 +525,12 @@ RECORDED = (
     ),
 )
 """Columns of recorded variants only (`results.objectives`)."""
-REPORTED = (
-    Group(
+REPORT_METRICS = (
+    MetricGroup(
         "strand",
         (Column("slack_time", "1", "share of time that its middle carries no tension"),),
     ),
-    Group(
+    MetricGroup(
         "sprocket",
         (
             Column("phase_mean", "rad", "mean phase error, in angle of the driver; below 0 where it lags"),
@@ -512,7 +539,7 @@ REPORTED = (
             Column("jump_margin_relative", "1", "the same over the whole climb; 0 where the chain jumps"),
         ),
     ),
-    Group(
+    MetricGroup(
         "partner",
         (
             Column("line_load_max", "N/m", "largest mean force per length of the face"),
@@ -520,9 +547,9 @@ REPORTED = (
             Column("sliding_speed", "m/s", "mean speed of the chain along the face, weighted by force"),
             Column("off_time", "1", "share of time that no roller presses the guide"),
         ),
-        where=lambda drive, index: index >= len(drive.sprockets),
+        applies_to=lambda drive, index: index >= len(drive.sprockets),
     ),
-    Group(
+    MetricGroup(
         "chain",
         (
             Column("joints.sliding_speed", "m/s", "sliding distance of a joint over time"),
@@ -531,7 +558,7 @@ REPORTED = (
             Column("elongation_per_hour", "1/h", "elongation of the chain by wear of its joints"),
         ),
     ),
-    Group(
+    MetricGroup(
         "probe",
         (
             Column("tension_mean", "N", "mean tension of the chain that passes"),
@@ -544,67 +571,84 @@ REPORTED = (
 )
 """Columns of recorded variants by `results.engineering_report`, and of reports."""
 
-MEASURED = (
-    (CHAIN,),
-    (STRAND_TENSION, STRAND_DISPLACEMENT),
-    (SPROCKET, MOUNT, BEARING, SLIP),
-    (CONTACT, FRICTION, TOUCHES, MISSED),
-    (ARM, PIVOT),
-    (TENSIONER, OIL, RELIEF, VENT, DRAINED),
-    (SHAFT, MOTOR),
-    (COUPLING, SLIPPING),
-    (GEAR,),
-    (VALVE,),
-    (JOINTS,),
+WINDOW_METRICS = (
+    (CHAIN_TENSION_METRICS,),
+    (STRAND_TENSION_METRICS, STRAND_DISPLACEMENT_METRICS),
+    (SPROCKET_METRICS, MOUNT_METRICS, BEARING_METRICS, SLIP_METRICS),
+    (CONTACT_METRICS, CONTACT_FRICTION_METRICS, TOOTH_CONTACT_METRICS, MISSED_ROLLER_METRICS),
+    (ARM_METRICS, PIVOT_METRICS),
+    (TENSIONER_METRICS, OIL_METRICS, RELIEF_METRICS, VENT_METRICS, FILLING_METRICS),
+    (SHAFT_METRICS, MOTOR_METRICS),
+    (COUPLING_METRICS, COUPLING_SLIP_METRICS),
+    (GEAR_METRICS,),
+    (VALVE_METRICS,),
+    (JOINT_METRICS,),
 )
-"""Columns formed of the window's sums. Groups in one tuple go thing by thing: all of one, then all of the next."""
-DESIGN = (
-    (Group("chain", (PEAK_FACTOR,)),),
-    (RUBBED,),
-    (Group("strand", (PEAK_FACTOR, VIBRATION)),),
-    (Group("partner", (PER_REVOLUTION,)),),
-    (Group("chain", (PER_REVOLUTION,)),),
-    (Group("sprocket", (NOISE,)),),
-    *((group,) for group in RESOLVED),
+"""Columns formed of the window's sums. Groups in one tuple go part by part: all of one, then all of the next."""
+DESIGN_METRICS = (
+    (MetricGroup("chain", (PEAK_FACTOR,)),),
+    (FRICTION_POWER_METRICS,),
+    (MetricGroup("strand", (PEAK_FACTOR, DISPLACEMENT_STD)),),
+    (MetricGroup("partner", (CONTACT_ENERGY_PER_REVOLUTION,)),),
+    (MetricGroup("chain", (CONTACT_ENERGY_PER_REVOLUTION,)),),
+    (MetricGroup("sprocket", (IMPACT_IMPULSE,)),),
+    *((group,) for group in RESOLUTION_METRICS),
 )
 """Columns that designs are judged by, formed from the other metrics."""
 
-Blocks = tuple[tuple[Group, ...], ...]
-METRICS: Blocks = (*MEASURED, (STEADY,), (BALANCE,), *DESIGN, (ENGAGED,), (SETTLING,))
-"""The metrics of a variant that ran to its end, in the table's order."""
-OF_MODES = (
+GroupBlocks = tuple[tuple[MetricGroup, ...], ...]
+ALL_METRICS: GroupBlocks = (
+    *WINDOW_METRICS,
+    (STEADY_METRICS,),
+    (BALANCE_METRICS,),
+    *DESIGN_METRICS,
+    (ENGAGED_METRICS,),
+    (SETTLING_METRICS,),
+)
+"""Metrics of a variant that ran to its end, in the table's order."""
+MODE_METRICS = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
     Column("damping_ratio", "1", "damping ratio of that mode"),
 )
 """Columns of modes that studies can ask for (`modes.NAME.frequency`)."""
-COLUMNS = {c.name: c for groups in (REPORTED, *METRICS, (RUN,), RECORDED) for group in groups for c in group.columns}
-COLUMNS |= {c.name: c for c in OF_MODES}
+COLUMN_BY_NAME = {
+    c.name: c
+    for groups in (REPORT_METRICS, *ALL_METRICS, (RUN_METRICS,), RECORDED_METRICS)
+    for group in groups
+    for c in group.columns
+}
+COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
 """Every column by its own name."""
 
 
-def of_drive(drive: Drive, blocks: Blocks = METRICS) -> Iterator[tuple[str, int, Group]]:
-    """The groups that a drive has, in order: what stands before their names, the thing's index, the group."""
+def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
+    """Groups of metrics that a drive has, in order: prefix of the names, the part's index, the group."""
     for groups in blocks:
-        for index, prefix in enumerate(THINGS[groups[0].of](drive)):
+        for index, prefix in enumerate(PART_PREFIXES[groups[0].part](drive)):
             for group in groups:
-                if group.where is None or group.where(drive, index):
+                if group.applies_to is None or group.applies_to(drive, index):
                     yield prefix, index, group
 
 
-OF_A_CHAIN = ("chain", "strand")
-"""Things whose metrics begin with their chain's name where there are several."""
-OF_LINKS = ("links.dissipated",)
+CHAIN_PARTS = ("chain", "strand")
+"""Parts whose metrics begin with their chain's name where there are several."""
+CHAIN_BALANCE_NAMES = ("links.dissipated",)
 """Columns of the energy balance that chains have, too."""
 
-SOME = tuple(group for groups in METRICS for group in groups if group.where is not None)
-"""The groups that only some things have."""
+CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
+"""Groups of metrics that only some parts have."""
 
 
-def _kind(drive: Drive) -> Hashable:
-    """A key of the columns that a drive has, of the terms of its energy balance, and of the sprocket that drives."""
+def _columns_key(drive: Drive) -> Hashable:
+    """Key of the columns that a drive has, of the terms of its energy balance, and of the sprocket that drives."""
     if drive.chains:
-        return tuple((ring.name, _kind(ring.drive)) for ring in rings_of(drive))
-    has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
+        return tuple((ring.name, _columns_key(ring.drive)) for ring in rings_of(drive))
+    has = (
+        group.applies_to(drive, i)
+        for group in CONDITIONAL_GROUPS
+        for i in range(len(PART_PREFIXES[group.part](drive)))
+        if group.applies_to
+    )
     sprockets = ((sprocket.name, is_free(drive, s)) for s, sprocket in enumerate(drive.sprockets))
     trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears, drive.valves) for part in parts)
     bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
@@ -612,56 +656,56 @@ def _kind(drive: Drive) -> Hashable:
     return (drive.driver, *names, None, *has)
 
 
-def same_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:
-    """Numbers of the drives that have the same columns, formed alike, kind by kind; a stack's all have the same.
+def variants_by_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:
+    """Numbers of the drives with the same columns, formed alike, kind by kind; a stack's all have the same.
 
     Args:
         drives: the drives.
-        stacks: them sorted into stacks, where they are.
+        stacks: them sorted into stacks, where known.
     """
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
     for stack in stacks_of(drives) if stacks is None else stacks:
-        kinds.setdefault(_kind(drives[int(stack.members[0])]), []).append(stack.members)
+        kinds.setdefault(_columns_key(drives[int(stack.members[0])]), []).append(stack.members)
     return [np.sort(np.concatenate(numbers)) for numbers in kinds.values()]
 
 
 def metric_names(drive: Drive) -> list[str]:
     """Names of the metrics that a drive has."""
     if drive.chains:
-        return _names_of_chains(drive)
-    return [prefix + column.name for prefix, _, group in of_drive(drive) for column in group.columns]
+        return _metric_names_of_chains(drive)
+    return [prefix + column.name for prefix, _, group in groups_of_drive(drive) for column in group.columns]
 
 
-def table_names(drive: Drive) -> list[str]:
+def metric_table_names(drive: Drive) -> list[str]:
     """Names of all columns of the metrics of a run of a drive, in the table's order."""
-    return [*(column.name for column in RUN.columns), *metric_names(drive)]
+    return [*(column.name for column in RUN_METRICS.columns), *metric_names(drive)]
 
 
-def _names_of_chains(drive: Drive) -> list[str]:
-    """Names of the metrics of a drive with several chains (`results.metrics.metrics_of_chains`)."""
+def _metric_names_of_chains(drive: Drive) -> list[str]:
+    """Names of the metrics of a drive with several chains."""
     found = []
     for ring in rings_of(drive):
-        for prefix, _, group in of_drive(ring.drive):
-            before = f"{ring.name}.{prefix}" if group.of in OF_A_CHAIN else prefix
-            columns = [c for c in group.columns if group is not BALANCE or c.name in OF_LINKS]
+        for prefix, _, group in groups_of_drive(ring.drive):
+            before = f"{ring.name}.{prefix}" if group.part in CHAIN_PARTS else prefix
+            columns = [c for c in group.columns if group is not BALANCE_METRICS or c.name in CHAIN_BALANCE_NAMES]
             found += [before + column.name for column in columns]
-    return [*found, *(column.name for column in BALANCE.columns), "steady"]
+    return [*found, *(column.name for column in BALANCE_METRICS.columns), "steady"]
 
 
-def column_of(name: str) -> Column | None:
-    """The registry's row of a table's column, None for a column of other origin."""
-    return COLUMNS.get(name) or COLUMNS.get(name.rsplit(".", 1)[-1])
+def column_of_metric(name: str) -> Column | None:
+    """Registry's row of a table's column by its name, None for a column of other origin."""
+    return COLUMN_BY_NAME.get(name) or COLUMN_BY_NAME.get(name.rsplit(".", 1)[-1])
 
 
-def unit_of(name: str) -> str:
+def unit_of_metric(name: str) -> str:
     """Unit of a metric's column, "1" for a count, ratio or flag."""
-    column = column_of(name)
+    column = column_of_metric(name)
     return column.unit if column else "1"
 
 
-def title_of(name: str) -> str:
-    """A metric's column in words: "camshaft: mean angular velocity"; its name for a column of other origin."""
-    column = column_of(name)
+def title_of_metric(name: str) -> str:
+    """Metric's column in words: "camshaft: mean angular velocity"; its name for a column of other origin."""
+    column = column_of_metric(name)
     if column is None:
         return name
     prefix = name.removesuffix(column.name).removesuffix(".")

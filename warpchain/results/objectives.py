@@ -5,8 +5,7 @@ With the ideal angle of a driven sprocket z_d theta_d / z_s forward, K the conta
     transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
     engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
 
-and fatigue (`warpchain.results.fatigue`). (b) asks for several samples in 2 pi sqrt(m / K) of one passing, or for many
-passings. The objectives that the sums of the window hold, for every variant, are in `results.formulas`.
+(b) asks for several samples in 2 pi sqrt(m / K) of one passing, or for many passings.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.fatigue import Woehler, count_links, damage, equivalent_range
-from warpchain.results.run import Run, Trajectory, need
-from warpchain.results.scene import nearest_sprocket
+from warpchain.results.run import Run, Trajectory, require_channels
+from warpchain.results.scene import engaged_sprockets
 from warpchain.results.signals import transmission_error
 
 if TYPE_CHECKING:
@@ -41,10 +40,10 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
     Raises:
         SimulationError: recorded without positions, sprocket centers or sprocket forces.
     """
-    _, _, sprocket_force = need(trajectory, "position", "sprocket_center", "sprocket_force")
+    _, _, sprocket_force = require_channels(trajectory, "position", "sprocket_center", "sprocket_force")
     drive, time = trajectory.drive, trajectory.time
     length = 2.0 * math.pi * math.sqrt(drive.chain.mass / drive.sprocket_stiffness(s))
-    near = nearest_sprocket(trajectory) == s
+    near = engaged_sprockets(trajectory) == s
     force = np.where(near, np.asarray(sprocket_force, dtype=float), 0.0)
     steps = 0.5 * (force[1:] + force[:-1]) * np.diff(time)[:, None]
     summed = np.vstack([np.zeros(force.shape[1]), np.cumsum(steps, axis=0)])
@@ -61,8 +60,10 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
     return np.array(impulses)
 
 
-def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
-    """Objectives of a recorded window, of the channels that were recorded (a), (b), and fatigue.
+def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
+    """Objectives of a recorded window by name: transmission errors (a), engagement impulses (b), fatigue.
+
+    Those whose channels were not recorded are left out.
 
     Args:
         trajectory: one recorded variant.
@@ -73,7 +74,7 @@ def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: W
         SimulationError: fewer than three frames in the window.
     """
     if trajectory.drive.chains:
-        return _of_chains(trajectory, start, end, woehler)
+        return _objectives_of_chains(trajectory, start, end, woehler)
     inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
     if inside.sum() < 3:
         raise SimulationError(f"objectives: {int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 needed")
@@ -92,23 +93,23 @@ def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: W
             if len(impulses):
                 row[f"{sprocket.name}.engagement_impulse"] = float(impulses.mean())
     if woehler is not None and part.tension is not None:
-        row |= _fatigue(part, woehler)
+        row |= _fatigue_objectives(part, woehler)
     return row
 
 
-def _of_chains(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
-    """`from_trajectory` of several chains; fatigue begins with the chain's name."""
+def _objectives_of_chains(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
+    """Objectives of a recording of several chains; fatigue begins with the chain's name."""
     row: Row = {}
     for name, chain in chain_trajectories(trajectory).items():
         parts = {sprocket.name for sprocket in chain.drive.sprockets}
-        found = from_trajectory(chain, start, end, woehler)
+        found = trajectory_objectives(chain, start, end, woehler)
         row |= {key if key.partition(".")[0] in parts else f"{name}.{key}": value for key, value in found.items()}
     return row
 
 
-def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
+def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
     """Damage of the worst and the mean link an hour, and the range that does it once a chain revolution."""
-    (tension,) = need(part, "tension")
+    (tension,) = require_channels(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
     cycles = count_links(tension)
     found = damage(tension, woehler, cycles)
@@ -127,16 +128,16 @@ def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """The run's metrics with the objectives as further columns; null for variants not recorded, or that are not ok.
+    """Metrics of a run with the objectives as further columns; null for variants not recorded, or that are not ok.
 
     Args:
         run: what `simulate` or `read_archive` returned.
         woehler: Woehler curve of a link; None leaves fatigue out.
     """
-    from warpchain.results.metrics import table_of
+    from warpchain.results.metrics import table_from_rows
 
     rows = run.metrics.to_pylist()
     for variant, ok, row in zip(run.numbers, run.ok, rows, strict=True):
         if row.get("input_work") is not None and ok and variant in run:
-            row.update(from_trajectory(run[variant], row["window_start"], row["window_end"], woehler))
-    return table_of(rows)
+            row.update(trajectory_objectives(run[variant], row["window_start"], row["window_end"], woehler))
+    return table_from_rows(rows)

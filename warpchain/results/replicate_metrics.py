@@ -1,11 +1,10 @@
-"""Copies of a drive that differ in nothing but how they begin, taken together: mean, standard error and number.
+"""Metrics of copies of a drive that differ only in how they begin: mean, standard error and number.
 
 Of n copies with values y_k,
 
     mean = sum y_k / n,    s^2 = sum (y_k - mean)^2 / (n - 1),    standard error of the mean = s / sqrt(n).
 
-Copies by phase are spread evenly over a tooth, not at random: what a metric owes to the phase itself averages out
-better than by chance, so that the error is, if anything, too large.
+Copies by phase are spread evenly over a tooth, not at random, so that the error is, if anything, too large.
 """
 
 from __future__ import annotations
@@ -16,54 +15,54 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.batch_means import ERROR
 from warpchain.results.statuses import DIVERGED, OK, STATUSES
+from warpchain.results.window_statistics import ERROR_SUFFIX
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-DRIVE, COPY = "drive", "replicate"
+DRIVE_COLUMN, COPY_COLUMN = "drive", "replicate"
 """Columns of a run's metrics: number of the drive that a variant is a copy of, and of the copy."""
-COUNT = "n"
+COUNT_COLUMN = "n"
 """Column of a summary: how many copies its means are of."""
 ROLE_OF_ERRORS = "error"
-"""Role of their columns, in the fields' metadata."""
-RUN = ("diverged", "diverged_time", "window_start", "window_end")
-"""Columns on the run of a copy: not averaged, but taken from the first copy that has a value."""
+"""Role of standard errors between copies, in the fields' metadata."""
+UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
+"""Columns on the run of a copy: taken from the first copy that has a value."""
 
 
-def with_copies(metrics: pa.Table, count: int) -> pa.Table:
-    """The metrics of copies, `count` of each drive one after the other, with columns that say which is which."""
+def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
+    """Metrics of copies, `count` of each drive one after the other, with columns that say which is which."""
     import pyarrow as pa
 
     if count == 1:
         return metrics
     number = np.arange(metrics.num_rows)
-    for name, values in ((DRIVE, number // count), (COPY, number % count)):
+    for name, values in ((DRIVE_COLUMN, number // count), (COPY_COLUMN, number % count)):
         metrics = metrics.append_column(pa.field(name, pa.int64(), metadata={"unit": "1"}), pa.array(values))
     return metrics
 
 
-def summary(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
-    """One row for each drive of a table of copies: its number, status, reason, n, and mean and error of each metric.
+def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
+    """Table with a row a drive of a table of copies: status, reason, n, mean and standard error of each metric.
 
-    A drive is judged by the worst of its copies, and the reason names it. Means are over those copies
-    that are ok; where none is, over all that did not diverge. Standard errors that copies have of their own, from the
-    batches of one run's window, give way to those between copies.
+    A drive has the status of its worst copy, which the reason names. Means are over the copies that are ok; where none
+    is, over all that did not diverge. Copies' own standard errors give way to those between copies.
 
     Args:
         table: a row a copy, with `status` and `reason`, and with `replicate` where there are several of a drive.
         key: the column that says which drive a copy is of.
-        first: further columns that are not averaged but taken from a drive's first copy that has a value.
+        first: further columns that are taken from a drive's first copy that has a value.
     """
     import pyarrow as pa
 
     keys, place = np.unique(table[key].to_numpy(), return_inverse=True)
-    at = _places(place, _numbers(table), len(keys))
-    chosen = _chosen(table["status"].to_pylist(), at)
+    at = _rows_of_copies(place, _copy_numbers(table), len(keys))
+    chosen = _is_in_mean(table["status"].to_pylist(), at)
     fields, columns = [table.schema.field(key)], [pa.array(keys)]
 
-    def add(field: pa.Field, values: Any, name: str = "", **facts: str) -> None:
+    def add_column(field: pa.Field, values: Any, name: str = "", **facts: str) -> None:
+        """Adds a column with its field and further metadata."""
         known = {k.decode(): v.decode() for k, v in (field.metadata or {}).items()}
         fields.append(pa.field(name or field.name, values.type, metadata=known | facts or None))
         columns.append(values)
@@ -71,42 +70,45 @@ def summary(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
     for field in table.schema:
         name = field.name
         if name == "status":
-            for word, words in zip(("status", "reason"), _judged(table, at), strict=True):
-                add(table.schema.field(word), pa.array(words, pa.string()))
-            add(pa.field(COUNT, pa.int64()), pa.array(chosen.sum(axis=1), pa.int64()), unit="1")
-        elif name in (key, COPY, "reason", "variant"):
+            for word, words in zip(("status", "reason"), _worst_status_and_reason(table, at), strict=True):
+                add_column(table.schema.field(word), pa.array(words, pa.string()))
+            add_column(pa.field(COUNT_COLUMN, pa.int64()), pa.array(chosen.sum(axis=1), pa.int64()), unit="1")
+        elif name in (key, COPY_COLUMN, "reason", "variant"):
             continue
-        elif name in first or name in RUN:
-            add(field, table[name].combine_chunks().take(pa.array(_first(table[name], at))))
-        elif _averages(field, table.column_names):
-            mean, error = (pa.array(x, mask=np.isnan(x)) for x in _mean(_values(table, name), at, chosen))
-            add(field, mean)
-            add(field, error, name + ERROR, role=ROLE_OF_ERRORS)
+        elif name in first or name in UNAVERAGED_COLUMNS:
+            add_column(field, table[name].combine_chunks().take(pa.array(_first_rows_with_value(table[name], at))))
+        elif _is_averaged(field, table.column_names):
+            mean, error = (
+                pa.array(x, mask=np.isnan(x)) for x in _mean_and_error(_column_values(table, name), at, chosen)
+            )
+            add_column(field, mean)
+            add_column(field, error, name + ERROR_SUFFIX, role=ROLE_OF_ERRORS)
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
-def _first(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
+def _first_rows_with_value(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
     """Row of each drive's first copy that has a value (D,); of its first copy where none has."""
     there = np.append(~np.asarray(column.is_null().to_numpy(), dtype=bool), False)[at]
     return at[np.arange(len(at)), np.where(there.any(axis=1), there.argmax(axis=1), (at >= 0).argmax(axis=1))]
 
 
-def _averages(field: pa.Field, names: Sequence[str]) -> bool:
+def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
     """Whether a column is a metric to average: of numbers, and not the error of another one."""
     import pyarrow.types as kinds
 
-    if field.name.endswith(ERROR) and field.name.removesuffix(ERROR) in names:
+    if field.name.endswith(ERROR_SUFFIX) and field.name.removesuffix(ERROR_SUFFIX) in names:
         return False
     return bool(kinds.is_integer(field.type) or kinds.is_floating(field.type) or kinds.is_boolean(field.type))
 
 
-def _numbers(table: pa.Table) -> NDArray[np.int64]:
-    if COPY not in table.column_names:
+def _copy_numbers(table: pa.Table) -> NDArray[np.int64]:
+    """Number of the copy of each row."""
+    if COPY_COLUMN not in table.column_names:
         return np.zeros(table.num_rows, dtype=np.int64)
-    return np.asarray(table[COPY].to_numpy())
+    return np.asarray(table[COPY_COLUMN].to_numpy())
 
 
-def _places(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> NDArray[np.int64]:
+def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> NDArray[np.int64]:
     """Rows of each drive's copies, by the copies' numbers (D, most copies), -1 where there is none."""
     order = np.lexsort((number, place))
     counts = np.bincount(place, minlength=drives)
@@ -116,19 +118,19 @@ def _places(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> 
     return at
 
 
-def _chosen(status: Sequence[str], at: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which copies means are over (D, most copies)."""
+def _is_in_mean(status: Sequence[str], at: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether means are over each copy (D, most copies)."""
     words = np.array([*status, ""], dtype=object)[at]  # the last one stands for -1, a copy that is not there
     ok = words == OK
     ran = ~np.isin(words, ("", "infeasible", DIVERGED))
     return np.where(ok.any(axis=1)[:, None], ok, ran)
 
 
-def _judged(table: pa.Table, at: NDArray[np.int64]) -> tuple[list[str], list[str | None]]:
-    """The worst status of each drive's copies, and its reason."""
+def _worst_status_and_reason(table: pa.Table, at: NDArray[np.int64]) -> tuple[list[str], list[str | None]]:
+    """Worst status of each drive's copies, and its reason."""
     status, reason = table["status"].to_pylist(), table["reason"].to_pylist()
     rank = {word: k for k, word in enumerate(STATUSES)}
-    number = _numbers(table)
+    number = _copy_numbers(table)
     words, reasons = [], []
     for row in at:
         copies = [int(i) for i in row if i >= 0]
@@ -142,26 +144,27 @@ def _judged(table: pa.Table, at: NDArray[np.int64]) -> tuple[list[str], list[str
     return words, reasons
 
 
-def _values(table: pa.Table, name: str) -> NDArray[np.float64]:
-    """A column of numbers or switches, NaN where it is null."""
+def _column_values(table: pa.Table, name: str) -> NDArray[np.float64]:
+    """Values of a column of numbers or switches, nan where it is null."""
     return np.array(table[name].cast("float64").to_numpy(), dtype=float)
 
 
-def _mean(
+def _mean_and_error(
     values: NDArray[np.float64], at: NDArray[np.int64], chosen: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard error of each drive (D,), added up copy by copy, so that they do not hang on other drives."""
+    """Mean and standard error of each drive's copies (D,), whose bits do not hang on other drives."""
     each = np.where(chosen, values[at], np.nan)
     there = np.isfinite(each)
     count = there.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = _sum(np.where(there, each, 0.0)) / count
-        square = _sum(np.where(there, (each - mean[:, None]) ** 2, 0.0))
+        mean = _sum_of_copies(np.where(there, each, 0.0)) / count
+        square = _sum_of_copies(np.where(there, (each - mean[:, None]) ** 2, 0.0))
         error = np.sqrt(square / (count - 1) / count)
     return np.where(count > 0, mean, np.nan), np.where(count > 1, error, np.nan)
 
 
-def _sum(each: NDArray[np.float64]) -> NDArray[Any]:
+def _sum_of_copies(each: NDArray[np.float64]) -> NDArray[Any]:
+    """Sum over the copies of each drive (D,), in their order."""
     found = np.zeros(len(each))
     for column in each.T:
         found = found + column

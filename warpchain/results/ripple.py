@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
-def slowest_ripple(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
-    """Periods in a window of the slowest ripple of motions, loads, motors, valves and prescribed centers; 0 for none.
+def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
+    """Periods in a window of the slowest ripple of motions, loads, motors, valves and led centers; 0 for none.
 
     Args:
         drive: one, or a stack.
@@ -26,18 +26,22 @@ def slowest_ripple(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> An
     """
     count = len(turns)
 
-    def periods(b: int, order: Any) -> Any:
+    def periods_in_window(b: int, order: Any) -> Any:
+        """Periods in the window of an order of a body's revolution."""
         led = b if b < count else drive.driver
         return order * turns[led] * (1.0 if b < count else speed_ratio(drive, b, led))
 
     mounts = (sprocket.mount for sprocket in drive.sprockets)
     swings = [mount.frequency for mount in mounts if isinstance(mount, PrescribedMount) and some(mount.frequency)]
-    slow = [*(periods(b, order) for b, order in _orders(drive)), *(swing * seconds for swing in swings)]
+    slow = [
+        *(periods_in_window(b, order) for b, order in _ripple_orders(drive)),
+        *(swing * seconds for swing in swings),
+    ]
     return smallest(*slow) if slow else 0.0
 
 
-def _orders(drive: Drive) -> Iterator[tuple[int, float]]:
-    """Bodies, and periods per revolution of ripples that their angles cause."""
+def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
+    """Bodies, and periods per revolution of the ripples that their angles cause."""
     names: list[Any] = []
     acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in drive.sprockets]
     acting += [(of.load, of.prescribed, of.motor) for of in drive.shafts]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from warpchain.argument_checks import Index, PositiveNumber, check_arguments
 from warpchain.errors import SimulationError
 from warpchain.notebook_renderer import rendered_html
-from warpchain.results.channels import DEFAULT, NAMES
-from warpchain.results.judgement import NAMED, OK
-from warpchain.results.replicate_metrics import COPY, DRIVE, summary
+from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
+from warpchain.results.judgement import MOST_NAMED, OK
+from warpchain.results.replicate_metrics import COPY_COLUMN, DRIVE_COLUMN, summarize_copies
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
-def check_names(what: str, names: Iterable[str]) -> None:
+def check_channel_names(what: str, names: Iterable[str]) -> None:
     """Refuses names that are no channel's; `what` says whose they are.
 
     Raises:
         SimulationError: an unknown name.
     """
     for name in names:
-        if name not in NAMES:
-            raise SimulationError(f"{what}: {name!r} is unknown; allowed are {', '.join(NAMES)}")
+        if name not in CHANNEL_NAMES:
+            raise SimulationError(f"{what}: {name!r} is unknown; allowed are {', '.join(CHANNEL_NAMES)}")
 
 
 @check_arguments(SimulationError, "record.")
@@ -41,10 +41,10 @@ class Record:
 
     Attributes:
         variants: "all", "none", or the indices of the variants to record.
-        rate: samples a second of simulated time [Hz]; None takes each drive's own `run.sample_rate`. The sampling
-            interval is rounded to whole steps; frame 0 is t = 0.
-        channels: which of `results.channels.NAMES` to keep; the others are None in the trajectory. Those on request
-            (`joint_friction_power`) are not among those kept by default.
+        rate: samples a second of simulated time [Hz], rounded to whole steps between them; None takes each drive's own
+            `run.sample_rate`. Frame 0 is t = 0.
+        channels: which of `results.channels.CHANNEL_NAMES` to keep; the others are None in the trajectory. Those on
+            request (`joint_friction_power`) are not kept by default.
 
     Raises:
         SimulationError: for an unknown channel, an unknown word, or a rate that is not positive.
@@ -52,14 +52,14 @@ class Record:
 
     variants: Literal["all", "none"] | Sequence[Index] = "all"
     rate: PositiveNumber | None = None
-    channels: Sequence[str] = DEFAULT
+    channels: Sequence[str] = DEFAULT_CHANNELS
 
     def __post_init__(self) -> None:
-        check_names("record.channels", self.channels)
+        check_channel_names("record.channels", self.channels)
 
     @check_arguments(SimulationError)
     def indices(self, variants: Index) -> tuple[int, ...]:
-        """The recorded variants of an ensemble of `variants`, ascending."""
+        """Recorded variants of an ensemble of `variants`, ascending."""
         if isinstance(self.variants, str):
             return tuple(range(variants)) if self.variants == "all" else ()
         chosen = sorted({int(index) for index in self.variants})
@@ -68,9 +68,9 @@ class Record:
         return tuple(chosen)
 
 
-def _with_channels(kind: type) -> type:
-    """The class with a field for each channel that it does not declare itself."""
-    for name in NAMES:
+def _add_channel_fields(kind: type) -> type:
+    """Adds a dataclass field for each channel that a class does not declare itself; returns the class."""
+    for name in CHANNEL_NAMES:
         if name not in kind.__annotations__:
             kind.__annotations__[name] = "NDArray[np.floating] | None"
             setattr(kind, name, None)
@@ -78,7 +78,7 @@ def _with_channels(kind: type) -> type:
 
 
 @dataclass(frozen=True)
-@_with_channels
+@_add_channel_fields
 class Trajectory:
     """The recorded motion of one variant; F frames, N rollers and links, S sprockets. A channel not recorded is None.
 
@@ -94,13 +94,12 @@ class Trajectory:
         sprocket_speed: (F, S) sprocket angular velocities, counter-clockwise [rad/s].
         sprocket_moment: (F, S) moment of the contact forces on each sprocket, counter-clockwise [N m] (16).
         sprocket_center: (F, S, 2) sprocket centers [m].
-        joint_friction_power: (F, N) power that the joint at each roller dissipates [W]: its moment of friction times
-            the rate at which its links turn against each other, with leapfrog at the mean of the velocities before and
-            after the step, as in the metric `joints.friction`; that of a joint that hardly turns can then be a little
-            below 0. On request; 0 where joints do not rub.
+        joint_friction_power: (F, N) power that the joint at each roller dissipates [W]: moment of friction times the
+            rate at which its links turn against each other, with leapfrog at the mean of the velocities before and
+            after the step, so that it can be a little below 0. On request; 0 where joints do not rub.
         arm_angle: (F, A) angles of the arms from the drawing, counter-clockwise [rad]; None without arms.
-        arm_speed: (F, A) their angular velocities [rad/s].
-        arm_moment: (F, A) moments of the contact forces about their pivots, counter-clockwise [N m].
+        arm_speed: (F, A) angular velocities of the arms [rad/s].
+        arm_moment: (F, A) moments of the contact forces about the arms' pivots, counter-clockwise [N m].
         tensioner_extension: (F, T) extensions of the tensioners from the drawing [m]; None without tensioners.
         tensioner_force: (F, T) forces on the bodies that they push [N].
         chamber_pressure: (F, T) absolute pressures in their chambers [Pa]; without oil the ambient one.
@@ -151,13 +150,13 @@ class Trajectory:
         return rendered_html(self)
 
     def channels(self) -> dict[str, NDArray[np.floating]]:
-        """The recorded channels by name, without time."""
-        held = {name: getattr(self, name) for name in NAMES}
+        """Recorded channels of the trajectory by name, without time."""
+        held = {name: getattr(self, name) for name in CHANNEL_NAMES}
         return {name: values for name, values in held.items() if values is not None}
 
     @check_arguments(SimulationError)
     def at(self, frames: slice | Sequence[int] | NDArray[Any]) -> Trajectory:
-        """The trajectory at some of its frames: a slice, their numbers, or whether each is one (F,).
+        """Trajectory at some of its frames: a slice, their numbers, or whether each is one (F,).
 
         Raises:
             SimulationError: a frame that there is not.
@@ -170,20 +169,22 @@ class Trajectory:
         return Trajectory(self.drive, self.time[frames], **held, window=self.window)
 
     def to_arrow(self) -> pa.Table:
-        """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""
-        from warpchain.results.arrow_tables import to_arrow
+        """Pyarrow table of the trajectory, one row a frame, units in fields' metadata; shares the arrays' memory."""
+        from warpchain.results.arrow_tables import trajectory_table
 
-        return to_arrow(self.time, self.channels())
+        return trajectory_table(self.time, self.channels())
 
     def to_xarray(self) -> xr.Dataset:
-        """An xarray dataset (extra `xarray`) by time, roller, link, sprocket, arm, tensioner, axis; shares memory."""
-        from warpchain.results.arrow_tables import to_xarray
+        """Xarray dataset (extra `xarray`) of the trajectory by time, part and axis; shares the arrays' memory."""
+        from warpchain.results.arrow_tables import trajectory_dataset
 
-        return to_xarray(self.time, self.channels(), self.drive)
+        return trajectory_dataset(self.time, self.channels(), self.drive)
 
 
-def need(trajectory: Trajectory, *channels: str, name: str = "the variant") -> tuple[NDArray[np.floating], ...]:
-    """Some channels of a trajectory, in the order of their names.
+def require_channels(
+    trajectory: Trajectory, *channels: str, name: str = "the variant"
+) -> tuple[NDArray[np.floating], ...]:
+    """Channels of a trajectory, in the order of their names.
 
     Args:
         channels: of `CHANNELS`.
@@ -232,7 +233,7 @@ class Run(Mapping[int, Trajectory]):
     Attributes:
         drives: the drives simulated, in order.
         metrics: pyarrow table, one row a variant, with what it is judged to be (`results.judgement`); units in the
-            field metadata (key "unit"); a quantity that a variant does not have is null.
+            fields' metadata (key "unit"); a quantity that a variant does not have is null.
         trajectories: the recorded variants.
         info: how the run was made.
     """
@@ -253,45 +254,48 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def numbers(self) -> Sequence[int]:
-        """Numbers of the variants, in the order of `drives` and `metrics`: 0, 1, ..., but in a study's archives."""
+        """Numbers of the run's variants, in the order of `drives`: 0, 1, ... but in a study's archives."""
         return getattr(self.trajectories, "numbers", range(len(self.drives)))
 
     @check_arguments(SimulationError)
     def row_of(self, variant: int) -> int:
-        """The row of the metrics, and the drive's place, of a variant.
+        """Row of a variant in the run's metrics, and its drive's place.
 
         Raises:
             SimulationError: no such variant.
         """
         if variant not in self.numbers:
-            held = ", ".join(map(str, self.numbers[:NAMED])) + (", ..." if len(self.numbers) > NAMED else "")
+            held = ", ".join(map(str, self.numbers[:MOST_NAMED])) + (", ..." if len(self.numbers) > MOST_NAMED else "")
             raise SimulationError(f"variant {variant}: not in this run, whose {len(self.numbers)} are {held}")
         return self.numbers.index(variant)
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """(V,) whether each variant is judged ok; True where the metrics do not say."""
+        """Whether each variant of the run is judged ok (V,); True where the metrics do not say."""
         if "status" not in self.metrics.column_names:
             return np.ones(len(self.drives), dtype=bool)
         return np.array([word == OK for word in self.metrics["status"].to_pylist()], dtype=bool)
 
     @property
     def replicates(self) -> int:
-        """Copies of each drive, 1 where each was run once."""
-        if COPY not in self.metrics.column_names or not self.metrics.num_rows:
+        """Copies of each drive in the run, 1 where each was run once."""
+        if COPY_COLUMN not in self.metrics.column_names or not self.metrics.num_rows:
             return 1
-        return 1 + max(self.metrics[COPY].to_pylist())
+        return 1 + max(self.metrics[COPY_COLUMN].to_pylist())
 
     @property
     def summary(self) -> pa.Table:
-        """A row for each drive that was asked for: the worst status of its copies, and of each metric the mean, its
-        standard error (`METRIC_se`) and over how many copies (`n`); see `results.replicate_metrics`."""
+        """Table with a row for each drive that was asked for: status, mean and error of each metric.
+
+        The status is the worst of its copies, errors are `METRIC_se`, the number of copies is `n`
+        (`results.replicate_metrics`).
+        """
         import pyarrow as pa
 
         table = self.metrics
-        if DRIVE not in table.column_names:
-            table = table.append_column(pa.field(DRIVE, pa.int64(), metadata={"unit": "1"}), table["variant"])
-        return summary(table, DRIVE)
+        if DRIVE_COLUMN not in table.column_names:
+            table = table.append_column(pa.field(DRIVE_COLUMN, pa.int64(), metadata={"unit": "1"}), table["variant"])
+        return summarize_copies(table, DRIVE_COLUMN)
 
     @check_arguments(SimulationError)
     def __getitem__(self, variant: int) -> Trajectory:
@@ -303,7 +307,11 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def first(self) -> int:
-        """The first recorded variant; raises SimulationError where there is none."""
+        """First recorded variant of the run.
+
+        Raises:
+            SimulationError: none was recorded.
+        """
         for variant in self.trajectories:
             return variant
         raise SimulationError("no variant was recorded: nothing to draw or export")

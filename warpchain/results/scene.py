@@ -14,19 +14,19 @@ from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.tooth_shape import teeth_outline
-from warpchain.results.guide_load import on_face, on_guide_frame, tangent_at
-from warpchain.results.pivots import pivots
-from warpchain.results.run import Trajectory, need
+from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.guide_load import face_coordinates, face_tangents, rollers_in_guide_frame
+from warpchain.results.run import Trajectory, require_channels
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-BLOCK = 4096
+FRAMES_AT_ONCE = 4096
 """Frames that are worked on together, so that long recordings need little memory beside themselves."""
 
 
-class Arrows(NamedTuple):
-    """Forces on K rollers, in order of frames.
+class ContactForces(NamedTuple):
+    """Contact forces on K rollers, in order of frames.
 
     Attributes:
         frame, roller: (K,) when and where.
@@ -38,8 +38,8 @@ class Arrows(NamedTuple):
     force: Array
 
 
-class Pose(NamedTuple):
-    """Places of a drive's bodies.
+class DrivePose(NamedTuple):
+    """Places of a drive's bodies at an instant.
 
     Attributes:
         center: (S, 2) of the sprockets [m].
@@ -54,7 +54,7 @@ class Pose(NamedTuple):
     pivot: Array | None = None
 
 
-class Part(NamedTuple):
+class OutlinePart(NamedTuple):
     """A line of a picture of a drive.
 
     Attributes:
@@ -70,8 +70,8 @@ class Part(NamedTuple):
     carried: bool = False
 
 
-def pose_at_start(drive: Drive, path: ChainPath | None = None) -> Pose:
-    """The bodies around the path of the unloaded chain, sprockets at angle zero.
+def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
+    """Pose of a drive's bodies around the path of the unloaded chain, sprockets at angle zero.
 
     Args:
         drive: the drive.
@@ -84,21 +84,21 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> Pose:
     arms = np.zeros(len(drive.arms))
     for a in range(len(arms)):
         arms[a] = sum(path.arm_angle[on] for on in (a, drive.parent(a)) if on is not None)
-    return Pose(path.center, np.zeros(len(path.center)), arms, pivots(drive, [0.0], arms[None])[0])
+    return DrivePose(path.center, np.zeros(len(path.center)), arms, arm_pivots(drive, [0.0], arms[None])[0])
 
 
-def pose_at_frame(trajectory: Trajectory, f: int) -> Pose:
-    """The bodies at a frame; those of which nothing was recorded are where the run began."""
+def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
+    """Pose of a drive's bodies at a frame; those that were not recorded are where the run began."""
     values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
     start = pose_at_start(trajectory.drive)[:3]
     center, angle, arm = (
         own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True)
     )
-    return Pose(center, angle, arm, pivots(trajectory.drive, trajectory.time[f, None], arm[None])[0])
+    return DrivePose(center, angle, arm, arm_pivots(trajectory.drive, trajectory.time[f, None], arm[None])[0])
 
 
-def chain_line(drive: Drive, path: ChainPath) -> Array:
-    """The path of the chain as a closed line (P, 2) [m], around sprockets and guides, points a quarter pitch apart."""
+def chain_outline(drive: Drive, path: ChainPath) -> Array:
+    """Path of the chain as a closed line (P, 2) [m], around sprockets and guides, points a quarter pitch apart."""
     spacing, line = 0.25 * drive.chain.pitch, []
     for s, sprocket in enumerate(drive.sprockets):
         count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
@@ -110,30 +110,34 @@ def chain_line(drive: Drive, path: ChainPath) -> Array:
     return np.concatenate([*line, line[0][:1]])
 
 
-def teeth_at(drive: Drive, pose: Pose, arc_points: int = 9) -> list[Part]:
-    """Outlines of the sprockets' teeth where the sprockets stand, closed."""
+def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[OutlinePart]:
+    """Closed outlines of the sprockets' teeth, where the sprockets stand."""
     turns = zip(drive.sprockets, pose.center, pose.angle, strict=True)
     return [
-        Part("teeth", sprocket.name, turned(tooth_outline(drive, s, arc_points), (0.0, 0.0), angle) + center)
+        OutlinePart(
+            "teeth", sprocket.name, turn_points(tooth_outline(drive, s, arc_points), (0.0, 0.0), angle) + center
+        )
         for s, (sprocket, center, angle) in enumerate(turns)
     ]
 
 
-def on_arm(drive: Drive, pose: Pose, a: int, points: Array) -> Array:
-    """Points (..., 2) [m] of arm a, as drawn, where it stands."""
+def points_on_arm(drive: Drive, pose: DrivePose, a: int, points: Array) -> Array:
+    """Points (..., 2) [m] of arm a, given as drawn, where it stands."""
     drawn = drive.arms[a].pivot
-    return turned(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
+    return turn_points(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
 
 
-def parts_at(drive: Drive, pose: Pose) -> list[Part]:
-    """Guides, arms and tensioners where the bodies stand."""
+def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart]:
+    """Outlines of guides, arms and tensioners, where the bodies stand."""
     parts = []
     for g, guide in enumerate(drive.guides):
         outline, a = guide_outline(drive, g), drive.arm_of(g)
-        moved = outline if a is None else on_arm(drive, pose, a, outline)
-        parts.append(Part("guide", guide.name, moved, a is not None))
+        moved = outline if a is None else points_on_arm(drive, pose, a, outline)
+        parts.append(OutlinePart("guide", guide.name, moved, a is not None))
     for a, arm in enumerate(drive.arms):
-        parts += [Part("arm", arm.name, on_arm(drive, pose, a, line), True) for line in arm_outline(drive, a)]
+        parts += [
+            OutlinePart("arm", arm.name, points_on_arm(drive, pose, a, line), True) for line in arm_outline(drive, a)
+        ]
     for t, tensioner in enumerate(drive.tensioners):
         housing, plunger = tensioner_outline(drive, t)
         body, at = drive.tensioner_body(t), np.asarray(tensioner.at, dtype=float)
@@ -141,18 +145,15 @@ def parts_at(drive: Drive, pose: Pose) -> list[Part]:
             way = pose.center[body] - drive.sprockets[body].center
         else:
             a = body - drive.first_arm_body
-            way = on_arm(drive, pose, a, at) - at
+            way = points_on_arm(drive, pose, a, at) - at
         along = np.array(tensioner.unit_direction)
-        parts.append(Part("plunger", tensioner.name, plunger + (way @ along) * along, True))
-        parts.append(Part("housing", tensioner.name, housing))
+        parts.append(OutlinePart("plunger", tensioner.name, plunger + (way @ along) * along, True))
+        parts.append(OutlinePart("housing", tensioner.name, housing))
     return parts
 
 
 def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
-    """Closed outline of sprocket s's teeth at angle zero about its center (P, 2) [m]: seat arcs, flanks and tips.
-
-    The surface itself, not the offset curve of the rollers' centers (eq. (5)-(8)).
-    """
+    """Closed outline of sprocket s's teeth at angle zero about its center (P, 2) [m]: seat arcs, flanks and tips."""
     return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
 
 
@@ -172,9 +173,7 @@ def guide_outline(drive: Drive, g: int) -> Array:
 
 
 def arm_outline(drive: Drive, a: int) -> list[Array]:
-    """Lines (2, 2) [m] of arm a as drawn: from its pivot to its guides' ends, to its sprockets and to where
-    tensioners push it.
-    """
+    """Lines (2, 2) [m] of arm a as drawn, from its pivot to its guides' ends, its sprockets and tensioners."""
     arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
     ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
@@ -183,7 +182,7 @@ def arm_outline(drive: Drive, a: int) -> list[Array]:
 
 
 def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
-    """Housing (5, 2) and plunger (5, 2) [m] of tensioner k as drawn, closed; the plunger moves along the direction."""
+    """Closed outlines of housing (5, 2) and plunger (5, 2) [m] of tensioner k as drawn."""
     tensioner = drive.tensioners[k]
     plunger = tensioner.plunger
     wide = drive.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter
@@ -191,39 +190,39 @@ def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
     along = along / np.hypot(*along)
     across = np.array([-along[1], along[0]])
 
-    def box(begin: float, end: float, half: float) -> Array:
+    def rectangle(begin: float, end: float, half: float) -> Array:
+        """Closed rectangle (5, 2) [m] along a tensioner's direction."""
         corners = ((begin, -half), (end, -half), (end, half), (begin, half), (begin, -half))
         return np.array([np.asarray(tensioner.at) + u * along + w * across for u, w in corners])
 
-    return box(-3.0 * wide, -wide, 0.8 * wide), box(-2.0 * wide, 0.0, 0.5 * wide)
+    return rectangle(-3.0 * wide, -wide, 0.8 * wide), rectangle(-2.0 * wide, 0.0, 0.5 * wide)
 
 
-def turned(points: Array, pivot: tuple[float, float], angle: float) -> Array:
+def turn_points(points: Array, pivot: tuple[float, float], angle: float) -> Array:
     """Points (..., 2) turned counter-clockwise about a pivot."""
     c, d, center = math.cos(angle), math.sin(angle), np.asarray(pivot, dtype=float)
     return np.asarray((points - center) @ np.array([[c, d], [-d, c]]) + center)
 
 
-def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows]:
-    """Contact forces on the rollers that are above `least` [N]: those of sprockets (eq. (8) and the flank's normal),
-    those of guide-bars."""
-    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
+def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[ContactForces, ContactForces]:
+    """Contact forces on the rollers that are above `least` [N]: those of sprockets, those of guide-bars."""
+    sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     frame, roller = np.nonzero(sprocket_force > least)
-    near, _ = near_sprockets(trajectory, frame, roller)
+    near, _ = nearest_sprockets_of_rollers(trajectory, frame, roller)
     normals = np.zeros((len(frame), 2))
     for s in range(len(trajectory.drive.sprockets)):
         on = near == s
         normals[on] = sprocket_normals(trajectory, s, frame[on], roller[on])
-    sprockets = Arrows(frame, roller, normals * np.asarray(sprocket_force, float)[frame, roller, None])
+    sprockets = ContactForces(frame, roller, normals * np.asarray(sprocket_force, float)[frame, roller, None])
     frame, roller = np.nonzero(guide_force > least)
-    _, normals = nearest_guides(trajectory, frame, roller)
-    guides = Arrows(frame, roller, normals * np.asarray(guide_force, float)[frame, roller, None])
+    _, normals = nearest_guides_of_rollers(trajectory, frame, roller)
+    guides = ContactForces(frame, roller, normals * np.asarray(guide_force, float)[frame, roller, None])
     return sprockets, guides
 
 
-def near_sprockets(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """The sprocket whose pitch circle each of K rollers is nearest to (K,), and how far it is from that circle [m]."""
-    position, sprocket_center = need(trajectory, "position", "sprocket_center")
+def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
+    """Sprocket whose pitch circle each of K rollers is nearest to (K,), and how far it is from that circle [m]."""
+    position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     x = np.asarray(position, dtype=float)[frame, roller]
     near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
     for s in range(len(trajectory.drive.sprockets)):
@@ -246,7 +245,9 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
         (K, 2) unit vectors, or (F, N, 2) of all frames and rollers.
     """
     drive, tooth = trajectory.drive, trajectory.drive.tooth(s)
-    position, sprocket_center, sprocket_angle = need(trajectory, "position", "sprocket_center", "sprocket_angle")
+    position, sprocket_center, sprocket_angle = require_channels(
+        trajectory, "position", "sprocket_center", "sprocket_angle"
+    )
     if frame is None:
         frame = np.arange(len(trajectory.time))[:, None]
     if roller is None:
@@ -261,8 +262,8 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
     return np.stack([outward * c - lateral * d, outward * d + lateral * c], axis=-1)
 
 
-def nearest_guides(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """The guide whose face rollers (K,) at frames (K,) are nearest to (K,), and the face's normal there (K, 2).
+def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
+    """Guide whose face each of K rollers at frames (K,) is nearest to (K,), and the face's normal there (K, 2).
 
     By the height of the roller's center over the face less that at which it touches; 0 normals beyond all faces.
     """
@@ -270,18 +271,18 @@ def nearest_guides(trajectory: Trajectory, frame: Index, roller: Index) -> tuple
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.drive.guides)):
         face = trajectory.drive.profile(g)
-        points, angle = on_guide_frame(trajectory, g, frame, roller)
-        place, height = on_face(face, points)
+        points, angle = rollers_in_guide_frame(trajectory, g, frame, roller)
+        place, height = face_coordinates(face, points)
         off = np.abs(height - trajectory.drive.guide_offset(g))
         closer = np.nan_to_num(off, nan=np.inf) < apart
-        t, c, s = tangent_at(face, place[closer]), np.cos(angle[closer]), np.sin(angle[closer])
+        t, c, s = face_tangents(face, place[closer]), np.cos(angle[closer]), np.sin(angle[closer])
         normals[closer] = np.stack([-t[:, 1] * c - t[:, 0] * s, t[:, 0] * c - t[:, 1] * s], axis=1)
         near[closer], apart[closer] = g, off[closer]
     return near, normals
 
 
-def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:
-    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond its `engagement`.
+def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> Index:
+    """Sprocket whose pitch circle each roller is nearest to (F, N), -1 beyond its `engagement`.
 
     Args:
         rollers: only these, (N,); all if None.
@@ -289,50 +290,51 @@ def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> In
     drive = trajectory.drive
     which = np.arange(drive.chain.links) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
-    near, apart = near_sprockets(trajectory, frame.ravel(), roller.ravel())
+    near, apart = nearest_sprockets_of_rollers(trajectory, frame.ravel(), roller.ravel())
     band = np.array([drive.engagement(s) for s in range(len(drive.sprockets))])
     return np.where(apart < band[near], near, -1).reshape(frame.shape)
 
 
-def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:
+def contact_force_vectors(trajectory: Trajectory) -> tuple[Array, Array]:
     """Contact forces on the rollers as vectors (F, N, 2) [N]: those of sprockets, those of guide-bars."""
-    (position,) = need(trajectory, "position")
+    (position,) = require_channels(trajectory, "position")
     both = []
-    for arrows in pressing(trajectory):
+    for arrows in roller_contact_forces(trajectory):
         vectors = np.zeros(position.shape)
         vectors[arrows.frame, arrows.roller] = arrows.force
         both.append(vectors)
     return both[0], both[1]
 
 
-class Passing(NamedTuple):
-    """Which link passes the middle of a strand, and where.
+class PassingLink(NamedTuple):
+    """Link that passes the middle of a strand, and where.
 
     Attributes:
         link: (F,) its number, -1 where no link does.
-        displacement: (F,) distance of the chain from the straight common tangent there [m], left of travel positive;
-            NaN where no link passes.
+        displacement: (F,) of the chain from the straight common tangent there [m], left of travel positive; else nan.
     """
 
     link: Index
     displacement: Array
 
 
-def passing_link(trajectory: Trajectory, strand: int) -> Passing:
-    """The link that passes the middle of a strand, at every frame."""
-    (position,) = need(trajectory, "position")
+def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
+    """Link that passes the middle of a strand, and its displacement, at every frame."""
+    (position,) = require_channels(trajectory, "position")
     path = assembled_path(trajectory.drive)
     start, end = path.strand_start[strand], path.strand_end[strand]
     count = len(trajectory.time)
     link, displacement = np.full(count, -1, dtype=np.intp), np.full(count, np.nan)
-    for first in range(0, count, BLOCK):
-        block = slice(first, first + BLOCK)
-        _pass(position[block], start, end, link[block], displacement[block])
-    return Passing(link, displacement)
+    for first in range(0, count, FRAMES_AT_ONCE):
+        block = slice(first, first + FRAMES_AT_ONCE)
+        _fill_passing_link(position[block], start, end, link[block], displacement[block])
+    return PassingLink(link, displacement)
 
 
-def _pass(position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array) -> None:
-    """Fills in link and displacement of a block of frames, where a link passes."""
+def _fill_passing_link(
+    position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array
+) -> None:
+    """Writes link and displacement of a block of frames into arrays, where a link passes."""
     length = float(np.hypot(*(end - start)))
     tx, ty = (end - start) / length
     x, y = position[..., 0], position[..., 1]
@@ -351,8 +353,8 @@ def _pass(position: NDArray[np.floating], start: Array, end: Array, link: Index,
 
 
 def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
-    """Transverse displacement of the chain where it passes the middle of a strand (F,) [m], left of travel positive.
+    """Transverse displacement of the chain where it passes the middle of a strand (F,) [m]; nan where no link does.
 
-    The paper's Figures 9 and 10: distance from the straight common tangent. NaN where no link passes the middle.
+    Distance from the straight common tangent, left of travel positive (the paper's Figures 9 and 10).
     """
     return passing_link(trajectory, strand).displacement

@@ -1,4 +1,4 @@
-"""When a variant steps, is sampled, and is measured."""
+"""Schedule of a variant: when it steps, is sampled, and is measured."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ LOOK_EVERY = 32
 """Fewest steps between two samples of the chain for sums: as many as kernels gather before they add to sums."""
 
 MOST_STEPS = 2**31 - 2
-"""Kernels count steps in 32 bits."""
+"""Steps of a run at most, which kernels count in 32 bits."""
 
 
 def whole_steps(what: str, count: float) -> int:
-    """A number of steps, rounded.
+    """Number of steps, rounded.
 
     Args:
         what: where it comes from, for the error.
@@ -34,7 +34,7 @@ def whole_steps(what: str, count: float) -> int:
 
 @dataclass(frozen=True)
 class Schedule:
-    """When a variant steps, samples and measures; counts of steps of `step` seconds."""
+    """Schedule of a variant in steps of `step` seconds: its end, window for metrics, samples."""
 
     step: float
     steps: int
@@ -55,7 +55,7 @@ class Schedule:
 
 
 def schedule_columns(schedules: Sequence[Schedule]) -> dict[str, NDArray[np.float64 | np.int64]]:
-    """(V,) each field of schedules, of which many are the same."""
+    """Each field of schedules as an array (V,)."""
     known = {id(schedule): schedule for schedule in schedules}
     places = {key: place for place, key in enumerate(known)}
     which = np.array([places[id(schedule)] for schedule in schedules], dtype=np.int64)

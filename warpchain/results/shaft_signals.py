@@ -1,11 +1,11 @@
 """Force of the chain on every shaft, and phase error of driven shafts, from recorded frames.
 
-The frames hold the normal forces of the contacts; with tooth friction, a few hundredths of them, the force is in the
-channel `hub_force`, on request, and in the metrics `SPROCKET.hub_force_*`.
+Without the channel `hub_force` the frames hold the normal forces of the contacts only; tooth friction is a few
+hundredths of them.
 
     e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
 
-so that e < 0 where the camshaft lags. In degrees of the driver, e is the phase error in crank degrees.
+e < 0 where the camshaft lags. In degrees of the driver, e is the phase error in crank degrees.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.rotation import order_amplitudes, rising, turns_of
-from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import nearest_sprocket, sprocket_normals
-from warpchain.results.signals import ahead_of_driver
+from warpchain.results.order_tracking import driver_turns, last_rising_frames, order_amplitudes
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.scene import engaged_sprockets, sprocket_normals
+from warpchain.results.signals import angle_ahead_of_driver
 
 Array = NDArray[np.float64]
 
@@ -32,9 +32,11 @@ def hub_forces(trajectory: Trajectory) -> Array:
     """
     if trajectory.hub_force is not None:
         return np.asarray(trajectory.hub_force, dtype=float)
-    _, sprocket_force, _, _ = need(trajectory, "position", "sprocket_force", "sprocket_angle", "sprocket_center")
+    _, sprocket_force, _, _ = require_channels(
+        trajectory, "position", "sprocket_force", "sprocket_angle", "sprocket_center"
+    )
     frames, sprockets = len(trajectory.time), len(trajectory.drive.sprockets)
-    near = nearest_sprocket(trajectory)
+    near = engaged_sprockets(trajectory)
     found = np.zeros((frames, sprockets, 2))
     for s in range(sprockets):
         frame, roller = np.nonzero((sprocket_force > 0.0) & (near == s))
@@ -57,11 +59,11 @@ def phase_error(trajectory: Trajectory, s: int) -> Array:
     """
     drive = trajectory.drive
     gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
-    return gear * ahead_of_driver(trajectory, s)
+    return gear * angle_ahead_of_driver(trajectory, s)
 
 
-class Phase(NamedTuple):
-    """Phase error over a window.
+class PhaseError(NamedTuple):
+    """Phase error of a shaft over a window.
 
     Attributes:
         shift: its mean [rad of the driver].
@@ -77,14 +79,11 @@ class Phase(NamedTuple):
     orders: tuple[float, ...]
 
 
-def phase_of(
+def phase_error_in_window(
     trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
-) -> Phase:
-    """Mean shift, extremes and amplitudes by engine order of the phase error of sprocket s, in a window of frames.
-
-    Amplitudes are taken over its last whole cycles of `CYCLE` revolutions.
-    """
-    error, turns = phase_error(trajectory, s)[window], turns_of(trajectory)[window]
-    part = rising(turns)
+) -> PhaseError:
+    """Mean shift, extremes and amplitudes by engine order of the phase error of sprocket s, in a window of frames."""
+    error, turns = phase_error(trajectory, s)[window], driver_turns(trajectory)[window]
+    part = last_rising_frames(turns)
     found = order_amplitudes(turns[part], error[part], orders) if len(turns[part]) > 8 else None
-    return Phase(float(error.mean()), float(error.min()), float(error.max()), found, tuple(orders))
+    return PhaseError(float(error.mean()), float(error.min()), float(error.max()), found, tuple(orders))

@@ -1,7 +1,6 @@
 """Numbers that stand for a signal: its statistics, amplitudes of orders, root mean squares of frequency bands.
 
-Signals of rig and run are reduced in the same way, so that what the reduction leaves out is left out of both. Neither
-is compared instant by instant: impacts make runs chaotic.
+Signals of rig and run are reduced alike. Neither is compared instant by instant: impacts make runs chaotic.
 """
 
 from __future__ import annotations
@@ -11,21 +10,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.measured import WITHIN
-from warpchain.results.measured_file import STATISTICS
+from warpchain.results.measured import LINES_WITHIN
+from warpchain.results.measured_file import SIGNAL_STATISTICS
 from warpchain.results.signals import amplitude_spectrum
 
 Array = NDArray[np.float64]
-PARTS = 8
-"""Equal parts of a signal, between which its numbers scatter."""
+ERROR_PARTS = 8
+"""Equal parts of a signal, between which its features scatter."""
 
 
 @dataclass(frozen=True)
-class Features:
-    """The numbers that a signal is reduced to.
+class SignalFeatures:
+    """Numbers that a signal is reduced to.
 
     Attributes:
-        statistics: of `measured_file.STATISTICS`.
+        statistics: of `measured_file.SIGNAL_STATISTICS`.
         orders: of the driver's revolution, whose amplitudes are taken.
         bands: [low, high] frequencies [Hz], between which the root mean square is taken.
     """
@@ -36,12 +35,12 @@ class Features:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the numbers."""
+        """Names of the features."""
         of_orders = (f"order {order:g}" for order in self.orders)
         return (*self.statistics, *of_orders, *(f"{low:g} to {high:g} Hz" for low, high in self.bands))
 
-    def of(self, time: Array, values: Array, turns: float) -> Array:
-        """The numbers (N,) in the signal's unit; NaN where the signal is too short or too coarse for one.
+    def values_of_signal(self, time: Array, values: Array, turns: float) -> Array:
+        """Features (N,) of a signal in its unit; nan where the signal is too short or too coarse for one.
 
         Args:
             time: (K,) ascending [s].
@@ -52,31 +51,31 @@ class Features:
         time, values = time[held], values[held]
         if len(time) < 8:
             return np.full(len(self.names), np.nan)
-        found = [STATISTICS[name](values) for name in self.statistics]
+        found = [SIGNAL_STATISTICS[name](values) for name in self.statistics]
         if not (self.orders or self.bands):
             return np.array(found)
         even = np.linspace(time[0], time[-1], len(time))
         lines, amplitude = amplitude_spectrum(np.interp(even, time, values), float(even[1] - even[0]))
-        found += [_amplitude(lines, amplitude, order * turns) for order in self.orders]
-        return np.array(found + [_root_mean_square(lines, amplitude, *band) for band in self.bands])
+        found += [_amplitude_near_frequency(lines, amplitude, order * turns) for order in self.orders]
+        return np.array(found + [_band_root_mean_square(lines, amplitude, *band) for band in self.bands])
 
-    def errors(self, time: Array, values: Array, turns: float) -> Array:
-        """Standard errors (N,) from the scatter between `PARTS` parts of a signal; 0 where parts are too short."""
-        cuts = np.array_split(np.arange(len(time)), PARTS)
-        parts = np.array([self.of(time[cut], values[cut], turns) for cut in cuts])
-        return np.nan_to_num(parts.std(axis=0, ddof=1) / np.sqrt(PARTS))
+    def standard_errors(self, time: Array, values: Array, turns: float) -> Array:
+        """Standard errors (N,) of a signal's features, from the scatter between parts; 0 where these are too short."""
+        cuts = np.array_split(np.arange(len(time)), ERROR_PARTS)
+        parts = np.array([self.values_of_signal(time[cut], values[cut], turns) for cut in cuts])
+        return np.nan_to_num(parts.std(axis=0, ddof=1) / np.sqrt(ERROR_PARTS))
 
 
-def _amplitude(lines: Array, amplitude: Array, frequency: float) -> float:
-    """The largest amplitude within `WITHIN` lines of a frequency."""
+def _amplitude_near_frequency(lines: Array, amplitude: Array, frequency: float) -> float:
+    """Largest amplitude of a spectrum within `LINES_WITHIN` lines of a frequency."""
     at = round(frequency / float(lines[1]))
-    if at <= WITHIN or at + WITHIN >= len(lines):
+    if at <= LINES_WITHIN or at + LINES_WITHIN >= len(lines):
         return np.nan
-    return float(amplitude[at - WITHIN : at + WITHIN + 1].max())
+    return float(amplitude[at - LINES_WITHIN : at + LINES_WITHIN + 1].max())
 
 
-def _root_mean_square(lines: Array, amplitude: Array, low: float, high: float) -> float:
-    """Of a band: the power of its lines, each spread by the Hann window over 1.5 lines."""
+def _band_root_mean_square(lines: Array, amplitude: Array, low: float, high: float) -> float:
+    """Root mean square of a frequency band, from the lines of a spectrum with a Hann window."""
     inside = (lines >= low) & (lines < high)
     if inside.sum() < 4 or high > lines[-1]:
         return np.nan

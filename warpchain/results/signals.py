@@ -1,7 +1,7 @@
 """Signals that engineers read off a recorded drive: of strands, shafts, arms and tensioners, and of probes.
 
 At a frame the probe sees the link that comes nearest to its place, if it comes within its radius: its tension, and at
-the foot of the perpendicular the chain's velocity and its displacement, from the place to the left of travel.
+the foot of the perpendicular the chain's velocity and its displacement to the left of travel.
 """
 
 from __future__ import annotations
@@ -14,8 +14,14 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
-from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import BLOCK, Passing, near_sprockets, nearest_guides, passing_link
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.scene import (
+    FRAMES_AT_ONCE,
+    PassingLink,
+    nearest_guides_of_rollers,
+    nearest_sprockets_of_rollers,
+    passing_link,
+)
 
 Array = NDArray[np.float64]
 
@@ -28,7 +34,7 @@ SPECTRUM_FLOOR = 1e-4
 """Lower end of a spectrum's axis, as a part of its peak."""
 SPECTRUM_SPELLS = 2000
 """Spells that a spectrum is thinned out to, smallest and largest values kept."""
-TENSION, TRANSMISSION_ERROR = "tension at mid-strand [N]", "transmission error [degrees]"
+STRAND_TENSION_TITLE, TRANSMISSION_ERROR_TITLE = "tension at mid-strand [N]", "transmission error [degrees]"
 """Quantities that order spectra are of."""
 
 
@@ -42,22 +48,21 @@ PART_SIGNALS = (
     ("tensioners", "pressure", "chamber_pressure", "pressure"),
     ("valves", "torque", "valve_torque", "valves"),
 )
-"""Of parts that no roller touches: the list of a drive, a signal of each of its parts, its channel, its group of curves
-in playback."""
+"""Signals of parts that no roller touches: the list of a drive, signal, channel, group of curves in playback."""
 
 
 def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
-    """Name of the part, signal, channel, group and column in the channel of all `PART_SIGNALS` of a drive; pressures of
-    chambers of oil only."""
+    """Name of the part, signal, channel, group and column in the channel of all `PART_SIGNALS` of a drive."""
     for parts, signal, channel, group in PART_SIGNALS:
         for i, part in enumerate(getattr(drive, parts)):
             if signal != "pressure" or part.hydraulic:
                 yield part.name, signal, channel, group, i
 
 
-def driver_speed(trajectory: Trajectory) -> tuple[float, float, float] | None:
-    """Mean forward speed of the driver in the window [rad/s], and from when to when that is [s]; where no window is
-    known, in the latter half. None without angles, or where nothing was recorded there.
+def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float] | None:
+    """Mean forward speed of the driver in the window [rad/s], and from when to when that is [s].
+
+    Where no window is known, it is the latter half. None without angles, or where nothing was recorded there.
     """
     time, angle, drive = trajectory.time, trajectory.sprocket_angle, trajectory.drive
     start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
@@ -68,52 +73,52 @@ def driver_speed(trajectory: Trajectory) -> tuple[float, float, float] | None:
     return float(drive.sprockets[drive.driver].sign * (after - before) / (end - start)), start, end
 
 
-def latter_half(trajectory: Trajectory) -> slice:
-    """Frames of the second half of the recording, which the start's transients have left."""
+def latter_half_frames(trajectory: Trajectory) -> slice:
+    """Slice of the second half of a recording's frames, which the start's transients have left."""
     return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)
 
 
-def last_round(trajectory: Trajectory) -> slice:
-    """Frames of the chain's last round: while as many teeth of the driver pass as the chain has links; else all."""
-    (sprocket_angle,) = need(trajectory, "sprocket_angle")
+def last_round_frames(trajectory: Trajectory) -> slice:
+    """Slice of a recording's frames over the chain's last round; all where it goes round less than once."""
+    (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive = trajectory.drive
-    angle = forward(drive, sprocket_angle, drive.driver)
+    angle = forward_values(drive, sprocket_angle, drive.driver)
     passed = (angle[-1] - angle) * drive.sprockets[drive.driver].teeth / (2.0 * np.pi)
     earlier = np.flatnonzero(passed >= drive.chain.links)
     return slice(int(earlier[-1]) if len(earlier) else 0, None)
 
 
-def forward(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
+def forward_values(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
     """Angles or speeds of sprocket s (F,), positive in the direction of travel, from those of all sprockets (F, S)."""
     return np.asarray(values[:, s], dtype=float) * drive.sprockets[s].sign
 
 
-def strand_tension(trajectory: Trajectory, strand: int, passing: Passing | None = None) -> Array:
+def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | None = None) -> Array:
     """Tension of the link that passes the middle of a strand (F,) [N].
 
     Args:
         passing: which link that is, if known.
     """
-    (tension,) = need(trajectory, "tension")
+    (tension,) = require_channels(trajectory, "tension")
     link = (passing or passing_link(trajectory, strand)).link
     values = np.asarray(tension, dtype=float)[np.arange(len(link)), np.maximum(link, 0)]
     return np.where(link >= 0, values, np.nan)
 
 
-def speed_ratio(trajectory: Trajectory, s: int) -> Array:
+def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
     """Speed of sprocket s over the driver's, as a part of the ratio that the teeth give (F,); 1 without error.
 
     NaN where the driver stands still.
     """
-    (sprocket_speed,) = need(trajectory, "sprocket_speed")
+    (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     drive = trajectory.drive
-    own, driver = (forward(drive, sprocket_speed, k) for k in (s, drive.driver))
+    own, driver = (forward_values(drive, sprocket_speed, k) for k in (s, drive.driver))
     moving = np.abs(driver) > 1e-6 * max(float(np.abs(driver).max()), 1e-300)
     gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
     return np.where(moving, gear * own / np.where(moving, driver, 1.0), np.nan)
 
 
-def ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
+def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
     """Angle of sprocket s ahead of where the driver and the teeth put it (F,) [rad], 0 at the first frame.
 
     With the angles theta forward and the teeth z of sprocket s and of the driver d, theta_s - z_d / z_s theta_d.
@@ -121,9 +126,9 @@ def ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
     Raises:
         SimulationError: recorded without sprocket angles.
     """
-    (sprocket_angle,) = need(trajectory, "sprocket_angle")
+    (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive = trajectory.drive
-    own, driver = (forward(drive, sprocket_angle, k) for k in (s, drive.driver))
+    own, driver = (forward_values(drive, sprocket_angle, k) for k in (s, drive.driver))
     ideal = (driver - driver[0]) * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
     return np.asarray(own - own[0] - ideal)
 
@@ -134,34 +139,32 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
     Raises:
         SimulationError: recorded without sprocket angles.
     """
-    ahead = ahead_of_driver(trajectory, s)
+    ahead = angle_ahead_of_driver(trajectory, s)
     return ahead - ahead.mean()
 
 
-def transverse_frequency(trajectory: Trajectory, strand: int) -> float:
+def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
     """First transverse frequency of a strand at its mean tension over the latter half, the chain moving [Hz].
-
-    `warpchain.assembly.frequencies.moving_frequency` at the mean speed of the driver.
 
     Raises:
         SimulationError: recorded without sprocket speeds.
     """
     from warpchain.assembly.frequencies import moving_frequency
 
-    (sprocket_speed,) = need(trajectory, "sprocket_speed")
-    drive, path, part = trajectory.drive, assembled_path(trajectory.drive), latter_half(trajectory)
+    (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
+    drive, path, part = trajectory.drive, assembled_path(trajectory.drive), latter_half_frames(trajectory)
     tension = float(np.nanmean(strand_tension(trajectory, strand)[part]))
     turns = abs(float(np.mean(sprocket_speed[part, drive.driver]))) / (2.0 * np.pi)
     speed = turns * drive.sprockets[drive.driver].teeth * path.pitch
     return moving_frequency(drive, max(path.free_lengths(strand)), tension, speed)
 
 
-def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Each guide-bar's force on the chain (F,) [N], and how many rollers it presses (F,)."""
-    (guide_force,) = need(trajectory, "guide_force")
+def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]]:
+    """Force of each guide-bar on the chain (F,) [N], and how many rollers it presses (F,)."""
+    (guide_force,) = require_channels(trajectory, "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
-    nearest, _ = nearest_guides(trajectory, frame, roller)
+    nearest, _ = nearest_guides_of_rollers(trajectory, frame, roller)
     found: list[tuple[Array, Array]] = []
     for g in range(len(trajectory.drive.guides)):
         mine, count = nearest == g, len(trajectory.time)
@@ -170,20 +173,19 @@ def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
     return found
 
 
-def largest_contacts(trajectory: Trajectory) -> list[Array]:
-    """The largest contact force of each sprocket, then of each guide-bar, on any roller (F,) [N]; 0 where it has none.
-
-    A pressed roller is of the sprocket whose pitch circle, or of the guide-bar whose face, is nearest.
-    """
-    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
+def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
+    """Largest contact force of each sprocket, then of each guide-bar, on any roller (F,) [N]; 0 where it has none."""
+    sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     drive, count = trajectory.drive, len(trajectory.time)
     largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
     frame, roller = np.nonzero(sprocket_force > 0.0)
     force = np.asarray(sprocket_force, dtype=float)[frame, roller]
-    np.maximum.at(largest, (near_sprockets(trajectory, frame, roller)[0], frame), force)
+    np.maximum.at(largest, (nearest_sprockets_of_rollers(trajectory, frame, roller)[0], frame), force)
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
-    np.maximum.at(largest, (len(drive.sprockets) + nearest_guides(trajectory, frame, roller)[0], frame), force)
+    np.maximum.at(
+        largest, (len(drive.sprockets) + nearest_guides_of_rollers(trajectory, frame, roller)[0], frame), force
+    )
     return list(largest)
 
 
@@ -191,8 +193,7 @@ class ContactAngles(NamedTuple):
     """Contact of all rollers with one sprocket.
 
     Attributes:
-        angle: (K,) angle of the roller past the point where the chain reaches the sprocket, in the direction of travel
-            [rad].
+        angle: (K,) of the roller past the point where the chain reaches the sprocket, in the direction of travel [rad].
         force: (K,) contact force [N].
         wrap: wrapped angle [rad].
         pitch: pitch angle of the teeth [rad].
@@ -206,8 +207,10 @@ class ContactAngles(NamedTuple):
 
 def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
     """Contact force against angle on sprocket s, of the frames of the latter half; of unpressed rollers, too."""
-    position, sprocket_center, sprocket_force = need(trajectory, "position", "sprocket_center", "sprocket_force")
-    drive, part, path = trajectory.drive, latter_half(trajectory), assembled_path(trajectory.drive)
+    position, sprocket_center, sprocket_force = require_channels(
+        trajectory, "position", "sprocket_center", "sprocket_force"
+    )
+    drive, part, path = trajectory.drive, latter_half_frames(trajectory), assembled_path(trajectory.drive)
     step = 2.0 * np.pi / drive.sprockets[s].teeth
     r = np.asarray(position[part], dtype=float) - sprocket_center[part, None, s]
     apart = np.abs(np.hypot(r[..., 0], r[..., 1]) - drive.pitch_radius(s))
@@ -227,8 +230,7 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
         interval: between them, in seconds, or in revolutions for orders.
 
     Returns:
-        (K // 2 + 1,) frequencies in 1/interval's unit, and amplitudes in the unit of the values: a sine of amplitude a
-        on a line of the spectrum shows a.
+        (K // 2 + 1,) frequencies in 1/interval's unit, and amplitudes: a sine of amplitude a on a line shows a.
     """
     values = np.asarray(values, dtype=float)
     window = np.hanning(len(values) + 1)[:-1]
@@ -237,18 +239,14 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
-    """Amplitude spectrum over orders of the driver's revolution, from the latter half of the recording.
+    """Orders and amplitudes of a signal over the driver's revolution, from the latter half of the recording.
 
-    The samples are taken at even angles of the driver, so that a driver whose speed varies does not smear the orders;
-    the tooth-passing orders of the whole chain are the multiples of the driver's number of teeth.
-
-    Returns:
-        orders and amplitudes; None where the driver stops or turns back, where fewer than `FEWEST_TEETH` of its teeth
-        pass, or where values are not finite.
+    Samples are taken at even angles of the driver. None where the driver stops or turns back, where fewer than
+    `FEWEST_TEETH` of its teeth pass, or where values are not finite.
     """
-    (sprocket_angle,) = need(trajectory, "sprocket_angle")
-    drive, part = trajectory.drive, latter_half(trajectory)
-    turns = forward(drive, sprocket_angle[part], drive.driver) / (2.0 * np.pi)
+    (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
+    drive, part = trajectory.drive, latter_half_frames(trajectory)
+    turns = forward_values(drive, sprocket_angle[part], drive.driver) / (2.0 * np.pi)
     if len(turns) < 8 or not np.all(np.diff(turns) > 0.0):
         return None
     if (turns[-1] - turns[0]) * drive.sprockets[drive.driver].teeth < FEWEST_TEETH:
@@ -259,7 +257,7 @@ def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array]
     return amplitude_spectrum(np.interp(even, turns, values[part]), float(even[1] - even[0]))
 
 
-class Spectrum(NamedTuple):
+class OrderSpectrum(NamedTuple):
     """An order spectrum as it is drawn.
 
     Attributes:
@@ -273,39 +271,35 @@ class Spectrum(NamedTuple):
     amplitude: Array
 
 
-def order_spectra(trajectory: Trajectory) -> dict[str, list[Spectrum]]:
-    """Order spectra of strand tensions and transmission errors by what they are of, peaks kept; {} where none can be.
-
-    They reach half a tooth beyond `TOOTH_PASSINGS` multiples of the driver's teeth.
-    """
+def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
+    """Order spectra of strand tensions and transmission errors by title, peaks kept; {} where none can be."""
     drive = trajectory.drive
-    signals = [(TENSION, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
+    signals = [(STRAND_TENSION_TITLE, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
     signals += [
-        (TRANSMISSION_ERROR, sprocket.name, np.degrees(transmission_error(trajectory, s)))
+        (TRANSMISSION_ERROR_TITLE, sprocket.name, np.degrees(transmission_error(trajectory, s)))
         for s, sprocket in enumerate(drive.sprockets)
         if s != drive.driver
     ]
     last = (TOOTH_PASSINGS + 0.5) * drive.sprockets[drive.driver].teeth
-    found: dict[str, list[Spectrum]] = {}
+    found: dict[str, list[OrderSpectrum]] = {}
     for title, name, values in signals:
         spectrum = order_spectrum(trajectory, values)
         if spectrum is not None:
             orders, amplitude = (part[1 : int(np.searchsorted(spectrum[0], last)) + 1] for part in spectrum)
             kept = peak_frames(amplitude, SPECTRUM_SPELLS)
-            found.setdefault(title, []).append(Spectrum(name, orders[kept], amplitude[kept]))
+            found.setdefault(title, []).append(OrderSpectrum(name, orders[kept], amplitude[kept]))
     return found
 
 
 def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
     """Frames to draw of a series, ascending: the smallest and the largest value of each of `buckets` equal spells.
 
-    A series of no more than twice as many frames is kept whole; at most 2 * buckets frames are left otherwise, the
-    extremes of the whole series always among them. Spells without a finite value leave their first frame.
+    A series of no more than twice as many frames is kept whole. Spells without a finite value leave their first frame.
     """
     count = len(values)
     if count <= 2 * buckets:
         return np.arange(count)
-    first = _starts(count, buckets)
+    first = _spell_starts(count, buckets)
     width = int(np.diff(first, append=count).max())
     at = np.minimum(first[:, None] + np.arange(width), np.append(first[1:], count)[:, None] - 1)
     spells = np.asarray(values, dtype=float)[at]
@@ -316,19 +310,20 @@ def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
 
 
 def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """The largest values over each of at most `buckets` equal spells: the spells' first frames, and (spells, ...)."""
+    """Largest values over each of at most `buckets` equal spells: the spells' first frames, and (spells, ...)."""
     count = len(values)
     if count <= buckets:
         return np.arange(count), values
-    first = _starts(count, buckets)
+    first = _spell_starts(count, buckets)
     return first, np.maximum.reduceat(values, first, axis=0)
 
 
-def _starts(count: int, buckets: int) -> NDArray[np.intp]:
+def _spell_starts(count: int, buckets: int) -> NDArray[np.intp]:
+    """First frames of equal spells."""
     return (np.arange(buckets) * count // buckets).astype(np.intp)
 
 
-class Stroke(NamedTuple):
+class QuantityRange(NamedTuple):
     """Range and path of a quantity: an extension, an angle, a force, a pressure.
 
     Attributes:
@@ -343,11 +338,11 @@ class Stroke(NamedTuple):
 
     @property
     def travel(self) -> float:
-        """From the smallest to the largest."""
+        """Difference of the quantity's largest and smallest value."""
         return self.high - self.low
 
 
-class Events(NamedTuple):
+class OpeningEvents(NamedTuple):
     """Openings of a valve or a contact over a window.
 
     Attributes:
@@ -363,25 +358,27 @@ class Events(NamedTuple):
     longest: float
 
 
-def stroke(time: Array, values: Array) -> Stroke:
+def range_and_path(time: Array, values: Array) -> QuantityRange:
     """Range and path of samples (F,) at times (F,) [s]."""
     seconds = float(time[-1] - time[0])
     path = float(np.abs(np.diff(values)).sum()) / seconds if seconds > 0.0 else 0.0
-    return Stroke(float(values.min()), float(values.mean()), float(values.max()), path)
+    return QuantityRange(float(values.min()), float(values.mean()), float(values.max()), path)
 
 
-def events(time: Array, values: Array, threshold: float = 0.0) -> Events:
-    """Spells of samples (F,) at even times (F,) [s] above a threshold, such as a valve's lift above 0."""
+def opening_events(time: Array, values: Array, threshold: float = 0.0) -> OpeningEvents:
+    """Openings of samples (F,) at even times (F,) [s] above a threshold, such as a valve's lift above 0."""
     open_ = np.concatenate([[False], np.asarray(values) > threshold, [False]])
     begins, ends = np.flatnonzero(open_[1:] & ~open_[:-1]), np.flatnonzero(~open_[1:] & open_[:-1])
     step = float(time[-1] - time[0]) / max(len(time) - 1, 1)
     count = len(begins) - int(bool(len(begins)) and begins[0] == 0)
     seconds = step * len(time)
     longest = step * int((ends - begins).max()) if len(begins) else 0.0
-    return Events(count, count / seconds if seconds > 0.0 else 0.0, float((ends - begins).sum()) / len(time), longest)
+    return OpeningEvents(
+        count, count / seconds if seconds > 0.0 else 0.0, float((ends - begins).sum()) / len(time), longest
+    )
 
 
-class Seen(NamedTuple):
+class ProbeSignals(NamedTuple):
     """Signals of a probe; nan at frames at which the chain is not within its radius.
 
     Attributes:
@@ -399,18 +396,18 @@ class Seen(NamedTuple):
     normal_speed: Array
 
 
-def seen_at(trajectory: Trajectory, at: tuple[float, float], radius: float) -> Seen:
+def probe_signals(trajectory: Trajectory, at: tuple[float, float], radius: float) -> ProbeSignals:
     """Signals of a probe at a place [m], of the chain within a radius [m].
 
     Raises:
         SimulationError: recorded without positions, velocities or tensions.
     """
-    position, velocity, tension = need(trajectory, "position", "velocity", "tension")
+    position, velocity, tension = require_channels(trajectory, "position", "velocity", "tension")
     count = len(trajectory.time)
     link, values = np.full(count, -1, dtype=np.intp), np.full((4, count), np.nan)
     place = np.asarray(at, dtype=float)
-    for first in range(0, count, BLOCK):
-        part = slice(first, first + BLOCK)
+    for first in range(0, count, FRAMES_AT_ONCE):
+        part = slice(first, first + FRAMES_AT_ONCE)
         x = np.asarray(position[part], dtype=float)
         across = np.roll(x, -1, axis=1) - x
         square = (across**2).sum(axis=-1)
@@ -433,4 +430,4 @@ def seen_at(trajectory: Trajectory, at: tuple[float, float], radius: float) -> S
             (moving * left).sum(axis=-1),
         )
         values[:, first + rows] = seen
-    return Seen(link, *values)
+    return ProbeSignals(link, *values)

@@ -1,13 +1,12 @@
 """Margin to tooth jump: how far rollers in a sprocket's wrap stand below where the tips of the teeth let them go.
 
-A roller that is drawn out of its seat climbs the flank. It leaves it at the tip, where its center is R_r from the tip
-along the flank's normal, at the distance rho_top from the sprocket's center. With rho that of a roller,
+A roller that is drawn out of its seat leaves the flank at the tip, where its center is R_r from the tip along the
+flank's normal, at the distance rho_top from the sprocket's center. With rho that of a roller,
 
     margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R)                        (a)
 
-1 in the seat, 0 where nothing holds the roller any more and the chain jumps. Only rollers well inside the wrap count,
-half a tooth from where the chain reaches and leaves the sprocket, or within half a tooth of its middle where that is
-more: at its ends they come and go over the tips anyway.
+1 in the seat, 0 where the chain jumps. Only rollers well inside the wrap count, half a tooth from where the chain
+reaches and leaves the sprocket, or within half a tooth of its middle where that is more.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import assembled_path
 from warpchain.assembly.tooth_hold import top_radius
-from warpchain.results.run import Trajectory, need
+from warpchain.results.run import Trajectory, require_channels
 
 Array = NDArray[np.float64]
 
@@ -38,13 +37,13 @@ class JumpMargin(NamedTuple):
     height: float
 
 
-def jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
-    """Margin to tooth jump on sprocket s.
+def tooth_jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
+    """Margin to tooth jump on sprocket s of a recording.
 
     Raises:
         SimulationError: recorded without positions or sprocket centers.
     """
-    position, sprocket_center = need(trajectory, "position", "sprocket_center")
+    position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     drive, path = trajectory.drive, assembled_path(trajectory.drive)
     top = top_radius(drive, s)
     step, wrap = 2.0 * np.pi / drive.sprockets[s].teeth, float(path.wrap_angle[s])

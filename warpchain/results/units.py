@@ -10,7 +10,7 @@ import numpy as np
 MILLI, MICRO, KILO, MEGA, GIGA = 1e3, 1e6, 1e-3, 1e-6, 1e-9
 DEGREES = 180.0 / math.pi
 
-DISPLAYED: dict[str, tuple[tuple[float, str, float], ...]] = {
+DISPLAY_UNITS: dict[str, tuple[tuple[float, str, float], ...]] = {
     "m": ((0.0, "\N{MICRO SIGN}m", MICRO), (1e-4, "mm", MILLI), (1.0, "m", 1.0)),
     "s": ((0.0, "\N{MICRO SIGN}s", MICRO), (1e-3, "ms", MILLI), (1.0, "s", 1.0)),
     "rad": ((0.0, "degrees", DEGREES),),
@@ -24,31 +24,25 @@ DISPLAYED: dict[str, tuple[tuple[float, str, float], ...]] = {
     "Pa": ((0.0, "Pa", 1.0), (1e3, "kPa", KILO), (1e6, "MPa", MEGA), (1e9, "GPa", GIGA)),
     "Hz": ((0.0, "Hz", 1.0), (1e3, "kHz", KILO)),
 }
-"""For an SI unit the units that values are shown in: from which largest value on, the unit, and its factor."""
+"""Units that values of an SI unit are shown in: from which largest value on, the unit, its factor."""
 
 
-def shown(unit: str, *values: Any) -> tuple[str, float]:
-    """The unit that values [SI] are shown in together, by the largest that is finite, and the factor to it.
-
-    Units that have no other stay as they are, and so does any where all values are 0 or not finite.
-    """
+def display_unit(unit: str, *values: Any) -> tuple[str, float]:
+    """Unit that values [SI] are shown in together, by the largest that is finite, and the factor to it."""
     whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
     largest = float(np.abs(whole[np.isfinite(whole)]).max(initial=0.0))
-    held = [(word, factor) for least, word, factor in DISPLAYED.get(unit, ()) if largest >= least]
+    held = [(word, factor) for least, word, factor in DISPLAY_UNITS.get(unit, ()) if largest >= least]
     return held[-1] if held and largest > 0.0 else (unit, 1.0)
 
 
-def shown_unit(unit: str, *values: Any) -> tuple[str, float]:
-    """Unit to show values in, "" for a count or ratio, and the factor to multiply them by; the largest decides."""
-    word, factor = shown(unit, *values)
+def display_unit_word(unit: str, *values: Any) -> tuple[str, float]:
+    """Unit to show values in, "" for a count or ratio, and the factor to it; the largest value decides."""
+    word, factor = display_unit(unit, *values)
     return "" if word == "1" else word, factor
 
 
-def decimals(values: Any, digits: int = 4) -> int:
-    """Decimals that distinguish values: so many digits of their range, or of the largest where all are equal.
-
-    Negative for a range beyond so many digits.
-    """
+def distinguishing_decimals(values: Any, digits: int = 4) -> int:
+    """Decimals that distinguish values: so many digits of their range, or of the largest where all are equal."""
     held = np.asarray(values, dtype=float)
     held = held[np.isfinite(held)]
     largest, spread = float(np.abs(held).max(initial=0.0)), float(np.ptp(held)) if held.size else 0.0
@@ -56,9 +50,9 @@ def decimals(values: Any, digits: int = 4) -> int:
     return digits - 1 - math.floor(math.log10(scale)) if scale > 0.0 else 0
 
 
-def quantity(value: float, unit: str, deviation: float | None = None, digits: int = 4) -> str:
-    """A value with its unit in words: "5.612 kN", and with a deviation "5.612 ± 0.083 kN"."""
-    word, factor = shown_unit(unit, value)
+def quantity_words(value: float, unit: str, deviation: float | None = None, digits: int = 4) -> str:
+    """Text of a value with its unit, "5.612 kN", and with a deviation "5.612 ± 0.083 kN"."""
+    word, factor = display_unit_word(unit, value)
     text = f"{value * factor:.{digits}g}"
     if deviation is not None and math.isfinite(deviation):
         text += f" ± {deviation * factor:.2g}"

@@ -23,7 +23,7 @@ from warpchain.drive import Drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.progress import duration_text
-from warpchain.results.statuses import common_reasons, reason_words
+from warpchain.results.statuses import common_reasons, reason_of_count
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student_quantile
 from warpchain.study.results import Results, read_results
 from warpchain.study.run.prepare import gpu_count, overhead_seconds, preferred_shard_size, read_study, stored_step_rate
@@ -280,7 +280,7 @@ def forecast_lines(forecast: Forecast, wanted: Mapping[str, float] | None = None
         f"{forecast.refused} "
         f"of {forecast.built} rows that were built"
     )
-    lines += [f"  {reason_words(number, reason)}" for reason, number in forecast.reasons]
+    lines += [f"  {reason_of_count(number, reason)}" for reason, number in forecast.reasons]
     cost = forecast.cost
     how = "measured here" if cost.measured else "assumed"
     besides = f", and {1e3 * cost.each:.2g} ms a run besides" if cost.each > 0.0 else ""

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from warpchain.drive.schema import nearest, some_of
 from warpchain.errors import StudyError
 from warpchain.results.arrow_tables import export_table as export_table
-from warpchain.results.arrow_tables import without_unit_heads
-from warpchain.results.metric_columns import RUN, SETTLING
-from warpchain.results.replicate_metrics import COUNT, ERROR, ROLE_OF_ERRORS
+from warpchain.results.arrow_tables import table_without_unit_heads
+from warpchain.results.metric_columns import RUN_METRICS, SETTLING_METRICS
+from warpchain.results.replicate_metrics import COUNT_COLUMN, ERROR_SUFFIX, ROLE_OF_ERRORS
 from warpchain.results.statuses import common_reasons
 from warpchain.study.store import OUTCOME_COLUMNS, ROW_STATUSES, check_archive_name, read_table
 
@@ -30,9 +30,9 @@ ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
 """Adjustments that make the chain fit: number of links, travel of the sprocket [m]."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 """Ends of the adjustment columns of one of several chains."""
-RUN_COLUMNS = tuple(column.name for column in RUN.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
+RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
 """Columns of the length of a variant's run and the window of its metrics."""
-SETTLING_COLUMNS = tuple(column.name for column in SETTLING.columns)
+SETTLING_COLUMNS = tuple(column.name for column in SETTLING_METRICS.columns)
 """Columns of how the start settled."""
 BOOKKEEPING_COLUMNS = (
     "variant",
@@ -110,17 +110,17 @@ class Results:
         """Number of runs that each row's metrics are the mean of (R,); 1 if the table has none."""
         if not self.has_replicates:
             return np.ones(self.table.num_rows, dtype=np.int64)
-        return np.asarray(self.table[COUNT].to_numpy(), dtype=np.int64)
+        return np.asarray(self.table[COUNT_COLUMN].to_numpy(), dtype=np.int64)
 
     @property
     def has_replicates(self) -> bool:
         """Whether rows are means of several runs."""
         names = self.table.column_names
-        return COUNT in names and any(_is_error_column(self.table, name) for name in names)
+        return COUNT_COLUMN in names and any(_is_error_column(self.table, name) for name in names)
 
     def standard_errors(self, metric: str) -> Array:
         """Standard errors of a metric's means over equal runs (R,), NaN if there are none."""
-        name = metric + ERROR
+        name = metric + ERROR_SUFFIX
         if not (self.has_replicates and name in self.table.column_names and _is_error_column(self.table, name)):
             return np.full(self.table.num_rows, np.nan)
         return self.values(name)
@@ -183,10 +183,10 @@ class Results:
 
     def column_unit(self, name: str) -> str:
         """Unit of a column, from its field's metadata or a metric's name; "" for none."""
-        from warpchain.results.metric_columns import unit_of
+        from warpchain.results.metric_columns import unit_of_metric
 
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
-        unit = noted.decode() if noted else unit_of(name) if name in self.metrics else ""
+        unit = noted.decode() if noted else unit_of_metric(name) if name in self.metrics else ""
         return "" if unit == "1" else unit
 
     @property
@@ -297,7 +297,11 @@ def _is_error_column(table: pa.Table, name: str) -> bool:
     role = (table.schema.field(name).metadata or {}).get(b"role")
     if role is not None:
         return bool(role == ROLE_OF_ERRORS.encode())
-    return name.endswith(ERROR) and name.removesuffix(ERROR) in table.column_names and COUNT in table.column_names
+    return (
+        name.endswith(ERROR_SUFFIX)
+        and name.removesuffix(ERROR_SUFFIX) in table.column_names
+        and COUNT_COLUMN in table.column_names
+    )
 
 
 def read_results(
@@ -309,18 +313,18 @@ def read_results(
         source: a pyarrow table, or the path of a Parquet or CSV file.
         factors: the columns that were varied; None takes those whose field says role = "factor".
         metrics: the columns that were measured; None takes every other numeric column, but no metric that qualifies
-            others (`results.metric_columns.Column.aside`).
+            others (`results.metric_columns.Column.is_aside`).
 
     Raises:
         StudyError: a table that cannot be read, a column that it lacks, or factors that are not marked.
     """
     import pyarrow as pa
 
-    from warpchain.results.metric_columns import column_of
+    from warpchain.results.metric_columns import column_of_metric
 
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
     if not isinstance(source, pa.Table) and Path(source).suffix == ".csv":
-        table = without_unit_heads(table)
+        table = table_without_unit_heads(table)
     chosen = tuple(factors) if factors is not None else _columns_with_role(table, b"factor")
     if not chosen:
         raise StudyError(
@@ -331,7 +335,7 @@ def read_results(
         measured = tuple(metrics)
     else:
         names = noted or table.column_names
-        held = {name for name in names if name == COUNT or _is_error_column(table, name)}
+        held = {name for name in names if name == COUNT_COLUMN or _is_error_column(table, name)}
         held = held if len(held) > 1 else set()
         aside = {
             *chosen,
@@ -339,7 +343,7 @@ def read_results(
             *(n for n in names if n in BOOKKEEPING_COLUMNS or n.endswith(CHAIN_ADJUSTMENT_ENDINGS)),
         }
         named = (n for n in names if n not in aside and _is_number_column(table, n))
-        measured = tuple(name for name in named if not ((of := column_of(name)) and of.aside))
+        measured = tuple(name for name in named if not ((of := column_of_metric(name)) and of.is_aside))
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:
             if name not in table.column_names:

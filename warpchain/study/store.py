@@ -30,7 +30,7 @@ from warpchain.files import (
     whole_file,
 )
 from warpchain.results.statuses import STATUSES as JUDGED
-from warpchain.results.statuses import alike_reasons
+from warpchain.results.statuses import merge_alike_reasons
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -71,7 +71,7 @@ class RowOutcomes:
         """Outcomes of a table's rows, from its columns `OUTCOME_COLUMNS`."""
         pairs = list(zip(*(table[name].to_pylist() for name in OUTCOME_COLUMNS), strict=True))
         given = ((status, reason, 1) for status, reason in pairs if reason is not None)
-        return RowOutcomes(dict(Counter(status for status, _ in pairs)), alike_reasons(given))
+        return RowOutcomes(dict(Counter(status for status, _ in pairs)), merge_alike_reasons(given))
 
 
 MOST_ROWS, MOST_CELLS = 10_000_000, 2**28

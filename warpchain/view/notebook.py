@@ -10,11 +10,11 @@ from typing import Any
 from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import WarpchainError
-from warpchain.results.channels import CHANNEL
+from warpchain.results.channels import CHANNEL_BY_NAME
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
-from warpchain.results.metric_columns import title_of, unit_of
+from warpchain.results.metric_columns import title_of_metric, unit_of_metric
 from warpchain.results.run import Run, Trajectory
-from warpchain.results.units import quantity
+from warpchain.results.units import quantity_words
 from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.html import picture_html
 
@@ -68,7 +68,7 @@ def value_with_unit(value: Any, unit: str) -> str:
     if value is None:
         return "-"
     bare = isinstance(value, bool | str) or not math.isfinite(value)
-    return str(value) if bare else quantity(value, unit)
+    return str(value) if bare else quantity_words(value, unit)
 
 
 def _side_by_side_html(left: str, right: str) -> str:
@@ -126,7 +126,7 @@ def _run_html(run: Run) -> str:
     about = f"{info}, {len(run)} recorded; {run.info.device}, {run.info.precision}, {run.info.wall_time:.1f} s"
     shown = [name for name in _notebook_metrics(run.drives[0]) if name in names]
     if len(rows) == 1:
-        held = [[title_of(name), value_with_unit(rows[0][name], unit_of(name))] for name in shown]
+        held = [[title_of_metric(name), value_with_unit(rows[0][name], unit_of_metric(name))] for name in shown]
         status = str(rows[0].get("status", ""))
         held.insert(0, ["status", status_html(status)])
         if rows[0].get("reason"):
@@ -138,7 +138,7 @@ def _run_html(run: Run) -> str:
             [
                 str(v),
                 status_html(str(row.get("status", ""))),
-                *(value_with_unit(row[name], unit_of(name)) for name in shown),
+                *(value_with_unit(row[name], unit_of_metric(name)) for name in shown),
             ]
             for v, row in zip(run.numbers, rows[:SHOWN_ROWS], strict=False)
         ]
@@ -153,7 +153,7 @@ def _trajectory_html(trajectory: Trajectory) -> str:
     frames = len(trajectory.time)
     spell = f"{trajectory.time[0]:g} to {trajectory.time[-1]:g} s" if frames else "empty"
     rows = [
-        [name, CHANNEL[name].unit, " x ".join(map(str, values.shape)), str(values.dtype)]
+        [name, CHANNEL_BY_NAME[name].unit, " x ".join(map(str, values.shape)), str(values.dtype)]
         for name, values in trajectory.channels().items()
     ]
     right = notebook_table(("channel", "unit", "shape", "type"), rows, f"{frames} frames, {spell}")

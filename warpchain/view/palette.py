@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
-from warpchain.results.run import Trajectory, need
-from warpchain.results.signals import PART_SIGNALS, latter_half
-from warpchain.results.tension_colors import full_scale, tension_color
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.signals import PART_SIGNALS, latter_half_frames
+from warpchain.results.tension_colors import tension_colors, tension_scale_end
 
 if TYPE_CHECKING:
     from matplotlib.colors import ListedColormap
@@ -67,7 +67,7 @@ def curve_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]
 @lru_cache(maxsize=1)
 def tension_color_table() -> NDArray[np.uint8]:
     """Colors (256, 4) of the tension scale."""
-    return tension_color(np.arange(256.0), 255.0)
+    return tension_colors(np.arange(256.0), 255.0)
 
 
 def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
@@ -99,7 +99,8 @@ def tension_colormap() -> ListedColormap:
 def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = None) -> float:
     """Tension at the red end of the color scale of recordings [N].
 
-    None takes `tension_colors.PERCENTILE` of all links' tensions in the latter half, the largest of the recordings'.
+    None takes `tension_colors.SCALE_PERCENTILE` of all links' tensions in the latter half, the largest of all
+    recordings.
 
     Raises:
         SimulationError: a limit that is no positive number, or the breaking load of a chain without a size.
@@ -125,6 +126,6 @@ def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = Non
 
 def _scale_quantile(trajectory: Trajectory) -> float:
     """Percentile of a recording's link tensions [N]."""
-    (tension,) = need(trajectory, "tension")
-    part = tension[latter_half(trajectory)]
-    return full_scale(part[:: max(len(part) // QUANTILE_FRAMES, 1)])
+    (tension,) = require_channels(trajectory, "tension")
+    part = tension[latter_half_frames(trajectory)]
+    return tension_scale_end(part[:: max(len(part) // QUANTILE_FRAMES, 1)])

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
-from warpchain.results.engineering_report import window_of
-from warpchain.results.run import Run, Trajectory, need
+from warpchain.results.engineering_report import metrics_window
+from warpchain.results.run import Run, Trajectory, require_channels
 
 DRIVE_CHANNELS = (
     "position",
@@ -49,11 +49,11 @@ def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[st
     run = source if isinstance(source, Run) else read_archive(source)
     index = run.first if variant is None else variant
     trajectory = run[index]
-    need(trajectory, *needed, name=f"variant {index}")
+    require_channels(trajectory, *needed, name=f"variant {index}")
     if len(trajectory.time) < 2:
         raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
     (row,) = run.metrics.slice(run.row_of(index), 1).to_pylist()
-    return RecordedVariant(run, index, replace(trajectory, window=window_of(row, trajectory)), f"variant {index}")
+    return RecordedVariant(run, index, replace(trajectory, window=metrics_window(row, trajectory)), f"variant {index}")
 
 
 def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.results.replicate_metrics import ERROR
+from warpchain.results.replicate_metrics import ERROR_SUFFIX
 from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student_quantile
 from warpchain.study.results import Array, Results, is_varying
 
@@ -273,12 +273,12 @@ def transformed(results: Results, metric: str, how: str) -> Results:
         if not (values[rows] > 0.0).all():
             raise StudyError(f"metric {metric!r}: has values that are not above 0, of which there is no logarithm")
         found[rows] = np.log(values[rows])
-        if metric + ERROR in results.table.column_names:
-            errors[rows] = results.values(metric + ERROR)[rows] / values[rows]
+        if metric + ERROR_SUFFIX in results.table.column_names:
+            errors[rows] = results.values(metric + ERROR_SUFFIX)[rows] / values[rows]
     else:
         raise StudyError(f"transform {how!r}: allowed are {', '.join(TRANSFORMS)}")
     table = results.table
-    for name, of in ((metric, found), (metric + ERROR, errors)):
+    for name, of in ((metric, found), (metric + ERROR_SUFFIX, errors)):
         if name in table.column_names:
             held = dict(table.schema.field(name).metadata or {}) | {b"unit": b"1"}
             column = pa.array(of, pa.float64(), mask=np.isnan(of))

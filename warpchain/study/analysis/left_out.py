@@ -19,8 +19,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.statuses import DIVERGED, SUSPECT, reason_words
-from warpchain.results.units import quantity
+from warpchain.results.statuses import DIVERGED, SUSPECT, reason_of_count
+from warpchain.results.units import quantity_words
 from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import Array, Results
 
@@ -108,7 +108,7 @@ class LeftOut:
             status, reason, often = self._reasons_of_rows(self.left_out_rows)[0]
             lost = f"{int(self.left_out_rows.sum())} of {count} variants are left out by their own results"
             rest = f"{self.rest_text()}{_lost_parts_text(self.lost_parts)}"
-            found.append(f"{lost}: {reason_words(often, f'{status}, {reason}')}. {rest}.")
+            found.append(f"{lost}: {reason_of_count(often, f'{status}, {reason}')}. {rest}.")
         if self.unbuilt_rows.any():
             found.append(
                 f"{int(self.unbuilt_rows.sum())} of {count} variants could not be built and have no result"
@@ -158,7 +158,7 @@ def _lost_range(
     gap = below[0] / max(len(out), 1) - below[1] / max(len(rest), 1)  # of (a); 0 at the highest level
     at = int(np.argmax(np.abs(gap)))
     low, high = (0, at) if gap[at] > 0.0 else (min(at + 1, len(levels) - 1), len(levels) - 1)
-    ends = [quantity(float(levels[k]), "" if unit == "-" else unit, digits=5) for k in (low, high)]
+    ends = [quantity_words(float(levels[k]), "" if unit == "-" else unit, digits=5) for k in (low, high)]
     within = [int(((of >= levels[low]) & (of <= levels[high])).sum()) for of in (out, rest)]
     part = f"at {ends[0]}" if low == high else f"from {ends[0]} to {ends[1]}"
     chance = min(1.0, tests * _distribution_chance(out, rest))

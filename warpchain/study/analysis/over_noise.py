@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.results.replicate_metrics import ERROR, ROLE_OF_ERRORS
+from warpchain.results.replicate_metrics import ERROR_SUFFIX, ROLE_OF_ERRORS
 from warpchain.study.analysis.paired import FEWEST_PAIRS, MeanDifference, mean_difference
 from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals
 from warpchain.study.analysis.pure_error import CONFIDENCE
@@ -197,7 +197,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
         found = np.array([_statistic_with_error(values[of], statistic) for of in rows])
         name = f"{statistic.word}({statistic.metric})"
         facts = {"unit": results.column_unit(statistic.metric)}
-        for suffix, role, column in (("", "metric", found[:, 0]), (ERROR, ROLE_OF_ERRORS, found[:, 1])):
+        for suffix, role, column in (("", "metric", found[:, 0]), (ERROR_SUFFIX, ROLE_OF_ERRORS, found[:, 1])):
             field = pa.field(name + suffix, pa.float64(), metadata={"role": role, **facts})
             table = table.append_column(field, pa.array(np.where(np.isfinite(column), column, np.nan)))
         metrics.append(name)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from warpchain.argument_checks import number_text
 from warpchain.errors import StudyError
-from warpchain.results.replicate_metrics import ERROR
+from warpchain.results.replicate_metrics import ERROR_SUFFIX
 from warpchain.study.results import Array, Results
 
 CONFIDENCE = 0.95
@@ -189,7 +189,7 @@ def pure_errors(results: Results) -> list[PureError]:
 
 def row_standard_errors(results: Results, metric: str) -> Array | None:
     """Standard error of each row's metric (R,), of replicates by eq. (c); NaN or None if there is none."""
-    name = metric + ERROR
+    name = metric + ERROR_SUFFIX
     if not (name in results.table.column_names and results.is_numeric(name)):
         return None
     if not results.has_replicates:

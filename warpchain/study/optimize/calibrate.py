@@ -31,11 +31,11 @@ from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.measured import signal_units, source
-from warpchain.results.measured_columns import Columns
-from warpchain.results.measured_file import Measured, read_signal
-from warpchain.results.run import Trajectory, need
-from warpchain.results.signal_features import Features
-from warpchain.results.signals import forward
+from warpchain.results.measured_columns import MeasuredColumns
+from warpchain.results.measured_file import MeasuredSignal, read_signal
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.signal_features import SignalFeatures
+from warpchain.results.signals import forward_values
 from warpchain.study.analysis.posterior import (
     PosteriorDirection,
     posterior_directions,
@@ -119,7 +119,7 @@ class Calibration:
     study: Study
     results: Results
     normals: Array
-    signals: dict[str, Measured]
+    signals: dict[str, MeasuredSignal]
     numbers: tuple[MeasuredNumber, ...]
     runs: Array
     emulated: NumberEmulators
@@ -215,10 +215,10 @@ class RigMeasurements:
     def __init__(self, study: Study, source: Path, units: dict[str, str]) -> None:
         self.of = study.measured
         self.model_error = (study.calibrate or Calibrate()).model_error
-        self.signals: dict[str, Measured] = {}
+        self.signals: dict[str, MeasuredSignal] = {}
         for of in self.of:
             if of.signal is not None and of.file is not None:
-                columns = Columns(of.column, of.time, of.unit, of.time_unit, of.decimal)
+                columns = MeasuredColumns(of.column, of.time, of.unit, of.time_unit, of.decimal)
                 try:
                     measured = read_signal(source.parent / of.file, of.signal, units[of.signal], columns)
                 except WarpchainError as error:
@@ -234,7 +234,10 @@ class RigMeasurements:
                 found.append(self._measured_number(of, of.metric, results.column_unit(of.metric), of.value, 0.0))
                 continue
             signal, features = self.signals[str(of.signal)], _features_of_measurement(of)
-            values, errors = (form(signal.time, signal.values, turns) for form in (features.of, features.errors))
+            values, errors = (
+                form(signal.time, signal.values, turns)
+                for form in (features.values_of_signal, features.standard_errors)
+            )
             for name, value, error in zip(features.names, values, errors, strict=True):
                 found.append(self._measured_number(of, f"{of.signal}: {name}", signal.unit, float(value), float(error)))
         return tuple(found)
@@ -263,13 +266,15 @@ class RigMeasurements:
                 continue
             part = _window_frames(results, row, trajectory)
             signal = source(trajectory, str(of.signal)).values()[part]
-            found += features.of(trajectory.time[part], signal, mean_driver_turns(trajectory, part)).tolist()
+            found += features.values_of_signal(
+                trajectory.time[part], signal, mean_driver_turns(trajectory, part)
+            ).tolist()
         return found
 
 
-def _features_of_measurement(of: Measurement) -> Features:
+def _features_of_measurement(of: Measurement) -> SignalFeatures:
     """Statistics, orders and bands of a signal that count in a measurement."""
-    return Features(of.statistics, of.orders, of.bands)
+    return SignalFeatures(of.statistics, of.orders, of.bands)
 
 
 def _window_frames(results: Results, row: int, trajectory: Trajectory) -> slice:
@@ -281,8 +286,8 @@ def _window_frames(results: Results, row: int, trajectory: Trajectory) -> slice:
 
 def mean_driver_turns(trajectory: Trajectory, part: slice) -> float:
     """Mean speed of the driver over frames of a trajectory [1/s]."""
-    (angles,) = need(trajectory, "sprocket_angle")
-    angle, time = forward(trajectory.drive, angles[part], trajectory.drive.driver), trajectory.time[part]
+    (angles,) = require_channels(trajectory, "sprocket_angle")
+    angle, time = forward_values(trajectory.drive, angles[part], trajectory.drive.driver), trajectory.time[part]
     return float((angle[-1] - angle[0]) / (time[-1] - time[0]) / (2.0 * np.pi)) if len(time) > 1 else 0.0
 
 

@@ -27,7 +27,7 @@ from warpchain.errors import StudyError
 from warpchain.extras import require_extra
 from warpchain.files import leftover_files, remove_leftovers
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
-from warpchain.results.arrow_tables import with_column
+from warpchain.results.arrow_tables import table_with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.design_table import design_table_of_rows
@@ -163,7 +163,7 @@ def _fixed_field(study: Study, name: str) -> object:
 
 def _search_status_line(results: Results, goals: Goals) -> str:
     """Status of a search in one line."""
-    from warpchain.results.units import quantity
+    from warpchain.results.units import quantity_words
 
     runs = len(results.status)
     results, goals = designs_of(results, goals)
@@ -176,7 +176,9 @@ def _search_status_line(results: Results, goals: Goals) -> str:
     for k, objective in enumerate(goals.objectives):
         if rows.any():
             best = float(measured.costs[rows, k].min() * goals.cost_signs[k])
-            words += f"; {objective.sense} {objective.metric} {quantity(best, results.column_unit(objective.metric))}"
+            words += (
+                f"; {objective.sense} {objective.metric} {quantity_words(best, results.column_unit(objective.metric))}"
+            )
     return words
 
 
@@ -190,7 +192,7 @@ def _write_recommended(
     """Writes the recommended designs as drive files, and records a run of each; returns files and archives."""
     place = folder / "recommended" / f"{len(results.status):04d}"
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
-    design = with_column(design_table_of_rows(study, rows), "variant", [one.variant for one in chosen])
+    design = table_with_column(design_table_of_rows(study, rows), "variant", [one.variant for one in chosen])
     table = bench.run_and_read(bench.make_run_folder(study, place, design))
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):

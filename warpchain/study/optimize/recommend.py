@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import StudyError
-from warpchain.results.units import quantity
+from warpchain.results.units import quantity_words
 from warpchain.study.analysis.over_noise import Designs, NoiseSpread, spread
 from warpchain.study.analysis.pareto import Goals, is_non_dominated, keeping_probability
 from warpchain.study.analysis.pure_error import row_standard_errors
@@ -230,7 +230,7 @@ def _passed_over_lines(results: Results, judged: JudgedRows, row: int) -> list[s
     for m, objective in enumerate(judged.goals.objectives):
         if _sure_cost_signs(results, judged, row, np.array([other]), m)[0] < 0.0:
             unit, values = results.column_unit(objective.metric), results.values(objective.metric)
-            better.append(f"{objective.metric} {quantity(float(values[other]), unit)}")
+            better.append(f"{objective.metric} {quantity_words(float(values[other]), unit)}")
     why = (
         f"keeps the limits with {_chance_text(judged, other)} confidence only, this one with "
         f"{_chance_text(judged, row)}"

@@ -20,7 +20,7 @@ from warpchain.drive.drive_text import text_alone
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
 from warpchain.progress import Progress
-from warpchain.results.arrow_tables import with_column
+from warpchain.results.arrow_tables import table_with_column
 from warpchain.study.design import make_design
 from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
@@ -79,7 +79,7 @@ def read_rounds(folder: Path, rounds: int) -> pa.Table:
             facts[field.name] = facts.get(field.name) or dict(field.metadata or {})
     fields = [field.with_metadata(facts[field.name] or None) for field in table.schema]
     table = pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
-    return with_column(table, "variant", range(table.num_rows))
+    return table_with_column(table, "variant", range(table.num_rows))
 
 
 class StudySession:
@@ -213,7 +213,7 @@ class StudySession:
             if digest is None or (digest not in self._known and digest not in asked):
                 new.append(i)
                 asked.add(digest or "")
-        chosen = with_column(design.take(pa.array(new, pa.int64())), "variant", [before + i for i in new])
+        chosen = table_with_column(design.take(pa.array(new, pa.int64())), "variant", [before + i for i in new])
         fresh = self._simulated_table(place, prefix, chosen, progress) if new else None
         if fresh is not None:
             fresh = fresh.append_column(DIGEST_COLUMN, pa.array([digests[i] for i in new], pa.string()))
@@ -233,7 +233,7 @@ class StudySession:
             table = self._table_with_objectives(table, place)
         archive = ARCHIVE_COLUMNS[0]
         if archive in table.column_names:
-            table = with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
+            table = table_with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
         return table
 
     @check_arguments(StudyError)
@@ -283,7 +283,7 @@ class StudySession:
         design = design_table_of_rows(self.study, table.select(self.factor_names).to_pylist())
         if ARCHIVE_COLUMNS[0] in table.column_names:  # recordings stay where they are
             for name in ARCHIVE_COLUMNS:
-                table = with_column(table, name, [None] * table.num_rows)
+                table = table_with_column(table, name, [None] * table.num_rows)
         if DIGEST_COLUMN in table.column_names:
             table = table.drop_columns([DIGEST_COLUMN])
         self.remember_rows(table.append_column(DIGEST_COLUMN, pa.array(self.row_digests(design), pa.string())))
@@ -353,7 +353,7 @@ def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]
         at = found.column_names.index(name)
         column = design["variant"] if name == "variant" else design[name]
         found = found.set_column(at, design.schema.field(name), column.combine_chunks())
-    return with_column(found, "variant", range(found.num_rows))
+    return table_with_column(found, "variant", range(found.num_rows))
 
 
 def run_settings_of(study: Study) -> dict[str, Any]:

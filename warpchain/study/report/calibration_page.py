@@ -10,7 +10,7 @@ import numpy as np
 
 from warpchain.results.measured import source
 from warpchain.results.signals import amplitude_spectrum
-from warpchain.results.units import decimals, quantity, shown_unit
+from warpchain.results.units import display_unit_word, distinguishing_decimals, quantity_words
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.posterior import UNIDENTIFIED_SHARE, PosteriorDirection
 from warpchain.study.analysis.surface import TRUSTED_R2
@@ -57,7 +57,7 @@ def calibration_lines(found: Calibration) -> list[str]:
 
 def _mean_and_deviation_text(found: Calibration, name: str, values: dict[str, Array]) -> str:
     """Mean and standard deviation of an unknown's samples as text, in its unit."""
-    return quantity(float(values[name].mean()), _unknown_unit(found, name), float(values[name].std()))
+    return quantity_words(float(values[name].mean()), _unknown_unit(found, name), float(values[name].std()))
 
 
 def _unknown_unit(found: Calibration, name: str) -> str:
@@ -135,9 +135,9 @@ def _unknowns_section(found: Calibration) -> html.PageSection:
     rows, figures = [], []
     for k, name in enumerate(found.values):
         before, after = found.values_before[name], found.values[name]
-        word, factor = shown_unit(_unknown_unit(found, name), float(np.abs(before).max()))
+        word, factor = display_unit_word(_unknown_unit(found, name), float(np.abs(before).max()))
         ends = [factor * np.percentile(values, (5, 95)) for values in (before, after)]
-        digits = decimals(ends)
+        digits = distinguishing_decimals(ends)
         cells = [f"{html.column_number(low, digits)} to {html.column_number(high, digits)}" for low, high in ends]
         mean, left = html.column_number(factor * float(after.mean()), digits), float(after.std() / before.std())
         rows.append((name, word, *cells, mean, f"{100.0 * left:.0f} %"))
@@ -184,9 +184,9 @@ def _fit_section(found: Calibration) -> html.PageSection:
     spans = [(m.mean(axis=0), np.sqrt(v.mean(axis=0) + m.var(axis=0))) for m, v in models]
     rows = []
     for j, of in enumerate(found.numbers):
-        cells = [quantity(float(mean[j]), of.unit, float(sd[j])) for mean, sd in spans]
-        run = quantity(float(calibrated[j]), of.unit) if np.isfinite(calibrated[j]) else "\N{EN DASH}"
-        measured = quantity(of.value, of.unit, of.error)
+        cells = [quantity_words(float(mean[j]), of.unit, float(sd[j])) for mean, sd in spans]
+        run = quantity_words(float(calibrated[j]), of.unit) if np.isfinite(calibrated[j]) else "\N{EN DASH}"
+        measured = quantity_words(of.value, of.unit, of.error)
         rows.append(
             (of.name, measured, *cells, run, round(float(found.residuals[j]), 1) + 0.0, found.emulated.q2_values[j])
         )
@@ -231,7 +231,7 @@ def _signal_sections(found: Calibration) -> list[html.PageSection]:
     windows = [[float(results.values(name)[row]) for name in ("window_start", "window_end")] for row in last]
     figures = []
     for name, measured in found.signals.items():
-        word, factor = shown_unit(measured.unit, float(np.abs(measured.values).max()))
+        word, factor = display_unit_word(measured.unit, float(np.abs(measured.values).max()))
         of_runs = []
         for trajectory, (start, end) in zip(played.values(), windows, strict=True):
             part = (trajectory.time >= start) & (trajectory.time <= end)
@@ -319,7 +319,7 @@ def _correlated_pair_panels(found: Calibration) -> list[Panel]:
     a, b = sorted(divmod(int(np.argmax(both)), len(names)))
     series, axes = [], []
     for name in (names[a], names[b]):
-        word, factor = shown_unit(_unknown_unit(found, name), float(np.abs(found.values_before[name]).max()))
+        word, factor = display_unit_word(_unknown_unit(found, name), float(np.abs(found.values_before[name]).max()))
         axes.append((f"{name} [{word}]" if word else name, factor))
     for values, color, label in ((found.values_before, PALE, "prior"), (found.values, ACCENT, "posterior")):
         x, y = (
@@ -340,9 +340,12 @@ def _predictions_section(found: Calibration) -> html.PageSection | None:
         cells = []
         for values in (of.before, of.after):
             low, high = (float(end) for end in np.percentile(values, (2.5, 97.5)))
-            cells += [quantity(float(values.mean()), unit), f"{quantity(low, unit)} to {quantity(high, unit)}"]
+            cells += [
+                quantity_words(float(values.mean()), unit),
+                f"{quantity_words(low, unit)} to {quantity_words(high, unit)}",
+            ]
         rows.append((of.metric, *cells, of.q2))
-        word, factor = shown_unit(unit, float(np.abs(of.before).max()))
+        word, factor = display_unit_word(unit, float(np.abs(of.before).max()))
         figures.append(
             _density_panel(
                 f"{of.metric} [{word}]" if word else of.metric, factor * of.before, factor * of.after, k == 0

@@ -13,7 +13,7 @@ import numpy as np
 from warpchain.drive import load_drive, read_drive_text
 from warpchain.drive.drive_text import drive_text
 from warpchain.errors import StudyError
-from warpchain.results.units import quantity
+from warpchain.results.units import quantity_words
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.over_noise import SHOWN_STATISTICS, Designs
 from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals, check_senses, pareto_front
@@ -154,7 +154,9 @@ def _limit_text(results: Results, bound: Bound) -> str:
     """A limit on a metric as text: "tension_max at most 900 N"."""
     unit = results.column_unit(bound.metric)
     ends = (("at least", bound.min), ("at most", bound.max))
-    return f"{bound.metric} {' and '.join(f'{word} {quantity(end, unit)}' for word, end in ends if end is not None)}"
+    return (
+        f"{bound.metric} {' and '.join(f'{word} {quantity_words(end, unit)}' for word, end in ends if end is not None)}"
+    )
 
 
 def noise_text(designs: Designs, keep: float) -> str:
@@ -183,9 +185,9 @@ def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter:
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
         unit, is_set = results.column_unit(name), name in results.factors
-        words = [quantity(mean, unit) if is_set else quantity(mean, unit, deviation)]
+        words = [quantity_words(mean, unit) if is_set else quantity_words(mean, unit, deviation)]
         if not one.spreads:
-            words.append("" if is_set else quantity(one.measured[name], unit))
+            words.append("" if is_set else quantity_words(one.measured[name], unit))
         lines.append((name, *words, "set" if is_set else ""))
     heads = ("simulated",) if one.spreads else ("model estimate", "simulated")
     lines_table = html.table_html(("metric", *heads, ""), lines)
@@ -205,7 +207,7 @@ def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter:
 def factor_value_text(results: Results, name: str, row: int) -> str:
     """A factor and its value in a row as text."""
     value = results.table[name][row].as_py()
-    words = quantity(value, results.column_unit(name)) if isinstance(value, float) else str(value)
+    words = quantity_words(value, results.column_unit(name)) if isinstance(value, float) else str(value)
     return f"{name} {words}"
 
 
@@ -214,7 +216,7 @@ def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str
     lines = []
     for word, head in zip(SHOWN_STATISTICS, STATISTIC_HEADS, strict=True):
         held = [(of.statistics[word], results.column_unit(f"mean({of.metric})")) for of in one.spreads]
-        lines.append((head, *(quantity(value, unit, error) for (value, error), unit in held)))
+        lines.append((head, *(quantity_words(value, unit, error) for (value, error), unit in held)))
     return [*lines, ("spread comes from", *(of.parts_text() for of in one.spreads))]
 
 

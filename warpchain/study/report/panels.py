@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.files import read_text_file
-from warpchain.results.units import decimals, shown_unit
+from warpchain.results.units import display_unit_word, distinguishing_decimals
 from warpchain.study.analysis import Correlation, Effect
 from warpchain.study.analysis.effects import MedianEffect, factor_groups
 from warpchain.study.analysis.interactions import Interaction
@@ -88,7 +88,7 @@ class ShownColumn:
         name: name with unit.
         factor: shown value = SI value * factor.
         unit: unit that is shown.
-        decimals: of shown values; see `units.decimals`.
+        decimals: of shown values; see `units.distinguishing_decimals`.
     """
 
     def __init__(self, results: Results, column: str, rows: Sequence[int] | None = None) -> None:
@@ -97,8 +97,8 @@ class ShownColumn:
             values = values[list(rows)] if values.size else values
         elif column not in results.factors and values.size and results.usable_rows(column).any():
             values = values[results.usable_rows(column)]
-        self.unit, self.factor = shown_unit(results.column_unit(column), values)
-        self.decimals = decimals(values * self.factor)
+        self.unit, self.factor = display_unit_word(results.column_unit(column), values)
+        self.decimals = distinguishing_decimals(values * self.factor)
         self.name = f"{column} [{self.unit}]" if self.unit else column
 
     def shown_values(self, values: Any) -> list[float | None]:

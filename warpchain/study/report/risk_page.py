@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.results.units import quantity
+from warpchain.results.units import quantity_words
 from warpchain.study.analysis.failure_probability import FailureEstimate
 from warpchain.study.optimize.risk import NOT_OK_LIMIT, DesignPoint, LimitEnd, RiskEstimate
 from warpchain.study.report.panels import (
@@ -65,7 +65,7 @@ def risk_lines(found: RiskEstimate) -> list[str]:
     ]
     lines += [f"  {name} = {value}" for name, value in _named_values(found, row, results.noise_factors)]
     for metric in dict.fromkeys(bound.metric for bound in found.study.bounds):
-        lines.append(f"  {metric}: {quantity(float(results.values(metric)[row]), results.column_unit(metric))}")
+        lines.append(f"  {metric}: {quantity_words(float(results.values(metric)[row]), results.column_unit(metric))}")
     return [*lines, f"  play it: warpchain view {found.archive} --variant {found.variant}"]
 
 
@@ -110,7 +110,7 @@ def _row_of_variant(found: RiskEstimate, variant: int) -> int:
 def _named_values(found: RiskEstimate, row: int, names: Any) -> list[tuple[str, str]]:
     """(name, value with unit) of factors in a row."""
     cells = [(name, found.results.table[name][row].as_py()) for name in names]
-    return [(n, quantity(v, found.results.column_unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
+    return [(n, quantity_words(v, found.results.column_unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
 
 
 def _limit_texts(found: RiskEstimate) -> list[str]:
@@ -118,7 +118,9 @@ def _limit_texts(found: RiskEstimate) -> list[str]:
     lines = []
     for bound in found.study.bounds:
         ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
-        words = " and ".join(f"{word} {quantity(end, found.results.column_unit(bound.metric))}" for word, end in ends)
+        words = " and ".join(
+            f"{word} {quantity_words(end, found.results.column_unit(bound.metric))}" for word, end in ends
+        )
         lines.append(f"{bound.metric} {words}")
     return lines
 
@@ -233,7 +235,11 @@ def _design_point_html(found: RiskEstimate, point: DesignPoint) -> list[str]:
         for name, value in _named_values(found, row, results.noise_factors)
     ]
     metrics = [
-        (bound.metric, quantity(float(results.values(bound.metric)[row]), results.column_unit(bound.metric)), words)
+        (
+            bound.metric,
+            quantity_words(float(results.values(bound.metric)[row]), results.column_unit(bound.metric)),
+            words,
+        )
         for bound, words in zip(found.study.bounds, _limit_texts(found), strict=True)
     ]
     return [
@@ -318,10 +324,14 @@ def _distribution_text(factor: Factor, unit: str) -> str:
         return "follows other factors"
     words = [factor.value_source or "as the table of rows has it"]
     if factor.range is not None:
-        words.append(" to ".join(quantity(end, unit) for end in factor.range))
-    words += [f"{key} {quantity(v, unit)}" for key, v in (("mean", factor.mean), ("std", factor.std)) if v is not None]
+        words.append(" to ".join(quantity_words(end, unit) for end in factor.range))
+    words += [
+        f"{key} {quantity_words(v, unit)}" for key, v in (("mean", factor.mean), ("std", factor.std)) if v is not None
+    ]
     if factor.listed_values is not None:
-        words.append(", ".join(quantity(v, unit) if isinstance(v, float) else str(v) for v in factor.listed_values))
+        words.append(
+            ", ".join(quantity_words(v, unit) if isinstance(v, float) else str(v) for v in factor.listed_values)
+        )
     if factor.sample is not None:
         words.append(f"{len(factor.sample)} values")
     return ", ".join(words)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.results.units import quantity
+from warpchain.results.units import quantity_words
 from warpchain.study.analysis.pareto import GoalValues
 from warpchain.study.optimize.recommend import RecommendedDesign
 from warpchain.study.report.decision_sections import ReportGoals
@@ -67,10 +67,10 @@ def _best_value_line(results: Results, wanted: ReportGoals, measured: GoalValues
     objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best_costs(measured, k)
     unit, at = results.column_unit(objective.metric), int(np.argmin(best))
     design = best[rounds == rounds[0]][-1]
-    before = f" ({quantity(sign * float(design), unit)} after the design)" if np.isfinite(design) else ""
+    before = f" ({quantity_words(sign * float(design), unit)} after the design)" if np.isfinite(design) else ""
     found = f"evaluation {at + 1} of {len(best)}, round {int(rounds[at]) + 1}"
     word = "lowest" if objective.sense == "min" else "highest"
-    return f"{word} {objective.metric}: {quantity(sign * float(best[-1]), unit)}{before}, found at {found}"
+    return f"{word} {objective.metric}: {quantity_words(sign * float(best[-1]), unit)}{before}, found at {found}"
 
 
 def _progress_panel(results: Results, wanted: ReportGoals, measured: GoalValues, starts: np.ndarray, k: int) -> Panel:

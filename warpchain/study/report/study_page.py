@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.results.units import quantity
+from warpchain.results.units import quantity_words
 from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
 from warpchain.study.analysis.interactions import Interaction, interactions
@@ -253,8 +253,8 @@ def _range_text(results: Results, metric: str) -> str:
     values, unit = results.values(metric)[rows], results.column_unit(metric)
     low, high = int(values.argmin()), int(values.argmax())
     return (
-        f"{metric}: from {quantity(float(values[low]), unit)} (variant {results.variants[rows[low]]}) "
-        f"to {quantity(float(values[high]), unit)} (variant {results.variants[rows[high]]})"
+        f"{metric}: from {quantity_words(float(values[low]), unit)} (variant {results.variants[rows[low]]}) "
+        f"to {quantity_words(float(values[high]), unit)} (variant {results.variants[rows[high]]})"
     )
 
 
@@ -292,7 +292,7 @@ def _verdict_text(
     axis = panels.ShownColumn(results, best.factor) if results.is_numeric(best.factor) else None
     unit = results.column_unit(metric)
     least, most = (
-        f"{quantity(float(best.means[g]), unit)} "
+        f"{quantity_words(float(best.means[g]), unit)} "
         f"({best.labels[g] if axis is None else axis.group_text(best.labels[g])})"
         for g in (int(best.means.argmin()), int(best.means.argmax()))
     )
@@ -386,7 +386,7 @@ def _pure_error_line(results: Results, metric: str, chance: float | None) -> str
         error = pure_error(results, metric)
     except StudyError as refused:
         return str(refused)
-    scatter = quantity(error.deviation, results.column_unit(metric))
+    scatter = quantity_words(error.deviation, results.column_unit(metric))
     means = chance is not None and results.has_replicates
     rows = f", as of single runs; of the rows' means {100.0 * (chance or 0.0):.0f} %" if means else ""
     return f"{error}{rows}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."

@@ -22,8 +22,8 @@ from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.progress import interruptible_work
-from warpchain.results.arrow_tables import with_column
-from warpchain.results.replicate_metrics import COPY
+from warpchain.results.arrow_tables import table_with_column
+from warpchain.results.replicate_metrics import COPY_COLUMN
 from warpchain.results.run import Run, RunInfo, Trajectory
 from warpchain.study.design import make_design
 from warpchain.study.results import ARCHIVE_COLUMNS, search_target_of
@@ -348,9 +348,9 @@ def _renumbered_runs(folder: StudyFolder, pool: _JoinedRows, f: int, design: pa.
     row_of = {variant: row for row, variant in enumerate(folder.read_design()["variant"].to_pylist())}
     rows = [row_of[variant] for variant in table["variant"].to_pylist()]
     numbers = pa.array([pool.numbers[f][row] for row in rows], pa.int64())
-    table = with_column(table.append_column("before", pa.array(rows, pa.int64())), "variant", numbers.to_pylist())
-    if COPY not in table.column_names:
-        table = table.add_column(1, COPY, pa.array([0] * table.num_rows, pa.int64()))
+    table = table_with_column(table.append_column("before", pa.array(rows, pa.int64())), "variant", numbers.to_pylist())
+    if COPY_COLUMN not in table.column_names:
+        table = table.add_column(1, COPY_COLUMN, pa.array([0] * table.num_rows, pa.int64()))
     inputs = design.take(numbers)
     for name in inputs.column_names[1:-2]:
         field_, values = inputs.schema.field(name), inputs[name]
@@ -370,7 +370,7 @@ def _write_joined_shard(
     wanted = list(zip(*(part.tolist() for part in joined.shard_runs(shard)), strict=True))
     pieces, order = [], []
     for f, table in tables.items():
-        keys = zip(*(table[name].to_pylist() for name in ("before", COPY)), strict=True)
+        keys = zip(*(table[name].to_pylist() for name in ("before", COPY_COLUMN)), strict=True)
         mine = {key: i for i, key in enumerate(keys)}
         chosen = [(k, pool.runs[task]) for k, task in enumerate(wanted) if pool.runs[task][0] == f]
         pieces.append(table.take(pa.array([mine[row, wanted[k][1]] for k, (_, row) in chosen], pa.int64())))
@@ -381,7 +381,7 @@ def _write_joined_shard(
     table, owners = table.take(pa.array(place, pa.int64())), [order[i][1] for i in place]
     if set(ARCHIVE_COLUMNS) <= set(table.column_names):
         table = _table_with_recordings(joined, shard, table, [opened[f] for f in owners])
-    table = table.drop_columns(["before"] if joined.copies > 1 else ["before", COPY])
+    table = table.drop_columns(["before"] if joined.copies > 1 else ["before", COPY_COLUMN])
     joined.write_table(joined.table_path(shard), table.replace_schema_metadata(None), shard)
 
 
@@ -440,5 +440,5 @@ def _table_with_recordings(joined: StudyFolder, shard: int, table: pa.Table, own
     files = [f"shards/{path.name}" if name is not None else None for name in names]
     numbers_ = [v if name is not None else None for v, name in zip(table["variant"].to_pylist(), names, strict=True)]
     for name, values in zip(ARCHIVE_COLUMNS, (files, numbers_), strict=True):
-        table = with_column(table, name, values)
+        table = table_with_column(table, name, values)
     return table

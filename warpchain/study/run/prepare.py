@@ -238,14 +238,14 @@ def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str
     Raises:
         StudyError: a line for each error.
     """
-    from warpchain.results.metric_columns import OF_MODES, metric_names
+    from warpchain.results.metric_columns import MODE_METRICS, metric_names
 
     names, lines = metric_names(drive), []
     if study.metrics.modes is not None:
         from warpchain.modal.campbell import METRIC_PREFIX, base_drive_modes
 
         modes = base_drive_modes(drive, study.metrics.modes).names
-        followed = [f"{METRIC_PREFIX}{name}.{column.name}" for name in modes for column in OF_MODES]
+        followed = [f"{METRIC_PREFIX}{name}.{column.name}" for name in modes for column in MODE_METRICS]
         names += followed
         if not any(fnmatchcase(name, one) for name in followed for one in (*study.metrics.keep, *study.named_metrics)):
             lines.append(f'metrics.modes = {study.metrics.modes}: metrics.keep keeps none; add "{METRIC_PREFIX}*"')
@@ -267,11 +267,11 @@ def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str
 def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
     """Errors in names of metrics of objectives, limits and a calibration, a line each."""
     from warpchain.results.measured import signal_units
-    from warpchain.results.metric_columns import RECORDED, of_drive
+    from warpchain.results.metric_columns import RECORDED_METRICS, groups_of_drive
 
     recorded = {
         prefix + c.name
-        for prefix, _, group in of_drive(drive, tuple((group,) for group in RECORDED))
+        for prefix, _, group in groups_of_drive(drive, tuple((group,) for group in RECORDED_METRICS))
         for c in group.columns
     }
     factors = [factor.name for factor in study.factors]

@@ -96,8 +96,8 @@ def results_with_objectives(results: Results, folder: str | Path, woehler: Woehl
     """
     import pyarrow as pa
 
-    from warpchain.results.metric_columns import unit_of
-    from warpchain.results.objectives import from_trajectory
+    from warpchain.results.metric_columns import unit_of_metric
+    from warpchain.results.objectives import trajectory_objectives
 
     starts, ends = results.values("window_start"), results.values("window_end")
     found: dict[int, dict[str, float]] = {}
@@ -105,13 +105,13 @@ def results_with_objectives(results: Results, folder: str | Path, woehler: Woehl
     for row, variant in enumerate(results.variants.tolist()):
         if variant in held and results.ok[row]:
             (trajectory,) = recorded_trajectories(results, folder, [variant]).values()
-            found[row] = from_trajectory(trajectory, float(starts[row]), float(ends[row]), woehler)
+            found[row] = trajectory_objectives(trajectory, float(starts[row]), float(ends[row]), woehler)
     names = list(dict.fromkeys(name for values in found.values() for name in values))
     table = results.table.drop_columns([name for name in names if name in results.table.column_names])
     for name in names:
         column = pa.array([found.get(row, {}).get(name) for row in range(table.num_rows)], pa.float64())
         table = table.append_column(
-            pa.field(name, pa.float64(), metadata={"role": "metric", "unit": unit_of(name)}), column
+            pa.field(name, pa.float64(), metadata={"role": "metric", "unit": unit_of_metric(name)}), column
         )
     return replace(results, table=table, metrics=tuple(dict.fromkeys((*results.metrics, *names))))
 

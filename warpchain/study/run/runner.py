@@ -35,9 +35,9 @@ from warpchain.progress import (
     progress_reporter,
     raise_if_stopped,
 )
-from warpchain.results.arrow_tables import with_column
+from warpchain.results.arrow_tables import table_with_column
 from warpchain.results.fatigue import Woehler
-from warpchain.results.replicate_metrics import COPY, summary
+from warpchain.results.replicate_metrics import COPY_COLUMN, summarize_copies
 from warpchain.study.results import ARCHIVE_COLUMNS, read_results
 from warpchain.study.run.prepare import prepare_folder
 from warpchain.study.run.recordings import results_with_objectives
@@ -184,15 +184,17 @@ def _concatenated_shards(folder: StudyFolder, shards: Sequence[int]) -> pa.Table
 
     tables = [folder.read_shard(shard) for shard in shards]
     table = pa.concat_tables(tables, promote_options="default").combine_chunks()
-    if folder.copies > 1 and COPY not in table.column_names:
-        table = table.add_column(1, COPY, pa.array(np.zeros(table.num_rows, dtype=np.int64)))
+    if folder.copies > 1 and COPY_COLUMN not in table.column_names:
+        table = table.add_column(1, COPY_COLUMN, pa.array(np.zeros(table.num_rows, dtype=np.int64)))
     if folder.copies > 1:
-        copies = pc.fill_null(table[COPY], 0)  # of shards from before there were several
-        place = table.column_names.index(COPY)
-        table = table.set_column(place, COPY, copies)
-        table = table.select(["variant", COPY, *(name for name in table.column_names if name not in ("variant", COPY))])
+        copies = pc.fill_null(table[COPY_COLUMN], 0)  # of shards from before there were several
+        place = table.column_names.index(COPY_COLUMN)
+        table = table.set_column(place, COPY_COLUMN, copies)
+        table = table.select(
+            ["variant", COPY_COLUMN, *(name for name in table.column_names if name not in ("variant", COPY_COLUMN))]
+        )
     if len(folder.plans) > 1:
-        keys = [("variant", "ascending"), *([(COPY, "ascending")] if folder.copies > 1 else [])]
+        keys = [("variant", "ascending"), *([(COPY_COLUMN, "ascending")] if folder.copies > 1 else [])]
         table = table.take(pc.sort_indices(table, sort_keys=keys)).combine_chunks()
     return table
 
@@ -216,7 +218,7 @@ def write_partial_table(out: str | os.PathLike[str]) -> Path:
 def means_of_replicates(table: pa.Table) -> pa.Table:
     """Table of a row a variant, from a table with a row for each copy."""
     first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
-    return summary(table, "variant", first)
+    return summarize_copies(table, "variant", first)
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
@@ -233,7 +235,7 @@ def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
     recorded: set[int] = set()
     judged: dict[int, bool] = {}
     names = ("variant", "status", worst.metric, "archive")
-    copies = table[COPY].to_pylist() if COPY in table.column_names else [0] * table.num_rows
+    copies = table[COPY_COLUMN].to_pylist() if COPY_COLUMN in table.column_names else [0] * table.num_rows
     for n, status, v, archive, copy in zip(*(table[name].to_pylist() for name in names), copies, strict=True):
         judged[n] = judged.get(n, True) and status == "ok"
         if v is not None:
@@ -249,15 +251,15 @@ def _table_with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
     """The table with the places of recordings of a second pass."""
     import pyarrow as pa
 
-    keys = ["variant", COPY] if COPY in table.column_names else ["variant"]
-    if keys[1:] and COPY not in second.column_names:
-        second = second.append_column(COPY, pa.array(np.zeros(second.num_rows, dtype=np.int64)))
+    keys = ["variant", COPY_COLUMN] if COPY_COLUMN in table.column_names else ["variant"]
+    if keys[1:] and COPY_COLUMN not in second.column_names:
+        second = second.append_column(COPY_COLUMN, pa.array(np.zeros(second.num_rows, dtype=np.int64)))
     place_of = {key: i for i, key in enumerate(zip(*(table[key].to_pylist() for key in keys), strict=True))}
     for name in ARCHIVE_COLUMNS:
         values = table[name].to_pylist()
         for row in second.select(["variant", *keys[1:], name]).to_pylist():
             values[place_of[tuple(row[key] for key in keys)]] = row[name]
-        table = with_column(table, name, values)
+        table = table_with_column(table, name, values)
     return table
 
 

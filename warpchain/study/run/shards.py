@@ -20,8 +20,8 @@ from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import RUNNING, ProgressReport, ignore_progress, partial_report
-from warpchain.results.metrics import gathered, table_of
-from warpchain.results.replicate_metrics import COPY
+from warpchain.results.metrics import select_metrics, table_from_rows
+from warpchain.results.replicate_metrics import COPY_COLUMN
 from warpchain.study.results import ADJUSTMENT_COLUMNS, ARCHIVE_COLUMNS, RUN_COLUMNS
 from warpchain.study.run.row_drives import Variant, build_drives, check_variant
 from warpchain.study.run.run_states import assign_initial_states, write_run_states
@@ -214,10 +214,10 @@ def _attempt_simulation(
 def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: int) -> bool:
     """Whether the trajectories of the recorded variants fit into half of the memory."""
     from warpchain.engine.simulation import schedules_of
-    from warpchain.results.channels import frame_of, frame_width
+    from warpchain.results.channels import drive_frame_width, frame_with_channels
     from warpchain.results.run import Record
 
-    record, frame, size = Record(rate=study.record.rate), frame_of(study.record.channels), 0
+    record, frame, size = Record(rate=study.record.rate), frame_with_channels(study.record.channels), 0
     for variant in variants:
         if variant.recorded and variant.drive is not None:
             try:
@@ -226,7 +226,7 @@ def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: 
                 )
             except (DriveError, SimulationError):
                 continue  # it is said when it is simulated
-            size += 8 * schedule.frames * frame_width(variant.drive, frame)
+            size += 8 * schedule.frames * drive_frame_width(variant.drive, frame)
     return 2 * size <= memory
 
 
@@ -240,14 +240,14 @@ def _archive_options(variants: Sequence[Variant], options: ArchiveOptions | None
 def _archive_recordings(variants: Sequence[Variant], path: Path, options: ArchiveOptions | None) -> None:
     """Writes the trajectories that variants hold into an archive, numbered as in the study."""
     from warpchain.archive import write_archive
-    from warpchain.results.metrics import table_of
+    from warpchain.results.metrics import table_from_rows
     from warpchain.results.run import Run
 
     held = [variant for variant in variants if variant.trajectory is not None]
     if not held:
         return
     drives = tuple(variant.drive for variant in held if variant.drive is not None)
-    metrics = table_of([variant.metrics for variant in held])
+    metrics = table_from_rows([variant.metrics for variant in held])
     trajectories = {i: v.trajectory for i, v in enumerate(held) if v.trajectory is not None}
     assert held[0].info is not None  # comes with the trajectory
     write_archive(Run(drives, metrics, trajectories, held[0].info), path, True, _archive_options(held, options))
@@ -301,7 +301,7 @@ def _design_rows(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.T
     import pyarrow as pa
 
     rows = folder.read_design().take(pa.array(numbers, pa.int64()))
-    return rows.add_column(1, COPY, pa.array(copies, pa.int64())) if folder.copies > 1 else rows
+    return rows.add_column(1, COPY_COLUMN, pa.array(copies, pa.int64())) if folder.copies > 1 else rows
 
 
 def _simulate_and_write(
@@ -318,7 +318,9 @@ def _simulate_and_write(
     study = folder.study
     options = {**options, "archive_options": ArchiveOptions(attachments=folder.archive_mark(shard))}
     found = enumerate(rows.to_pylist())
-    variants = [Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY, 0)) for i, row in found]
+    variants = [
+        Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY_COLUMN, 0)) for i, row in found
+    ]
     if isinstance(shard, int):
         assign_initial_states(folder, variants)
     with warnings.catch_warnings():
@@ -380,9 +382,9 @@ def _kept_metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
     }
     if len(tables) == 1 and not any(variant.modes for variant in variants):
         (table,) = tables.values()
-        return gathered(table, [variant.metrics_row and variant.metrics_row[1] for variant in variants], is_kept)
+        return select_metrics(table, [variant.metrics_row and variant.metrics_row[1] for variant in variants], is_kept)
     rows = [variant.metrics for variant in variants]
-    return table_of([{name: value for name, value in row.items() if is_kept(name)} for row in rows])
+    return table_from_rows([{name: value for name, value in row.items() if is_kept(name)} for row in rows])
 
 
 def kept_metric_patterns(study: Study) -> tuple[str, ...]:

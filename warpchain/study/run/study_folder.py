@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.errors import StudyError
-from warpchain.results.statuses import alike_reasons, by_frequency
+from warpchain.results.statuses import merge_alike_reasons, sort_by_frequency
 from warpchain.study.run.shard_plan import Indices, ShardPlan, check_plan_file, plan_file_name, read_plan, write_plan
 from warpchain.study.store import (
     REMEDY_RERUN,
@@ -373,7 +373,9 @@ def study_status(out: str | os.PathLike[str]) -> StudyStatus:
         counts.update(ended.counts)
         reasons += ended.reasons
     table = folder.results_path if folder.results_path.exists() else None
-    often = tuple((reason, number) for _, reason, number in by_frequency(alike_reasons(reasons))[:STATUS_REASONS])
+    often = tuple(
+        (reason, number) for _, reason, number in sort_by_frequency(merge_alike_reasons(reasons))[:STATUS_REASONS]
+    )
     left = folder.run_count - sum(folder.shard_run_count(shard) for shard in done)
     shards = len(done), len(folder.shard_numbers)
     return StudyStatus(

@@ -24,12 +24,12 @@ from warpchain.drive.schema import (
     numbers,
     plain_sequence,
 )
-from warpchain.results.measured_file import STATISTICS
+from warpchain.results.measured_file import SIGNAL_STATISTICS
 from warpchain.study.results import NOISE
 from warpchain.study.spec.factor import DISTRIBUTION_KEYS, Texts, WholeNumber, value_source_of
 from warpchain.study.spec.study_tables import metric_unit
 
-_STATISTICS_HELP = "must be a list of " + ", ".join(f'"{name}"' for name in STATISTICS)
+_STATISTICS_HELP = "must be a list of " + ", ".join(f'"{name}"' for name in SIGNAL_STATISTICS)
 _Band = Annotated[
     tuple[Annotated[float, Field(ge=0.0)], Annotated[float, Field(gt=0.0)]], BeforeValidator(plain_sequence)
 ]
@@ -44,7 +44,7 @@ class Measurement(Part):
         value: measured value, in the metric's unit.
         signal: name of a signal that was measured, as for `warpchain import --as`: "cam->crank.tension".
         file: file with the signal, CSV, MAT (.mat) or MDF4 (.mf4), relative to the study file.
-        column, time: its columns, variables or channels; see `results.measured_columns.Columns`.
+        column, time: its columns, variables or channels; see `results.measured_columns.MeasuredColumns`.
         unit, time_unit: their units; None takes what the file says, else SI.
         decimal: "." or ",", in CSV.
         statistics: statistics of the signal that count, such as "mean", "std", "largest".
@@ -66,7 +66,7 @@ class Measurement(Part):
     time_unit: Text | None = None
     decimal: Annotated[Literal[".", ","], Value('must be "." or ","')] | None = None
     statistics: Annotated[
-        tuple[Literal[*STATISTICS], ...], BeforeValidator(plain_sequence), Value(_STATISTICS_HELP)  # type: ignore[valid-type]
+        tuple[Literal[*SIGNAL_STATISTICS], ...], BeforeValidator(plain_sequence), Value(_STATISTICS_HELP)  # type: ignore[valid-type]
     ] = ()
     orders: Annotated[
         tuple[Annotated[float, Field(gt=0.0)], ...],

@@ -20,7 +20,7 @@ from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, elements,
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text_file
 from warpchain.results.judgement import Limits
-from warpchain.results.replicate_metrics import COPY, COUNT
+from warpchain.results.replicate_metrics import COPY_COLUMN, COUNT_COLUMN
 from warpchain.study.spec.calibration_tables import Calibrate, Measurement, calibration_rules
 from warpchain.study.spec.expression import Expression, parse_expression
 from warpchain.study.spec.factor import DISTRIBUTION_KEYS, Factor, factor_unit, value_source_of
@@ -96,7 +96,7 @@ def factor_name_rules(node: Any) -> Iterator[Problem]:
             continue  # its own rule says so
         if name in names:
             yield Problem(("factors", i, "name"), name, "must be unique among factors")
-        if name in (COPY, COUNT) and get(get(node, "design"), "replicates") is not None:
+        if name in (COPY_COLUMN, COUNT_COLUMN) and get(get(node, "design"), "replicates") is not None:
             yield Problem(("factors", i, "name"), name, "is a column of studies with design.replicates")
         names.add(name)
         for path in _factor_paths(factor):

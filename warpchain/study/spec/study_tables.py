@@ -31,8 +31,8 @@ from warpchain.drive.schema import (
     numbers,
     plain_sequence,
 )
-from warpchain.results.channels import DEFAULT, NAMES
-from warpchain.results.metric_columns import unit_of
+from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
+from warpchain.results.metric_columns import unit_of_metric
 from warpchain.study.spec.factor import Switch, Texts, WholeNumber
 from warpchain.study.spec.noise_table import metric_from_name
 
@@ -70,7 +70,7 @@ def metric_unit(name: Any) -> str:
     """Unit of numbers of a metric, or of its statistic over noise, in study files; "" if there is none."""
     if not isinstance(name, str):
         return ""
-    found = unit_of(metric_from_name(name))
+    found = unit_of_metric(metric_from_name(name))
     return "-" if found == "1" else found if unit(found) else ""
 
 
@@ -307,21 +307,21 @@ class Recording(Part):
         every: every k-th, from 0.
         worst: those with the most extreme value of a metric, simulated a second time when all are known.
         rate: samples a second of simulated time [Hz]; None is each drive's own.
-        channels: names of `warpchain.results.channels.NAMES`; those on request only where they are named.
+        channels: names of `warpchain.results.channels.CHANNEL_NAMES`; those on request only where they are named.
     """
 
     variants: WholeNumbers = ()
     every: Count | None = None
     worst: Worst | None = None
     rate: Positive | None = None
-    channels: Texts = DEFAULT
+    channels: Texts = DEFAULT_CHANNELS
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of the recorded channels' names."""
         for i, channel in enumerate(elements(node, "channels")):
-            if channel not in NAMES:
-                yield Problem(("channels", i), channel, f"must be one of {', '.join(NAMES)}")
+            if channel not in CHANNEL_NAMES:
+                yield Problem(("channels", i), channel, f"must be one of {', '.join(CHANNEL_NAMES)}")
 
 
 class Fatigue(Part):

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import nearest_sprocket, strand_displacement
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.scene import engaged_sprockets, strand_displacement
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
     TOOTH_PASSINGS,
     contact_angles,
-    guide_forces,
-    last_round,
+    guide_forces_and_rollers,
+    last_round_frames,
     order_spectra,
     peaks_over_time,
 )
-from warpchain.results.units import shown
+from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import (
     LINE_COLORS,
     SPROCKET_COLORS,
@@ -43,8 +43,8 @@ MOST_DOTS = 20_000
 
 def hardest_pressed_roller(trajectory: Trajectory) -> int:
     """The roller that guide-bars, or else sprockets, press hardest in the chain's last round."""
-    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
-    part = last_round(trajectory)
+    sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
+    part = last_round_frames(trajectory)
     by_guides = guide_force[part].max(axis=0)
     return int(np.argmax(by_guides if by_guides.max() > 0.0 else sprocket_force[part].max(axis=0)))
 
@@ -56,7 +56,7 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
     figure, axes = panel_column(len(names), 2.2 * len(names) + 0.9, title, trajectory)
     for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
         values = strand_displacement(trajectory, k)
-        unit, factor = shown("m", values)
+        unit, factor = display_unit("m", values)
         mean = factor * float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
         draw_curve(axis, trajectory.time, factor * values, color="tab:blue")
         axis.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:+.3g} {unit}")
@@ -69,13 +69,13 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
 
 def guide_force_figure(trajectory: Trajectory) -> Figure:
     """Figure of every guide-bar's force and rollers in contact over time."""
-    drive, forces = trajectory.drive, guide_forces(trajectory)
+    drive, forces = trajectory.drive, guide_forces_and_rollers(trajectory)
     figure, axes = panel_column(
         2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory
     )
     for g, (guide, (force, rollers)) in enumerate(zip(drive.guides, forces, strict=True)):
         above, below = axes[2 * g : 2 * g + 2]
-        unit, factor = shown("N", force)
+        unit, factor = display_unit("N", force)
         draw_curve(above, trajectory.time, factor * force, color="tab:red")
         mean = factor * float(force.mean())
         above.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:.3g} {unit}")
@@ -90,10 +90,10 @@ def guide_force_figure(trajectory: Trajectory) -> Figure:
 
 def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
     """Figure of one link's tension over the chain's last round (the paper's Figure 11)."""
-    whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
-    (tension,) = need(trajectory, "tension")
+    whole, trajectory = trajectory, trajectory.at(last_round_frames(trajectory))
+    (tension,) = require_channels(trajectory, "tension")
     figure, (axis,) = panel_column(1, 4.4, f"Tension of link {link} over the chain's last round", whole)
-    unit, factor = shown("N", tension[:, link])
+    unit, factor = display_unit("N", tension[:, link])
     draw_curve(axis, trajectory.time, factor * tension[:, link], color="tab:blue")
     axis.axhline(0.0, color="black", lw=0.6)
     _shade_sprocket_spells(axis, trajectory, link)
@@ -104,14 +104,14 @@ def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
 
 def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     """Figure of the contact forces on one roller over the chain's last round (the paper's Figure 12)."""
-    whole, trajectory = trajectory, trajectory.at(last_round(trajectory))
-    sprocket_force, guide_force = need(trajectory, "sprocket_force", "guide_force")
+    whole, trajectory = trajectory, trajectory.at(last_round_frames(trajectory))
+    sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     figure, (above, below) = panel_column(
         2, 5.8, f"Contact forces on roller {roller} over the chain's last round", whole
     )
     of_sprockets = above, sprocket_force, "sprockets", "tab:blue"
     for axis, forces, word, color in (of_sprockets, (below, guide_force, "guide-bars", "tab:red")):
-        unit, factor = shown("N", forces[:, roller])
+        unit, factor = display_unit("N", forces[:, roller])
         draw_curve(axis, trajectory.time, factor * forces[:, roller], color=color)
         axis.set_ylabel(f"contact with {word} [{unit}]")
     _shade_sprocket_spells(above, trajectory, roller)
@@ -121,7 +121,7 @@ def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
 
 def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> None:
     """Shades the spells of a panel in which a roller is on each sprocket."""
-    on = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
+    on = engaged_sprockets(trajectory, np.array([roller]))[:, 0]
     named: set[int] = set()
     frame = 0
     for s, spell in groupby(on.tolist()):
@@ -138,11 +138,11 @@ def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> No
 
 def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
     """Figure of every link's tension over time as an image; `top` is the color scale's red end [N]."""
-    (tension,) = need(trajectory, "tension")
+    (tension,) = require_channels(trajectory, "tension")
     figure, (axis,) = panel_column(1, 7.0, "Tension of all links over time", trajectory)
     _, rows = peaks_over_time(tension, WATERFALL_ROWS)
     top = tension_scale_top([trajectory]) if top is None else top
-    unit, factor = shown("N", top)
+    unit, factor = display_unit("N", top)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
     colors: Any = {"cmap": tension_colormap(), "vmin": 0.0, "vmax": factor * top}
     image = axis.imshow(factor * rows, aspect="auto", extent=extent, interpolation="nearest", **colors)
@@ -184,7 +184,7 @@ def contact_angle_figure(trajectory: Trajectory) -> Figure:
     title = "Contact force against angle on the sprocket, latter half of the run"
     figure, axes = panel_column(count, 2.5 * count + 0.9, title, trajectory, share=False)
     every = [contact_angles(trajectory, s) for s in range(count)]
-    unit, factor = shown("N", max(float(found.force.max(initial=0.0)) for found in every))
+    unit, factor = display_unit("N", max(float(found.force.max(initial=0.0)) for found in every))
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
         found = every[s]
         angle, force = np.degrees(found.angle), factor * found.force

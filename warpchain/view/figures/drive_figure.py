@@ -15,19 +15,19 @@ from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 from warpchain.results.chains import chain_trajectories
-from warpchain.results.run import Trajectory, need
+from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.scene import (
-    Part,
-    Pose,
-    chain_line,
-    contact_arrows,
-    parts_at,
+    DrivePose,
+    OutlinePart,
+    chain_outline,
+    contact_force_vectors,
+    guide_arm_tensioner_parts,
     pose_at_frame,
     pose_at_start,
-    teeth_at,
-    turned,
+    teeth_parts,
+    turn_points,
 )
-from warpchain.results.units import shown
+from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import run_line
 from warpchain.view.figures.label_placement import move_labels
 from warpchain.view.palette import tension_colormap, tension_scale_top
@@ -70,21 +70,26 @@ def drive_figure(
         title = "Layout at t = 0"
         chains = [_chain_at_start(ring.drive) for ring in rings_of(of)]
     else:
-        need(of, "position")
+        require_channels(of, "position")
         f = range(len(of.time))[len(of.time) * 3 // 4 if frame is None else frame]
         title = f"At {of.time[f]:.4g} s"
         each = list(chain_trajectories(of).values())
-        chains = [_PosedChain(one.drive, pose_at_frame(one, f), need(one, "position")[0][f]) for one in each]
+        chains = [
+            _PosedChain(one.drive, pose_at_frame(one, f), require_channels(one, "position")[0][f]) for one in each
+        ]
         arrows, largest = _contact_force_arrows(each, f)
     line = np.concatenate([chain.line for chain in chains])
     reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
-    parts = [[*teeth_at(chain.drive, chain.pose, 4), *parts_at(chain.drive, chain.pose)] for chain in chains]
+    parts = [
+        [*teeth_parts(chain.drive, chain.pose, 4), *guide_arm_tensioner_parts(chain.drive, chain.pose)]
+        for chain in chains
+    ]
     travel = [arm_stop_lines(chain.drive, chain.pose) if isinstance(of, Drive) else [] for chain in chains]
     points: list[Array] = [part.points for of_chain in parts for part in of_chain]
     points += [reached for of_chain in travel for reached in of_chain]
     low, high = _drawing_corners([line, *points, *(line + reach * force for force in arrows)])
     span = high - low
-    unit, factor = shown("m", span)
+    unit, factor = display_unit("m", span)
     figure = PlainFigure(figsize=_figure_size(float(span[1] / span[0]), size), layout="constrained")
     axis = figure.subplots()
     for chain, mine, reached in zip(chains, parts, travel, strict=True):
@@ -99,7 +104,7 @@ def drive_figure(
             axis.plot(*factor * np.vstack([loop, loop[:1]]).T, color=CHAIN, lw=2, zorder=3)
     if arrows:
         draw_contact_arrows(axis, line, arrows, reach, factor)
-        word, share = shown("N", largest)
+        word, share = display_unit("N", largest)
         axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
         title = title.replace("At", "Forces on the chain at")
         figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
@@ -120,17 +125,17 @@ class _PosedChain(NamedTuple):
     """A chain to draw: its drive, the pose of its bodies, and the rollers' centers [m]."""
 
     drive: Drive
-    pose: Pose
+    pose: DrivePose
     line: Array
 
 
 def _chain_at_start(drive: Drive) -> _PosedChain:
     """A drive's chain along its path, bodies as drawn in the drive file."""
     path = chain_path(drive)
-    return _PosedChain(drive, pose_at_start(drive, path), chain_line(drive, path))
+    return _PosedChain(drive, pose_at_start(drive, path), chain_outline(drive, path))
 
 
-def draw_parts(axis: Any, drive: Drive, pose: Pose, parts: list[Part], factor: float) -> None:
+def draw_parts(axis: Any, drive: Drive, pose: DrivePose, parts: list[OutlinePart], factor: float) -> None:
     """Draws a drive's parts with their names into a picture, `factor` axis units a meter."""
     from matplotlib.patheffects import withStroke
 
@@ -158,7 +163,7 @@ def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: floa
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
-    newton, scale = shown("N", top)
+    newton, scale = display_unit("N", top)
     links = [link for line in chains for link in factor * np.stack([line, np.roll(line, -1, axis=0)], axis=1)]
     chain = LineCollection(links, cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
     chain.set_array(scale * tension)
@@ -182,7 +187,7 @@ def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array]
     needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
     if any(getattr(chain, channel) is None for chain in chains for channel in needed):
         return [], 0.0
-    each = [contact_arrows(chain.at(slice(f, f + 1))) for chain in chains]
+    each = [contact_force_vectors(chain.at(slice(f, f + 1))) for chain in chains]
     arrows: list[Array] = [np.concatenate([forces[kind][0] for forces in each]) for kind in range(2)]
     return arrows, max(float(np.hypot(*force.T).max()) for force in arrows)
 
@@ -207,7 +212,7 @@ TEXT_SPACE = 17.0
 TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
 
 
-def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], factor: float) -> None:
+def draw_dimensions(axis: Any, drive: Drive, pose: DrivePose, travel: list[Array], factor: float) -> None:
     """Writes teeth, radii, wrap angles, links and arm angles into a picture, `factor` axis units a meter."""
     from matplotlib.patheffects import withStroke
 
@@ -229,7 +234,7 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
         place, heading = face.at(0.3 * face.face_length)
         at = np.array(place)
         if a is not None:
-            at, heading = turned(at, drive.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
+            at, heading = turn_points(at, drive.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
         x, y = math.sin(heading), -math.cos(heading)  # to the right, where no chain is
         text = f"R {', '.join(radii)}" if radii else _length_text(face.face_length)
         write_at(text, at, 5.0 * x, 5.0 * y, color="tab:brown", ha="left" if x > 0.0 else "right")
@@ -246,7 +251,7 @@ def draw_dimensions(axis: Any, drive: Drive, pose: Pose, travel: list[Array], fa
         axis.plot(*factor * points.T, **TRAVEL_STYLE)
 
 
-def arm_stop_lines(drive: Drive, pose: Pose) -> list[Array]:
+def arm_stop_lines(drive: Drive, pose: DrivePose) -> list[Array]:
     """Lines [m] of each arm and its guides, turned to either stop."""
     lines: list[Array] = []
     for a, arm in enumerate(drive.arms):
@@ -254,7 +259,7 @@ def arm_stop_lines(drive: Drive, pose: Pose) -> list[Array]:
         for stop in arm.stops or ():
             angles = np.array(pose.arm, dtype=float)
             angles[a] = math.radians(stop)
-            moved = parts_at(drive, pose._replace(arm=angles))
+            moved = guide_arm_tensioner_parts(drive, pose._replace(arm=angles))
             lines += [part.points for part in moved if part.kind in ("arm", "guide") and part.name in own]
     return lines
 
@@ -274,5 +279,5 @@ def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
 
 def _length_text(meters: float) -> str:
     """A length [m] as text with a fitting unit."""
-    unit, factor = shown("m", meters)
+    unit, factor = display_unit("m", meters)
     return f"{factor * meters:.4g} {unit}"

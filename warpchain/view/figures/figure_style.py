@@ -15,7 +15,7 @@ from warpchain.drive.trains import driving_body, turned_part
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, whole_file
 from warpchain.results.run import Trajectory
-from warpchain.results.signals import TOOTH_PASSINGS, driver_speed, peak_frames
+from warpchain.results.signals import TOOTH_PASSINGS, driver_speed_and_window, peak_frames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,7 +55,7 @@ def driver_speed_text(of: Drive | Trajectory) -> str:
     if isinstance(of, Drive):
         led = turned_part(drive, driving_body(drive)).prescribed is not None
         return f"{name} {'at' if led else 'up to about'} {rpm_of_speed(top):.4g} rpm"
-    found = driver_speed(of)
+    found = driver_speed_and_window(of)
     if found is None:
         return name
     mean, start, end = found

@@ -9,12 +9,12 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.results.channels import CHANNELS
-from warpchain.results.engineering_report import HandedIn
+from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.guide_load import GuideLoad
-from warpchain.results.losses import Array, by_group
+from warpchain.results.losses import Array, friction_power_by_group
 from warpchain.results.run import Trajectory
-from warpchain.results.signals import forward
-from warpchain.results.units import shown
+from warpchain.results.signals import forward_values
+from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import LINE_COLORS, draw_curve, panel_column, rpm_of_speed
 
 if TYPE_CHECKING:
@@ -26,13 +26,13 @@ STEADY_SPREAD = 0.2
 """Speeds that differ by less than this share of the largest are one speed."""
 
 
-def guide_load_figure(found: HandedIn, g: int) -> Figure:
+def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
     """Figure of a guide's load along its face: force per length, largest roller force, p v."""
-    load: GuideLoad = found.guides[g]
+    load: GuideLoad = found.guide_loads[g]
     inside = load.mean > 0.0
     span = load.place[inside] if inside.any() else load.place
     figure, axes = panel_column(3, 6.4, "", None)
-    length, to_length = shown("m", load.place)
+    length, to_length = display_unit("m", load.place)
     x, width = to_length * load.place, to_length * float(load.place[1] - load.place[0])
     rows = (
         ("mean load", "N/m", load.mean, None),
@@ -62,14 +62,14 @@ def guide_load_figure(found: HandedIn, g: int) -> Figure:
 def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
     """Unit and factor for values of a unit; one per meter is shown per millimeter."""
     if not unit.endswith("/m"):
-        return shown(unit, values)
-    word, factor = shown(unit.removesuffix("/m"), 1e-3 * values)
+        return display_unit(unit, values)
+    word, factor = display_unit(unit.removesuffix("/m"), 1e-3 * values)
     return f"{word}/mm", 1e-3 * factor
 
 
-def friction_power_figure(found: HandedIn) -> Figure | None:
+def friction_power_figure(found: EngineeringReport) -> Figure | None:
     """Figure of friction power by group over the driver's speed, or over time; None without friction."""
-    groups = by_group(found.drive, found.power)
+    groups = friction_power_by_group(found.drive, found.friction_power)
     if not groups:
         return None
     whole, drive = found.whole, found.drive
@@ -78,7 +78,7 @@ def friction_power_figure(found: HandedIn) -> Figure | None:
     x, label = _spell_means(whole.time, spells), "time [s]"
     order = np.arange(len(x))
     if whole.sprocket_speed is not None:
-        speed = _spell_means(forward(drive, whole.sprocket_speed, drive.driver), SPEED_SPELLS)
+        speed = _spell_means(forward_values(drive, whole.sprocket_speed, drive.driver), SPEED_SPELLS)
         later = speed[len(speed) // 2 :]
         if np.ptp(later) > STEADY_SPREAD * float(np.abs(later).max()):
             spells, order, label = (
@@ -88,7 +88,7 @@ def friction_power_figure(found: HandedIn) -> Figure | None:
             )
             x = rpm_of_speed(1.0) * speed[order]
     rows = [_spell_means(values, spells)[order] for values in groups.values()]
-    unit, factor = shown("W", np.sum(rows, axis=0))
+    unit, factor = display_unit("W", np.sum(rows, axis=0))
     draw_stacked_areas(axis, x, {name: factor * values for name, values in zip(groups, rows, strict=True)})
     axis.set_xlabel(label)
     axis.set_ylabel(f"friction power [{unit}]")
@@ -105,7 +105,7 @@ def draw_stacked_areas(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
 def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
     """Figure of variants' mean friction power [W] by group over the driver's speed (V,) [rad/s]."""
     figure, (axis,) = panel_column(1, 3.4, "", None)
-    unit, factor = shown("W", np.sum(list(groups.values()), axis=0))
+    unit, factor = display_unit("W", np.sum(list(groups.values()), axis=0))
     draw_stacked_areas(axis, rpm_of_speed(1.0) * speed, {name: factor * values for name, values in groups.items()})
     axis.set_xlabel(f"mean speed of {drive.sprockets[drive.driver].name} [rpm]")
     axis.set_ylabel(f"mean friction power [{unit}]")
@@ -117,12 +117,12 @@ def _spell_means(values: Array, spells: int) -> Array:
     return np.array([part.mean() for part in np.array_split(values, min(spells, len(values)))])
 
 
-def joint_wear_figure(found: HandedIn) -> Figure | None:
+def joint_wear_figure(found: EngineeringReport) -> Figure | None:
     """Figure of every joint's force times sliding speed in the window; None without a pin radius."""
-    if found.wear is None:
+    if found.joint_wear is None:
         return None
-    rate = found.wear.loaded / found.wear.seconds
-    unit, factor = shown("W", rate)
+    rate = found.joint_wear.loaded / found.joint_wear.seconds
+    unit, factor = display_unit("W", rate)
     figure, (axis,) = panel_column(1, 2.5, "", None)
     axis.bar(np.arange(len(rate)), factor * rate, 1.0, color=LINE_COLORS[0], lw=0)
     axis.axhline(factor * float(rate.mean()), color="black", lw=0.8, ls="--", label="mean")
@@ -148,14 +148,14 @@ def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Arr
     }
 
 
-def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
+def body_figure(found: EngineeringReport, kind: str, k: int) -> Figure | None:
     """Figure of all channels recorded of body k over time; None where there are none."""
     held = body_channels(found.whole, kind)
     if not held:
         return None
     figure, axes = panel_column(len(held), 1.9 * len(held) + 0.4, "", None)
     for axis, (title, (unit, values)) in zip(axes, held.items(), strict=True):
-        word, factor = shown(unit, values[:, k])
+        word, factor = display_unit(unit, values[:, k])
         draw_curve(axis, found.whole.time, factor * values[:, k], color=LINE_COLORS[0])
         axis.set_title(title, loc="left", fontsize=9)
         axis.set_ylabel(f"[{word}]")
@@ -163,13 +163,13 @@ def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
     return figure
 
 
-def probe_figure(found: HandedIn, name: str) -> Figure:
+def probe_figure(found: EngineeringReport, name: str) -> Figure:
     """Figure of a probe's tension, speed along the chain and transverse displacement over time."""
-    seen = found.probes[name]
+    seen = found.probe_signals[name]
     figure, axes = panel_column(3, 5.6, "", None)
     rows = (("tension", "N", seen.tension), ("speed", "m/s", seen.speed), ("displacement", "m", seen.displacement))
     for axis, (title, unit, values) in zip(axes, rows, strict=True):
-        word, factor = shown(unit, values)
+        word, factor = display_unit(unit, values)
         draw_curve(axis, found.whole.time, factor * values, color=LINE_COLORS[0])
         axis.set_ylabel(f"{title}\n[{word}]")
     axes[-1].set_xlabel("time [s]")

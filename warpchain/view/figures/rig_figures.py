@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.measured import Comparison
+from warpchain.results.measured import SignalComparison
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import SPECTRUM_FLOOR, TOOTH_PASSINGS
-from warpchain.results.units import shown
+from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import (
     LINE_COLORS,
     draw_curve,
@@ -32,14 +32,14 @@ SHOWN_CYCLES = 2
 """Cycles that are drawn over time, the last ones."""
 
 
-def measured_figure(trajectory: Trajectory, found: Comparison) -> Figure:
+def measured_figure(trajectory: Trajectory, found: SignalComparison) -> Figure:
     """Figure of a measured and a simulated signal over time, and of their order spectra."""
     measured = found.measured
     signals = [(found.time, found.simulated), (measured.time, measured.values)]
     first, last = max(time[0] for time, _ in signals), min(time[-1] for time, _ in signals)
     if last > first:
         signals = [(t[(t >= first) & (t <= last)], values[(t >= first) & (t <= last)]) for t, values in signals]
-    unit, factor = shown(measured.unit, *(values for _, values in signals))
+    unit, factor = display_unit(measured.unit, *(values for _, values in signals))
     spectra = any(spectrum is not None for spectrum in found.spectra)
     title = f"{strand_label(measured.name)}: simulated and measured"
     figure, axes = panel_column(1 + spectra, 3.6 + 3.4 * spectra, title, trajectory, share=False)
@@ -55,7 +55,7 @@ def measured_figure(trajectory: Trajectory, found: Comparison) -> Figure:
     return figure
 
 
-def _draw_order_spectra(axis: Any, drive: Drive, found: Comparison, factor: float) -> None:
+def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor: float) -> None:
     """Draws the order spectra of a measured and a simulated signal into a panel."""
     driver = drive.sprockets[drive.driver]
     last = (TOOTH_PASSINGS + 0.5) * driver.teeth

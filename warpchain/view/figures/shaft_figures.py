@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.results.engineering_report import HandedIn
-from warpchain.results.rotation import CYCLE, cycle_average, rising, turns_of
+from warpchain.results.engineering_report import EngineeringReport
+from warpchain.results.order_tracking import CYCLE_TURNS, cycle_average, driver_turns, last_rising_frames
 from warpchain.results.shaft_signals import phase_error
 from warpchain.results.signals import strand_tension
-from warpchain.results.units import shown
+from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import LINE_COLORS, Array, draw_curve, panel_column, panel_grid, strand_label
 
 if TYPE_CHECKING:
@@ -23,10 +23,10 @@ STEADY_SPREAD = 0.2
 """Speeds that differ by less than this share of the largest are one speed."""
 
 
-def hub_force_figure(found: HandedIn) -> Figure:
+def hub_force_figure(found: EngineeringReport) -> Figure:
     """Figure of the chain's force on every shaft as hodographs over the window."""
-    drive, hubs = found.drive, found.hubs
-    unit, factor = shown("N", hubs)
+    drive, hubs = found.drive, found.hub_forces
+    unit, factor = display_unit("N", hubs)
     figure, axes = panel_grid(len(drive.sprockets), 3, 3.6, 3.6)
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
         force = factor * hubs[:, s]
@@ -47,10 +47,10 @@ def hub_force_figure(found: HandedIn) -> Figure:
     return figure
 
 
-def phase_error_figure(found: HandedIn) -> Figure | None:
+def phase_error_figure(found: EngineeringReport) -> Figure | None:
     """Figure of shafts' phase errors over time, in degrees of the driver; None with the driver alone."""
     drive = found.drive
-    driven = list(found.phases)
+    driven = list(found.phase_errors)
     if not driven:
         return None
     name = drive.sprockets[drive.driver].name
@@ -67,9 +67,9 @@ def phase_error_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-def phase_error_order_figure(found: HandedIn) -> Figure | None:
+def phase_error_order_figure(found: EngineeringReport) -> Figure | None:
     """Figure of phase errors' amplitudes by order; None without a whole cycle in the window."""
-    phases = {s: phase for s, phase in found.phases.items() if phase.amplitude is not None}
+    phases = {s: phase for s, phase in found.phase_errors.items() if phase.amplitude is not None}
     if not phases:
         return None
     figure, (axis,) = panel_column(1, 3.0, "", None)
@@ -88,7 +88,7 @@ def phase_error_order_figure(found: HandedIn) -> Figure | None:
     return figure
 
 
-def has_even_speed(found: HandedIn) -> bool:
+def has_even_speed(found: EngineeringReport) -> bool:
     """Whether the driver keeps about one speed in the window."""
     speed = found.part.sprocket_speed
     if speed is None:
@@ -97,29 +97,31 @@ def has_even_speed(found: HandedIn) -> bool:
     return float(own.min()) >= (1.0 - STEADY_SPREAD) * float(own.max()) > 0.0
 
 
-def driver_cycle_figure(found: HandedIn) -> Figure | None:
+def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
     """Figure of tensions, hub forces and phase errors over two driver turns; None where its speed varies."""
     if not has_even_speed(found):
         return None
     drive, part = found.drive, found.part
-    turns = turns_of(found.whole)[(found.whole.time >= found.start - 1e-12) & (found.whole.time <= found.end + 1e-12)]
-    kept = rising(turns)
+    turns = driver_turns(found.whole)[
+        (found.whole.time >= found.start - 1e-12) & (found.whole.time <= found.end + 1e-12)
+    ]
+    kept = last_rising_frames(turns)
     tensions = [strand_tension(part, k) for k in range(len(drive.strand_names))]
-    hubs = [np.hypot(*found.hubs[:, s].T) for s in range(len(drive.sprockets))]
+    hubs = [np.hypot(*found.hub_forces[:, s].T) for s in range(len(drive.sprockets))]
     inside = (found.whole.time >= found.start - 1e-12) & (found.whole.time <= found.end + 1e-12)
-    errors = [np.degrees(phase_error(found.whole, s)[inside]) for s in found.phases]
+    errors = [np.degrees(phase_error(found.whole, s)[inside]) for s in found.phase_errors]
     driver = drive.sprockets[drive.driver].name
     groups: list[tuple[str, str, list[str], list[Array]]] = [
         ("tension at mid-strand", "N", [strand_label(name) for name in drive.strand_names], tensions),
         ("force on the hub", "N", [sprocket.name for sprocket in drive.sprockets], hubs),
-        ("phase error", f"degrees of {driver}", [drive.sprockets[s].name for s in found.phases], errors),
+        ("phase error", f"degrees of {driver}", [drive.sprockets[s].name for s in found.phase_errors], errors),
     ]
     if len(turns[kept]) < 16 or cycle_average(turns[kept], turns[kept]) is None:
         return None
     figure, axes = panel_column(len(groups), 2.9 * len(groups) + 0.3, "", None)
     count = 0
     for axis, (title, unit, names, signals) in zip(axes, groups, strict=True):
-        word, factor = shown(unit, *signals) if unit == "N" else (unit, 1.0)
+        word, factor = display_unit(unit, *signals) if unit == "N" else (unit, 1.0)
         for k, (name, values) in enumerate(zip(names, signals, strict=True)):
             average = cycle_average(turns[kept], values[kept])
             if average is None:
@@ -131,9 +133,9 @@ def driver_cycle_figure(found: HandedIn) -> Figure | None:
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     title = f"{count} cycle{'s' * (count > 1)}: mean, and shaded from smallest to largest"
     axes[0].set_title(title, loc="left", fontsize=9)
-    axes[-1].set_xlim(0.0, 360.0 * CYCLE)
-    axes[-1].set_xticks(np.arange(0.0, 360.0 * CYCLE + 1.0, 90.0))
-    axes[-1].set_xlabel(f"angle of {driver} from where it began [degrees, modulo {360.0 * CYCLE:g}]")
+    axes[-1].set_xlim(0.0, 360.0 * CYCLE_TURNS)
+    axes[-1].set_xticks(np.arange(0.0, 360.0 * CYCLE_TURNS + 1.0, 90.0))
+    axes[-1].set_xlabel(f"angle of {driver} from where it began [degrees, modulo {360.0 * CYCLE_TURNS:g}]")
     return figure
 
 
@@ -142,16 +144,16 @@ def least_finite(values: Array) -> float:
     return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
 
 
-def jump_margin_figure(found: HandedIn) -> Figure:
+def jump_margin_figure(found: EngineeringReport) -> Figure:
     """Figure of each sprocket's least margin to tooth jump over time."""
     figure, (axis,) = panel_column(1, 3.0, "", None)
-    for s, (sprocket, jump) in enumerate(zip(found.drive.sprockets, found.jumps, strict=True)):
+    for s, (sprocket, jump) in enumerate(zip(found.drive.sprockets, found.jump_margins, strict=True)):
         share = 100.0 * jump.margin / jump.height
         if np.isfinite(share).any():
             label = f"{sprocket.name}: {least_finite(share):.0f} %"
             draw_curve(axis, found.part.time, share, color=LINE_COLORS[s % len(LINE_COLORS)], label=label)
     axis.axhline(0.0, color="black", lw=0.8)
-    lowest = [least_finite(100.0 * jump.margin / jump.height) for jump in found.jumps]
+    lowest = [least_finite(100.0 * jump.margin / jump.height) for jump in found.jump_margins]
     axis.set_ylim(min([0.0, *(value for value in lowest if math.isfinite(value))]) - 3.0, 108.0)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("margin over the climb\n[%], 0: it jumps")

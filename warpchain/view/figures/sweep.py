@@ -13,12 +13,18 @@ from numpy.typing import NDArray
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.results.engineering_report import HandedIn
-from warpchain.results.rotation import BLOCK, Cuts, order_cuts, rising, turns_of
-from warpchain.results.run import Run, Trajectory, need
+from warpchain.results.engineering_report import EngineeringReport
+from warpchain.results.order_tracking import BLOCK_TURNS, OrderCuts, driver_turns, last_rising_frames, order_cuts
+from warpchain.results.run import Run, Trajectory, require_channels
 from warpchain.results.scene import strand_displacement
-from warpchain.results.signals import amplitude_spectrum, forward, latter_half, strand_tension, transverse_frequency
-from warpchain.results.units import shown
+from warpchain.results.signals import (
+    amplitude_spectrum,
+    forward_values,
+    latter_half_frames,
+    strand_tension,
+    strand_transverse_frequency,
+)
+from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import LINE_COLORS, Array, panel_column, rpm_of_speed, strand_label
 
 if TYPE_CHECKING:
@@ -87,7 +93,7 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
     runs = [source if isinstance(source, Run) else read_archive(source) for source in sources]
     found = [run[variant] for run in runs for variant in run if run.ok[run.row_of(variant)]]
     for trajectory in found:
-        need(trajectory, "position", "tension", "sprocket_speed", name="a variant for a sweep over speed")
+        require_channels(trajectory, "position", "tension", "sprocket_speed", name="a variant for a sweep over speed")
     alike = {(t.drive.strand_names, t.drive.sprockets[t.drive.driver].teeth) for t in found}
     if len(alike) > 1:
         raise SimulationError("a sweep over speed needs variants with the same strands and teeth of the driver")
@@ -101,10 +107,10 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
     for k, name in enumerate(drive.strand_names):
         lines, natural = [], []
         for trajectory in found:
-            part = latter_half(trajectory)
+            part = latter_half_frames(trajectory)
             values = np.nan_to_num(values_of(trajectory, k)[part])
             lines.append(amplitude_spectrum(values, float(np.diff(trajectory.time[part]).mean())))
-            natural.append(transverse_frequency(trajectory, k))
+            natural.append(strand_transverse_frequency(trajectory, k))
         frequency, amplitude = zip(*lines, strict=True)
         teeth = drive.sprockets[drive.driver].teeth
         orders = [order.value for order in excited_orders(drive)]
@@ -116,8 +122,8 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
 
 def _driver_rpm(trajectory: Trajectory) -> float:
     """Mean speed of the driver over the latter half [rpm]."""
-    (sprocket_speed,) = need(trajectory, "sprocket_speed")
-    part = sprocket_speed[latter_half(trajectory), trajectory.drive.driver]
+    (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
+    part = sprocket_speed[latter_half_frames(trajectory), trajectory.drive.driver]
     return rpm_of_speed(float(abs(part.mean())))
 
 
@@ -204,26 +210,26 @@ def run_up_orders(drive: Drive) -> list[float]:
     return [*sorted(found - {float(teeth)})[: MOST_ORDERS - 1], float(teeth)]
 
 
-def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
+def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, OrderCuts]]]:
     """Order cuts of a run-up's speeds, tensions and hub forces by title, with unit; {} where speeds hardly differ."""
     drive, whole = found.drive, found.whole
     if any(getattr(whole, name) is None for name in ("sprocket_speed", "sprocket_angle", "position", "tension")):
         return {}
-    turns = turns_of(whole)
-    part = rising(turns)
+    turns = driver_turns(whole)
+    part = last_rising_frames(turns)
     if len(turns[part]) < 64 or np.diff(turns[part]).max() > 0.25:
         return {}
     orders = run_up_orders(drive)
-    (sprocket_speed,) = need(whole, "sprocket_speed")
+    (sprocket_speed,) = require_channels(whole, "sprocket_speed")
 
-    def cuts_of(values: Array) -> Cuts:
+    def cuts_of(values: Array) -> OrderCuts:
         return order_cuts(whole.time[part], turns[part], np.nan_to_num(values[part]), orders)
 
-    speeds = {p.name: forward(drive, sprocket_speed, s) for s, p in enumerate(drive.sprockets)}
+    speeds = {p.name: forward_values(drive, sprocket_speed, s) for s, p in enumerate(drive.sprockets)}
     first = cuts_of(next(iter(speeds.values())))
     if len(first.speed) < FEWEST_BLOCKS or first.speed.max() < LEAST_RISE * first.speed.min():
         return {}
-    hubs = HandedIn(whole, 0.0, float(whole.time[-1])).hubs
+    hubs = EngineeringReport(whole, 0.0, float(whole.time[-1])).hub_forces
     signals = {
         "speed of the shaft": ("rad/s", speeds),
         "tension at mid-strand": (
@@ -238,10 +244,10 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
     }
 
 
-def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts]) -> Figure:
+def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, OrderCuts]) -> Figure:
     """Figure of each order's amplitude over the driver's speed, a panel a shaft or strand."""
     figure, axes = panel_column(len(found), 1.9 * len(found) + 0.7, "", None)
-    word, factor = shown(unit, *(cuts.amplitude for cuts in found.values()))
+    word, factor = display_unit(unit, *(cuts.amplitude for cuts in found.values()))
     for axis, (name, cuts) in zip(axes, found.items(), strict=True):
         for k, order in enumerate(cuts.orders):
             mark = "tooth passing" if order == drive.sprockets[drive.driver].teeth else f"order {order:g}"
@@ -251,5 +257,5 @@ def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts
         axis.set_ylim(0.0)
     figure.supylabel(f"amplitude of the {title} [{word}]", fontsize=10)
     axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    axes[-1].set_xlabel(f"speed of {drive.sprockets[drive.driver].name} [rpm], mean of {BLOCK:g} revolutions")
+    axes[-1].set_xlabel(f"speed of {drive.sprockets[drive.driver].name} [rpm], mean of {BLOCK_TURNS:g} revolutions")
     return figure

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from warpchain.drive import Drive
-from warpchain.results.batch_means import ERROR
-from warpchain.results.engineering_report import HandedIn
-from warpchain.results.formulas import THINGS
-from warpchain.results.metric_columns import COLUMNS, SPEEDS, column_of
-from warpchain.results.signals import events, stroke
-from warpchain.results.units import shown_unit
+from warpchain.results.engineering_report import EngineeringReport
+from warpchain.results.metric_columns import COLUMN_BY_NAME, SHAFT_SPEED_NAMES, column_of_metric
+from warpchain.results.metric_formulas import PART_PREFIXES
+from warpchain.results.signals import opening_events, range_and_path
+from warpchain.results.units import display_unit_word
+from warpchain.results.window_statistics import ERROR_SUFFIX
 from warpchain.view.html import engineering_number, paragraph_html, table_html
 
 TABLE_DIGITS = 4
@@ -23,7 +23,7 @@ TABLE_DIGITS = 4
 
 def quantity_cells(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
     """A value [SI] as two table cells, number and unit; `largest` picks the unit of a row."""
-    word, factor = shown_unit(unit, value if largest is None else largest)
+    word, factor = display_unit_word(unit, value if largest is None else largest)
     return engineering_number(factor * value, TABLE_DIGITS), word
 
 
@@ -41,17 +41,17 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
     """Table rows of the metrics that begin with a prefix: name, value, error, unit, title."""
     for name, value in row.items():
         own = name.removeprefix(prefix)
-        column = column_of(name)
-        if not name.startswith(prefix) or own not in COLUMNS or column is None or own.endswith(ERROR):
+        column = column_of_metric(name)
+        if not name.startswith(prefix) or own not in COLUMN_BY_NAME or column is None or own.endswith(ERROR_SUFFIX):
             continue
         if value is None or isinstance(value, str) or own in ("variant", "diverged"):
             continue
-        error = row.get(name + ERROR)
+        error = row.get(name + ERROR_SUFFIX)
         if column.kind is not float:
             yield [name, str(value).lower() if isinstance(value, bool) else str(value), "", "", column.title]
             continue
         shown, unit = quantity_cells(float(value), column.unit)
-        spread = "unknown" if own + ERROR in COLUMNS else ""
+        spread = "unknown" if own + ERROR_SUFFIX in COLUMN_BY_NAME else ""
         if error is not None:
             spread = "\u00b1 " + quantity_cells(float(error), column.unit, float(value))[0]
         yield [name, shown, spread, unit, column.title]
@@ -59,11 +59,15 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
 
 def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
     """HTML tables of all metrics by the part they are of; the speed of sprockets in `alike` is another part's."""
-    prefixes = [prefix for things in THINGS.values() for prefix in things(drive)]
+    prefixes = [prefix for things in PART_PREFIXES.values() for prefix in things(drive)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
         name = prefix.removesuffix(".")
-        rows = [of for of in _metric_rows(row, prefix) if name not in alike or of[0].removeprefix(prefix) not in SPEEDS]
+        rows = [
+            of
+            for of in _metric_rows(row, prefix)
+            if name not in alike or of[0].removeprefix(prefix) not in SHAFT_SPEED_NAMES
+        ]
         if rows:
             line = paragraph_html(f"Its speed is that of {alike[name]}.", muted=True) if name in alike else ""
             head = ("metric", "value", "standard error", "unit", "what it is")
@@ -71,11 +75,11 @@ def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]
     return found
 
 
-def hub_force_table(found: HandedIn, row: Mapping[str, Any]) -> str:
+def hub_force_table(found: EngineeringReport, row: Mapping[str, Any]) -> str:
     """HTML table of mean and largest force on each shaft, of every step where known, else of frames."""
     rows: list[list[Any]] = []
     for s, sprocket in enumerate(found.drive.sprockets):
-        frames = found.hubs[:, s]
+        frames = found.hub_forces[:, s]
         x, y, most = (row.get(f"{sprocket.name}.hub_force_{end}") for end in ("x_mean", "y_mean", "max"))
         exact = x is not None and y is not None and most is not None
         mean = np.array([x, y], dtype=float) if exact else frames.mean(axis=0)
@@ -87,11 +91,11 @@ def hub_force_table(found: HandedIn, row: Mapping[str, Any]) -> str:
     return table_html(["shaft", *head, "direction of the mean [degrees]"], rows)
 
 
-def phase_error_table(found: HandedIn) -> str:
+def phase_error_table(found: EngineeringReport) -> str:
     """HTML table of shafts' phase errors: mean shift, range and orders."""
-    if not found.phases:
+    if not found.phase_errors:
         return ""
-    of = {found.drive.sprockets[s].name: phase for s, phase in found.phases.items()}
+    of = {found.drive.sprockets[s].name: phase for s, phase in found.phase_errors.items()}
     rows: list[list[Any]] = [
         [words, *(round(math.degrees(getattr(phase, field)), 4) for phase in of.values())]
         for words, field in (("mean shift", "shift"), ("least", "low"), ("most", "high"))
@@ -104,12 +108,12 @@ def phase_error_table(found: HandedIn) -> str:
     return table_html([f"degrees of {driver}", *of], rows)
 
 
-def guide_load_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
+def guide_load_table(found: EngineeringReport, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
     """HTML table of each guide's load, with pressures where the width is known."""
     rows = []
     for g, guide in enumerate(found.drive.guides):
-        load, width = found.guides[g], found.drive.guide_contact(g).width
-        mean = float(found.contacts[g].force.sum()) / len(found.part.time)
+        load, width = found.guide_loads[g], found.drive.guide_contact(g).width
+        mean = float(found.guide_contacts[g].force.sum()) / len(found.part.time)
         peak = row.get(f"{guide.name}.force_max")
         pv = metrics.get(f"{guide.name}.pv_max", math.nan)
         pressure = "\u2013" if width is None else f"{engineering_number(1e-6 * float(load.mean.max()) / width, 3)} MPa"
@@ -130,11 +134,11 @@ def guide_load_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping
     return table_html(head, rows)
 
 
-def body_motion_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
+def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
     """HTML table of each channel (F, count) of body k: extremes, mean, range, distance."""
     rows = []
     for title, (unit, values) in channels.items():
-        moved = stroke(found.part.time, values[:, k])
+        moved = range_and_path(found.part.time, values[:, k])
         largest = max(abs(moved.low), abs(moved.high))
         cells = [
             quantity_cells(value, unit, largest)
@@ -145,24 +149,24 @@ def body_motion_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], 
     return table_html(["what", "least", "mean", "most", "range", "distance in a second", "unit"], rows)
 
 
-def check_valve_text(found: HandedIn, k: int) -> str:
+def check_valve_text(found: EngineeringReport, k: int) -> str:
     """A sentence on the openings of tensioner k's check valve; "" without oil."""
     tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
     if pressure is None or tensioner.valve is None or tensioner.oil is None or tensioner.oil.supply_table is not None:
         return ""
     below = tensioner.oil.supply - np.asarray(pressure[:, k], dtype=float)
-    opened = events(found.part.time, below, tensioner.valve.cracking_pressure)
+    opened = opening_events(found.part.time, below, tensioner.valve.cracking_pressure)
     return (
         f"Check valve: {opened.openings} openings, {opened.rate:.4g} a second; open for {100.0 * opened.share:.1f} % "
         f"of the time, at most {quantity_text(opened.longest, 's')} at once."
     )
 
 
-def friction_power_table(found: HandedIn, row: Mapping[str, Any]) -> str:
+def friction_power_table(found: EngineeringReport, row: Mapping[str, Any]) -> str:
     """HTML table of mean friction powers, of every step and of the frames."""
     seconds = found.end - found.start
     inside = found.whole.time >= found.start - 1e-12
-    means = {name: float(values[inside].mean()) for name, values in found.power.items()}
+    means = {name: float(values[inside].mean()) for name, values in found.friction_power.items()}
     whole = {name: row.get(f"{name}.friction") for name in means}
     steps = {name: means[name] if work is None else float(work) / seconds for name, work in whole.items()}
     total = sum(steps.values())

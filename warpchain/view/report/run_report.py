@@ -11,10 +11,10 @@ from warpchain.assembly.frequencies import excited_orders
 from warpchain.drive.transmission import turn_alike
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, write_text_file
-from warpchain.results.chains import chain_row, chain_trajectories
-from warpchain.results.engineering_report import HandedIn, Wear, window_of
+from warpchain.results.chains import chain_metrics_row, chain_trajectories
+from warpchain.results.engineering_report import EngineeringReport, Wear, metrics_window
 from warpchain.results.judgement import OK
-from warpchain.results.losses import power_over_speed
+from warpchain.results.losses import friction_power_over_speed
 from warpchain.results.run import Run, RunInfo
 from warpchain.view import html
 from warpchain.view.figures import chain_figures, part_figures, shaft_figures, sweep
@@ -34,7 +34,7 @@ def figure_html(figure: Figure | None, words: str) -> str:
     return "" if figure is None else html.picture_html(figure, words)
 
 
-def summary_section(found: HandedIn, row: Row, info: RunInfo) -> html.PageSection:
+def summary_section(found: EngineeringReport, row: Row, info: RunInfo) -> html.PageSection:
     """The report's summary: status, key numbers, run settings, the drive's picture."""
     status = row.get("status") or "unknown"
     boxes = [("" if status == "unknown" else status, status, "status")]
@@ -66,7 +66,7 @@ def summary_section(found: HandedIn, row: Row, info: RunInfo) -> html.PageSectio
     )
 
 
-def tension_parts(found: HandedIn, _: Row) -> Iterator[str]:
+def tension_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on the chain: tension, displacement, spectra, contact angles."""
     yield html.paragraph_html(
         "Each row of the picture is the maximum tension of every link in a time bin; spectra are of the latter "
@@ -78,7 +78,7 @@ def tension_parts(found: HandedIn, _: Row) -> Iterator[str]:
     yield figure_html(chain_figures.contact_angle_figure(found.whole), "contact force against angle on the sprockets")
 
 
-def hub_force_parts(found: HandedIn, row: Row) -> Iterator[str]:
+def hub_force_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on hub forces."""
     exact = all(row.get(f"{sprocket.name}.hub_force_max") is not None for sprocket in found.drive.sprockets)
     yield html.paragraph_html(
@@ -90,7 +90,7 @@ def hub_force_parts(found: HandedIn, row: Row) -> Iterator[str]:
     yield figure_html(shaft_figures.hub_force_figure(found), "hub forces as hodographs")
 
 
-def timing_parts(found: HandedIn, _: Row) -> Iterator[str]:
+def timing_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on timing: shafts' phase errors."""
     name = found.drive.sprockets[found.drive.driver].name
     yield html.paragraph_html(
@@ -103,7 +103,7 @@ def timing_parts(found: HandedIn, _: Row) -> Iterator[str]:
     yield figure_html(shaft_figures.phase_error_order_figure(found), "phase errors by order")
 
 
-def cycle_parts(found: HandedIn, _: Row) -> Iterator[str]:
+def cycle_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on the driver's cycle of two turns."""
     figure = shaft_figures.driver_cycle_figure(found)
     yield figure_html(figure, "means and envelopes over two turns of the driver")
@@ -111,12 +111,12 @@ def cycle_parts(found: HandedIn, _: Row) -> Iterator[str]:
         yield html.paragraph_html("The window has no whole cycle of two revolutions at about one speed.", muted=True)
 
 
-def order_cut_parts(found: HandedIn, _: Row) -> Iterator[str]:
+def order_cut_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on orders over a run-up's speeds."""
     cut = sweep.run_up_cuts(found)
     if not cut:
         yield html.paragraph_html(
-            f"The recording has no {sweep.FEWEST_BLOCKS} blocks of {sweep.BLOCK:g} revolutions over speeds that "
+            f"The recording has no {sweep.FEWEST_BLOCKS} blocks of {sweep.BLOCK_TURNS:g} revolutions over speeds that "
             f"differ by {100.0 * (sweep.LEAST_RISE - 1.0):.0f} %: orders over one speed are in the spectra above.",
             muted=True,
         )
@@ -127,7 +127,7 @@ def order_cut_parts(found: HandedIn, _: Row) -> Iterator[str]:
         yield figure_html(sweep.order_cuts_figure(found.drive, title, unit, of), f"order cuts of the {title}")
 
 
-def guide_parts(found: HandedIn, row: Row) -> Iterator[str]:
+def guide_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on guides."""
     yield html.paragraph_html(
         "Mean normal force per length of the face, the largest force of one roller there, and force times sliding "
@@ -140,7 +140,7 @@ def guide_parts(found: HandedIn, row: Row) -> Iterator[str]:
         yield figure_html(part_figures.guide_load_figure(found, g), f"load of {guide.name} over its length")
 
 
-def friction_parts(found: HandedIn, row: Row) -> Iterator[str]:
+def friction_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on friction power."""
     figure = part_figures.friction_power_figure(found)
     if figure is None:
@@ -150,7 +150,7 @@ def friction_parts(found: HandedIn, row: Row) -> Iterator[str]:
     yield figure_html(figure, "friction power by group")
 
 
-def safety_parts(found: HandedIn, row: Row) -> Iterator[str]:
+def safety_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on tooth jump, slack strands and untouched guides."""
     yield html.paragraph_html(
         "What rollers inside the wraps still had to climb to where the flanks end (100 % in a seat, 0 % where the "
@@ -170,9 +170,9 @@ def safety_parts(found: HandedIn, row: Row) -> Iterator[str]:
     yield figure_html(shaft_figures.jump_margin_figure(found), "margin to tooth jump over time")
 
 
-def wear_parts(found: HandedIn, _: Row) -> Iterator[str]:
+def wear_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on wear of the joints."""
-    if found.wear is None:
+    if found.joint_wear is None:
         yield html.paragraph_html(
             "The joints have no pin radius: give chain.size or chain.joint.pin_radius.", muted=True
         )
@@ -184,12 +184,12 @@ def wear_parts(found: HandedIn, _: Row) -> Iterator[str]:
         ["friction power of a joint", report_tables.quantity_text(metrics["joints.friction_each"], "W")],
     ]
     law = found.wear_law
-    if found.elongation is not None and found.area is not None and found.elongation > 0.0:
-        hours = 0.01 / (3600.0 * found.elongation)
+    if found.elongation_rate is not None and found.joint_area is not None and found.elongation_rate > 0.0:
+        hours = 0.01 / (3600.0 * found.elongation_rate)
         rows += [
             ["Archard's coefficient k", f"{law.coefficient:.3g} m\u00b2/N"],
-            ["bearing area of a joint", f"{1e6 * found.area:.4g} mm\u00b2"],
-            ["elongation in 1,000 hours", f"{3.6e8 * found.elongation:.3g} %"],
+            ["bearing area of a joint", f"{1e6 * found.joint_area:.4g} mm\u00b2"],
+            ["elongation in 1,000 hours", f"{3.6e8 * found.elongation_rate:.3g} %"],
             ["hours to 1 %", html.engineering_number(hours, 3)],
         ]
     yield html.paragraph_html(
@@ -197,13 +197,13 @@ def wear_parts(found: HandedIn, _: Row) -> Iterator[str]:
         "a hundredfold: 2e-16 m\u00b2/N is an oiled industrial chain's, hardened pins in engine oil have some 4e-18. "
         "Calibrate it by a measured chain (docs/wear.md)."
     )
-    if found.area is None:
+    if found.joint_area is None:
         yield html.paragraph_html("No forecast: neither a size of chain nor a bearing area is given.", muted=True)
     yield html.table_html(["of a joint", "value"], rows)
     yield figure_html(part_figures.joint_wear_figure(found), "loaded sliding of every joint")
 
 
-def body_parts(found: HandedIn, row: Row) -> Iterator[str]:
+def body_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on arms, tensioners, shafts, couplings and valves."""
     for kind, of in part_figures.BODY_LISTS.items():
         channels = part_figures.body_channels(found.part, kind)
@@ -225,7 +225,7 @@ def body_parts(found: HandedIn, row: Row) -> Iterator[str]:
             yield tables[name]
 
 
-def probe_parts(found: HandedIn, _: Row) -> Iterator[str]:
+def probe_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on probes."""
     for probe in found.drive.probes:
         yield html.heading_html(probe.name)
@@ -237,7 +237,7 @@ def probe_parts(found: HandedIn, _: Row) -> Iterator[str]:
         yield figure_html(part_figures.probe_figure(found, probe.name), f"what {probe.name} sees")
 
 
-def metric_parts(found: HandedIn, row: Row) -> Iterator[str]:
+def metric_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section with all metrics."""
     yield html.paragraph_html(
         "Over the window at every step, and of the frames in it; docs/metrics.md says how each is formed."
@@ -247,8 +247,8 @@ def metric_parts(found: HandedIn, row: Row) -> Iterator[str]:
         yield rows
 
 
-SectionParts = Callable[[HandedIn, Row], Iterator[str]]
-RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[HandedIn], bool]], ...] = (
+SectionParts = Callable[[EngineeringReport, Row], Iterator[str]]
+RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[EngineeringReport], bool]], ...] = (
     ("tension", "Chain", tension_parts, lambda found: True),
     ("hubs", "Hub forces", hub_force_parts, lambda found: True),
     ("timing", "Timing", timing_parts, lambda found: True),
@@ -272,7 +272,7 @@ RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[HandedIn], bool]], .
 
 def variants_friction_html(run: Run) -> str:
     """HTML figure of friction power over the speeds of a run's variants; "" for fewer than three."""
-    known = power_over_speed(run) if len(run.drives) > 2 else None
+    known = friction_power_over_speed(run) if len(run.drives) > 2 else None
     return (
         ""
         if known is None
@@ -280,7 +280,7 @@ def variants_friction_html(run: Run) -> str:
     )
 
 
-def run_sections(found: HandedIn, row: Row, run: Run) -> Iterator[html.PageSection]:
+def run_sections(found: EngineeringReport, row: Row, run: Run) -> Iterator[html.PageSection]:
     """The sections of a run's report, one by one, missing channels named."""
     yield summary_section(found, row, run.info)
     for name, title, parts, has in RUN_SECTIONS:
@@ -296,7 +296,7 @@ def run_sections(found: HandedIn, row: Row, run: Run) -> Iterator[html.PageSecti
         yield html.page_section(name, title, *made)
 
 
-def run_heading(found: HandedIn) -> str:
+def run_heading(found: EngineeringReport) -> str:
     """Heading of a run's report: the driver and its mean speed."""
     return f"Chain drive, {driver_speed_text(found.whole)}"
 
@@ -310,8 +310,8 @@ def run_report_html(
     made: list[html.PageSection] = []
     chains, alike = chain_trajectories(chosen.trajectory), turn_alike(chosen.trajectory.drive)
     for name, trajectory in chains.items():
-        found = HandedIn(trajectory, *window_of(row, trajectory), wear, alike)
-        own = list(run_sections(found, chain_row(row, name), chosen.run))
+        found = EngineeringReport(trajectory, *metrics_window(row, trajectory), wear, alike)
+        own = list(run_sections(found, chain_metrics_row(row, name), chosen.run))
         made += [s._replace(name=f"{name} {s.name}", title=f"{name}: {s.title}") for s in own] if name else own
         title = title or run_heading(found)
     return html.page_html(title or "", made)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.pivots import pivots
-from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import arm_outline, guide_outline, pressing, tensioner_outline, tooth_outline
+from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.scene import arm_outline, guide_outline, roller_contact_forces, tensioner_outline, tooth_outline
 from warpchain.view.palette import Color, curve_colors, packed_tension_colors, tension_color_steps
 from warpchain.view.rerun.streams import (
     ComponentValues,
@@ -45,7 +45,7 @@ def log_drive(
     stream: rr.RecordingStream, root: str, shown: Trajectory, top: float, colors: Mapping[str, Color] | None = None
 ) -> None:
     """Logs the drive in motion to Rerun below `root`; colors end at a tension of `top` [N]."""
-    (position,) = need(shown, "position")
+    (position,) = require_channels(shown, "position")
     x = flipped_points(position)
     colors = curve_colors(shown.drive) if colors is None else colors
     _log_chain(stream, root, shown, x, top)
@@ -60,7 +60,7 @@ def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, 
     """Logs the moving chain to Rerun as one thin line of one color."""
     import rerun as rr
 
-    (position,) = need(shown, "position")
+    (position,) = require_channels(shown, "position")
     x = flipped_points(position)
     frames = len(x)
     line = ComponentValues(
@@ -76,7 +76,7 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
     import pyarrow as pa
     import rerun as rr
 
-    (tension,) = need(shown, "tension")
+    (tension,) = require_channels(shown, "tension")
     frames, links = tension.shape
     line, points = rr.LineStrips2D, rr.Points2D
     chain, rollers = entity_path(root, "drive", "chain"), entity_path(root, "drive", "rollers")
@@ -108,7 +108,7 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, col
     """Logs sprockets to Rerun: outlines once, place and angle at each frame."""
     import rerun as rr
 
-    sprocket_angle, sprocket_center = need(shown, "sprocket_angle", "sprocket_center")
+    sprocket_angle, sprocket_center = require_channels(shown, "sprocket_angle", "sprocket_center")
     for s, sprocket in enumerate(shown.drive.sprockets):
         path = entity_path(root, "drive", "sprockets", sprocket.name)
         spoke = np.array([[0.0, 0.0], [0.8 * shown.drive.pitch_radius(s), 0.0]])
@@ -130,7 +130,11 @@ def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors
         if arm is not None and shown.arm_angle is not None:
             outline = outline - np.asarray(shown.drive.arms[arm].pivot)
             _log_turning(
-                stream, path, shown, pivots(shown.drive, shown.time, shown.arm_angle)[:, arm], shown.arm_angle[:, arm]
+                stream,
+                path,
+                shown,
+                arm_pivots(shown.drive, shown.time, shown.arm_angle)[:, arm],
+                shown.arm_angle[:, arm],
             )
         line = rr.LineStrips2D(
             [flipped_points(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.drive.chain.pitch]
@@ -152,7 +156,7 @@ def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[radius]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[arm.name], radii=[2.0 * radius], colors=[STEEL])
         stream.log(entity_path(root, "drive", "arms", arm.name, "name"), label, static=True)
-        _log_turning(stream, path, shown, pivots(drive, shown.time, shown.arm_angle)[:, a], shown.arm_angle[:, a])
+        _log_turning(stream, path, shown, arm_pivots(drive, shown.time, shown.arm_angle)[:, a], shown.arm_angle[:, a])
 
 
 def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
@@ -201,7 +205,7 @@ def _log_contact_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory
     """Logs contact forces to Rerun as arrows, the smallest left out."""
     import rerun as rr
 
-    sprocket_force, guide_force = need(shown, "sprocket_force", "guide_force")
+    sprocket_force, guide_force = require_channels(shown, "sprocket_force", "guide_force")
     sample = np.concatenate([f[:: max(len(f) // 20, 1)].ravel() for f in (sprocket_force, guide_force)])
     pressed = sample[sample > 0.0]
     if not len(pressed):
@@ -211,7 +215,7 @@ def _log_contact_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory
     kind = rr.Arrows2D
     for name, arrows, color in zip(
         ("sprocket forces", "guide-bar forces"),
-        pressing(shown, 0.01 * largest),
+        roller_contact_forces(shown, 0.01 * largest),
         ((240, 240, 240), (255, 80, 80)),
         strict=True,
     ):

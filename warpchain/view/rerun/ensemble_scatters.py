@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.metric_columns import unit_of
+from warpchain.results.metric_columns import unit_of_metric
 from warpchain.results.run import Run
 from warpchain.view.palette import OTHER_DOT, RECORDED_DOT, SHOWN_DOT
 from warpchain.view.recorded_variants import varied_inputs
@@ -59,7 +59,7 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
             stream,
             "ensemble",
             AxisQuantity(name, inputs[name]),
-            AxisQuantity(metric, y, unit_of(metric)),
+            AxisQuantity(metric, y, unit_of_metric(metric)),
             groups,
             everything,
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.run import Run, Trajectory
-from warpchain.results.signals import TENSION, forward, part_signals
+from warpchain.results.signals import STRAND_TENSION_TITLE, forward_values, part_signals
 from warpchain.view.palette import CURVE_PALETTE, Color, ScaleTop, curve_colors, tension_scale_top
 from warpchain.view.recorded_variants import DRIVE_CHANNELS, RecordedVariant, compared_variants, variants_by_chain
 from warpchain.view.rerun.chart import BACKGROUND_COLOR, Chart
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    from warpchain.results.measured import Comparison
+    from warpchain.results.measured import SignalComparison
 
 TURN_SECONDS = 2.0
 """Seconds in which playback shows a revolution of the driver."""
@@ -138,7 +138,7 @@ def playback_seconds(trajectory: Trajectory) -> float:
     """Seconds that playback of a recording takes, by the driver's revolutions."""
     turns = 0.0
     if trajectory.sprocket_angle is not None:
-        angle = forward(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
+        angle = forward_values(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
         turns = float(np.abs(np.diff(angle)).sum()) / (2.0 * np.pi)
     return float(np.clip(TURN_SECONDS * turns, LEAST_SECONDS, MOST_SECONDS)) if np.isfinite(turns) else LEAST_SECONDS
 
@@ -193,7 +193,7 @@ def view(
     bind: str = "127.0.0.1",
     tab: str | None = None,
     scale: ScaleTop = None,
-    measured: Sequence[Comparison] = (),
+    measured: Sequence[SignalComparison] = (),
 ) -> None:
     """Shows recorded variants in Rerun: in its viewer, in a browser, or saved as a Rerun recording.
 
@@ -238,7 +238,7 @@ def log_recording(
     frames: int = FRAME_BUDGET,
     tab: str | None = None,
     scale: ScaleTop = None,
-    measured: Sequence[Comparison] = (),
+    measured: Sequence[SignalComparison] = (),
 ) -> rrb.Blueprint:
     """Logs variants, their comparison and their run's ensemble to Rerun; returns the layout."""
     shown = [chain for one in shown for chain in variants_by_chain(one)]
@@ -256,7 +256,7 @@ def log_recording(
             outline = thinned_trajectory(one.trajectory, frames)
             log_chain_outline(stream, entity_path("overlaid", one.label), outline, color)
     for line in log_measured_signals(stream, shown[0].label, measured, frames):
-        lines.setdefault(TENSION, []).append(line)
+        lines.setdefault(STRAND_TENSION_TITLE, []).append(line)
     teeth = [one.trajectory.drive.sprockets[one.trajectory.drive.driver].teeth for one in shown]
     run = shown[0].run
     scatters = log_ensemble(stream, run, [one.index for one in shown if one.run is run])

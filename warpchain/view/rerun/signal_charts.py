@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.run import Trajectory, need
+from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
     TOOTH_PASSINGS,
-    largest_contacts,
-    latter_half,
+    largest_contact_forces,
+    latter_half_frames,
     order_spectra,
     part_signals,
     peak_frames,
     peaks_over_time,
-    speed_ratio,
+    speed_ratio_to_driver,
     strand_tension,
     transmission_error,
 )
@@ -31,7 +31,7 @@ from warpchain.view.rerun.streams import ComponentValues, entity_path, list_arra
 if TYPE_CHECKING:
     import rerun as rr
 
-    from warpchain.results.measured import Comparison
+    from warpchain.results.measured import SignalComparison
 
 CURVE_GROUPS = {
     "tension": "link tension [N]",
@@ -62,13 +62,13 @@ MOST_COLUMNS = 4096
 
 def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
     """Group, name and values (F,) of every curve that a trajectory has."""
-    (tension,) = need(trajectory, "tension")
+    (tension,) = require_channels(trajectory, "tension")
     drive = trajectory.drive
     yield "tension", "largest", tension.max(axis=1)
     yield "tension", "mean", tension.mean(axis=1)
     yield "tension", "smallest", tension.min(axis=1)
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
-    for name, force in zip(bodies, largest_contacts(trajectory), strict=True):
+    for name, force in zip(bodies, largest_contact_forces(trajectory), strict=True):
         yield "contact", name, force
     if trajectory.joint_friction_power is not None:
         yield "friction", "of joints", trajectory.joint_friction_power.sum(axis=1)
@@ -84,7 +84,7 @@ def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[
         if s != drive.driver:
             yield "error", sprocket.name, DEGREES * transmission_error(trajectory, s)
             if trajectory.sprocket_speed is not None:
-                yield "ratio", sprocket.name, speed_ratio(trajectory, s)
+                yield "ratio", sprocket.name, speed_ratio_to_driver(trajectory, s)
     held = trajectory.channels()
     for name, _, channel, group, i in part_signals(drive):
         if channel in held:
@@ -118,7 +118,7 @@ def log_curves(
 
 
 def log_measured_signals(
-    stream: rr.RecordingStream, root: str, found: Sequence[Comparison], budget: int
+    stream: rr.RecordingStream, root: str, found: Sequence[SignalComparison], budget: int
 ) -> list[SpectrumLine]:
     """Logs measured signals to Rerun beside simulated curves; returns spectrum lines of tensions."""
     import pyarrow as pa
@@ -145,12 +145,12 @@ def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, fl
     """Range of a curve group's vertical axis, of ratios and errors in the latter half; None is all."""
     held = [np.zeros(0)]
     for trajectory in shown:
-        drive, part = trajectory.drive, latter_half(trajectory)
+        drive, part = trajectory.drive, latter_half_frames(trajectory)
         for s in range(len(drive.sprockets)):
             if s != drive.driver and group == "error":
                 held.append(DEGREES * transmission_error(trajectory, s)[part])
             elif s != drive.driver and group == "ratio" and trajectory.sprocket_speed is not None:
-                held.append(speed_ratio(trajectory, s)[part])
+                held.append(speed_ratio_to_driver(trajectory, s)[part])
     values = np.concatenate(held)
     values = values[np.isfinite(values)]
     if not len(values):
@@ -164,7 +164,7 @@ def log_tension_image(
     stream: rr.RecordingStream, root: str, trajectory: Trajectory, shown: Trajectory, budget: int, top: float
 ) -> Chart:
     """Logs the tension of all links over time to Rerun as an image that keeps peaks; returns its chart."""
-    (tension,) = need(trajectory, "tension")
+    (tension,) = require_channels(trajectory, "tension")
     _, peaks = peaks_over_time(tension, min(budget, MOST_COLUMNS))
     packed = packed_tension_colors(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
     pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])

@@ -1,7 +1,7 @@
 """Signals over the angle of the driver: order tracking by resampling, amplitudes of orders, averages over the cycle.
 
 An order is a number of oscillations per revolution of the driver. Samples at even times are put at even angles by a
-cubic spline, so that a speed that rises or sways does not smear orders. Over a whole number of periods
+cubic spline. Over a whole number of periods
 
     a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions                               (a)
 
@@ -17,36 +17,36 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.run import Trajectory, need
-from warpchain.results.signals import forward
+from warpchain.results.run import Trajectory, require_channels
+from warpchain.results.signals import forward_values
 
 Array = NDArray[np.float64]
 
-CYCLE = 2.0
+CYCLE_TURNS = 2.0
 """Revolutions of the driver in the working cycle of a four-stroke engine."""
-SAMPLES = 256
-"""Least samples of a revolution after resampling."""
-POINTS = 720
-"""Of a working cycle, at which cycles are averaged."""
-BLOCK = 8.0
+LEAST_SAMPLES_A_TURN = 256
+"""Samples of a revolution after resampling, at least."""
+CYCLE_POINTS = 720
+"""Points of a working cycle at which cycles are averaged."""
+BLOCK_TURNS = 8.0
 """Revolutions of a block of a run-up; orders half an order apart are then resolved (Hann)."""
 
 
-def turns_of(trajectory: Trajectory) -> Array:
+def driver_turns(trajectory: Trajectory) -> Array:
     """Revolutions of the driver in the direction of travel since the recording began (F,)."""
-    (sprocket_angle,) = need(trajectory, "sprocket_angle")
-    angle = forward(trajectory.drive, sprocket_angle, trajectory.drive.driver)
+    (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
+    angle = forward_values(trajectory.drive, sprocket_angle, trajectory.drive.driver)
     return (angle - angle[0]) / (2.0 * np.pi)
 
 
-def rising(turns: Array) -> slice:
-    """The longest last part of revolutions (F,) over which they rise from frame to frame."""
+def last_rising_frames(turns: Array) -> slice:
+    """Longest last slice of revolutions (F,) over which they rise from frame to frame."""
     still = np.flatnonzero(np.diff(turns) <= 0.0)
     return slice(int(still[-1]) + 1 if len(still) else 0, None)
 
 
-def resampled(turns: Array, values: Array, at: Array) -> Array:
-    """Samples at revolutions `turns` (F,), ascending, put at revolutions `at` (K,) by a cubic spline."""
+def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
+    """Samples (K,) at revolutions `at`, by a cubic spline through those at ascending revolutions `turns` (F,)."""
     from scipy.interpolate import CubicSpline
 
     finite = np.isfinite(values)
@@ -55,9 +55,9 @@ def resampled(turns: Array, values: Array, at: Array) -> Array:
     return np.asarray(CubicSpline(turns[finite], values[finite], axis=0)(at), dtype=float)
 
 
-def _rate(turns: Array) -> int:
-    """Samples of a revolution, as many as there are frames in the slowest of them, or `SAMPLES`."""
-    return max(SAMPLES, int(np.ceil(1.0 / float(np.diff(turns).max()))))
+def _samples_a_turn(turns: Array) -> int:
+    """Samples of a revolution: as many as the slowest has frames, at least `LEAST_SAMPLES_A_TURN`."""
+    return max(LEAST_SAMPLES_A_TURN, int(np.ceil(1.0 / float(np.diff(turns).max()))))
 
 
 def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Array | None:
@@ -68,17 +68,17 @@ def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Ar
         values: (F,) the signal.
         orders: whose period is the cycle: multiples of a half.
     """
-    cycles = int((turns[-1] - turns[0]) / CYCLE * (1.0 + 1e-9))
+    cycles = int((turns[-1] - turns[0]) / CYCLE_TURNS * (1.0 + 1e-9))
     if cycles < 1 or not np.isfinite(values).all():
         return None
-    count = int(np.ceil(cycles * CYCLE * _rate(turns)))
-    at = turns[-1] - cycles * CYCLE * (1.0 - np.arange(count) / count)
-    x = resampled(turns, values, at)
+    count = int(np.ceil(cycles * CYCLE_TURNS * _samples_a_turn(turns)))
+    at = turns[-1] - cycles * CYCLE_TURNS * (1.0 - np.arange(count) / count)
+    x = resample_at_turns(turns, values, at)
     return np.abs(np.exp(-2j * np.pi * np.outer(orders, at)) @ x) * 2.0 / count
 
 
-class Cuts(NamedTuple):
-    """Orders over the driver's speed.
+class OrderCuts(NamedTuple):
+    """Amplitudes of orders over the driver's speed.
 
     Attributes:
         speed: (B,) mean speed of each block [rad/s].
@@ -93,8 +93,8 @@ class Cuts(NamedTuple):
     amplitude: Array
 
 
-def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]) -> Cuts:
-    """Amplitudes of orders by blocks of `BLOCK` revolutions, each with three quarters of the one before.
+def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]) -> OrderCuts:
+    """Amplitudes of orders by blocks of `BLOCK_TURNS` revolutions, each with three quarters of the one before.
 
     Args:
         time, turns: (F,) of the samples [s], revolutions ascending.
@@ -102,10 +102,10 @@ def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]
         orders: those to be cut; of any value.
     """
     wanted = np.asarray(orders, dtype=float)
-    rate = _rate(turns)
-    count = int(BLOCK * rate)
+    rate = _samples_a_turn(turns)
+    count = int(BLOCK_TURNS * rate)
     at = turns[0] + np.arange(int((turns[-1] - turns[0]) * rate) + 1) / rate
-    x, t = resampled(turns, values, at), np.interp(at, turns, time)
+    x, t = resample_at_turns(turns, values, at), np.interp(at, turns, time)
     step = max(1, count // 4)
     firsts = range(0, max(len(at) - count, 0) + 1, step) if len(at) >= count else range(0)
     window = np.hanning(count + 1)[:-1]
@@ -118,10 +118,10 @@ def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]
         found[b] = np.abs(np.exp(-2j * np.pi * np.outer(wanted, at[first : first + count])) @ (part * weights))
     begins, ends = t[list(firsts)], t[[first + count - 1 for first in firsts]]
     speed = 2.0 * np.pi * (count - 1) / rate / np.where(ends > begins, ends - begins, np.nan)
-    return Cuts(speed, 0.5 * (begins + ends), wanted, found)
+    return OrderCuts(speed, 0.5 * (begins + ends), wanted, found)
 
 
-class Cycle(NamedTuple):
+class CycleAverage(NamedTuple):
     """A signal over the angle of the working cycle.
 
     Attributes:
@@ -137,19 +137,18 @@ class Cycle(NamedTuple):
     cycles: int
 
 
-def cycle_average(turns: Array, values: Array) -> Cycle | None:
-    """Mean and envelope of a signal (F,) over the last whole cycles; None where there is not one.
+def cycle_average(turns: Array, values: Array) -> CycleAverage | None:
+    """Mean and envelope of a signal (F,) over the last whole working cycles; None where there is not one.
 
-    Samples are joined by straight lines, so that the envelope goes no further than they do. Angles count from where
-    `turns` is 0, so that those of several signals, and of several slices, agree.
+    Angles count from where `turns` is 0, so that those of several signals, and of several slices, agree.
     """
-    first = int(np.ceil(turns[0] / CYCLE * POINTS - 1e-9))
-    last = int(np.floor(turns[-1] / CYCLE * POINTS + 1e-9))
-    count = (last - first + 1) // POINTS
+    first = int(np.ceil(turns[0] / CYCLE_TURNS * CYCLE_POINTS - 1e-9))
+    last = int(np.floor(turns[-1] / CYCLE_TURNS * CYCLE_POINTS + 1e-9))
+    count = (last - first + 1) // CYCLE_POINTS
     if count < 1:
         return None
-    steps = last + 1 - count * POINTS + np.arange(count * POINTS)
-    x = np.interp(steps * (CYCLE / POINTS), turns, values)
-    x = np.roll(x.reshape(count, POINTS), steps[0] % POINTS, axis=1)
-    angle = 2.0 * np.pi * CYCLE * np.arange(POINTS) / POINTS
-    return Cycle(angle, x.mean(axis=0), x.min(axis=0), x.max(axis=0), count)
+    steps = last + 1 - count * CYCLE_POINTS + np.arange(count * CYCLE_POINTS)
+    x = np.interp(steps * (CYCLE_TURNS / CYCLE_POINTS), turns, values)
+    x = np.roll(x.reshape(count, CYCLE_POINTS), steps[0] % CYCLE_POINTS, axis=1)
+    angle = 2.0 * np.pi * CYCLE_TURNS * np.arange(CYCLE_POINTS) / CYCLE_POINTS
+    return CycleAverage(angle, x.mean(axis=0), x.min(axis=0), x.max(axis=0), count)

@@ -1,14 +1,12 @@
 """Formulas of metrics: from sums over the window, from the energy balance, and from one another.
 
-The last are what designs are judged by. With E the energy that a partner's contacts dissipate in the window, n_d the
-driver's revolutions, n_s a sprocket's tooth passings, m a roller's mass:
+With E the energy that a partner's contacts dissipate in the window, n_d the driver's revolutions, n_s a sprocket's
+tooth passings, m a roller's mass:
 
     peak factor    = largest over mean tension                                                                (a)
     contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
     impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
     friction power = what rubs in joints, on teeth and on guide-bars, over the window's length                (d)
-
-(b) is the work of normal impacts; what sliding takes, where things rub, is in `joints.friction` and `PART.friction`.
 
 Every formula takes the numbers of one variant or arrays (V,) of variants of the same columns.
 """
@@ -26,18 +24,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive.batch import Stack
 from warpchain.drive.geared import own_shafts
-from warpchain.results.batch_means import change, counted_below, drift, quantile, share_below, standard_error, steady
+from warpchain.results.window_statistics import (
+    cumulative_counts,
+    histogram_quantile,
+    histogram_share_below,
+    is_steady,
+    mean_standard_error,
+    window_change,
+    window_drift,
+)
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
-STEP = "run.step"
-"""The step [s] among the metrics that `Judged` has; no column."""
-Values = Any
+STEP_KEY = "run.step"
+"""Key of the step [s] among the metrics of `DesignInputs`; no column."""
+VariantValues = Any
 """A number, or an array of one number a variant (V,)."""
 
 
-class Fields(dict[str, Any]):
+class LazyFields(dict[str, Any]):
     """Arrays by name, each worked out by `value` when it is first asked for."""
 
     def __init__(self, value: Callable[[str], Any]) -> None:
@@ -49,19 +55,19 @@ class Fields(dict[str, Any]):
         return found
 
 
-def where(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
-    """Values where they are given, masked elsewhere."""
+def mask_absent(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
+    """Masked array of values, masked where they are not given."""
     return np.ma.MaskedArray(values, mask=np.logical_not(given))
 
 
-def each_of(
+def number_of_each_drive(
     drives: Sequence[Drive], stacks: Sequence[Stack] | None, value: Callable[..., Any], *given: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """(V,) a number of each drive, worked out for all of a stack at once.
+    """A number of each drive (V,), worked out for all of a stack at once.
 
     Args:
         drives: (V,) the drives.
-        stacks: them sorted into kinds, where they are.
+        stacks: them sorted into kinds, where known.
         value: of a drive, or of a stack, and of what is given.
         given: arrays (V, ...), of which a stack gets its members' along the last axis, (..., members).
     """
@@ -76,7 +82,7 @@ def partner_names(drive: Drive) -> list[str]:
     return [sprocket.name for sprocket in drive.sprockets] + [guide.name for guide in drive.guides]
 
 
-THINGS: dict[str, Callable[[Drive], list[str]]] = {
+PART_PREFIXES: dict[str, Callable[[Drive], list[str]]] = {
     "chain": lambda drive: [""],
     "strand": lambda drive: [f"{name}." for name in drive.strand_names],
     "sprocket": lambda drive: [f"{sprocket.name}." for sprocket in drive.sprockets],
@@ -89,67 +95,67 @@ THINGS: dict[str, Callable[[Drive], list[str]]] = {
     "valve": lambda drive: [f"{valves.name}." for valves in drive.valves],
     "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
-"""The things of a drive that columns are of, by what stands before their names."""
+"""Prefixes of metrics' names for each part of a kind that a drive has."""
 
 
 @dataclass(frozen=True)
-class Summed:
-    """Sums of one thing over the window, as the kernels added them up.
+class WindowSums:
+    """Sums of one part over the window, as the kernels added them up.
 
     Attributes:
         sums: rows of the group's sums.
         weight: what means divide by: samples, or the window's length [s].
-        batches: the same batch by batch along a last axis, where sums are noted so; weights are nan where nothing is.
+        batches: the sums batch by batch along a last axis, where noted so; weights are nan where nothing is.
         tension: link tensions in each bin (V, bins), and the bins' edges (V, bins + 1) [N], of what has tensions.
     """
 
     sums: Any
-    weight: Values
-    batches: Summed | None = None
+    weight: VariantValues
+    batches: WindowSums | None = None
     tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None
 
     @cached_property
-    def below(self) -> NDArray[np.float64]:
-        """(V, bins) link tensions in each bin and those before it (`statistics.counted_below`)."""
+    def cumulative_tension_counts(self) -> NDArray[np.float64]:
+        """Link tensions in each bin and those before it (V, bins)."""
         assert self.tension is not None
-        return counted_below(self.tension[0])
+        return cumulative_counts(self.tension[0])
 
 
-def total(field: str) -> Callable[[Summed], Values]:
-    """A sum itself."""
+def sum_of(field: str) -> Callable[[WindowSums], VariantValues]:
+    """Formula of a metric that is a sum over the window."""
     return lambda of: of.sums[field]
 
 
-def flowed(*fields: str) -> Callable[[Summed], Values]:
-    """Sum of some of a tensioner's flows."""
+def flow_of(*fields: str) -> Callable[[WindowSums], VariantValues]:
+    """Formula of a metric that is a sum of some of a tensioner's flows."""
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
-def filling_time(of: Summed) -> Values:
-    """Time until oil had filled a tensioner's chamber, from the run's beginning; none where it has not."""
+def chamber_filling_time(of: WindowSums) -> VariantValues:
+    """Time until oil had filled a tensioner's chamber (V,) [s], from the run's beginning; masked where it has not."""
     flows = of.sums["flows"]
-    return where(flows["unfilled"] == 0, flows["filling"])
+    return mask_absent(flows["unfilled"] == 0, flows["filling"])
 
 
-def mean(field: str, component: int | None = None) -> Callable[[Summed], Values]:
-    """A sum over its weight."""
+def mean_of(field: str, component: int | None = None) -> Callable[[WindowSums], VariantValues]:
+    """Formula of a metric that is a mean: a sum over its weight."""
     if component is not None:
         return lambda of: of.sums[field][..., component] / of.weight
     return lambda of: of.sums[field] / of.weight
 
 
-def deviation(field: str) -> Callable[[Summed], Values]:
-    """Standard deviation, from a sum and that of squares."""
+def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
+    """Formula of a metric that is a standard deviation, from a sum and that of squares."""
 
-    def value(of: Summed) -> Values:
+    def formula(of: WindowSums) -> VariantValues:
         center = of.sums[field] / of.weight
         return np.sqrt(np.maximum(of.sums[f"{field}_square"] / of.weight - center * center, 0.0))
 
-    return value
+    return formula
 
 
-def rms(field: str) -> Callable[[Summed], Values]:
-    """Root of the mean square."""
+def rms_of(field: str) -> Callable[[WindowSums], VariantValues]:
+    """Formula of a metric that is the root of a mean square."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
@@ -157,39 +163,43 @@ LEAST_TURNOVER = 1e-3
 """Least energy that a residual or a change is held against, of the energy stored."""
 
 
-def tension_quantile(share: float) -> Callable[[Summed], Values]:
-    """The tension that this share of links and instants is below."""
+def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
+    """Formula of the tension that a share of links and instants is below."""
 
-    def value(of: Summed) -> Values:
+    def formula(of: WindowSums) -> VariantValues:
         assert of.tension is not None
-        return quantile(*of.tension, of.sums["tension_min"], of.sums["tension_max"], share, of.below)
+        return histogram_quantile(
+            *of.tension, of.sums["tension_min"], of.sums["tension_max"], share, of.cumulative_tension_counts
+        )
 
-    return value
+    return formula
 
 
-def tension_share_below(value: float) -> Callable[[Summed], Values]:
-    """The share of links and instants whose tension is below a value [N]."""
+def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantValues]:
+    """Formula of the share of links and instants whose tension is below a value [N]."""
 
-    def share(of: Summed) -> Values:
+    def formula(of: WindowSums) -> VariantValues:
         assert of.tension is not None
-        return share_below(*of.tension, of.sums["tension_min"], of.sums["tension_max"], value, of.below)
+        return histogram_share_below(
+            *of.tension, of.sums["tension_min"], of.sums["tension_max"], value, of.cumulative_tension_counts
+        )
 
-    return share
+    return formula
 
 
-def error_of(mean: Callable[[Summed], Values]) -> Callable[[Summed], Values]:
-    """The standard error of a mean (`results.batch_means`)."""
+def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[WindowSums], VariantValues]:
+    """Formula of the standard error of a mean, from the formula of the mean."""
 
-    def value(of: Summed) -> Values:
+    def formula(of: WindowSums) -> VariantValues:
         assert of.batches is not None
-        error = standard_error(mean(of.batches), of.batches.weight)
-        return where(np.isfinite(error), error)
+        error = mean_standard_error(mean(of.batches), of.batches.weight)
+        return mask_absent(np.isfinite(error), error)
 
-    return value
+    return formula
 
 
 @dataclass(frozen=True)
-class Drifts:
+class DriftMeans:
     """Means of batches (V, batches) that say whether a variant is steady.
 
     Attributes:
@@ -203,27 +213,27 @@ class Drifts:
     waves: NDArray[np.float64]
 
     @property
-    def change(self) -> Values:
-        """Of the mean tension over the window [N]."""
-        found = change(self.tension, self.waves)
-        return where(np.isfinite(found), found)
+    def tension_change(self) -> VariantValues:
+        """Change of the mean tension over the window (V,) [N]."""
+        found = window_change(self.tension, self.waves)
+        return mask_absent(np.isfinite(found), found)
 
     @property
-    def chance(self) -> Values:
-        """Probability that the mean tension seems to change so much without doing so."""
-        _, chance = drift(self.tension)
-        return where(np.isfinite(chance), chance)
+    def tension_change_chance(self) -> VariantValues:
+        """Probability that the mean tension seems to change so much by chance (V,)."""
+        _, chance = window_drift(self.tension)
+        return mask_absent(np.isfinite(chance), chance)
 
     @property
-    def steady(self) -> Values:
-        """Whether none of them drifts."""
-        each = np.all([steady(means) for means in (self.tension, *self.speeds)], axis=0)
-        return where(np.isfinite(self.tension).all(axis=-1), each)
+    def is_steady(self) -> VariantValues:
+        """Whether neither tension nor speeds drift (V,)."""
+        each = np.all([is_steady(means) for means in (self.tension, *self.speeds)], axis=0)
+        return mask_absent(np.isfinite(self.tension).all(axis=-1), each)
 
 
 @dataclass(frozen=True)
-class Balance:
-    """The energy balance over the window [J].
+class EnergyBalance:
+    """Energy balance over the window [J].
 
     Attributes:
         input: work of what prescribes angles and centers.
@@ -234,37 +244,34 @@ class Balance:
         stored: the mechanical energy itself, at its larger end.
     """
 
-    input: Values
-    output: Values
-    links: Values
-    dissipated: Values
-    change: Values
-    stored: Values = 0.0
+    input: VariantValues
+    output: VariantValues
+    links: VariantValues
+    dissipated: VariantValues
+    change: VariantValues
+    stored: VariantValues = 0.0
 
     @property
-    def residual(self) -> Values:
-        """The energy that the balance misses."""
+    def residual(self) -> VariantValues:
+        """Energy that the balance misses [J]."""
         return self.input - self.output - self.dissipated - self.change
 
     @property
-    def efficiency(self) -> Values:
-        """Output over output and losses, masked where the loads drive or no work is done.
-
-        What the drive stores meanwhile is no work of its loads, nor lost.
-        """
+    def efficiency(self) -> VariantValues:
+        """Output over output and losses, masked where the loads drive or no work is done."""
         taken = self.output + self.dissipated
         given = (self.output >= 0.0) & (taken > 0.0)
-        return where(given, self.output / np.where(given, taken, 1.0))
+        return mask_absent(given, self.output / np.where(given, taken, 1.0))
 
     @property
-    def relative_change(self) -> Values:
-        """The change of energy over the losses, or over `LEAST_TURNOVER` of the energy stored."""
+    def relative_change(self) -> VariantValues:
+        """Change of energy over the losses, or over `LEAST_TURNOVER` of the energy stored."""
         losses = np.maximum(self.dissipated, LEAST_TURNOVER * abs(self.stored))
         return np.where(losses == 0.0, 0.0, self.change / np.where(losses == 0.0, 1.0, losses))
 
     @property
-    def relative(self) -> Values:
-        """The residual over half the sum of the terms' magnitudes, or `LEAST_TURNOVER` of the energy stored.
+    def relative_residual(self) -> VariantValues:
+        """Residual over half the sum of the terms' magnitudes, or over `LEAST_TURNOVER` of the energy stored.
 
         Where hardly any energy is turned over the residual is round-off of what is stored.
         """
@@ -274,15 +281,15 @@ class Balance:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Arguments of design metrics: the other metrics of variants of the same columns, for one of their things.
+class DesignInputs:
+    """Other metrics of variants of the same columns, from which those that designs are judged by are formed.
 
     Attributes:
         drives: the variants.
-        stacks: them sorted into kinds, where they are.
+        stacks: them sorted into kinds, where known.
         metrics: their columns so far, (V,) each, masked where a variant has none.
-        prefix: of the thing's columns, "" for the whole chain.
-        index: the thing's.
+        prefix: of the part's columns, "" for the whole chain.
+        index: the part's.
     """
 
     drives: Sequence[Drive]
@@ -296,55 +303,55 @@ class Judged:
         found = self.metrics.get(self.prefix + name, np.ma.masked_all(len(self.drives)))
         return np.where(np.ma.getmaskarray(found), np.nan, np.ma.getdata(found))
 
-    def has(self, *names: str) -> NDArray[np.bool_]:
-        """Where other metrics of the thing are given."""
+    def has_metrics(self, *names: str) -> NDArray[np.bool_]:
+        """Whether other metrics of the part are given (V,)."""
         none = np.ma.masked_all(len(self.drives))
         masks = [np.ma.getmaskarray(self.metrics.get(self.prefix + name, none)) for name in names]
         return ~np.any(masks, axis=0)
 
-    def each(self, value: Callable[[Drive], Any]) -> NDArray[np.float64]:
-        """(V,) a number of each drive (`each_of`)."""
-        return each_of(self.drives, self.stacks, value)
+    def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[np.float64]:
+        """A number of each drive (V,), worked out for all of a stack at once."""
+        return number_of_each_drive(self.drives, self.stacks, value)
 
     @property
-    def mass(self) -> NDArray[np.float64]:
-        """Mass of a roller [kg]."""
-        return self.each(lambda drive: drive.chain.mass)
+    def roller_mass(self) -> NDArray[np.float64]:
+        """Mass of a roller (V,) [kg]."""
+        return self.number_of_each(lambda drive: drive.chain.mass)
 
-    def teeth(self, s: int) -> NDArray[np.float64]:
-        """Number of teeth of a sprocket."""
-        return self.each(lambda drive: drive.sprockets[s].teeth)
+    def tooth_count(self, s: int) -> NDArray[np.float64]:
+        """Number of teeth of a sprocket (V,)."""
+        return self.number_of_each(lambda drive: drive.sprockets[s].teeth)
 
-    def turns(self, s: int) -> NDArray[Any]:
-        """Revolutions of a sprocket in the window."""
+    def sprocket_turns(self, s: int) -> NDArray[Any]:
+        """Revolutions of a sprocket in the window (V,)."""
         names = ("window_start", "window_end", f"{self.drives[0].sprockets[s].name}.speed_mean")
         start, end, speed = (np.ma.getdata(self.metrics[name]) for name in names)
         return np.abs(speed) * (end - start) / (2.0 * math.pi)
 
 
-def peak_factor(of: Judged) -> Values:
-    """(a), of the chain or of a strand."""
-    return where(of["tension_mean"] > 0.0, of["tension_max"] / of["tension_mean"])
+def peak_factor(of: DesignInputs) -> VariantValues:
+    """Largest over mean tension of the chain or of a strand (V,), (a)."""
+    return mask_absent(of["tension_mean"] > 0.0, of["tension_max"] / of["tension_mean"])
 
 
-def displacement_std(of: Judged) -> Values:
-    """Standard deviation [m] of a strand's displacement, from its mean and its root mean square."""
+def displacement_std(of: DesignInputs) -> VariantValues:
+    """Standard deviation of a strand's displacement (V,) [m], from its mean and its root mean square."""
     center, root = of["displacement_mean"], of["displacement_rms"]
     spread = np.sqrt(np.maximum(root * root - center * center, 0.0))
-    return where(of.has("displacement_mean", "displacement_rms"), spread)
+    return mask_absent(of.has_metrics("displacement_mean", "displacement_rms"), spread)
 
 
-def per_revolution(of: Judged) -> Values:
-    """(b) [J], of one partner, or of all for the chain."""
+def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
+    """Contact energy per revolution of one partner, or of all for the chain (V,) [J], (b)."""
     drive = of.drives[0]
-    revolutions = of.turns(drive.driver)
+    revolutions = of.sprocket_turns(drive.driver)
     prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]
     dissipated = sum(np.ma.getdata(of.metrics[f"{prefix}dissipated"]) for prefix in prefixes)
-    return where(revolutions != 0.0, dissipated / revolutions)
+    return mask_absent(revolutions != 0.0, dissipated / revolutions)
 
 
-def friction_power(of: Judged) -> Values:
-    """(d) [W], of all that rubs together."""
+def total_friction_power(of: DesignInputs) -> VariantValues:
+    """Friction power of all that rubs together (V,) [W], (d)."""
     drive = of.drives[0]
     names = ["joints.friction", *(f"{name}.friction" for name in partner_names(drive))]
     rubbed = sum(np.ma.getdata(of.metrics[name]) for name in names if name in of.metrics)
@@ -352,7 +359,7 @@ def friction_power(of: Judged) -> Values:
     return np.asarray(rubbed / length)
 
 
-def impact_impulse(of: Judged) -> Values:
-    """(c) [N s], of a sprocket."""
-    passings = of.teeth(of.index) * of.turns(of.index)
-    return where(passings > 0.0, np.sqrt(2.0 * of.mass * np.maximum(of["dissipated"], 0.0) / passings))
+def impact_impulse(of: DesignInputs) -> VariantValues:
+    """Impact impulse of a sprocket (V,) [N s], (c)."""
+    passings = of.tooth_count(of.index) * of.sprocket_turns(of.index)
+    return mask_absent(passings > 0.0, np.sqrt(2.0 * of.roller_mass * np.maximum(of["dissipated"], 0.0) / passings))

@@ -1,0 +1,118 @@
+"""Errors of the step in friction and ramps, which the drive's limit of stability does not cover.
+
+Friction that sticks is held by a bristle that is no stiffer than the step can follow (`kernels.physics.friction`). With
+mu the larger coefficient, N the largest normal force of a partner, m a roller's mass, T the tension that 99.9 % of
+links and instants are below, z the fewest teeth and I = m p^2 / 6, friction moves
+
+    a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
+    a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
+
+A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I) until its bristle holds it where the step bounds
+that, T the mean tension of its strand. The n joints of a strand that swings by the amplitude a let its middle give by
+n^2 p phi / 8. That pays out pi^2 a / (2 n p) times as much of the chain, which n links of the stiffness k answer with
+the tension
+
+    (pi^2 / 16) k a phi,                                                                                      (c)
+
+and sprockets pass it on to slack strands. It falls with the square of the step. The energy balance tells of none of
+these; how much half the step changes: `python scripts/bench.py resolution`, docs/steps.md; how often (c) tells: `python
+scripts/bench.py gives`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.drive.batch_math import smallest
+from warpchain.drive.friction_coefficients import guide_rubbing, rubbing_of, tooth_rubbing
+from warpchain.results.metric_formulas import STEP_KEY, DesignInputs, VariantValues, displacement_std, mask_absent
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+BRISTLE_STIFFNESS = 0.12
+"""Stiffness of a joint's bristle, times h^2 / I (`kernels.physics.friction`)."""
+
+
+def joint_resolution(of: DesignInputs) -> VariantValues:
+    """Steps in which friction bends a joint by a tooth (V,), (b) over the step."""
+    return _steps_of_force(of, of.number_of_each(_tooth_bend_inertia), _joint_friction_moment(of, of["tension_q999"]))
+
+
+def joint_give(of: DesignInputs) -> VariantValues:
+    """Tension that joints give way by where they stick, over a strand's `tension_q999` (V,), (c) of all strands."""
+    step = np.ma.getdata(of.metrics[STEP_KEY])
+    stiffness = of.number_of_each(_softest_link_stiffness)
+    inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
+    gives = np.zeros(len(of.drives))
+    for name in of.drives[0].strand_names:
+        strand = replace(of, prefix=f"{name}.")
+        moment = _joint_friction_moment(of, np.maximum(strand["tension_mean"], 0.0))
+        turned = moment * step * step / (BRISTLE_STIFFNESS * inertias)
+        swings = math.sqrt(2.0) * np.ma.filled(displacement_std(strand), 0.0)
+        gives = np.fmax(gives, math.pi**2 / 16.0 * stiffness * swings * turned)
+    tension = of["tension_q999"]
+    return mask_absent(tension > 0.0, gives / np.where(tension > 0.0, tension, 1.0))
+
+
+def partner_resolution(of: DesignInputs) -> VariantValues:
+    """Steps in which friction moves a roller by a pitch (V,), (a) over the step, or in a sprocket's shorter ramp."""
+    ways = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch)
+    steps = _steps_of_force(
+        of, ways, of.number_of_each(lambda drive: _partner_friction_coefficient(drive, of.index)) * of["force_max"]
+    )
+    times = of.number_of_each(lambda drive: _partner_ramp_time(drive, of.index))
+    ramped = mask_absent(times > 0.0, times / np.ma.getdata(of.metrics[STEP_KEY]))
+    fewer = np.minimum(steps.filled(np.inf), ramped.filled(np.inf))
+    return mask_absent(np.isfinite(fewer), fewer)
+
+
+def is_ramped(drive: Drive, index: int) -> bool:
+    """Whether a partner is a sprocket whose motion is ramped up."""
+    return _partner_ramp_time(drive, index) > 0.0
+
+
+def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> np.ma.MaskedArray:
+    """Steps in which a force moves by a way, times the mass that it moves; masked where there is none."""
+    with np.errstate(all="ignore"):
+        steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP_KEY])
+    return mask_absent(np.isfinite(steps) & (force > 0.0), steps)
+
+
+def _joint_friction_moment(of: DesignInputs, tension: VariantValues) -> VariantValues:
+    """Largest moment of friction in a joint between links of a tension [N] (V,), mu kappa r_p T [N m]."""
+    return of.number_of_each(_joint_friction_arm) * tension
+
+
+def _joint_friction_arm(drive: Drive) -> float:
+    """Arm of a joint's friction, mu kappa r_p [m]."""
+    chain = drive.chain
+    assert chain.joint is not None and chain.pin_radius is not None  # as the group's `where` has found
+    return rubbing_of(chain.joint).most * chain.joint.factor * chain.pin_radius
+
+
+def _tooth_bend_inertia(drive: Drive) -> float:
+    """Bend of a joint at a tooth times its inertia, (2 pi / z) I [kg m^2]."""
+    chain, teeth = drive.chain, min(sprocket.teeth for sprocket in drive.sprockets)
+    return 2.0 * math.pi / teeth * chain.mass * (chain.pitch * chain.pitch) / 6.0
+
+
+def _softest_link_stiffness(drive: Drive) -> float:
+    """Stiffness of the softest link [N/m]."""
+    return smallest(drive.chain.stiffness, drive.chain.outer_stiffness)
+
+
+def _partner_friction_coefficient(drive: Drive, index: int) -> float:
+    """Larger friction coefficient of rollers and a partner [-]."""
+    s = len(drive.sprockets)
+    return (tooth_rubbing(drive) if index < s else guide_rubbing(drive, index - s)).most
+
+
+def _partner_ramp_time(drive: Drive, index: int) -> float:
+    """Time in which a partner's motion is ramped up [s], or 0."""
+    motion = drive.sprockets[index].prescribed if index < len(drive.sprockets) else None
+    return 0.0 if motion is None else motion.ramp_time

@@ -1,0 +1,251 @@
+"""Statistics over a window of chaotic motion: quantiles from counts, standard error of a mean, drift of a mean.
+
+With B batches of about equal length, y_k their sums less what the window's mean gives them, over their usual weight,
+and X_j = sum y_k exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is the spectrum S(w_j) times an
+exponential variate, and the variance of the mean is S(0) (Heidelberger and Welch 1981):
+
+    log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0))              (a)
+
+by least squares. c makes the median error that of independent batches. So few ordinates leave the error uncertain by a
+factor of two; it is at least `LEAST_ERROR_SHARE` of what the ordinates' geometric mean gives. The mean plus and minus
+`INTERVAL_ERRORS` errors holds the long-run mean in 95 of 100 windows.
+
+A ripple of amplitude A and frequency w leaves up to A / (w T) in the mean of a window of length T, and as much in each
+low ordinate: (a) is that deviation itself. There are enough batches that a ripple which each cuts at another phase
+rarely falls on the ordinates of (a).
+
+Where one sine of less than `SLOW_PERIODS` periods leaves less than `DETERMINATE_SHARE` of the ordinates (a start, a
+swing), the window does not tell what lies behind it: the error is unknown.
+
+A drift is the slope of the line through the means of P parts by least squares, times P. Its variance is that of
+independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below 0; drift over error is
+Student's t with P - 2 degrees of freedom. The slope of a whole ripple is not counted (`window_change`).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+ERROR_SUFFIX = "_se"
+"""Ends the names of standard errors."""
+
+LOWEST_ORDINATES = 9
+"""Ordinates that (a) goes through: of periods down to half a turn of the chain in a window of four."""
+
+MEDIAN_ERROR_RATIO = 1.075
+"""Median of sqrt(exp(b_0)) over the true root, of independent batches: 1 / c of (a)."""
+
+LEAST_ERROR_SHARE = 0.5
+"""Least error, of what the geometric mean of the lowest ordinates gives.
+
+More would hide that a spectrum falls towards zero; less leaves one window in fifty with an error short by a factor of
+three.
+"""
+
+INTERVAL_ERRORS = 3.5
+"""Errors on either side of a mean within which the long-run mean is with 95 %."""
+
+SLOW_PERIODS = 7.5
+"""Periods in the window of a sine that may be a start, a swing or chance, and that bends the parabola of (a)."""
+DETERMINATE_SHARE = 0.2
+"""Share of the lowest ordinates that chance seldom leaves beside a sine."""
+SINE_COUNT = 37
+"""Sines of which it is tried how much they explain."""
+
+LEAST_CHAIN_TURNS = 3.95
+"""Turns of the chain in a window whose means have an error, a little fewer than the 4 that are asked, as speeds vary.
+
+Tensions hang on what happened up to a turn ago, so that a shorter window tells nothing.
+"""
+
+LOG_BIAS = -0.577
+"""Mean of the logarithm of an exponential variate of mean 1."""
+LEAST_ORDINATE_SHARE = 1e-12
+"""Least that an ordinate counts for, of the mean one; what is smaller is round-off."""
+
+MOST_CORRELATION = 0.9
+"""Most that r counts for: 1 / (1 - r) has no bound."""
+
+LEAST_PARTS_A_PERIOD = 2.2
+"""Parts of a window in a period of a ripple that a sine can be fitted to, at least."""
+
+SIGNIFICANT_CHANCE = 0.01
+"""Chance below which a drift counts."""
+LARGE_DRIFT_SHARE = 0.01
+"""Share of the mean above which a drift counts."""
+
+
+def cumulative_counts(counts: NDArray[np.integer]) -> Array:
+    """Counts added up over the bins (V, bins), each with those before it; nan where a bin has overflowed."""
+    below = np.cumsum(counts, axis=1, dtype=np.float64)
+    below[counts.min(axis=1) < 0] = np.nan
+    return below
+
+
+def histogram_quantile(
+    counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, share: float, below: Array | None = None
+) -> Array:
+    """Value that a share of what was counted in bins lies below (V,); nan where nothing was counted.
+
+    Within a bin values count as evenly spread; bins end at the smallest and the largest value there is.
+
+    Args:
+        counts: (V, bins) in each bin.
+        edges: (V, bins + 1) ascending.
+        low, high: (V,) the smallest and the largest value.
+        share: from 0 to 1.
+        below: (V, bins) `cumulative_counts`, where known.
+    """
+    below = cumulative_counts(counts) if below is None else below
+    wanted = share * below[:, -1]
+    bins = (below >= wanted[:, None]).argmax(axis=1)
+    row = np.arange(len(counts))
+    inside = counts[row, bins]
+    part = (wanted - (below[row, bins] - inside)) / np.where(inside > 0, inside, np.nan)
+    least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    from_, to = np.clip(edges[row, bins], least, most), np.clip(edges[row, bins + 1], least, most)
+    from_ = np.where(bins == 0, least, from_)
+    to = np.where(bins == counts.shape[1] - 1, most, to)
+    return np.asarray(from_ + part * (to - from_))
+
+
+def histogram_share_below(
+    counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
+) -> Array:
+    """Share of what was counted in bins that lies below a value (V,); nan where nothing was counted.
+
+    Arguments and conventions are those of `histogram_quantile`.
+    """
+    below = cumulative_counts(counts) if below is None else below
+    least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    last = counts.shape[1] - 1
+    begun = 1 + (edges[:, 1:-1] < value).sum(axis=1)  # bins that begin below the value
+    begun = np.where(least < value, np.where(most < value, last + 1, begun), 0)
+    row, bins = np.arange(len(counts)), np.maximum(begun - 1, 0)  # the last of these
+    from_ = np.where(bins == 0, least, np.clip(edges[row, bins], least, most))
+    to = np.where(bins == last, most, np.clip(edges[row, bins + 1], least, most))
+    width = to - from_
+    part = np.where(width > 0.0, np.clip((value - from_) / np.where(width > 0.0, width, 1.0), 0.0, 1.0), 1.0)
+    found = np.where(np.arange(last + 1) < bins[:, None], counts, 0.0)
+    found[row, bins] = np.where(begun > 0, part, 0.0) * counts[row, bins]
+    total = below[:, -1]
+    return np.asarray(found.sum(axis=1) / np.where(total > 0, total, np.nan))
+
+
+def lag_correlation(values: Array) -> Array:
+    """Correlation of values less their mean with the next ones along the last axis, from 0 to `MOST_CORRELATION`."""
+    apart = values - values.mean(axis=-1, keepdims=True)
+    square = (apart * apart).sum(axis=-1)
+    lagged = (apart[..., 1:] * apart[..., :-1]).sum(axis=-1)
+    return np.clip(lagged / np.where(square > 0.0, square, np.inf), 0.0, MOST_CORRELATION)
+
+
+def mean_standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
+    """Standard error (a) of a mean from those of batches along the last axis; nan where it is unknown.
+
+    Args:
+        weights: what the batches' means stand for.
+    """
+    weights, count = np.broadcast_to(weights, means.shape), means.shape[-1]
+    total = weights.sum(axis=-1, keepdims=True)
+    apart = means - (weights * means).sum(axis=-1, keepdims=True) / total
+    apart *= weights
+    apart /= total / count
+    found = np.fft.rfft(apart, axis=-1)[..., 1 : LOWEST_ORDINATES + 1] / count
+    ordinates = np.abs(found) ** 2
+    usual = ordinates.mean(axis=-1)
+    shares = np.maximum(ordinates / np.where(usual > 0.0, usual, 1.0)[..., None], LEAST_ORDINATE_SHARE)
+    logarithms = np.log(shares) - LOG_BIAS
+    least = 2.0 * np.log(LEAST_ERROR_SHARE) + logarithms.mean(axis=-1)
+    error = (
+        np.sqrt(usual * np.exp(np.maximum((logarithms * _extrapolation_weights()).sum(axis=-1), least)))
+        / MEDIAN_ERROR_RATIO
+    )
+    explained = _sine_explained_power(found / np.sqrt(np.where(usual > 0.0, usual, 1.0))[..., None], count)
+    return np.asarray(np.where(explained > (1.0 - DETERMINATE_SHARE) * LOWEST_ORDINATES, np.nan, error))
+
+
+def _sine_explained_power(found: NDArray[np.complex128], count: int) -> NDArray[np.float32]:
+    """Most that one sine explains of the lowest ordinates of `count` batches, whose mean is 1.
+
+    About the window's middle a cosine has real coefficients, and a sine imaginary ones.
+    """
+    middle = found * np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST_ORDINATES + 1))
+    cosines, sines = (np.moveaxis(part, -1, 0).astype(np.float32) for part in (middle.real, middle.imag))
+    along = np.zeros((2, SINE_COUNT, *found.shape[:-1]), dtype=np.float32)
+    term = np.empty_like(along[0])
+    for j, (cosine, sine) in enumerate(_sine_bases(count)):  # which, unlike a product of matrices, goes row by row
+        along[0] += np.multiply.outer(cosine, cosines[j], out=term)
+        along[1] += np.multiply.outer(sine, sines[j], out=term)
+    along *= along
+    along[0] += along[1]
+    return np.asarray(along[0].max(axis=0))
+
+
+@cache
+def _sine_bases(count: int) -> NDArray[np.float32]:
+    """Ordinates (`LOWEST_ORDINATES`, 2, `SINE_COUNT`) of slow cosines and sines about the window's middle.
+
+    Each has unit length over the ordinates.
+    """
+    angle = 2.0 * np.pi * np.linspace(0.3, SLOW_PERIODS, SINE_COUNT)[:, None] * ((np.arange(count) + 0.5) / count - 0.5)
+    found = np.fft.rfft(np.stack([np.cos(angle), np.sin(angle)], axis=1))[..., 1 : LOWEST_ORDINATES + 1]
+    found *= np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST_ORDINATES + 1))
+    parts = np.stack([found[:, 0].real, found[:, 1].imag], axis=1)
+    parts /= np.linalg.norm(parts, axis=-1, keepdims=True)
+    return parts.T.astype(np.float32)
+
+
+@cache
+def _extrapolation_weights() -> Array:
+    """Weights (`LOWEST_ORDINATES`,) of the ordinates' logarithms in b_0 of (a)."""
+    return np.asarray(np.linalg.pinv(np.vander(np.arange(1.0, LOWEST_ORDINATES + 1), 3))[-1])
+
+
+def window_drift(means: Array) -> tuple[Array, Array]:
+    """Change over the window of means along the last axis, and the chance of so large a one."""
+    count = means.shape[-1]
+    place = np.arange(count) - 0.5 * (count - 1)
+    square = float((place * place).sum())
+    slope = (means * place).sum(axis=-1) / square  # which, unlike a product of matrices, goes row by row
+    rest = means - means.mean(axis=-1, keepdims=True) - slope[..., None] * place
+    r = lag_correlation(rest)
+    variance = (rest * rest).sum(axis=-1) / (count - 2) / square * ((1.0 + r) / (1.0 - r))
+    chance = np.where(slope == 0.0, 1.0, 0.0)
+    if (variance > 0.0).any():
+        from scipy.special import stdtr  # here, since it takes 0.3 s
+
+        ratio = np.abs(slope) / np.sqrt(np.where(variance > 0.0, variance, np.nan))
+        chance = np.where(variance > 0.0, 2.0 * stdtr(count - 2, -ratio), chance)
+    return slope * count, np.where(np.isfinite(slope), chance, np.nan)
+
+
+def window_change(means: Array, waves: Array) -> Array:
+    """Change over the window (V,) of means of its parts, without the slope of a ripple.
+
+    A window that cuts a ripple of amplitude A after n periods has up to 6 A / (pi n) in its slope. Where it holds a
+    period or more, and `LEAST_PARTS_A_PERIOD` parts are in one, line and sine are fitted together.
+
+    Args:
+        means: (V, P).
+        waves: (V,) periods of the ripple in the window, 0 for none.
+    """
+    found, _ = window_drift(means)
+    count = means.shape[-1]
+    place = (np.arange(count) + 0.5) / count
+    for v in np.flatnonzero((waves >= 1.0) & (waves * LEAST_PARTS_A_PERIOD <= count) & np.isfinite(means).all(axis=-1)):
+        angle = 2.0 * np.pi * waves[v] * place
+        columns = np.stack([np.ones(count), place, np.cos(angle), np.sin(angle)], axis=1)
+        found[v] = np.linalg.lstsq(columns, means[v], rcond=None)[0][1]
+    return found
+
+
+def is_steady(means: Array) -> NDArray[np.bool_]:
+    """Whether means along the last axis do not drift; False where they are not numbers."""
+    change, chance = window_drift(means)
+    return (chance >= SIGNIFICANT_CHANCE) | (np.abs(change) <= LARGE_DRIFT_SHARE * np.abs(means.mean(axis=-1)))
