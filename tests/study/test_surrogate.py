@@ -153,5 +153,5 @@ def test_medians_are_not_upset_by_a_wild_value():
     results = read_results(pa.table({"a": np.repeat([0, 1], 10), "y": y}), ["a"])
     (effect,) = median_effects(results, "y")
     assert effect.medians.tolist() == [5.5, 14.5]
-    assert effect.span == 9.0
+    assert effect.median_span == 9.0
     assert median_interval(np.arange(5.0)) == (-np.inf, np.inf)

@@ -1,1 +1,1 @@
-"""Studies: designs of experiments over a drive, their results and what they say."""
+"""Studies: designs of experiments over a drive, their runs, analysis, search and reports."""

@@ -1,8 +1,7 @@
 """Forecast of a study before it runs: rows and runs, share of infeasible ones, cost, expected precision.
 
-Rows that constraints rule out are counted; some of the others, evenly spread over the design, are built and assembled.
-The rate comes from two short runs of different length, and each variant's overhead from what the shorter one takes
-beyond that. Scatter is known from an earlier study of the same metrics, else it is in units of one run's scatter.
+Some rows, evenly spread over the design, are built and assembled. The rate comes from two short runs of different
+length, each variant's overhead from what the shorter one takes beyond that, scatter from an earlier study.
 """
 
 from __future__ import annotations
@@ -31,13 +30,11 @@ from warpchain.study.run.row_drives import Variant, build_and_check_drives
 from warpchain.study.spec import Study
 
 MOST_BUILT_ROWS = 200
-"""Most rows whose drives are built for the forecast."""
 PROBES_PER_CORE = 4
 """Variants a core in a measurement of the rate; on a GPU a thousand times as many in all."""
 PROBE_SECONDS = 0.7
 """Time that the longer run of the measurement should take [s]."""
 MOST_REASONS = 3
-"""Most reasons that are listed."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +43,7 @@ class RunCost:
 
     Attributes:
         work: roller-steps of all runs.
-        rate: roller-steps a second.
         each: overhead of a run [s]: its part of packing and settling.
-        seconds: time of all runs [s].
         measured: whether the rate was measured here; else it is a stored one.
     """
 
@@ -64,14 +59,10 @@ class Forecast:
     """Forecast of a study.
 
     Attributes:
-        rows: number of rows of the design.
-        copies: number of runs of each row.
         ruled_out: number of rows that constraints rule out, or that have no value.
         built: number of other rows that were built.
         refused: number of built rows that cannot be assembled or stepped.
         reasons: the most frequent (reason, number).
-        cost: cost of the runs that are expected to be feasible.
-        shards: number of shards.
         recorded: number of rows that are recorded, without the worst.
         precision: scatter of the metrics in an earlier study; the noisiest first.
         window: length of that study's window [s], None if unknown.
@@ -114,7 +105,7 @@ class Forecast:
 
     @property
     def relative_precision(self) -> float | None:
-        """Half width of the 95 % interval of a row's mean over one run's standard deviation; None of one run."""
+        """Half width of a row's 95 % interval over one run's standard deviation; None of one run."""
         if self.copies < 2:
             return None
         rows = max(1.0, (1.0 - self.infeasible_share) * self.rows)
@@ -133,15 +124,9 @@ def forecast_study(
     """Forecasts a study: rows, runs, cost, precision.
 
     Args:
-        source: the study file.
         like: table of an earlier study with replicates, whose metrics scatter alike.
         metrics: those whose precision is wanted; none takes all, the noisiest first.
         calibrate: measure the rate by short runs; else take stored rates.
-        workers: CPU threads; None takes all cores.
-        memory: budget of a shard [bytes].
-
-    Raises:
-        StudyError: an error of the file, or a table without replicates.
     """
     study, drive, design = read_study(source)
     cores = workers or available_cores()
@@ -173,7 +158,7 @@ def forecast_study(
 
 
 def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
-    """Drives of some rows, evenly spread, and the reasons for which others of these give none."""
+    """Drives of some rows, evenly spread, and the reasons of those that give none."""
     chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), MOST_BUILT_ROWS)).tolist()})
     variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
@@ -200,7 +185,7 @@ def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, c
 
 
 def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
-    """Measured roller-steps a second, and overhead of a variant [s], from short runs of `count` variants.
+    """Measured roller-steps a second, and overhead of a variant [s], from short runs.
 
     Args:
         most: steps of the shortest run of the study.
@@ -307,7 +292,7 @@ def _scatter_line(forecast: Forecast, error: PureError) -> str:
 
 
 def _replicates_line(forecast: Forecast, metric: str, half: float) -> str:
-    """Line of a forecast on the replicates, or window, that a wanted precision of a metric takes."""
+    """Line of a forecast on the replicates, or window, that a wanted precision takes."""
     found = next((error for error in forecast.precision if error.metric == metric), None)
     if found is None:
         raise StudyError(f"--precision {metric}: the earlier study (--like) tells no scatter of it")

@@ -1,7 +1,6 @@
 """Grows a study, doubling it, until its main effects are known precisely enough.
 
-Standard errors of the means in groups of a factor's values (`analysis.effects`) fall with the root of the number of
-variants. Each doubling is a growth of the folder (`run.prepare`), which can be killed and resumed.
+Each doubling is a growth of the folder (`run.prepare`), which can be killed and resumed.
 """
 
 from __future__ import annotations
@@ -75,10 +74,8 @@ class GrowthState:
     """State of a growing study after a run.
 
     Attributes:
-        rows: number of its rows.
         error: largest standard error of a group's mean; infinite if a group is too small to tell.
         metric, factor: those of this error.
-        count: the study's `design.count`.
         done: whether the condition is met.
     """
 
@@ -91,11 +88,7 @@ class GrowthState:
 
 
 def largest_effect_error(results: Results, metrics: tuple[str, ...], relative: bool) -> tuple[float, str, str]:
-    """The largest standard error of a group's mean, with its metric and factor.
-
-    Raises:
-        StudyError: no variant is ok, or an unknown metric.
-    """
+    """The largest standard error of a group's mean, with its metric and factor."""
     if not results.ok.any():
         raise StudyError("no variant is ok: there are no main effects to know")
     worst = (0.0, "", "")
@@ -127,8 +120,6 @@ def grow_until(
 
     Args:
         out: the folder of a study whose design is sampled.
-        until: the condition.
-        most: most rows.
         workers, memory, progress: see `run_study`.
         report: called after each growth, and at the beginning.
 

@@ -31,9 +31,7 @@ ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 """Ends of the adjustment columns of one of several chains."""
 RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
-"""Columns of the length of a variant's run and the window of its metrics."""
 SETTLING_COLUMNS = tuple(column.name for column in SETTLING_METRICS.columns)
-"""Columns of how the start settled."""
 BOOKKEEPING_COLUMNS = (
     "variant",
     *OUTCOME_COLUMNS,
@@ -51,17 +49,14 @@ NOISE, TIED_NOISE = "noise", "tied noise"
 DISTRIBUTION_KEY = "distribution"
 """Key of a factor's distribution in its field's metadata: keys of the study file, as JSON."""
 SEARCH_TARGET_KEY = "search_target"
-"""Key in the factors' field metadata of what rows search for, "failures", if they are no sample of the noise."""
+"""Key of a search's target in the field metadata of rows that are no sample of the noise."""
 ROUND_COLUMN = "round"
-"""Column of the number of a row's round in a search."""
 MOST_LISTED = 12
-"""Most columns that an error lists."""
 MOST_METRICS = 6
-"""Number of metrics that notebooks show."""
 
 
 def search_target_of(table: pa.Table) -> str:
-    """Target of the search that made a table's rows, such as "failures"; "" if they are a sample of the noise."""
+    """Target of the search that made a table's rows, such as "failures"; "" for a sample."""
     noted = ((field.metadata or {}).get(SEARCH_TARGET_KEY.encode(), b"") for field in table.schema)
     return next((word.decode() for word in noted if word), "")
 
@@ -71,7 +66,6 @@ class Results:
     """A study's table with its columns by kind.
 
     Attributes:
-        table: a row a variant.
         factors: names of the columns that were varied.
         metrics: names of the numeric columns that were measured.
     """
@@ -107,7 +101,7 @@ class Results:
 
     @property
     def run_counts(self) -> NDArray[np.int64]:
-        """Number of runs that each row's metrics are the mean of (R,); 1 if the table has none."""
+        """Number of runs behind each row's metrics (R,); 1 if the table has none."""
         if not self.has_replicates:
             return np.ones(self.table.num_rows, dtype=np.int64)
         return np.asarray(self.table[COUNT_COLUMN].to_numpy(), dtype=np.int64)
@@ -151,11 +145,7 @@ class Results:
         return held or "no reason given"
 
     def is_numeric(self, name: str) -> bool:
-        """Whether a column of the table holds numbers.
-
-        Raises:
-            StudyError: no such column.
-        """
+        """Whether a column of the table holds numbers."""
         self._check_column(name)
         return _is_number_column(self.table, name)
 
@@ -191,7 +181,7 @@ class Results:
 
     @property
     def noise_factors(self) -> tuple[str, ...]:
-        """Names of the factors that are noise, and of those that follow noise by an expression."""
+        """Names of the noise factors, and of those that follow noise by an expression."""
         return tuple(name for name in self.factors if self._noise_kind(name) in (NOISE, TIED_NOISE))
 
     @property
@@ -201,15 +191,11 @@ class Results:
 
     @property
     def search_target(self) -> str:
-        """Target of the search that made the rows, such as "failures"; "" if they are a sample of the noise."""
+        """Target of the search that made the rows, such as "failures"; "" for a sample."""
         return search_target_of(self.table)
 
     def check_sampled(self) -> None:
-        """Refuses rows that search for something, and so are no sample of the noise.
-
-        Raises:
-            StudyError: in one line.
-        """
+        """Refuses rows that search for something, and so are no sample of the noise."""
         if self.search_target:
             raise StudyError(
                 f"noise: these rows look for {self.search_target} and are no sample of the noise: their shares, means, "
@@ -217,7 +203,7 @@ class Results:
             )
 
     def sampled_rows(self) -> Results:
-        """Results of the rows that are a sample of the factors: all of a study's, the first round of a search.
+        """Results of the rows that are a sample: all of a study's, the first round of a search.
 
         Raises:
             StudyError: all rows search for something.
@@ -273,7 +259,7 @@ class Results:
 
 
 def _standardized_values(values: Array) -> Array:
-    """Values less their mean, scaled to length 1 (R,): a product of two is their correlation; 0 if empty."""
+    """Values less their mean, scaled to length 1 (R,): products are correlations."""
     x = np.nan_to_num(values - np.nanmean(values))
     return x / np.sqrt(x @ x)
 

@@ -2,8 +2,7 @@
 
 Parquet pages have checksums. A note in the schema's metadata (key `warpchain`, JSON) covers the rest: `table`, the name
 that the file was written under; `study`, the study it belongs to; `digest`, SHA-256 of names, types, metadata and
-values; `shape`, rows and columns. A note of another name and shape counts for nothing. A shard's note also has the
-statuses of its rows (`ended`), so that a study's status is read without the tables.
+values; `shape`, rows and columns; of a shard, `ended`, the statuses of its rows.
 """
 
 from __future__ import annotations
@@ -42,7 +41,6 @@ ROW_STATUSES = (*JUDGED, "infeasible")
 
 _VARIANT_PREFIX = re.compile(r"^variant \d+: ")
 NOTE_KEY = b"warpchain"
-"""Key of the note in a table's metadata."""
 NOTE_HEAD = b"\x18" + bytes([len(NOTE_KEY)]) + NOTE_KEY + b"\x18"
 """Bytes before the note in a Parquet footer: Thrift's compact pair of strings, each after its length."""
 REMEDY_RERUN = "remove it, and run the study again"
@@ -50,7 +48,7 @@ REMEDY_COPY = "copy it again, or, where a program has changed its values, drop t
 
 
 def reason_from_error(error: WarpchainError) -> str:
-    """An error's message in one line, without the number of the variant among those simulated with it."""
+    """An error's message in one line, without the number of a variant in its call."""
     return "; ".join(_VARIANT_PREFIX.sub("", str(error)).splitlines())
 
 
@@ -170,15 +168,7 @@ def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None)
 
 
 def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
-    """Reads the statuses and reasons of a shard's rows, from its table's note or else from the table.
-
-    Args:
-        study: identity of the study that the table must belong to; "" accepts any.
-        rows: number of rows that it must have.
-
-    Raises:
-        StudyError: a file that is missing, of another study, or damaged; one line.
-    """
+    """Reads the statuses and reasons of a shard's rows, from its table's note or else from the table."""
     note = _footer_note(path) if study else {}
     try:
         held = note["ended"]
@@ -264,31 +254,19 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
 
 
 def check_no_symlink(path: Path) -> None:
-    """Refuses to write a study's file through a symbolic link, which could lead out of the folder.
-
-    Raises:
-        StudyError: in one line.
-    """
+    """Refuses to write a study's file through a symbolic link, which could lead out of the folder."""
     if path.is_symlink():
         raise StudyError(f"{path}: is a symbolic link, where a study writes a file of its own; remove it")
 
 
 def check_archive_name(name: object) -> None:
-    """Refuses a name of a variant's archive that leads out of the study's folder.
-
-    Raises:
-        StudyError: in one line.
-    """
+    """Refuses a name of a variant's archive that leads out of the study's folder."""
     if not isinstance(name, str) or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
         raise StudyError(f"column 'archive': {name!r} is no file in the study's folder")
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file's bytes.
-
-    Raises:
-        StudyError: it cannot be read.
-    """
+    """SHA-256 of a file's bytes."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
@@ -296,18 +274,14 @@ def file_digest(path: Path) -> str:
 
 
 def write_study_text(path: Path, text: str, keep: bool = False) -> None:
-    """Writes a text file of a study, whole or not at all; `keep` leaves an existing file as it is.
-
-    Raises:
-        StudyError: a folder or disk that refuses.
-    """
+    """Writes a text file of a study, whole or not at all; `keep` leaves an existing file as it is."""
     with _refusals_as_study_errors(path, keep):
         files.write_text_file(path, text, not keep)
 
 
 @contextmanager
 def _refusals_as_study_errors(path: Path, keep: bool) -> Iterator[None]:
-    """Context in which refusals of the system become a StudyError; with `keep`, an existing file is none."""
+    """Context in which refusals of the system become a StudyError."""
     with refusals_as_errors(path, StudyError):
         try:
             yield

@@ -1,4 +1,4 @@
-"""Analysis of a study's results: effects, correlations, surfaces, Sobol' indices, Pareto fronts, with intervals."""
+"""Analysis of a study's results: effects, correlations, surfaces, Sobol' indices, Pareto fronts."""
 
 from warpchain.study.analysis.effects import (
     Correlation,

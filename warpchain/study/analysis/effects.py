@@ -27,16 +27,14 @@ from warpchain.study.results import Array, Results, is_varying
 MOST_GROUPS = 8
 """Most groups that a factor of many values is cut into, with equally many variants each."""
 FEWEST_GROUP_ROWS = 5
-"""Fewest variants of a group that is cut."""
 TRANSFORMS = ("rank", "log")
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Main effect of a factor on a metric: the metric's mean in each group of the factor's values.
+    """Main effect of a factor on a metric: its mean in each group of the factor's values.
 
     Attributes:
-        factor: name of the factor.
         labels: name of each group (G,).
         centers: mean factor value of each group (G,); counts from 0 if the factor holds words.
         means: mean of the metric in each group (G,).
@@ -62,13 +60,13 @@ class Effect:
 
     @property
     def intervals(self) -> Array:
-        """Half width of each mean's 95 % interval (G,), by Student's t; NaN if a group has one variant."""
+        """Half widths of the means' 95 % intervals (G,), by Student's t; NaN for one variant."""
         t = np.array([student_quantile(count - 1) if count > 1 else np.nan for count in self.counts.tolist()])
         return np.asarray(t * self.errors)
 
     @property
     def chance(self) -> float:
-        """Probability that chance alone explains so large a part; NaN without degrees of freedom."""
+        """Probability that chance alone explains as much; NaN without degrees of freedom."""
         from scipy.special import fdtrc
 
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
@@ -78,13 +76,13 @@ class Effect:
 
     @property
     def adjusted(self) -> float:
-        """`explained` less what as many groups take up by chance (Ezekiel 1930); NaN without degrees of freedom."""
+        """Part explained less what as many groups take up by chance (Ezekiel 1930); NaN if unknown."""
         freedom = self.row_count - len(self.counts)
         return max(0.0, 1.0 - (1.0 - self.explained) * (self.row_count - 1) / freedom) if freedom > 0 else float("nan")
 
     @property
     def explained_interval(self) -> tuple[float, float]:
-        """95 % interval of the part that the factor would explain of infinitely many variants; (0, 1) if unknown."""
+        """95 % interval of the part explained of infinitely many variants; (0, 1) if unknown."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         if between < 1 or within < 1:
             return 0.0, 1.0
@@ -95,13 +93,13 @@ class Effect:
         return low, high
 
     def _f_ratio(self) -> float:
-        """F of eq. (a)."""
+        """F of a factor's effect, eq. (a)."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         left = 1.0 - self.explained
         return self.explained / left * within / between if left > 0.0 else float("inf")
 
     @property
-    def span(self) -> float:
+    def mean_span(self) -> float:
         """Difference of the largest and the smallest mean, in the metric's unit."""
         return float(np.ptp(self.means))
 
@@ -133,13 +131,13 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
         if len(labels) > 1:
             effect = _group_effect(factor, labels, centers, group, y[held])
             effects.append(effect if runs is None else replace(effect, scatter=deviation / np.sqrt(runs(group, held))))
-    return sorted(effects, key=lambda effect: -effect.span)
+    return sorted(effects, key=lambda effect: -effect.mean_span)
 
 
 def factor_groups(
     results: Results, factor: str, rows: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
-    """Group of each chosen row by a factor's value (R,), with the groups' labels and centers (G,)."""
+    """Group of each row by a factor's value (R,), with the groups' labels and centers (G,)."""
     if not results.is_numeric(factor):
         words = [word for word, row in zip(results.text_values(factor), rows, strict=True) if row]
         labels, group = np.unique(words, return_inverse=True)
@@ -169,7 +167,7 @@ def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: N
 
 
 def _noncentrality_of_share(between: int, within: int, ratio: float, share: float) -> float:
-    """Noncentrality at which a share of noncentral F lies below `ratio`; 0 if even central F has less."""
+    """Noncentrality at which a share of noncentral F lies below `ratio`; 0 if none."""
     from scipy.optimize import brentq
     from scipy.special import ncfdtr
 
@@ -195,8 +193,6 @@ class Correlation:
     """Correlation of numeric factors with metrics.
 
     Attributes:
-        factors: (A,) names.
-        metrics: (B,) names.
         pearson: (A, B) linear correlation coefficients.
         spearman: (A, B) rank correlation coefficients.
         counts: (B,) number of variants behind each metric's coefficients.
@@ -209,13 +205,13 @@ class Correlation:
     counts: NDArray[np.int64]
 
     def noise_level(self) -> float:
-        """Size of a coefficient that chance alone exceeds in 5 % of cases: 1.96 / sqrt(n - 1)."""
+        """Size of a coefficient that chance exceeds in 5 % of cases: 1.96 / sqrt(n - 1)."""
         least = int(self.counts.min()) if len(self.counts) else 0
         return float(min(1.0, 1.96 / np.sqrt(max(least - 1, 1))))
 
 
 def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Correlation:
-    """Pearson and Spearman correlation of each independent numeric factor with each metric that varies.
+    """Pearson and Spearman correlation of numeric factors with metrics.
 
     Raises:
         StudyError: no numeric factor that varies, fewer than three usable variants, or rows that are no sample of the
@@ -293,12 +289,9 @@ class MedianEffect:
     """Medians of a metric in each group of a factor's values.
 
     Attributes:
-        factor: name of the factor.
         labels: name of each group (G,).
         centers: mean factor value of each group (G,); counts from 0 if the factor holds words.
-        medians: (G,)
         low, high: (G,) 95 % interval of each median; infinite if a group has fewer than 6 variants.
-        counts: (G,)
     """
 
     factor: str
@@ -310,13 +303,13 @@ class MedianEffect:
     counts: NDArray[np.int64]
 
     @property
-    def span(self) -> float:
+    def median_span(self) -> float:
         """Difference of the largest and the smallest median, in the metric's unit."""
         return float(np.ptp(self.medians))
 
 
 def median_interval(values: Array) -> tuple[float, float]:
-    """95 % interval of the median of values; infinite for fewer than 6."""
+    """95 % interval of a median; infinite for fewer than 6 values."""
     from scipy.stats import binom
 
     n = len(values)
@@ -348,4 +341,4 @@ def median_effects(results: Results, metric: str) -> list[MedianEffect]:
         medians = np.array([np.median(part) for part in parts])
         counts = np.array([len(part) for part in parts])
         effects.append(MedianEffect(factor, labels, centers, medians, ends[:, 0], ends[:, 1], counts))
-    return sorted(effects, key=lambda effect: -effect.span)
+    return sorted(effects, key=lambda effect: -effect.median_span)

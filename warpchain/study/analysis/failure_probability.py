@@ -32,11 +32,9 @@ Margin = Callable[[Array], Array]
 LEVEL_SHARE = 0.1
 """Share of a level's samples that are beyond the next threshold, p_j."""
 ACCEPTANCE_RATE = 0.44
-"""Share of steps that should be accepted."""
 MOST_LEVELS = 12
 """Levels after which a probability counts as too small to find."""
 MOST_BATCHES = 3
-"""Most batches of samples that may have the same g."""
 LEVEL_MESSAGE = (
     "the probability of failure is unknown: all {count} runs in one of {repeats} repetitions of subset simulation are "
     "equally far from the limit, so that nothing leads to failures; raise risk.count, or limit a metric that varies"
@@ -46,7 +44,7 @@ NOMINAL_LEVEL = 0.98
 WAY_COSINE = 0.5
 """Cosine below which two directions are different ways to fail."""
 FARTHEST_BEYOND = 2.0
-"""Most that a design point is farther out than the nearest one; others add next to nothing."""
+"""Most that a design point is farther out than the nearest one."""
 MOST_DESIGN_POINTS = 8
 DESIGN_POINT_STEPS = 4
 """Most steps towards a design point."""
@@ -59,7 +57,6 @@ class FailureEstimate:
     """A probability of failure, with its interval.
 
     Attributes:
-        probability: P.
         low, high: 95 % interval of P.
         evaluations: number of evaluations of g.
         failed: points that failed (F, D), of each repetition that came to failure.
@@ -77,10 +74,8 @@ def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int,
 
     Args:
         margin: g; called with batches of up to repeats * count points.
-        dimensions: D.
         count: samples of a level and repetition; a multiple of 10.
         repeats: R, at least 3.
-        seed: seed of the draws.
 
     Raises:
         StudyError: a repetition does not come to failure within `MOST_LEVELS` levels, or all samples of `MOST_BATCHES`
@@ -123,7 +118,7 @@ def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int,
 
 
 def _next_thresholds(g: Array, seeds: int) -> Array:
-    """Next threshold (R,) of samples with g (R, n): the g that `seeds` reach, or the next lower one at a step."""
+    """Next threshold of samples with g (R, n), (R,): what `seeds` reach, or the next lower g."""
     ordered = np.sort(g, axis=1)
     limit = ordered[:, seeds - 1]
     same = limit == ordered[:, -1]
@@ -172,7 +167,7 @@ def _lognormal_interval(logs: Array) -> tuple[float, float]:
 
 
 def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
-    """Likeliest failures in different directions (K, D), nearest to the origin first, and the evaluations of g.
+    """Likeliest failures in different directions (K, D), nearest first, and the evaluations of g.
 
     From the nearest failed point of each direction, steps of the method of Hasofer, Lind, Rackwitz and Fiessler, with
     slopes by differences, all in one batch; a step counts where it fails nearer to the origin.
@@ -204,7 +199,7 @@ def nearest_by_direction(points: Array) -> Array:
 
 
 def _points_after_step(margin: Margin, points: Array) -> tuple[tuple[Array, NDArray[np.bool_]], int]:
-    """Points (K, D) after a step along the limit towards the origin, whether they fail, and evaluations of g."""
+    """Points (K, D) stepped along the limit to the origin, whether they fail, evaluations of g."""
     count, dimensions = points.shape
     reach = 0.1
     around = points[:, None, :] + reach * np.vstack([np.zeros(dimensions), np.eye(dimensions), -np.eye(dimensions)])

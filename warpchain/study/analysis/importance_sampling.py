@@ -33,7 +33,7 @@ RADIUS_SHARE = 0.95
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
 """Values of a that are tried."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
-"""How far covariances are drawn towards a multiple of the unit matrix, values that are tried."""
+"""Tried parts by which covariances are drawn towards the unit matrix."""
 DIRECTION_TURNS = 5
 """Times that directions become those of their failures' means."""
 NORMAL_LEVEL = 0.99
@@ -46,7 +46,7 @@ LEAST_SAMPLES = 5.0
 
 @dataclass(frozen=True)
 class _FailureGroup:
-    """Failures in a direction: their share, mean (D,), axes (D, D) as columns, and variances along these."""
+    """Failures in a direction: share, mean (D,), axes (D, D) as columns, variances along these."""
 
     share: float
     mean: Array
@@ -65,7 +65,6 @@ class FailureMixture:
     Attributes:
         radius: r.
         beyond: P(|u| > r).
-        parts: failures in each direction.
         shrinkage: how far covariances are drawn towards a multiple of the unit matrix, 0 to 1.
         outside: a.
         held_out: weights w of failures that the mixture was not fitted to, eq. (b).
@@ -123,7 +122,7 @@ def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
 
 
 def _group_directions(failed: Array) -> list[Array]:
-    """Unit vectors (K, D) to group failures by: their mean alone, and, if there are several, the mean of each way."""
+    """Unit vectors (K, D) to group failures by: their mean alone, or that of each way to fail."""
     several = nearest_by_direction(failed)
     for _ in range(DIRECTION_TURNS):
         group = (failed @ several.T).argmax(axis=1)
@@ -177,7 +176,7 @@ def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, see
 
 
 def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
-    """The estimate to state of subset simulation and importance sampling, or in words why there is none.
+    """Estimate to state of subset simulation and importance sampling, or the reason for none.
 
     It is that of importance sampling if it has one; none if their intervals do not overlap.
     """

@@ -46,7 +46,7 @@ class Interaction:
 
 
 def interactions(results: Results, metric: str) -> list[Interaction]:
-    """Interactions of all pairs of factors in a metric, the largest first; none if rows are too few.
+    """Interactions of all pairs of factors, the largest first; none if rows are too few.
 
     Raises:
         StudyError: an unknown metric, or rows that are no sample of the noise.
@@ -81,7 +81,7 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
 
 
 def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
-    """Terms (R, p) of a factor, of mean 0 and deviation 1: its value, or one for each word but the first."""
+    """Standardized terms (R, p) of a factor: its value, or one for each word but the first."""
     if results.is_numeric(name):
         of = results.values(name)[rows][:, None]
     else:
@@ -99,7 +99,7 @@ def _terms_with_square(terms: Array) -> Array:
 
 
 def _orthonormal_basis(terms: Array, size: float | None = None) -> Array:
-    """Orthonormal columns (R, p) that span the terms, without those that are round-off beside `size`."""
+    """Orthonormal columns (R, p) that span the terms, without round-off beside `size`."""
     columns, values, _ = np.linalg.svd(terms, full_matrices=False)
     least = 1e-9 * (size if size is not None else values.max(initial=0.0))
     return np.asarray(columns[:, values > least])

@@ -35,7 +35,6 @@ class LostPart:
     """The part of a factor's range, or the word, at which rows were left out most.
 
     Attributes:
-        factor: name of the factor.
         part: the part in words, with its unit.
         lost, rows: number of rows there that were left out, and of all rows there.
         lost_elsewhere, rows_elsewhere: these numbers for the rest of the range.
@@ -62,11 +61,7 @@ class LostPart:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Rows that an analysis of results leaves out, and what is lost with them.
-
-    Attributes:
-        results: results of the study.
-    """
+    """Rows that an analysis of results leaves out, and what is lost with them."""
 
     results: Results
 
@@ -102,7 +97,7 @@ class LeftOut:
         return bool(_distribution_chance(*known) * (len(self.lost_parts) + 1) < 1.0 - CONFIDENCE)
 
     def lines(self) -> list[str]:
-        """Lines that say how many rows are left out, why, and which parts are lost; none if none is left out."""
+        """Lines on how many rows are left out, why, and which parts of factors' ranges are lost."""
         found, count = [], len(self.results.status)
         if self.left_out_rows.any():
             status, reason, often = self._reasons_of_rows(self.left_out_rows)[0]

@@ -37,9 +37,7 @@ from warpchain.study.spec.study_tables import Bound, Objective
 SHOWN_STATISTICS = ("mean", "std", "q5", "q50", "q95")
 """Statistics of each metric that tables show."""
 STATUS_SEVERITY = ("ok", "suspect", "diverged", "infeasible")
-"""Statuses from the best to the worst."""
 FEWEST_RUNS = 4
-"""Fewest runs of a design for statistics."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class Designs(Results):
         return int((kept & held).sum()), int(held.sum())
 
     def kept_text(self, design: int) -> str:
-        """Clause on the probability that a design keeps the limits, with its interval (Clopper and Pearson 1934)."""
+        """Clause on the probability that a design keeps the limits (Clopper and Pearson 1934)."""
         from scipy.stats import binomtest
 
         kept, count = self.kept_counts(design)
@@ -81,21 +79,21 @@ class Designs(Results):
         return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
 
     def paired_values(self, first: int, second: int, metric: str) -> Array:
-        """Values (n, 2) of a metric in runs of two designs with the same noise, of pairs that are ok."""
+        """Values (n, 2) of a metric in ok runs of two designs with the same noise."""
         one, other = self._rows_by_noise[first], self._rows_by_noise[second]
         rows = np.array([(row, other[key]) for key, row in one.items() if key in other], dtype=np.intp).reshape(-1, 2)
         values = _ok_values(self.runs, metric)[rows]
         return values[np.isfinite(values).all(axis=1)]
 
     def statistic_difference(self, first: int, second: int, statistic: Statistic) -> MeanDifference:
-        """Statistic of the second design less that of the first, over pairs with the same noise, eq. (a)."""
+        """Statistic of the second design less that of the first, over the same noise, eq. (a)."""
         before, after = (
             _jackknife_pseudo_values(of, statistic) for of in self.paired_values(first, second, statistic.metric).T
         )
         return mean_difference(after - before, CONFIDENCE)
 
     def sure_sign(self, first: int, second: int, name: str) -> int | None:
-        """1 if a statistic of the second design is surely above that of the first, -1 if below, 0 if neither is sure.
+        """1 if a statistic of the second design is surely above the first's, -1 if below, else 0.
 
         None for a design factor, or with too few pairs. Sure is what 95 % intervals show, and of means and quantiles
         what all pairs agree in.
@@ -117,7 +115,6 @@ class NoiseSpread:
     """Spread of a metric of one design over the noise.
 
     Attributes:
-        metric: name of the metric.
         statistics: value and standard error by word of `SHOWN_STATISTICS`.
         parts: part of the variance by noise factor [-], eq. (b); empty if runs are too few.
     """
@@ -141,7 +138,7 @@ class NoiseSpread:
 
 
 def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
-    """Goals of designs from goals of runs: means of objectives, quantiles of metrics that each run is held to."""
+    """Goals of designs from goals of runs: means of objectives, quantiles of limited metrics."""
 
     def is_plain(name: str) -> bool:
         """Whether a goal's name is a design factor or a statistic."""
@@ -166,8 +163,6 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
     """Results as designs over their noise, and the goals of designs; both unchanged without noise.
 
     Args:
-        results: results of all runs.
-        goals: goals of the study file.
         noise: names of the noise factors; None takes those that the table marks.
 
     Raises:
@@ -206,7 +201,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
 
 
 def spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
-    """Spread of a metric of a design (its row) over the noise, with the part that each noise factor causes."""
+    """Spread of a metric of a design over the noise, with the part that each noise factor causes."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}
     for word in SHOWN_STATISTICS:
@@ -326,7 +321,7 @@ def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> di
 
 
 def _noise_terms(results: Results, rows: NDArray[np.intp], name: str) -> Array:
-    """Terms (n, p) of a noise factor, of mean 0: its value and square, or one for each word but the first."""
+    """Terms (n, p) of a noise factor, of mean 0: value and square, or one for each word but one."""
     if not results.is_numeric(name):
         words = np.array(results.text_values(name))[rows]
         of = np.array([words == word for word in np.unique(words)[1:]], dtype=float).reshape(-1, len(rows))

@@ -32,7 +32,6 @@ import numpy as np
 from warpchain.study.results import Array
 
 PRIOR_PRECISION = 1.0
-"""L of eq. (a)."""
 FEWEST_PAIRS = 16
 """Fewest pairs that tell a sign, since few do not show how differences are distributed."""
 SKEWNESS_PAIRS = 25.0
@@ -40,14 +39,13 @@ SKEWNESS_PAIRS = 25.0
 EVENT_DEVIATIONS = 20.0
 """Deviations of the differences by which rare events are assumed to change one by default."""
 HEAVY_TAIL_PAIRS = 16
-"""Tails are heavy if fewer than one of so many pairs makes up half of the scatter; of normal ones one of 8 does."""
+"""Pairs of which fewer than one makes up half of the scatter if tails are heavy."""
 MOST_FORECAST_PAIRS = 100_000
-"""Most pairs that are forecast."""
 
 
 @dataclass(frozen=True)
 class MeanDifference:
-    """Mean of paired differences, with its interval and the sureness of its sign.
+    """Mean of paired differences, with its interval and how sure its sign is.
 
     Attributes:
         pairs: number of pairs n.
@@ -73,22 +71,22 @@ class MeanDifference:
 
     @property
     def low(self) -> float:
-        """Lower end of the mean's interval."""
+        """Lower end of the interval of the mean difference."""
         return self.mean - self.half
 
     @property
     def high(self) -> float:
-        """Upper end of the mean's interval."""
+        """Upper end of the interval of the mean difference."""
         return self.mean + self.half
 
     @property
     def shown_sign(self) -> int:
-        """Sign of the mean, -1 or 1, if it is sure unless events are larger than any in the pairs; else 0."""
+        """Sign of the mean that the pairs show, -1 or 1; 0 if they show none."""
         return self._sign_beyond(self.largest, self.level)
 
     @property
     def sure_sign(self) -> int:
-        """Sign of the mean, -1 or 1, if it is sure although events as large as `reckoned` may be missing; else 0."""
+        """Sign of the mean if sure although rare events may be missing, -1 or 1; else 0."""
         return self._sign_beyond(self.reckoned, _level_of_half(self.level))
 
     @property
@@ -98,7 +96,7 @@ class MeanDifference:
 
     @property
     def reversing_change(self) -> float:
-        """Change of a difference beyond which missed events could reverse the sign; 0 if it is not sure at all."""
+        """Change of a difference beyond which missed events could reverse the mean's sign."""
         return (
             max(abs(self.mean) - float(self._sure_margin(self.pairs, 0.0, _level_of_half(self.level))), 0.0)
             / self.missed_probability
@@ -165,7 +163,7 @@ def missed_event_probability(n: Any, level: float) -> Array:
 
 
 def interval_half_width(n: Any, deviation: float, skewness: float, level: float) -> Array:
-    """Half width of the interval of a mean of n >= 2 differences with a deviation and skewness, eq. (b)."""
+    """Half width of the interval of a mean of n >= 2 differences, eq. (b)."""
     k = PRIOR_PRECISION / (PRIOR_PRECISION + n)
     power = (2.0 * np.log1p(-level) + np.log(k)) / n
     room = np.maximum(np.exp(power) - k, 0.0)

@@ -19,13 +19,12 @@ from warpchain.study.spec.study_tables import Bound, Objective
 SENSE_SIGNS = {"min": 1.0, "max": -1.0}
 """Factors that make objectives costs, by sense."""
 FRONT_DRAWS = 400
-"""Number of fronts that chances are taken from."""
 HOPELESS_ERRORS = 4.0
-"""Standard errors by which a row must lose in everything to have no chance worth drawing."""
+"""Standard errors by which a row must lose to have no chance of the front."""
 
 
 def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether each row of costs (R, M) is on the Pareto front (R,): no row is nowhere higher and somewhere lower."""
+    """Whether each row of costs (R, M) is on the Pareto front (R,)."""
     left = np.lexsort(costs.T[::-1])  # a row is never dominated by a later one in this order
     front = np.zeros(len(costs), dtype=bool)
     while len(left):
@@ -38,7 +37,7 @@ def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np.float64]:
-    """Probability that each row of the table is on the Pareto front (R,), from the scatter between equal runs.
+    """Probability that each row is on the Pareto front (R,), from the scatter between equal runs.
 
     Metrics are drawn about their means with the pooled scatter of one run; a row that does not compete has 0.
 
@@ -94,11 +93,7 @@ def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[N
 
 
 def check_senses(objectives: Mapping[str, str]) -> None:
-    """Refuses an objective that is neither "min" nor "max".
-
-    Raises:
-        StudyError: in one line.
-    """
+    """Refuses an objective that is neither "min" nor "max"."""
     for metric, sense in objectives.items():
         if sense not in SENSE_SIGNS:
             raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
@@ -109,8 +104,6 @@ class Goals:
     """Objectives and limits of a study.
 
     Attributes:
-        objectives: metrics and factors that should be small or large.
-        bounds: limits on metrics.
         keep: share of the noise in which limits must be kept.
     """
 
@@ -134,11 +127,7 @@ class Goals:
         return np.array([SENSE_SIGNS[objective.sense] for objective in self.objectives])
 
     def goal_values(self, results: Results) -> GoalValues:
-        """Values of the goals in a table of results.
-
-        Raises:
-            StudyError: a metric that the table lacks.
-        """
+        """Values of the goals in a table of results."""
         columns, errors = {}, {}
         for name in self.named_metrics:
             if name not in results.table.column_names and not results.ok.any():
@@ -157,7 +146,6 @@ class GoalValues:
     """Values of goals in rows that were run.
 
     Attributes:
-        goals: the goals.
         columns: values (R,) by metric.
         errors: standard errors (R,) by metric, of those that have them.
         ok: whether each row is ok and has all values (R,).
@@ -175,7 +163,7 @@ class GoalValues:
 
     @property
     def limit_excess(self) -> Array:
-        """Excess of each row over each limit, in the metric's spread; not above 0 if it is kept (R, B)."""
+        """Excess over each limit, in the metric's spread; not above 0 if it is kept (R, B)."""
         parts = []
         for bound in self.goals.bounds:
             values = self.columns[bound.metric]
@@ -204,11 +192,7 @@ def keeping_probability(bound: Bound, mean: Array, deviation: Array) -> Array:
 
 
 def goals_of_study(study: Study) -> Goals:
-    """Goals of a study file.
-
-    Raises:
-        StudyError: it has no objectives.
-    """
+    """Goals of a study file."""
     if not study.objectives:
         raise StudyError("objectives: none; a study that is optimized needs at least one [[objectives]]")
     return Goals(study.objectives, study.bounds, (study.noise or Noise()).keep)

@@ -29,9 +29,7 @@ WALKERS, CHUNK_STEPS, MOST_STEPS = 64, 50, 10_000
 WARM_UP = 5.0
 """First steps that are dropped, in autocorrelation times."""
 ENOUGH_SAMPLES = 1000
-"""Number of independent samples that is wanted."""
 PRIOR_DRAWS = 2048
-"""Draws from the prior, the likeliest of which the ensemble starts from."""
 UNIDENTIFIED_SHARE = 0.7
 """Part of its prior standard deviation from which on a direction is not identified."""
 
@@ -68,7 +66,7 @@ class PosteriorDirection:
 
 
 def log_posterior_density(model: NumbersModel, values: Array, errors: Array) -> Callable[[Array], Array]:
-    """Function of u (R, D) to the logarithm of the posterior density (R,) up to a constant, eq. (a)."""
+    """Function of u (R, D) to the log of the posterior density (R,), eq. (a)."""
 
     def density(u: Array) -> Array:
         """Eq. (a) at u (R, D)."""
@@ -88,8 +86,6 @@ def sample_posterior(
     Args:
         model: mean and variance of the numbers.
         values, errors: (J,) measured values and their standard deviations.
-        dimensions: number of unknowns D.
-        enough: number of independent samples that is wanted.
 
     Raises:
         StudyError: emcee is not installed, or the posterior is nowhere a number.

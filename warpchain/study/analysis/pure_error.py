@@ -33,7 +33,6 @@ from warpchain.results.replicate_metrics import ERROR_SUFFIX
 from warpchain.study.results import Array, Results
 
 CONFIDENCE = 0.95
-"""Confidence level of every interval here."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,6 @@ class PureError:
     """Scatter of one metric between equal runs.
 
     Attributes:
-        metric: name of the metric.
         rows: number of rows R.
         runs: number of runs N.
         deviation: standard deviation s of one run, in the metric's unit (a).
@@ -188,7 +186,7 @@ def pure_errors(results: Results) -> list[PureError]:
 
 
 def row_standard_errors(results: Results, metric: str) -> Array | None:
-    """Standard error of each row's metric (R,), of replicates by eq. (c); NaN or None if there is none."""
+    """Standard error of each row's metric (R,), of replicates by eq. (c); NaN or None if unknown."""
     name = metric + ERROR_SUFFIX
     if not (name in results.table.column_names and results.is_numeric(name)):
         return None

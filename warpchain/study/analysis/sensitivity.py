@@ -42,7 +42,6 @@ SALIB_DISTRIBUTIONS = {
     "truncated-normal": "truncnorm",
     "lognormal": "lognorm",
 }
-"""SALib's name of each distribution of a study."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,6 @@ class SobolIndices:
     """Sobol' indices of one metric.
 
     Attributes:
-        metric: name of the metric.
-        factors: (A,) names.
         first: (A,) part of the variance by each factor alone.
         total: (A,) part of the variance by each factor with its interactions.
         first_error: (A,) half width of the 95 % confidence interval of `first`.
@@ -148,12 +145,10 @@ def _check_problem(problem: Mapping[str, Any]) -> None:
 
 
 def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_order: bool = False) -> pa.Table:
-    """Table of a Saltelli design for `sobol_indices`: base * (A + 2) rows, or base * (2 A + 2) with second order.
+    """Table of a Saltelli design: base * (A + 2) rows, or base * (2 A + 2) with second order.
 
     Args:
-        problem: SALib's problem dictionary.
         base: a power of two.
-        seed: seed of the scrambling.
         second_order: also with the rows that SALib's second-order indices take.
 
     Raises:
@@ -177,7 +172,7 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
 
 
 def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
-    """Number of rows of a block if the table is a Saltelli design of these factors: A + 2, or 2 A + 2; else 0.
+    """Rows of a block of a Saltelli design of these factors, A + 2 or 2 A + 2; 0 of another.
 
     A block is a row of A, then A with each factor in turn from B (in the longer one also the reverse), and B's row.
     """
@@ -247,11 +242,10 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
 
 
 RESAMPLES = 400
-"""Surfaces that the errors of indices are drawn from."""
 
 
 def surface_indices(surface: Surface, results: Results | None = None) -> SobolIndices:
-    """Sobol' indices of a response surface, eq. (a), with the factors' distributions in `results` or else uniform."""
+    """Sobol' indices of a response surface, eq. (a), for the factors' distributions or uniform ones."""
     moments = np.array([_scaled_moments(surface, a, results) for a in range(len(surface.factors))])
     first, total = _variance_shares(surface, surface.coefficients[None], moments)
     errors = np.zeros((2, len(surface.factors)))

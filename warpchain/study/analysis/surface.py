@@ -37,15 +37,12 @@ class Surface:
     """A fitted response surface of a metric.
 
     Attributes:
-        metric: name of the metric.
-        factors: (A,) names.
         low: (A,) smallest value of each factor.
         high: (A,) largest value of each factor.
         powers: (T, A) exponent of each scaled factor in each term.
         coefficients: (T,) b of eq. (a), in the metric's unit.
         r2: part of the variance that the surface takes up [-].
         r2_predicted: part of the variance of variants left out one at a time [-]; can be negative.
-        rows: number of variants that were fitted.
         weights: (N,) their weights.
         covariance: (T, T) of the coefficients.
         freedom: degrees of freedom, 0 if there are as many terms as variants.
@@ -77,7 +74,7 @@ class Surface:
         return np.asarray(student_quantile(max(self.freedom, 1)) * self.coefficient_errors)
 
     def factor_effects(self) -> list[tuple[str, float, float]]:
-        """(factor, change of the metric over its range, half width of the 95 % interval), the largest first."""
+        """(factor, change of the metric over its range, half width of the interval) by size."""
         halves = self.coefficient_intervals
         found = []
         for a, factor in enumerate(self.factors):

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) -> pa.Table:
-    """The design table of a study: columns "variant", the factors, "status" ("planned" or "infeasible") and "reason".
+    """Design table of a study: "variant", the factors, "status" ("planned", "infeasible"), "reason".
 
     Args:
         source: the study file: tables are relative to it, and errors name it.
@@ -50,7 +50,7 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
     Raises:
         StudyError: too many rows or dimensions, or a table that cannot be used.
     """
-    columns = _design_columns(study, source, before)
+    columns = _factor_columns(study, source, before)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     rows = [{}] if study.design.kind == NOISE else rows
     if set(columns) >= set(study.noise_names) - {factor.name for factor in tied_factors(study)}:
@@ -61,11 +61,7 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
 
 
 def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """The design table of rows given by factor, with tied factors filled in and constraints checked.
-
-    Raises:
-        StudyError: a factor without expression is missing, or its values make no column.
-    """
+    """Design table of rows given by factor, with tied factors and checked constraints."""
     given = [factor.name for factor in study.factors if factor.value_source != "expression"]
     for i, values in enumerate(rows):
         for name in given:
@@ -75,7 +71,7 @@ def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.
 
 
 def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
-    """The design table of rows without their tied factors, which are filled in."""
+    """Design table of rows without tied factors, which are filled in."""
     order = tied_factors(study)
     columns: dict[str, list[Any]] = {factor.name: [] for factor in study.factors}
     reasons: list[str | None] = []
@@ -86,8 +82,8 @@ def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
     return _arrow_table(study, columns, reasons)
 
 
-def _design_columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
-    """Values of the design factors without expression, by factor; of a table with noise, those too."""
+def _factor_columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
+    """Values by factor of the design factors without expression, and of noise in a table."""
     if study.design.kind == NOISE:
         return {}
     whole, study = study, study.design_study
@@ -125,7 +121,7 @@ def _check_row_count(rows: int, source: str | Path) -> None:
 def _factorial_columns(axes: Iterable[DesignDimension], source: str | Path) -> dict[str, list[Any]]:
     """Values by factor of every combination of grid points; the last factor varies fastest."""
     axes = tuple(axes)
-    sizes = [axis.size or 1 for axis in axes]
+    sizes = [axis.grid_size or 1 for axis in axes]
     _check_row_count(math.prod(sizes), source)
     places = np.indices(sizes).reshape(len(sizes), -1)
     return {
@@ -162,11 +158,7 @@ def _sampled_points(study: Study, count: int, source: str | Path, before: Sequen
 
 
 def extended_latin_hypercube(points: Array, count: int, seed: int, source: str | Path) -> Array:
-    """A Latin hypercube (n, dimensions) grown to `count` points, a multiple of n, one in each stratum.
-
-    Raises:
-        StudyError: another number of points.
-    """
+    """A Latin hypercube (n, dimensions) grown to `count` points, a multiple of n."""
     if count % len(points):
         raise StudyError(
             f"{source}: design.count = {count}: a Latin hypercube of {len(points)} points grows to multiples of that"
@@ -191,11 +183,7 @@ def central_composite_points(count: int, axial: str, center: int) -> Array:
 
 
 def plackett_burman_points(count: int) -> Array:
-    """Points of a Plackett-Burman design in coded units (rows, count), with orthogonal columns.
-
-    Raises:
-        StudyError: no Hadamard matrix of that size is known here.
-    """
+    """Points of a Plackett-Burman design in coded units (rows, count), with orthogonal columns."""
     size = 4 * (count // 4 + 1)
     matrix = hadamard_matrix(size)
     while matrix is None and size < 4 * count + 64:
@@ -207,7 +195,7 @@ def plackett_burman_points(count: int) -> Array:
 
 
 def hadamard_matrix(size: int) -> Array | None:
-    """A Hadamard matrix with a first column of ones, by Paley's first construction or doubling; None if neither.
+    """Hadamard matrix with a first column of ones, by Paley or by doubling; None if neither.
 
     For a prime q = size - 1 with q = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal, -1 on it.
     """
@@ -284,7 +272,7 @@ def distribution_metadata(factor: Factor) -> dict[str, str]:
 
 
 def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
-    """The design table from values by factor and the reasons for which rows are infeasible."""
+    """Design table from values by factor and the reasons of infeasible rows."""
     import pyarrow as pa
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]

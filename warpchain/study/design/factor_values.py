@@ -1,7 +1,7 @@
 """Values of factors from the unit interval and back, from coded units, a grid or expressions; quadrature nodes.
 
-Coded units are -1 at the low end and +1 at the high end, in the logarithm for a log-uniform factor; mean - std and
-mean + std of a normal factor, of the logarithm of a lognormal one; the 16 and 84 % quantiles of an empirical one.
+Coded units are -1 and +1 at the ends of a range, in the logarithm for a log-uniform factor, at mean - std and
+mean + std of a normal factor, at the 16 and 84 % quantiles of an empirical one.
 """
 
 from __future__ import annotations
@@ -29,23 +29,17 @@ MOST_WHOLE_NODES = 100_000
 FARTHEST_DEVIATIONS = 12.0
 """Standard deviations from the mean beyond which a truncated normal distribution is cut off."""
 BISECTIONS = 60
-"""Bisections that find a value's probability."""
 
 
 @dataclass(frozen=True)
 class DesignDimension:
-    """An independent dimension of a design: a factor, or a group of factors that vary together.
-
-    Attributes:
-        name: of the factor, or of the group.
-        factors: those that vary along it.
-    """
+    """Independent dimension of a design: a factor, or a group that varies together."""
 
     name: str
     factors: tuple[Factor, ...]
 
     @property
-    def size(self) -> int | None:
+    def grid_size(self) -> int | None:
         """Number of grid points; None for a distribution without points."""
         first = self.factors[0]
         return len(first.listed_values) if first.listed_values is not None else first.points
@@ -114,11 +108,7 @@ def values_from_coded(factor: Factor, x: Array) -> list[Any]:
 
 
 def _empirical_sample(factor: Factor) -> Array:
-    """The sample of an empirical factor (N,).
-
-    Raises:
-        StudyError: it is in a file that was not read.
-    """
+    """The sample of an empirical factor (N,)."""
     if factor.sample is None:
         raise StudyError(f"factors.{factor.name}.file: not read; load the study from its file")
     return np.array(factor.sample, dtype=float)
@@ -176,11 +166,7 @@ def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any])
 
 
 def evaluate_expression(text: str, row: Mapping[str, Any]) -> Any:
-    """Value of an expression's text in a row.
-
-    Raises:
-        StudyError: it has none.
-    """
+    """Value of an expression's text in a row."""
     return parse_expression(text).evaluate(row)
 
 
@@ -197,7 +183,7 @@ def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
 
 
 def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
-    """Values and weights of a factor's distribution (Q,), (Q,), weights adding up to 1; None of no numbers."""
+    """Values and weights of a factor's distribution (Q,), (Q,), sum 1; None of no numbers."""
     if factor.listed_values is not None:
         if any(isinstance(value, (str, bool)) for value in factor.listed_values):
             return None
@@ -240,11 +226,7 @@ def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
 
 
 class DesignCube:
-    """The unit cube of a study's dimensions, a coordinate a factor or group.
-
-    Raises:
-        StudyError: the values of a factor are in a table, or all factors are expressions.
-    """
+    """The unit cube of a study's dimensions, a coordinate a factor or group."""
 
     def __init__(self, study: Study) -> None:
         self.study = study

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, Any]
 DECORRELATION_TURNS = 4
-"""Repetitions of eq. (a)."""
 LEAST_PROBABILITY = 1e-12
 """Least distance from the ends of the unit interval, which have no normal value."""
 
@@ -58,14 +57,14 @@ def noise_dimensions(study: Study) -> int:
 
 
 def noise_rows_of_normals(study: Study, u: Array) -> list[dict[str, Any]]:
-    """Values of the noise factors at independent standard normals u (R, D), a mapping a row."""
+    """Values of the noise factors at standard normals u (R, D), a mapping a row."""
     from scipy.stats import norm
 
     return noise_rows_of_points(study, np.asarray(norm.cdf(u @ noise_mixing(study).T)))
 
 
 def noise_mixing(study: Study) -> Array:
-    """Matrix (D, D) from independent standard normals to the normal scores of a study's noise, eq. (b)."""
+    """Matrix (D, D) from independent standard normals to the noise's normal scores, eq. (b)."""
     places, root = _copula_factor(study)
     mixing = np.eye(noise_dimensions(study))
     mixing[np.ix_(places, places)] = root
@@ -73,7 +72,7 @@ def noise_mixing(study: Study) -> Array:
 
 
 def _copula_factor(study: Study) -> tuple[list[int], Array]:
-    """Dimensions of a study's noise that are correlated (K,), and chol(C) of eq. (b) (K, K)."""
+    """Correlated dimensions of a study's noise (K,), and chol(C) of eq. (b) (K, K)."""
     noise = study.noise or Noise()
     names = [axis.factors[0].group or axis.name for axis in design_dimensions(study.noise_study)]
     places = [names.index(name) for name in noise.correlated]
@@ -93,7 +92,7 @@ def _correlated_points(study: Study, points: Array) -> Array:
 
 
 def _decorrelated_points(points: Array, rng: np.random.Generator) -> Array:
-    """Points (n, d) with columns reordered so that their ranks do not correlate, eq. (a), if possible."""
+    """Points (n, d) with columns reordered so that ranks do not correlate, eq. (a)."""
     from scipy.stats import norm, rankdata
 
     n, d = points.shape
@@ -144,7 +143,7 @@ def nominal_row(study: Study, drive: Drive, design: Row) -> dict[str, Any]:
 
 
 def nominal_value(factor: Factor, drive: Drive) -> Any:
-    """Value of a factor that leaves the base drive as it is, or its median if the drive has none."""
+    """Value of a factor that leaves the base drive as it is, else its median."""
     if factor.relative:
         return 1.0
     if factor.offset or factor.shift is not None:

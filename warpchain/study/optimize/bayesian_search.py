@@ -33,9 +33,7 @@ GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
 LOCAL_DEVIATIONS = (0.15, 0.04, 0.01)
 """Deviations of candidates about a row."""
 BEST_ROWS = 6
-"""Number of best rows with candidates about them."""
 GAIN_DRAWS = 128
-"""Number of draws for the mean of (b)."""
 REFERENCE_COST = 1.2
 """r of eq. (a)."""
 
@@ -45,7 +43,6 @@ class SearchModel:
     """Surrogates of a search: of each metric, and of rows ending well.
 
     Attributes:
-        goals: goals of the search.
         processes: Gaussian process by metric, also of a factor that is an objective.
         ok: process of 1 for rows that are ok and 0 for others; None if none failed.
     """
@@ -55,7 +52,7 @@ class SearchModel:
     ok: GaussianProcess | None
 
     def predictions_at(self, x: Array) -> tuple[dict[str, tuple[Array, Array]], Array]:
-        """Mean and deviation by metric at coordinates (C, D), and the probability of rows ok within the limits."""
+        """Mean and deviation by metric at coordinates (C, D), and the probability that rows count."""
         found = {name: process.predict(x) for name, process in self.processes.items()}
         chance = np.ones(len(x))
         if self.ok is not None:
@@ -86,11 +83,8 @@ def propose_points(cube: DesignCube, measured: GoalValues, points: Array, count:
     """Next points of a search (count, D), fewer if the study has no more.
 
     Args:
-        cube: unit cube of the study.
         measured: goal values of the rows that were run.
         points: (R, D) points of these rows.
-        count: number of points.
-        seed: seed of this round.
     """
     rng = np.random.default_rng(seed)
     if measured.ok.sum() < 4:
@@ -139,7 +133,7 @@ def _local_points(point: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> Array:
-    """Candidates moved to allowed values, that satisfy the constraints and were not run."""
+    """Candidates moved to allowed values that keep the constraints and were not run."""
     snapped = cube.snapped_points(candidates)
     seen = {tuple(row) for row in np.round(known, 9).tolist()}
     new = []
@@ -156,7 +150,7 @@ def _volume_scalars(costs: Array, ways: Array) -> Array:
 
 
 def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[Array, Array, Array]:
-    """Mean costs of the rows that ran (R, M), and the costs that count as 0 and 1 (M,), (M,)."""
+    """Mean costs of the rows that ran (R, M), and the costs that scale to 0 and 1 (M,), (M,)."""
     means = np.stack(
         [
             sign * belief.processes[o.metric].predict(x)[0]
@@ -191,7 +185,7 @@ def _best_points(belief: SearchModel, measured: GoalValues, cube: DesignCube, po
 def _acquisition_values(
     belief: SearchModel, measured: GoalValues, cube: DesignCube, places: tuple[Array, Array], ways: Array, normal: Array
 ) -> Array:
-    """Expected gain of candidates (C,), eq. (b); `places` are the points that ran and the candidates."""
+    """Expected gain of candidates (C,), eq. (b); `places` are points that ran, and candidates."""
     points, candidates = places
     means, low, high = _cost_scaling(belief, measured, cube.model_coordinates(points))
     found, chance = belief.predictions_at(cube.model_coordinates(candidates))

@@ -2,9 +2,8 @@
 
     A/  B/   folders of the runs of each drive, as those of searches (`design_search`): their n-th rows are a pair
 
-A pair has the same noise and, with replicates, begins in the same ways. Noise factors are made of independent standard
-normals; design factors are held at each drive's values. The same study asks for the same runs, so that it can be
-resumed, also with a larger budget or for another metric.
+A pair has the same noise and, with replicates, begins in the same ways; design factors are held at each drive's values.
+The same study asks for the same runs, so that it can be resumed.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ from warpchain.study.spec.noise_table import Noise, metric_from_name, statistic_
 from warpchain.study.store import write_table
 
 DRIVE_NAMES = ("A", "B")
-"""Names of the two drives."""
 
 
 @check_arguments(StudyError)
@@ -50,13 +48,8 @@ class Comparison:
         metric: metric whose means are compared; None is the study's only objective.
         sense: "min" or "max", which is better; None is the objective's, or else "min".
         level: probability with which no wrong sign is stated, however often it is looked for.
-        budget: most runs of both drives.
-        batch: pairs that are run at once.
         event: change of a pair's difference by rare events that a sure sign allows for, in SI units; None takes
             `paired.EVENT_DEVIATIONS` deviations of the differences.
-
-    Raises:
-        StudyError: a number that is not allowed.
     """
 
     metric: str | None = None
@@ -67,11 +60,7 @@ class Comparison:
     event: NonNegativeNumber | None = None
 
     def most_batches(self, copies: int) -> int:
-        """Most batches of pairs within the budget, with `copies` runs of each drive in a pair.
-
-        Raises:
-            StudyError: there is not even one.
-        """
+        """Most batches of pairs within the budget, with `copies` runs of each drive in a pair."""
         runs = 2 * self.batch * copies
         if self.budget < runs:
             raise StudyError(f"budget = {self.budget}: must be at least {runs}, the runs of a batch")
@@ -86,15 +75,11 @@ class DriveComparison:
     """Two drives compared by the mean of a metric.
 
     Attributes:
-        metric: name of the metric.
         sense: "min" or "max", which is better.
-        results: all runs of A and of B.
         differences: (P,) differences of the pairs, B less A; NaN if one of the two is not ok.
         found: mean of the differences.
         means: means of the metric over the same pairs, of A and of B.
         copies: runs of each drive in a pair.
-        budget: most runs that were allowed.
-        folders: folders of A's and B's runs.
     """
 
     metric: str
@@ -109,12 +94,12 @@ class DriveComparison:
 
     @property
     def sure_winner(self) -> str | None:
-        """ "A" or "B" if it is surely better, also if the pairs missed rare events; else None."""
+        """ "A" or "B" if surely better, even if pairs missed rare events; else None."""
         return self._winner_of_sign(self.found.sure_sign)
 
     @property
     def shown_winner(self) -> str | None:
-        """ "A" or "B" if the pairs show it to be better, unless events are larger than any of theirs; else None."""
+        """ "A" or "B" if the pairs show it to be better; else None."""
         return self._winner_of_sign(self.found.shown_sign)
 
     def _winner_of_sign(self, sign: int) -> str | None:
@@ -163,8 +148,6 @@ def find_better(
         drives: files of A and B, or names of examples; the study's own drive is not run.
         out: the folder; made if there is none.
         by: metric, level and budget.
-        workers: CPU threads; None takes all cores.
-        memory: budget of a shard [bytes].
         progress: True shows a bar for each batch; see `StudySession.evaluate`.
         report: called after each batch.
 
@@ -206,11 +189,7 @@ def find_better(
 def _pair_differences(
     both: Sequence[Results], metric: str, by: Comparison
 ) -> tuple[Array, MeanDifference, tuple[float, ...]]:
-    """Differences of the pairs, B less A, NaN if one is not ok; their mean; and means of the metric of A and B.
-
-    Raises:
-        StudyError: fewer than two pairs are whole.
-    """
+    """Differences of pairs, B less A, NaN if one is not ok; their mean; the metric's means of A and B."""
     values = np.array([_metric_of_runs(each, metric) for each in both])
     whole, differences = np.isfinite(values).all(axis=0), values[1] - values[0]
     if whole.sum() < 2:
@@ -228,11 +207,7 @@ def _metric_of_runs(results: Results, metric: str) -> Array:
 
 
 def _compared_metric(benches: Sequence[StudySession], by: Comparison) -> tuple[str, str]:
-    """Name of the metric that is compared, and its sense.
-
-    Raises:
-        StudyError: none is named, or one that the drives do not have or the study does not keep.
-    """
+    """Name of the metric that is compared, and its sense."""
     study, metric = benches[0].study, by.metric
     if metric is None:
         if len(study.objectives) != 1:
@@ -253,11 +228,7 @@ def _compared_metric(benches: Sequence[StudySession], by: Comparison) -> tuple[s
 
 
 def _held_design_values(bench: StudySession, drive: Any) -> dict[str, Any]:
-    """Values of the design factors that leave a drive as it is.
-
-    Raises:
-        StudyError: there are none, or they miss a constraint.
-    """
+    """Values of the design factors that leave a drive as it is."""
     study: Study = bench.study.design_study
     row = {
         factor.name: nominal_value(factor, bench.drive)

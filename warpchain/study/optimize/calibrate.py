@@ -57,9 +57,7 @@ from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaus
 COORDINATE_REACH = 3.0
 """Standard normals from minus to plus this are the processes' coordinates from 0 to 1."""
 MOST_CHECK_RUNS = 8
-"""Most runs of the last round."""
 PREDICTION_DRAWS = 2000
-"""Samples that predictions are taken over."""
 LEAST_SPREAD = 1e-9
 """Least standard deviation of an unknown a priori, in parts of its largest value."""
 
@@ -70,8 +68,6 @@ class MeasuredNumber:
 
     Attributes:
         name: a metric, or "SIGNAL: STATISTIC".
-        unit: SI.
-        value: measured value.
         error: standard deviation of the value.
     """
 
@@ -96,22 +92,15 @@ class Calibration:
     """Result of a calibration.
 
     Attributes:
-        folder: folder of the runs.
-        study: the study, with its unknowns and measurements.
-        results: all runs.
         normals: (R, D) the runs as independent standard normals.
-        signals: measured signals by name.
-        numbers: measured numbers.
         runs: (R, J) the numbers of the runs, NaN if a run is not ok.
         emulated: Gaussian processes of the numbers, of all rounds but the last.
         checks: number of runs of the last round, the first of which is of the calibrated drive.
         rounds: mean and standard deviation (D,) of the normals after each round.
         before, after: (S, D) samples of the normals a priori, and of the posterior.
         values_before, values: (S,) of each unknown at these.
-        independent: number of independent samples that the posterior's are worth.
         directions: directions of the unknowns' normals, the least identified first.
         residuals: (J,) measured less expected numbers, in standard deviations of both.
-        predictions: predictions of metrics.
         drive: file of the drive at the posterior's means.
     """
 
@@ -137,18 +126,14 @@ class Calibration:
 
     @cached_property
     def check_counts(self) -> tuple[int, int]:
-        """Number of the last round's numbers within 1.96 standard deviations of the processes, and of all."""
+        """Numbers of the last round within 1.96 deviations of the processes, and all: two counts."""
         mean, variance = self.emulated(self.normals[-self.checks :])
         off = np.abs(self.runs[-self.checks :] - mean) / np.sqrt(variance)
         return int((off <= 1.96).sum()), int(np.isfinite(off).sum())
 
 
 def check_prior_spreads(source: str | os.PathLike[str], study: Study) -> None:
-    """Refuses unknowns whose values are all but equal a priori.
-
-    Raises:
-        StudyError: a distribution that is narrower than `LEAST_SPREAD`.
-    """
+    """Refuses unknowns whose values are all but equal a priori."""
     u = (np.arange(PREDICTION_DRAWS) + 0.5) / PREDICTION_DRAWS
     for i, factor in enumerate(study.factors):
         if factor.kind != NOISE:
@@ -169,7 +154,6 @@ class NumberEmulators:
     Args:
         normals: (R, D) of all runs.
         values: (R', J) numbers of the first R' runs; NaN if there is none.
-        names: names of the numbers.
     """
 
     def __init__(self, normals: Array, values: Array, names: Sequence[str]) -> None:
@@ -357,8 +341,6 @@ def calibrate(
     Args:
         source: the study file, with `[[measured]]` and noise factors.
         out: the folder; made if there is none.
-        workers: CPU threads; None takes all cores.
-        memory: budget of a shard [bytes].
         progress: True shows a bar for each round; see `StudySession.evaluate`.
         report: called with a line after each round.
 

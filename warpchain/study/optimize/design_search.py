@@ -45,13 +45,8 @@ class SearchResult:
     """Result of a search for designs.
 
     Attributes:
-        folder: folder of the search.
-        goals: goals of the study.
-        results: all rows.
         designs: the rows, or with noise the designs over it (`analysis.over_noise`).
-        rounds: number of rounds.
         recommended: recommended designs, the best compromise first.
-        drives: their drive files.
         archives: archive and number in it of each one's recording; None if it has none.
     """
 
@@ -82,8 +77,6 @@ def optimize(
     Args:
         source: the study file, with `[[objectives]]`.
         out: the folder; made if there is none.
-        workers: CPU threads; None takes all cores.
-        memory: budget of a shard [bytes].
         progress: True shows a bar for each round; see `StudySession.evaluate`.
         report: called with a line after each round.
         known: folders of studies and searches whose rows are not run again.
@@ -128,11 +121,7 @@ def optimize(
 
 
 def make_search_folder(path: Path, bench: StudySession) -> Path:
-    """Makes a search's folder with the study in it, or opens the one that holds the same study; returns its path.
-
-    Raises:
-        StudyError: it holds another study, or cannot be written.
-    """
+    """Makes a search's folder, or opens the one that holds the same study; returns its path."""
     try:
         (path / "rounds").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -189,7 +178,7 @@ def _write_recommended(
     rows: list[dict[str, Any]],
     chosen: tuple[RecommendedDesign, ...],
 ) -> tuple[tuple[Path, ...], tuple[tuple[Path, int] | None, ...]]:
-    """Writes the recommended designs as drive files, and records a run of each; returns files and archives."""
+    """Writes recommended designs as drive files and records a run of each; returns both."""
     place = folder / "recommended" / f"{len(results.status):04d}"
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
     design = table_with_column(design_table_of_rows(study, rows), "variant", [one.variant for one in chosen])

@@ -1,7 +1,6 @@
 """Search for a study's next rows by ask and observe, from the rows that were run.
 
-The same study, seed and results give the same rows, bit by bit: draws of a round follow from the seed and the number of
-known rows, linear algebra runs on one thread, and a population is led through its generations again.
+The same study, seed and results give the same rows, bit by bit.
 """
 
 from __future__ import annotations
@@ -38,11 +37,6 @@ class Population:
     Args:
         first: (N, D) the first generation.
         objectives, limits: number of each.
-        size: rows of a generation.
-        seed: seed of all draws.
-
-    Raises:
-        StudyError: pymoo is not installed.
     """
 
     def __init__(self, first: Array, objectives: int, limits: int, size: int, seed: int) -> None:
@@ -132,7 +126,7 @@ class Optimizer:
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Adds results of rows to the search: a table of factors, metrics, `METRIC_se` if known, and `status`.
+        """Adds results of rows to the search: factors, metrics, `METRIC_se` if known, `status`.
 
         Raises:
             StudyError: a column is missing, or other rows than a population has asked for.

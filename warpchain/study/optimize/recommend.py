@@ -1,12 +1,9 @@
 """Recommended designs out of the rows that were run, with estimates of their metrics and reasons.
 
-The best of many rows that scatter is the best partly by luck. So rows that were run once are compared by surrogates; a
-mean of several runs that is known better counts as it was run. Only rows that ended well are recommended.
-
-With noise, rows are designs and metrics are statistics of their runs (`analysis.over_noise`). A design beats another if
-it is surely better in one objective, in pairs of runs with the same noise, and no worse in any. Of designs that keep
-the limits as they were run, none is recommended that another one beats; beside them stands the best of those that
-surely keep the limits.
+The best of many rows that scatter is the best partly by luck, so rows that were run once are compared by surrogates.
+With noise, rows are designs and metrics statistics of their runs (`analysis.over_noise`). A design beats another if it
+is surely better in one objective, in pairs of runs with the same noise, and no worse in any; none is recommended that
+another one beats.
 """
 
 from __future__ import annotations
@@ -54,9 +51,6 @@ class RecommendedDesign:
     """A recommended design, with its reasons.
 
     Attributes:
-        row: row of the table.
-        variant: number of the variant.
-        reasons: reasons, one line each.
         believed: mean and standard deviation by metric; with noise, of its runs.
         measured: results of its run, by metric.
         chance: probability that it keeps all limits; with noise, the share of its runs that do.
@@ -75,7 +69,7 @@ class RecommendedDesign:
 
 
 def metric_estimate(results: Results, metric: str) -> MetricEstimate:
-    """Estimate of a metric at the rows: from their runs if precise, else by a surrogate, else as measured."""
+    """Estimate of a metric at the rows: from their runs if precise, else by a surrogate."""
     values, rows = results.values(metric), results.usable_rows(metric)
     if metric in results.factors:
         return MetricEstimate(values, np.zeros(len(values)), "set")
@@ -100,7 +94,6 @@ class JudgedRows:
     """All rows, judged by the goals.
 
     Attributes:
-        goals: goals of the study.
         believed: estimates by metric.
         costs: (R, M) means of the objectives, all to be small.
         spread: (R, M) their deviations.
@@ -121,11 +114,7 @@ class JudgedRows:
 
 
 def judge_rows(results: Results, goals: Goals) -> JudgedRows:
-    """Judges all rows by the goals: estimated costs and probabilities of keeping limits.
-
-    Raises:
-        StudyError: no row is ok and has all metrics.
-    """
+    """Judges all rows by the goals: estimated costs and probabilities of keeping limits."""
     measured = goals.goal_values(results)
     if not measured.ok.any():
         raise StudyError("objectives: no variant is ok and has all of " + ", ".join(goals.named_metrics))
@@ -151,7 +140,7 @@ def judge_rows(results: Results, goals: Goals) -> JudgedRows:
 
 
 def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
-    """Rows on the Pareto front of estimates among those that keep the limits, by the first objective (P,).
+    """Rows on the Pareto front of estimates, of those that keep the limits (P,).
 
     If any of these is on the front as measured, too, only such rows.
     """
@@ -163,7 +152,7 @@ def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
 
 
 def recommend(results: Results, goals: Goals, most: int = 4) -> list[RecommendedDesign]:
-    """Designs to recommend, at most `most`: the best compromise, the best of each objective, a safe choice.
+    """Designs to recommend: the best compromise, the best of each objective, a safe choice.
 
     Raises:
         StudyError: no row is ok and has all metrics.
@@ -201,7 +190,7 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
 
 
 def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp], m: int) -> Array:
-    """Sign of objective m's cost of other rows less that of a row (K,), 0 if it is not sure."""
+    """Sign of the cost of other rows less that of a row (K,), in objective m; 0 if not sure."""
     gap = judged.costs[others, m] - judged.costs[row, m]
     alike = np.abs(gap) <= 2.0 * np.hypot(judged.spread[others, m], judged.spread[row, m])
     signs = np.where(alike, 0.0, np.sign(gap))
@@ -214,7 +203,7 @@ def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDA
 
 
 def _beating_rows(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Those of other rows that are surely better than a row in one objective, and no worse in any."""
+    """Other rows that surely beat a row in one objective, and are no worse in any."""
     others = others[(judged.costs[others] <= judged.costs[row]).all(axis=1)]
     better = [_sure_cost_signs(results, judged, row, others, m) < 0.0 for m in range(judged.costs.shape[1])]
     return np.asarray(others[np.any(better, axis=0)])

@@ -45,7 +45,6 @@ from warpchain.study.spec.study_tables import Risk
 from warpchain.study.store import write_study_text, write_table
 
 SUMMARY_FILE = "risk.json"
-"""File of the estimates in the folder."""
 NOT_OK_LIMIT = ("", "")
 """Stands for a limit if a run is not ok."""
 LimitEnd = tuple[str, str]
@@ -60,7 +59,6 @@ class DesignPoint:
         variant: number of the run there.
         distance: distance from the medians, in standard deviations [-].
         deviations: normal score of each dimension of the noise [-].
-        broken: the limits that it breaks.
     """
 
     variant: int
@@ -74,18 +72,12 @@ class RiskEstimate:
     """Probability that a study's limits are broken over its noise, by two ways.
 
     Attributes:
-        folder: folder of the runs.
-        study: the study, with limits and noise.
-        results: all runs.
         joint: the estimate to state, or in words why there is none.
-        subset: estimate by subset simulation.
         sampled: estimate by importance sampling, or in words why there is none.
-        points: design points, nearest first.
         search_runs: number of runs of the search for them.
         shares: part of the failures that break each limit [-].
         variant: number of the run that failed at the likeliest values.
         distance: its distance from the medians, in standard deviations [-].
-        archive: its recording.
     """
 
     folder: Path
@@ -103,7 +95,7 @@ class RiskEstimate:
 
 
 class LimitMargins:
-    """Least margin to a study's limits, in parts of them, over standard normals; a run that is not ok fails."""
+    """Least margin to a study's limits, in parts of them, over standard normals."""
 
     def __init__(
         self, bench: StudySession, progress: Progress, report: Callable[[str], object] = lambda line: None
@@ -174,8 +166,6 @@ def estimate_risk(
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
         out: the folder; made if there is none.
-        workers: CPU threads; None takes all cores.
-        memory: budget of a shard [bytes].
         progress: True shows a bar for each batch; see `StudySession.evaluate`.
         report: called with a line on what is to be run, and with one after each batch.
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DIGEST_COLUMN = "digest"
-"""Column of a row's digest."""
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -61,11 +60,7 @@ def finished_round_count(folder: Path) -> int:
 
 
 def read_rounds(folder: Path, rounds: int) -> pa.Table:
-    """Reads the rows of the first rounds, numbered through, with the number of their round.
-
-    Raises:
-        StudyError: a round is missing or damaged.
-    """
+    """Reads the rows of the first rounds, numbered through, with the number of their round."""
     import pyarrow as pa
 
     tables = []
@@ -83,18 +78,12 @@ def read_rounds(folder: Path, rounds: int) -> pa.Table:
 
 
 class StudySession:
-    """A study with its base drive, for Python: rows as drives, runs, surrogates, a search.
+    """A study with its base drive, for Python: rows as drives, runs, surrogates, search.
 
     Args:
-        source: the study file.
         folder: folder of rounds; None keeps rows in memory only.
-        workers: CPU threads; None takes all cores.
-        memory: budget of a shard [bytes].
         drive: file of another base drive, or the name of an example; None is the study's own.
         search_target: target of its rows, such as "failures", if they are no sample of the noise; tables say so.
-
-    Raises:
-        StudyError: an error of the study or its drive; one line each.
     """
 
     def __init__(
@@ -123,11 +112,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
-        """Drives of rows, adjusted so that they fit.
-
-        Raises:
-            StudyError: a row that gives no drive; one line each.
-        """
+        """Drives of rows, adjusted so that they fit."""
         variants = self._built_variants(design_table_of_rows(self.study, rows))
         lines = [f"rows: row {i}: {variant.reason}" for i, variant in enumerate(variants) if variant.drive is None]
         if lines:
@@ -149,7 +134,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def evaluate(self, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Runs rows whose drive was not run yet; returns a table like a study's, a row each in this order.
+        """Runs rows whose drive was not run yet; returns a table, a row each in this order.
 
         Args:
             rows: values by factor.
@@ -166,11 +151,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def run_round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Runs rows as a round of the folder, or reads the table of that round.
-
-        Raises:
-            StudyError: the folder has other rows in that round, or is damaged.
-        """
+        """Runs rows as a round of the folder, or reads the table of that round."""
         assert self.folder is not None  # who asks for rounds has one
         name, done = round_folder_name(number), round_table_path(self.folder, number)
         place, design = self.folder / name, self._design_with_target(design_table_of_rows(self.study, rows))
@@ -203,7 +184,7 @@ class StudySession:
     def _run_new_rows(
         self, place: Path, prefix: str, design: pa.Table, progress: Progress, before: int = 0
     ) -> pa.Table:
-        """Runs the new rows of a design in a folder, recorded with numbers after `before`; returns all its rows."""
+        """Runs the new rows of a design, recorded with numbers after `before`; returns all rows."""
         import pyarrow as pa
 
         digests = self.row_digests(design)
@@ -261,11 +242,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def learn_rows(self, folder: str | os.PathLike[str]) -> int:
-        """Adds rows that another study of the same drive and runs has run to the known ones; returns their number.
-
-        Raises:
-            StudyError: no table there, other factors, or other run settings, limits or replicates.
-        """
+        """Adds rows that another study of the same drive has run to the known ones; their number."""
         import pyarrow as pa
 
         path = Path(folder)
@@ -309,11 +286,7 @@ class StudySession:
     # ------------------------------------------------------------------------------- what follows from rows
 
     def results(self) -> Results:
-        """Results of all rounds of the folder, or of the study that was run there.
-
-        Raises:
-            StudyError: there is no folder, or no table in it.
-        """
+        """Results of all rounds of the folder, or of the study that was run there."""
         if self.folder is None:
             raise StudyError("results: this study was opened without a folder")
         rounds = finished_round_count(self.folder)
@@ -372,9 +345,5 @@ def open_study(
     workers: Workers | None = None,
     memory: Count = MEMORY,
 ) -> StudySession:
-    """Opens a study for Python: rows as drives, runs, surrogates, a search (`StudySession`).
-
-    Raises:
-        StudyError: an error of the study or its drive; one line each.
-    """
+    """Opens a study for Python: rows as drives, runs, surrogates, a search (`StudySession`)."""
     return StudySession(source, folder, workers=workers, memory=memory)

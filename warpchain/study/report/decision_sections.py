@@ -31,7 +31,6 @@ from warpchain.view import html
 
 DESIGN_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 STATISTIC_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
-"""Heads of `SHOWN_STATISTICS` in tables."""
 MOST_FRONT_ROWS, MOST_LISTED_ROWS = 30, 60
 """Most variants in the table of the front, and of those that are not ok."""
 MOST_AXES, MATRIX_COLUMNS = 12, 5
@@ -54,7 +53,6 @@ class ReportGoals:
     Attributes:
         objectives, bounds: of the study file.
         folder: the study's folder, for the commands that play variants; None gives none.
-        most: most designs to recommend.
         recorded: whether the study's archives hold what playback needs.
         keep: share of the noise in which limits must be kept.
         page: name of the page without its ending, if recommended designs are drive files beside it.
@@ -75,11 +73,7 @@ class ReportGoals:
 
 
 def report_goals(results: Results, objectives: Mapping[str, str] | None, wanted: ReportGoals | None) -> ReportGoals:
-    """Goals of a report: those of `wanted` that the table holds, with other objectives if some are given.
-
-    Raises:
-        StudyError: a metric that the table lacks, or an unknown sense.
-    """
+    """Goals of a report: those of `wanted` that the table holds, with other objectives if some are given."""
     found = wanted or ReportGoals()
     if objectives is not None:
         check_senses(objectives)
@@ -100,7 +94,7 @@ def report_goals(results: Results, objectives: Mapping[str, str] | None, wanted:
 def variants_table_html(
     results: Results, rows: Sequence[int], columns: Sequence[str], first: Sequence[str] = ()
 ) -> str:
-    """HTML table of rows' variants with columns in suitable units; `first` has a word for each row."""
+    """HTML table of rows' variants with columns in suitable units."""
     axes = {name: ShownColumn(results, name, rows) for name in columns if results.is_numeric(name)}
     heads = [*([""] if first else []), "variant", *(axes[name].name if name in axes else name for name in columns)]
     lines = []
@@ -303,14 +297,11 @@ def explorer_data(
     wanted: ReportGoals,
     recommended: Sequence[RecommendedDesign],
 ) -> dict[str, Any]:
-    """Data of all rows for the interactive views of the page's script.
+    """Data of all rows for the interactive views of a report.
 
     Args:
-        metrics: metrics beside the factors.
         telling: factors that matter most, first.
-        objectives: "min" or "max" by metric.
         wanted: limits to begin with, and the study's folder for commands.
-        recommended: designs to mark.
     """
     bounds = wanted.bounds
     names = tuple(dict.fromkeys((*results.factors, *objectives, *(b.metric for b in bounds), *metrics)))
@@ -367,13 +358,11 @@ def has_study_files(folder: str | None) -> bool:
 def write_recommended_drives(
     folder: str | Path, page: Path, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[Path]:
-    """Writes recommended designs as drive files beside a page (`report-A.toml` of `report.html`); returns the files.
+    """Writes recommended designs as drive files beside a page; returns the files.
 
     Args:
         folder: the study's, with its study file and base drive, at whose values noise factors are.
-        page: file of the report.
         designs: rows that were compared, or designs over their noise.
-        chosen: the recommended ones.
 
     Raises:
         StudyError: a row that gives no drive, or a folder that cannot be written.

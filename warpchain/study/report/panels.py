@@ -34,7 +34,6 @@ Panel = dict[str, Any]
 INK, ACCENT, MARK, PALE, OTHER = "#33475b", "#1f77b4", "#d1495b", "#b4bcc4", "#6a4c93"
 LEVEL_COLORS = ("#1f77b4", "#6a4c93", "#d1495b")
 MOST_DOTS = 300
-"""Most variants drawn behind a curve."""
 
 
 def report_page_html(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
@@ -80,14 +79,10 @@ class ShownColumn:
     """A column of results as it is shown: unit by the largest value, decimals by the range.
 
     Args:
-        results: the study's results.
-        column: name of the column.
         rows: rows that are shown; None takes all, of a metric those that are ok.
 
     Attributes:
-        name: name with unit.
         factor: shown value = SI value * factor.
-        unit: unit that is shown.
         decimals: of shown values; see `units.distinguishing_decimals`.
     """
 

@@ -50,7 +50,6 @@ def view_study(
     """Shows a study in the Rerun viewer, or saves it as a Rerun recording.
 
     Args:
-        results: the study's results.
         recorded: trajectories to play, by variant (`study.run.recordings.recorded_trajectories`).
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
@@ -123,11 +122,7 @@ def log_study_scatters(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> tuple[list[Chart], int]:
-    """Logs one scatter for each factor and metric to Rerun, a dot an ok variant; returns charts and number of columns.
-
-    Raises:
-        StudyError: an unknown column, or no factor or metric that varies.
-    """
+    """Logs a scatter for each factor and metric to Rerun; returns charts and number of columns."""
     wanted = tuple(objectives or ())
     set_ones = [name for name in wanted if name in results.factors]
     across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _telling_inputs(results)))))

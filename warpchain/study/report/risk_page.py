@@ -27,10 +27,8 @@ from warpchain.study.store import write_study_text
 from warpchain.view import html
 
 PAGE_FILE = "risk.html"
-"""Name of the page in the folder."""
 SUBSET_NAME = "subset simulation"
 MOST_RUN_DOTS = 1500
-"""Most runs that are drawn."""
 LEAST_SHARE = 0.001
 """Part of the failures from which on a limit is named."""
 

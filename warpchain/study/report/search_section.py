@@ -16,7 +16,6 @@ from warpchain.study.results import ROUND_COLUMN, Results
 from warpchain.view import html
 
 MOST_DRAWN_FACTORS = 12
-"""Most factors whose values are drawn."""
 
 KEEPING_NOTE = " and keep the limits as they were measured; pale dots do not."
 

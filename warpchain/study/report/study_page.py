@@ -61,15 +61,12 @@ TELLING_METRICS = (
 )
 """Metrics that a report shows if none are named, the first ones first."""
 MOST_SHOWN_METRICS = 6
-"""Most metrics that a report shows in figures if none are named."""
 MOST_NAMED_PAIRS = 3
-"""Most pairs of factors that are named as acting together."""
 EXTREME_VARIANTS = 3
-"""Variants listed at each end of a metric."""
 
 
 def telling_metrics(results: Results) -> tuple[str, ...]:
-    """Metrics to show: those of `TELLING_METRICS`, then others that vary and most variants have."""
+    """Metrics to show: `TELLING_METRICS`, then others that vary and most variants have."""
     enough = results.ok.sum() / 2
     varying = [m for m in results.varying_metrics() if results.usable_rows(m).sum() > enough]
     ordered = [m for pattern in TELLING_METRICS for m in varying if _is_of_pattern(m, pattern)] + list(varying)
@@ -93,8 +90,6 @@ def study_report_html(
     """HTML report of a study.
 
     Args:
-        results: the study's results.
-        title: heading of the page.
         metrics: metrics to show; none takes the objectives and the telling ones.
         objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`, or else the first two
             metrics, both low.
@@ -261,14 +256,12 @@ def _range_text(results: Results, metric: str) -> str:
 def _verdict_text(
     results: Results, metric: str, effects: list[Effect], pairs: list[Interaction], chance: float | None
 ) -> str:
-    """Sentence on which factor stands out in a metric's variance, and how much of it is scatter between equal runs.
+    """Sentence on the factor that stands out in a metric's variance, and on scatter between runs.
 
     A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors (Bonferroni). If none
     does, pairs that act together are named.
 
     Args:
-        effects: main effects on the metric.
-        pairs: interactions in the metric.
         chance: part of the variance that is scatter between equal runs; None if unknown.
     """
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
@@ -393,7 +386,6 @@ def _pure_error_line(results: Results, metric: str, chance: float | None) -> str
 
 
 MOST_CORRELATED = 40
-"""Most metrics with correlations."""
 
 
 def _correlation_section(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
@@ -485,11 +477,11 @@ def _sobol_section(
         ),
         panels.panels_html(panels.sobol_panels(found) if found else [], "Sobol' indices of the metrics"),
         html.bullets_html(lines),
-        html.paragraph_html(_advice_text(results, folder or "DIR")) if refused else "",
+        html.paragraph_html(_sobol_advice(results, folder or "DIR")) if refused else "",
     )
 
 
-def _advice_text(results: Results, folder: str) -> str:
+def _sobol_advice(results: Results, folder: str) -> str:
     """Commands for more variants or replicates, if there are no Sobol' indices."""
     if ROUND_COLUMN in results.table.column_names:
         going_on = f"raise optimize.count in the study file and go on: warpchain optimize STUDY.toml -o {folder}"

@@ -1,9 +1,8 @@
 """Joins several studies' folders to one: the rows of all, each once, numbered through; the folders stay as they are.
 
-They must run the same: one drive, the same factors with whatever ranges, the same run settings. Rows with equal factors
-are one, with the copies of all. Drives that only begin differently (`run.phase`) get a hidden factor for that. The
-joined design is a table (`rows.parquet`): a first plan holds what was run, a second the rest. `merged.parquet` maps the
-rows, and recordings are written again under new numbers.
+They must run the same: one drive, the same factors with whatever ranges, the same run settings. Drives that only begin
+differently (`run.phase`) get a hidden factor for that. The joined design is a table (`rows.parquet`): a first plan
+holds what was run, a second the rest. `merged.parquet` maps the rows.
 """
 
 from __future__ import annotations
@@ -51,7 +50,6 @@ if TYPE_CHECKING:
 START_DEFAULTS: Mapping[str, Any] = {"phase": 0.0}
 """Keys of `run` that say how a drive begins, and their defaults; they become hidden factors."""
 FREE_RUN_KEYS = ("shard", "device", "keep_states")
-"""Run settings that may differ."""
 GOAL_FIELDS = ("objectives", "bounds", "optimize")
 """Fields of a study that no run depends on."""
 SPREAD_KEYS = ("range", "levels", "choice", "points", "distribution", "mean", "std", "sample", "group")
@@ -59,7 +57,6 @@ SPREAD_KEYS = ("range", "levels", "choice", "points", "distribution", "mean", "s
 ROWS_FILE, MERGED_FILE = "rows.parquet", "merged.parquet"
 """Files of the joined design's table, and of the rows' former numbers."""
 RowCopy = tuple[int, int]
-"""Row and copy of a run."""
 
 
 def joined_study(opened: Sequence[StudyFolder], rows: str) -> Study:
@@ -185,8 +182,6 @@ class JoinedStudies:
     """Result of joining folders.
 
     Attributes:
-        outcome: status of the joined study.
-        rows: number of rows of each folder.
         together: number of rows of the joined study.
         mapping: file of the rows' former numbers: columns `folder`, `before`, `variant`.
     """
@@ -341,7 +336,7 @@ def _row_mapping(opened: Sequence[StudyFolder], pool: _JoinedRows) -> pa.Table:
 
 
 def _renumbered_runs(folder: StudyFolder, pool: _JoinedRows, f: int, design: pa.Table) -> pa.Table:
-    """Table of a folder's runs with their joined numbers and factors, and their former rows in `before`."""
+    """Table of a folder's runs with joined numbers and factors, and former rows in `before`."""
     import pyarrow as pa
 
     table = read_runs(folder)
@@ -388,7 +383,7 @@ def _write_joined_shard(
 def _copy_states(
     joined: StudyFolder, shard: int, opened: Sequence[StudyFolder], runs: Sequence[tuple[int, int, int, int]]
 ) -> None:
-    """Copies the states of runs (folder, row there, joined row, copy) into a joined shard."""
+    """Copies the states of runs (folder, row there, joined row, copy) to a joined shard."""
     held = {
         f: read_run_states(opened[f], [(row, copy) for of, row, _, copy in runs if of == f])
         for f in {r[0] for r in runs}
@@ -396,7 +391,7 @@ def _copy_states(
     write_joined_states(joined, shard, [(number, copy, held[f].get((row, copy))) for f, row, number, copy in runs])
 
 
-class _LazyTrajectories(Mapping[int, Trajectory]):
+class _SourceTrajectories(Mapping[int, Trajectory]):
     """Trajectories of a joined shard's recorded rows, read from their archives when asked for."""
 
     def __init__(self, places: Sequence[tuple[Path, int]]) -> None:
@@ -435,7 +430,7 @@ def _table_with_recordings(joined: StudyFolder, shard: int, table: pa.Table, own
         metrics = pa.concat_tables(lines, promote_options="permissive").combine_chunks()
         numbers = [table["variant"][k].as_py() for k in rows]
         info: RunInfo = archives[0].info
-        run = Run(drives, metrics, _LazyTrajectories(held), info)
+        run = Run(drives, metrics, _SourceTrajectories(held), info)
         write_archive(run, path, True, ArchiveOptions(numbers=numbers, attachments=joined.archive_mark(shard)))
     files = [f"shards/{path.name}" if name is not None else None for name in names]
     numbers_ = [v if name is not None else None for v, name in zip(table["variant"].to_pylist(), names, strict=True)]

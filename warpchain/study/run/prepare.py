@@ -1,8 +1,7 @@
 """Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder.
 
-Growing adds a plan; nothing that was run is lost. More points or replicates only add runs. Another duration or window
-runs all rows once more, from the states at the end of the runs before if these were kept; the tables before stay, as
-`results.before-K.parquet`. A Latin hypercube of n points grows to k n, with new points in the free strata.
+Growing adds a plan. More points or replicates only add runs. Another duration or window runs all rows once more, from
+the states at the end of the runs before if these were kept; the tables before stay, as `results.before-K.parquet`.
 """
 
 from __future__ import annotations
@@ -136,11 +135,7 @@ def read_study(
 
 
 def base_drive_file(study: Study, source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None) -> Path:
-    """Path of a study's base drive; arguments as in `read_study`.
-
-    Raises:
-        DriveError: neither a drive file nor an example.
-    """
+    """Path of a study's base drive; arguments as in `read_study`."""
     word = study.study.drive if base is None else os.fspath(base)
     beside = Path(source).parent / word if base is None else Path(word)
     return beside if beside.exists() or beside.suffix == ".toml" else drive_path(word)
@@ -158,7 +153,7 @@ def _drive_mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) 
 
 
 def _readable_study(source: str | os.PathLike[str]) -> Study | None:
-    """The valid parts of a study file with errors, to check against its drive; None if there are none."""
+    """The valid parts of a study file with errors, to check against its drive; or None."""
     import tomllib
 
     try:
@@ -186,19 +181,14 @@ def _readable_study(source: str | os.PathLike[str]) -> Study | None:
 
 
 def _factor_without_values(factor: Any) -> dict[str, Any]:
-    """Values of a mapping's keys that say which place in the drive a factor sets, with some range."""
+    """Keys of a mapping that say what a factor sets, with some range."""
     keys = ("name", "path", "paths", "shift", "along", "relative", "offset")
     held = {key: factor[key] for key in keys if key in factor} if isinstance(factor, dict) else {}
     return {**held, "range": [0.0, 1.0]}
 
 
 def preferred_shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
-    """Number of runs of a shard: about 30 s of work, enough to fill the device, within memory and rows / parts.
-
-    Args:
-        cores: CPU threads of a shard.
-        memory: budget of a shard [bytes].
-    """
+    """Number of runs of a shard: some 30 s of work, within memory and rows / parts."""
     links = drive.links
     fits = memory // (ROLLER_BYTES * links + VARIANT_BYTES)
     try:
@@ -233,11 +223,7 @@ def gpu_count(device: str | None) -> int:
 
 
 def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> None:
-    """Checks the names of metrics and signals in a study against its drive.
-
-    Raises:
-        StudyError: a line for each error.
-    """
+    """Checks the names of metrics and signals in a study against its drive."""
     from warpchain.results.metric_columns import MODE_METRICS, metric_names
 
     names, lines = metric_names(drive), []
@@ -325,11 +311,7 @@ def grow_folder(folder: StudyFolder, study: Study, source: Path, shard: int) -> 
 
     Args:
         study: a study for which `is_growable` is true.
-        source: file of the study.
         shard: number of runs of a new shard.
-
-    Raises:
-        StudyError: a design with other first rows, or a folder that cannot be written.
     """
     path, number = folder.path, folder.plan_count
     files = [folder.path / plan_file_name("study.toml", earlier) for earlier in range(folder.plan_count)]

@@ -24,15 +24,10 @@ from warpchain.study.store import write_study_text
 from warpchain.view.recorded_variants import DRIVE_CHANNELS
 
 MOST_RECORDINGS = 4
-"""Most recorded variants that are taken if none are named."""
 
 
 def recording_places(results: Results) -> dict[int, tuple[str, int]]:
-    """Archive (file in the study's folder) and number in it of each recorded variant.
-
-    Raises:
-        StudyError: the table has no such columns.
-    """
+    """Archive (file in the study's folder) and number in it of each recorded variant."""
     names = results.table.column_names
     if not set(ARCHIVE_COLUMNS) <= set(names):
         raise StudyError("the study recorded no variant: its table has no column 'archive'")
@@ -47,9 +42,7 @@ def recorded_trajectories(
     """Trajectories of recorded variants, by variant.
 
     Args:
-        folder: the study's.
         variants: which; None takes the first `MOST_RECORDINGS` recorded ones, or the worst ones first.
-        worst: what the study calls worst, if it says so.
 
     Raises:
         StudyError: a variant that was not recorded, an archive of another study or shard.
@@ -83,10 +76,9 @@ def worst_first_variants(results: Results, variants: Sequence[int], worst: Worst
 
 
 def results_with_objectives(results: Results, folder: str | Path, woehler: Woehler | None = None) -> Results:
-    """The results with the objectives of recorded variants (`results.objectives`) as further metrics, else null.
+    """Results with the objectives of recorded variants as further metrics, else null.
 
     Args:
-        folder: the study's.
         woehler: Woehler curve of a link; None leaves fatigue out.
 
     Raises:
@@ -121,10 +113,7 @@ class RepeatedRun:
     """A variant to run again with its study's settings, for a recording to play.
 
     Attributes:
-        drive: the variant's drive.
         study: study whose settings it was run with.
-        variant: the variant's number.
-        archive: file of its recording.
     """
 
     drive: Drive
@@ -133,7 +122,7 @@ class RepeatedRun:
     archive: Path
 
     def write_command(self) -> str:
-        """Writes the variant's drive file beside its recording; returns the command that runs it again."""
+        """Writes a variant's drive file; returns the command that runs it again."""
         file = self.archive.with_suffix(".toml")
         self.archive.parent.mkdir(exist_ok=True)
         write_study_text(file, dumps_drive(self.drive))
@@ -149,11 +138,7 @@ class RepeatedRun:
         return shlex.join(words)
 
     def run_again(self, *, workers: int | None = None, memory: int = MEMORY, progress: Progress = False) -> None:
-        """Runs the variant again, into its archive.
-
-        Raises:
-            SimulationError, DriveError, ArchiveError: as in `simulate`.
-        """
+        """Runs the variant again, into its archive."""
         from warpchain.archive.options import ArchiveOptions
         from warpchain.engine.simulation import simulate
         from warpchain.results.run import Record
@@ -178,11 +163,7 @@ class RepeatedRun:
 
 
 def recording_of_variant(folder: str | Path, variant: int) -> tuple[Path, int] | RepeatedRun:
-    """Archive of a variant and its number in it, or how to run one without a recording to play again.
-
-    Args:
-        folder: of a study, or of a search.
-        variant: its number in the table.
+    """Archive of a variant and its number in it, or a `RepeatedRun` without a recording to play.
 
     Raises:
         StudyError: no such folder or variant, or one that gives no drive.

@@ -73,7 +73,7 @@ def _target_value(factor: Factor, own: Any, row: Mapping[str, Any]) -> Any:
 
 
 def _drive_with_shift(drive: Drive, factor: Factor, path: str, by: float) -> Drive:
-    """The drive with a guide-bar or a sprocket shifted by a distance along the factor's direction [m]."""
+    """Drive with a guide-bar or a sprocket shifted along the factor's direction [m]."""
     part = drive.get_value(path)
     if factor.along is not None and factor.along != "normal":
         x, y = factor.along
@@ -118,12 +118,10 @@ def _guide_normal(drive: Drive, guide: Guide) -> tuple[float, float]:
 def adjusted_drives(
     drives: Sequence[Drive], adjusts: Sequence[Adjust], rows: Sequence[Mapping[str, Any]]
 ) -> list[AdjustedDrive | WarpchainError]:
-    """Drives of rows, adjusted so that their chains fit; in place of one, the StudyError or DriveError that refuses it.
+    """Drives of rows, adjusted so that their chains fit, or the errors that refuse them.
 
     Args:
-        drives: with the rows' factors in them.
         adjusts: adjustments, done one after the other.
-        rows: values of the factors, for expressions.
     """
     found: list[AdjustedDrive | WarpchainError] = [(drive, {}) for drive in drives]
     for key, before, adjust in named_adjustments(adjusts):
@@ -141,7 +139,7 @@ def adjusted_drives(
 def _drives_with_adjustment(
     drives: Sequence[Drive], key: str, adjust: Adjust, rows: Sequence[Mapping[str, Any]]
 ) -> list[AdjustedDrive | WarpchainError]:
-    """Drives of rows after one adjustment, or the errors that refuse it; `key` begins their messages."""
+    """Drives of rows after one adjustment, or the errors that refuse it."""
     found: dict[int, AdjustedDrive | WarpchainError] = {}
     strains: dict[int, float] = {}
     for v, (drive, row) in enumerate(zip(drives, rows, strict=True)):
@@ -187,7 +185,7 @@ def _link_counts_to_try(
     strains: Mapping[int, float],
     refused: dict[int, Any],
 ) -> dict[int, list[int | None]]:
-    """Numbers of links to try by row, None for the drive's own; writes errors of others into `refused`."""
+    """Numbers of links to try by row, None for the drive's own; refusals go to `refused`."""
     if adjust.links is None:
         return {v: [None] for v in strains}
     found: dict[int, list[int | None]] = {}
@@ -204,7 +202,7 @@ def _link_counts_to_try(
 def _drives_with_moved_sprocket(
     drives: Sequence[Drive], key: str, adjust: Adjust, strains: Sequence[float]
 ) -> list[AdjustedDrive | StudyError]:
-    """Drives with the adjusted sprocket moved to fit, and its travel [m], or the errors."""
+    """Drives with the adjusted sprocket moved, and its travel [m], or the errors."""
     if adjust.sprocket is None:
         return [(drive, {}) for drive in drives]
     assert adjust.direction is not None  # the table's own rule

@@ -1,4 +1,4 @@
-"""Tables of the states of a study's runs at the end of their windows, a file a shard, from which longer runs go on."""
+"""Tables of the states of a study's runs at their ends, from which longer runs go on; a file a shard."""
 
 from __future__ import annotations
 
@@ -18,11 +18,7 @@ VARIANT_COLUMN, COPY_COLUMN, STATE_COLUMN = "variant", "replicate", "state"
 
 
 def write_run_states(folder: StudyFolder, shard: int, variants: Sequence[Variant]) -> None:
-    """Writes the table of the states of a shard's runs, and which of them went on from one.
-
-    Raises:
-        StudyError: a folder or disk that refuses.
-    """
+    """Writes the table of the states of a shard's runs, and which of them went on from one."""
     import pyarrow as pa
 
     table = pa.table(
@@ -55,7 +51,7 @@ def read_run_states(folder: StudyFolder, tasks: Sequence[tuple[int, int]]) -> di
 
 
 def write_joined_states(folder: StudyFolder, shard: int, states: Sequence[tuple[int, int, bytes | None]]) -> None:
-    """Writes the table of states (number, copy, state) of a joined shard; none if no run has one."""
+    """Writes the table of states (number, copy, state) of a joined shard, if there are any."""
     import pyarrow as pa
 
     numbers, copies, held = zip(*states, strict=True)
@@ -70,7 +66,7 @@ def write_joined_states(folder: StudyFolder, shard: int, states: Sequence[tuple[
 
 
 def assign_initial_states(folder: StudyFolder, variants: Sequence[Variant]) -> None:
-    """Sets `initial_state` of variants to the stored states of runs before a change of duration or window."""
+    """Sets `initial_state` of variants to stored ends of runs before a longer duration or window."""
     wanted = {(variant.row["variant"], variant.copy): variant for variant in variants if not variant.recorded}
     if not folder.earlier_plans or not wanted:
         return

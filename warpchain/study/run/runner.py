@@ -1,8 +1,7 @@
 """Runs a study: the shards that are left, the second pass for the worst variants, the whole table.
 
-Shards run one after the other in this process, or on any executor of `concurrent.futures`, such as a Dask scheduler's
-(extra `dask`). Dask runs the shard of a worker that died again, up to its `distributed.scheduler.allowed-failures`.
-After any end, the same call goes on from where it was.
+Shards run here, one after the other, or on any executor of `concurrent.futures`, such as a Dask scheduler's (extra
+`dask`). After any end, the same call goes on from where it was.
 """
 
 from __future__ import annotations
@@ -57,15 +56,11 @@ CONNECT_SECONDS = 5.0
 SCHEDULER_SECONDS = 30.0
 """Time that a scheduler has to answer [s]."""
 PARTIAL_FILE = "partial.parquet"
-"""File of the table of an unfinished study."""
 
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     """The executor of a Dask scheduler, and its number of workers.
-
-    Args:
-        address: such as "tcp://10.0.0.1:8786".
 
     Raises:
         StudyError: dask.distributed is not installed, no scheduler answers, or a shard has ended several workers.
@@ -108,11 +103,7 @@ def _error_line(error: Exception) -> str:
 
 @interruptible_work()
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> StudyStatus:
-    """Makes the whole table of a study whose shards are done, after recording its worst variants if these are wanted.
-
-    Raises:
-        StudyError: shards are missing.
-    """
+    """Makes the whole table of a study whose shards are done."""
     folder = open_folder(Path(out))
     missing = [shard for shard in folder.shard_numbers if not folder.is_done(shard)]
     if missing:
@@ -127,7 +118,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 def finish_study(
     folder: StudyFolder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
 ) -> StudyStatus:
-    """Records the worst variants, writes the whole table, and removes what ended processes have left."""
+    """Records the worst variants, writes the whole table, and removes leftover files."""
     table = read_runs(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
@@ -200,11 +191,7 @@ def _concatenated_shards(folder: StudyFolder, shards: Sequence[int]) -> pa.Table
 
 
 def write_partial_table(out: str | os.PathLike[str]) -> Path:
-    """Writes `partial.parquet`, the table of the shards that are done; returns its path.
-
-    Raises:
-        StudyError: no such folder, or none of its shards is done.
-    """
+    """Writes `partial.parquet`, the table of the shards that are done; returns its path."""
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]
     if not done:
@@ -222,7 +209,7 @@ def means_of_replicates(table: pa.Table) -> pa.Table:
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """Variants (number, copy) to record in a second pass: the most extreme ones that are not recorded yet.
+    """Variants (number, copy) to record in a second pass, the most extreme ones.
 
     Rows are ranked by the mean of their copies; of the copies, the most extreme one is recorded.
     """
@@ -361,11 +348,7 @@ def _run_shards_here(
 def _run_shards_on_executor(
     folder: StudyFolder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Runs shards on an executor.
-
-    Raises:
-        StudyError: a worker of the executor died, and the executor does not run its shard again.
-    """
+    """Runs shards on an executor, whose lost workers raise a StudyError."""
     futures: dict[Future[int], int] = {}
     done, total = 0, float(sum(map(folder.shard_run_count, shards)))
     try:

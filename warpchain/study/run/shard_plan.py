@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 Indices: TypeAlias = "NDArray[np.int64]"
 PLAN_FORMAT = 1
 PLAN_FILES = ("study.toml", "drive.toml", "design.parquet")
-"""Names of the files that a plan is made of."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +50,7 @@ class ShardPlan:
     """Runs that one plan of a study's folder adds, cut into shards.
 
     Attributes:
-        blocks: the runs in order.
         shard_size: number of runs of a shard; the last one may have fewer.
-        first_shard: number of the first shard.
         identity: the plan's digest, which its tables bear; "" in folders of earlier versions.
         digests: SHA-256 of the files that the plan is made of.
     """

@@ -53,14 +53,7 @@ def simulate_variants(
 
     Args:
         variants: the runs; their results are filled in.
-        archive: file of the recorded variants.
         options: `memory`, `workers` and `archive_options` of `simulate`.
-        report: called as the work goes on.
-
-    Raises:
-        SimulationError: a refusal of every variant.
-        ArchiveError: the archive cannot be written.
-        KeyboardInterrupt: the user stopped it.
     """
     on = [variant for variant in variants if variant.initial_state is not None]
     if on and len(on) < len(variants):  # a GPU takes those that go on by themselves
@@ -74,7 +67,7 @@ def simulate_variants(
     of_runs = partial_report(report, RUNNING, 0.0, runs)
 
     def add_modes() -> None:
-        """Adds the base drive's modes to the variants' metrics, in the second part of the progress."""
+        """Adds modes to the variants' metrics, in the second part of the progress."""
         _add_mode_metrics(study, base, variants, options.get("workers"), partial_report(report, RUNNING, runs, 1.0))
 
     if _has_room_for_recordings(study, variants, options.get("memory", MEMORY)):
@@ -128,7 +121,7 @@ def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
 def _simulate_feasible(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Simulates the variants that have a drive, and marks those infeasible that are refused, found by halving."""
+    """Simulates variants that have a drive; marks those that are refused infeasible."""
     feasible = [variant for variant in variants if variant.drive is not None]
     refused = _attempt_simulation(study, feasible, archive, options, report)
     if isinstance(refused, DriveError):
@@ -263,9 +256,7 @@ def run_shard(
 
     Args:
         folder: the study's folder, on a disk that the caller shares.
-        shard: number of the shard.
         options: `memory` and `workers` of `simulate`.
-        report: called as the work goes on.
 
     Raises:
         WarpchainError: an error that is not of single variants, such as an unknown device or a full disk.
@@ -277,7 +268,7 @@ def run_shard(
         recorded = opened.directly_recorded()
         tasks = zip(numbers.tolist(), copies.tolist(), strict=True)
         chosen = {i for i, (row, copy) in enumerate(tasks) if copy == 0 and row in recorded}
-        _simulate_and_write(opened, shard, _design_rows(opened, numbers, copies), chosen, options or {}, report)
+        _simulate_and_write(opened, shard, _rows_of_runs(opened, numbers, copies), chosen, options or {}, report)
     return opened.shard_run_count(shard)
 
 
@@ -292,11 +283,11 @@ def record_worst_variants(
     place = {variant: row for row, variant in enumerate(opened.read_design()["variant"].to_pylist())}
     numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
     copies = np.array([copy for _, copy in variants], dtype=np.int64)
-    rows = _design_rows(opened, numbers, copies)
+    rows = _rows_of_runs(opened, numbers, copies)
     _simulate_and_write(opened, opened.worst_shard, rows, set(range(len(variants))), options or {}, report)
 
 
-def _design_rows(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.Table:
+def _rows_of_runs(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.Table:
     """Rows of the design table, with a column for the copy if rows are run several times."""
     import pyarrow as pa
 
@@ -334,7 +325,7 @@ def _simulate_and_write(
 
 
 def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
-    """Table of inputs and metrics of variants, a row each; fields have role "factor" or "metric" and a unit."""
+    """Table of inputs and metrics of variants, a row each, with roles and units of fields."""
     import pyarrow as pa
 
     status, reason = OUTCOME_COLUMNS

@@ -51,26 +51,20 @@ ARCHIVE_MARK = "study.json"
 DRIVE_TEXT_FILE = "drive-text.toml"
 """File with the text of the base drive as the user wrote it; drive.toml is what is run."""
 REPLICATES_FILE = "replicates.parquet"
-"""File of the table of all runs, of a study that runs rows several times."""
 RESUMED_COLUMN = "gone_on"
 """Column of a table of states: whether a run went on from an earlier run's state."""
 WORST_SHARD = "worst"
 """Name of the shard that records the worst variants in a second pass."""
 RATE_SHARDS = 20
-"""Number of latest shards that give a study's rate."""
 STATUS_REASONS = 3
-"""Most reasons of a study's status."""
 
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """A study's folder, with its plans.
+    """A study's folder with its plans; what is missing or damaged raises a StudyError.
 
     Attributes:
-        path: path of the folder.
-        rows: number of rows of the design.
         plans: the plans since the study last began anew.
-        plan_count: number of all plans.
         earlier_plans: the plans before the study began anew, with another duration or window.
     """
 
@@ -82,22 +76,14 @@ class StudyFolder:
 
     @cached_property
     def study(self) -> Study:
-        """The study, from its file in the folder.
-
-        Raises:
-            StudyError: its file is damaged.
-        """
+        """The study, from its file in the folder."""
         from warpchain.study.spec import load_study
 
         return load_study(self.path / plan_file_name("study.toml", self.plan_count - 1))
 
     @cached_property
     def base_drive(self) -> Drive:
-        """The study's base drive, from its file in the folder.
-
-        Raises:
-            DriveError: its file is damaged.
-        """
+        """The study's base drive, from its file in the folder."""
         from warpchain.drive import load_drive
 
         return load_drive(self.path / "drive.toml")
@@ -109,7 +95,7 @@ class StudyFolder:
 
     @property
     def identity(self) -> str:
-        """Digest of the last plan, which the study's tables bear; "" in folders of earlier versions."""
+        """Digest of the last plan, which tables bear; "" in folders of earlier versions."""
         return self.plans[-1].identity
 
     @property
@@ -174,11 +160,7 @@ class StudyFolder:
         return self.plan_of_shard(shard).shard_runs(shard)
 
     def read_design(self) -> pa.Table:
-        """Reads the design table of the folder.
-
-        Raises:
-            StudyError: it is missing, damaged, or has another number of rows.
-        """
+        """Reads the design table of the folder."""
         name = plan_file_name("design.parquet", self.plan_count - 1)
         check_plan_file(self.path, self.plans[-1].digests, name)
         table = read_table(self.path / name)
@@ -187,11 +169,7 @@ class StudyFolder:
         return table
 
     def read_shard(self, shard: int | str, columns: list[str] | None = None) -> pa.Table:
-        """Reads a shard's table, or chosen columns of it.
-
-        Raises:
-            StudyError: it is missing, damaged, or of another study or shard.
-        """
+        """Reads a shard's table, or chosen columns of it."""
         path = self.table_path(shard)
         identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
         table = read_table(path, columns, identity or None)
@@ -200,21 +178,13 @@ class StudyFolder:
         return table
 
     def read_outcomes(self, shard: int) -> RowOutcomes:
-        """Reads the statuses and reasons of the runs of a shard that is done.
-
-        Raises:
-            StudyError: its table is missing, damaged, or of another study or shard.
-        """
+        """Reads the statuses and reasons of the runs of a shard that is done."""
         return read_row_outcomes(
             self.table_path(shard), self.plan_of_shard(shard).identity, self.shard_run_count(shard)
         )
 
     def write_table(self, path: Path, table: pa.Table, shard: int | None = None) -> None:
-        """Writes one of the study's tables, or a shard's.
-
-        Raises:
-            StudyError: a symbolic link in its place, or a folder or disk that refuses.
-        """
+        """Writes one of the study's tables, or a shard's."""
         if shard is None:
             write_table(path, table, study=self.identity)
         else:
@@ -239,10 +209,6 @@ class StudyFolder:
 
         Args:
             name: path in the folder, as in the column `archive`.
-
-        Raises:
-            StudyError: it lies elsewhere, or belongs to another shard or study.
-            ArchiveError: it cannot be read.
         """
         from warpchain.archive import read_archive
 
@@ -337,13 +303,11 @@ class StudyStatus:
     """Status of a study's folder.
 
     Attributes:
-        folder: path of the folder.
         counts: number of runs by status, of the shards that are done.
         reasons: the most frequent (reason, number) of runs that are not ok; reasons alike but for numbers count as one.
         shards: (done, all).
         left: number of runs of the shards that are not done.
         rate: runs a second of the latest shards; None if these are too few.
-        table: file of the whole table, once there is one.
         went_on: numbers of runs that went on from an earlier run's end and that began anew, after a change of duration
             or window; None of other studies.
     """
@@ -394,7 +358,7 @@ def _variant_rate(folder: StudyFolder, done: Sequence[int]) -> float | None:
 
 
 def _resumed_counts(folder: StudyFolder) -> tuple[int, int] | None:
-    """Numbers of runs that went on from a stored state, and that began anew; None if none could go on."""
+    """Numbers of runs that went on from a stored state, and that began anew; or None."""
     if not folder.earlier_plans:
         return None
     done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]

@@ -127,7 +127,7 @@ class Calibrate(Part):
 
 
 def calibration_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a study's measurements: their unknowns must be noise factors of continuous distributions."""
+    """Problems of measurements: unknowns must be noise factors of continuous distributions."""
     measured = elements(node, "measured")
     if get(node, "calibrate") is not None and not measured:
         yield Problem(("measured",), None, "missing; calibrate needs at least one measured value or signal", BARE)

@@ -65,7 +65,6 @@ class Expression:
     """A parsed expression.
 
     Attributes:
-        text: as it was written.
         names: names in it that are neither functions nor constants, in order.
     """
 

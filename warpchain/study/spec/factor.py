@@ -31,7 +31,6 @@ from warpchain.study.results import BOOKKEEPING_COLUMNS
 from warpchain.study.spec.expression import RESERVED_NAMES
 
 FORBIDDEN_NAMES = frozenset(RESERVED_NAMES) | frozenset(BOOKKEEPING_COLUMNS) | {"shard", "and", "or", "not"}
-"""Words that no factor can be called."""
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 AUTO_STEP = "auto"
 """The text that may be among numbers of a choice: an automatic step."""
@@ -53,7 +52,7 @@ def _check_distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _check_one_type(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The values, refused if they mix numbers, texts and switches, or are not distinct."""
+    """The values, refused if they mix numbers, texts and switches, or repeat."""
     kinds = {
         float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
         for value in values
@@ -114,7 +113,6 @@ DISTRIBUTION_KEYS = {
     "lognormal": ("mean", "std"),
     "empirical": (),
 }
-"""Keys that each distribution needs."""
 
 
 class Factor(Part):
@@ -252,7 +250,7 @@ def factor_unit(node: Any) -> str:
 
 
 def value_source_of(node: Any) -> str | None:
-    """Source of the values of a factor, or of the mapping that should become one (`Factor.value_source`)."""
+    """Source of the values of a factor, or of the mapping that should become one."""
     for key in ("expression", "levels", "choice"):
         if get(node, key) is not None:
             return key
@@ -283,7 +281,7 @@ def _target_rules(node: Any) -> Iterator[Problem]:
 
 
 def _value_source_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
-    """Problems of the keys that a factor's distribution, levels, choice or expression needs or excludes."""
+    """Problems of the keys that a factor's source of values needs or excludes."""
     kind = value_source_of(node)
     if kind in ("expression", "levels", "choice"):
         for key in ("levels", "choice", "distribution", "range", "mean", "std", "points"):

@@ -40,7 +40,6 @@ class Statistic:
 
     Attributes:
         word: "mean", "std", or a quantile as it was written, such as "q95".
-        metric: its metric.
         level: probability of a quantile [-]; None of the others.
     """
 
@@ -215,11 +214,7 @@ def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
 
 
 def factor_with_sample(factor: Factor, folder: Path) -> Factor:
-    """The factor with the sample in its file as `sample`; itself if it has no file.
-
-    Raises:
-        StudyError: the file cannot be read, or its column holds no numbers.
-    """
+    """The factor with the sample in its file as `sample`; itself if it has no file."""
     from warpchain.study.store import read_table
 
     if factor.file is None or factor.column is None:

@@ -1,7 +1,7 @@
 """A study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out.
 
-Tables are checked like a drive's (`warpchain.drive.schema`): all errors at once, one line each. Rules that tie tables
-together take the study, or the mapping that should become one. The keys are documented in `docs/studies.md`.
+Tables are checked like a drive's (`warpchain.drive.schema`); rules that tie tables together take the study, or the
+mapping that should become one. The keys are documented in `docs/studies.md`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,6 @@ from warpchain.study.spec.study_tables import (
 )
 
 MOST_FACTORS = 1000
-"""Most factors of a study."""
 
 
 def factor_count_complaint(study: Any) -> str:
@@ -406,11 +405,7 @@ def _plain_values(value: Any) -> Any:
 
 
 def check_base_drive(study: Study, drive: Drive, source: str) -> None:
-    """Checks a study against its base drive: the places that factors set, and what `adjust` moves.
-
-    Raises:
-        StudyError: a line for each error.
-    """
+    """Checks a study against its base drive: the places that factors set, and what `adjust` moves."""
     lines = []
     for factor in study.factors:
         for key, path in [*factor.target_paths(), *([("shift", factor.shift)] if factor.shift else [])]:
@@ -443,7 +438,7 @@ def check_base_drive(study: Study, drive: Drive, source: str) -> None:
 
 
 def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
-    """Complaints, a line each, about the sprocket and the chain that an adjustment names."""
+    """Complaints about the sprocket and the chain that an adjustment names."""
     of = {sprocket.name: sprocket.chain for sprocket in drive.sprockets}
     chains, chain = [chain.name for chain in drive.chains], adjust.chain
     if adjust.sprocket is not None and adjust.sprocket not in of:
@@ -462,7 +457,7 @@ def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
 
 
 def _order_complaints(named: Sequence[tuple[str, str, Adjust]], drive: Drive) -> list[str]:
-    """Complaints, a line each, if the last adjustment moves what earlier ones have put in place."""
+    """Complaints if the last adjustment moves what earlier ones have put in place."""
     *earlier, (key, _, adjust) = named
     moved = [mine for own in drive.sprockets if own.name == adjust.sprocket for mine in companions(drive, own)]
     said = f"{key}.sprocket = {drive_toml.value_text(adjust.sprocket)}: moves"

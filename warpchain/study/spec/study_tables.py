@@ -152,10 +152,9 @@ _COMPARISON_MARKS = ("<=", ">=", "==", "!=", "<", ">")
 
 
 def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, str]:
-    """A condition with plain numbers in place of quantities, "torque <= 2 kN m", and a complaint on them or "".
+    """Condition with plain numbers for quantities, "torque <= 2 kN m", and a complaint or "".
 
     Args:
-        text: the condition.
         units: units of the factors' values by name, "" for none.
     """
     words = _CONDITION_MARKS.split(text)
@@ -430,7 +429,7 @@ def _is_bound_entry(entry: Any) -> bool:
 
 
 def fields_from_file(values: Any) -> Any:
-    """Fields of `Study` from a study file's values: adjustments as a list, limits on metrics as `bounds`."""
+    """Fields of `Study` from a study file's values."""
     if not isinstance(values, Mapping):
         return values
     adjust = values.get("adjust", ())
@@ -447,7 +446,7 @@ def fields_from_file(values: Any) -> Any:
 
 
 def file_from_fields(values: dict[str, Any]) -> dict[str, Any]:
-    """Values for a study file from the fields of `Study`: one adjustment as a table, `bounds` among `limits`."""
+    """Values for a study file from the fields of `Study`."""
     if len(values.get("adjust", ())) == 1:
         values = {**values, "adjust": values["adjust"][0]}
     if not values.get("bounds"):

@@ -42,7 +42,6 @@ MOST_ROWS, FIT_ROWS = 1000, 150
 RESTARTS, MOST_RESTART_ROWS = 2, 60
 """Further starts of the search for the likeliest lengths, with at most so many rows."""
 COSINES = 512
-"""Number of cosines of a draw of the prior."""
 ALLOWED_LENGTHS, ALLOWED_NOISES = (0.05, 50.0), (1e-7, 2.0)
 """Allowed lengths, in parts of the range that was run, and noise v."""
 
@@ -58,11 +57,7 @@ def _linear_algebra_libraries() -> Any:
 
 @contextmanager
 def one_linear_algebra_thread() -> Iterator[None]:
-    """Context in which linear algebra runs on one thread, so that its sums are reproducible.
-
-    Raises:
-        StudyError: scikit-learn is not installed.
-    """
+    """Context with linear algebra on one thread, for reproducible sums."""
     require_extra("surrogate", "a Gaussian process", StudyError)
     with _linear_algebra_libraries().limit(limits=1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # lengths at their bound: a factor without effect
@@ -74,9 +69,7 @@ class GaussianProcess:
     """A fitted Gaussian process of a metric.
 
     Attributes:
-        x: (N, D) rows.
         z: (N,) their scaled values.
-        kernel: scikit-learn's, without noise.
         factor: (N, N) Cholesky factor of K.
         weights: (N,) K^-1 z.
         center, scale: m and s.
@@ -106,7 +99,7 @@ class GaussianProcess:
         return mean, np.sqrt(variance)
 
     def mean_and_variance(self, x: Array) -> tuple[Array, Array]:
-        """Mean and variance of the metric without noise at rows (R, D), eq. (b), on as many threads as allowed."""
+        """Mean and variance of the metric without noise at rows (R, D), eq. (b), with all threads."""
         across = self.kernel(x, self.x)
         inner = solve_triangular(self.factor, across.T, lower=True, check_finite=False)
         variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
@@ -179,9 +172,7 @@ def fit_gaussian_process(x: Array, y: Array, errors: Array | None = None, isotro
 
     Args:
         x: (R, D) coordinates, about 0 to 1.
-        y: (R,) values.
         errors: (R,) standard error of each value; NaN takes the mean of those known.
-        isotropic: one length for all coordinates.
 
     Raises:
         StudyError: scikit-learn is not installed, or fewer than 4 rows.

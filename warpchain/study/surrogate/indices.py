@@ -43,10 +43,7 @@ ROW_SETS, SET_DRAWS = 4, 25
 
 
 def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of a metric by the best available way, with that way in words.
-
-    Args:
-        surrogate: surrogate of the metric, if it was fitted already.
+    """Sobol' indices of a metric by the best available way, with the way in words.
 
     Raises:
         StudyError: neither a Saltelli design nor a surface or Gaussian process that can be trusted, or rows that are
@@ -117,7 +114,7 @@ def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | No
 
 
 def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
-    """Sobol' indices of a Gaussian process, eq. (a), with the factors' distributions in `results` or else uniform."""
+    """Sobol' indices of a Gaussian process, eq. (a), for the factors' distributions or uniform ones."""
     from scipy.stats import qmc
 
     features, process = surrogate.features, surrogate.model

@@ -37,7 +37,6 @@ class FactorAxis:
     """A factor as coordinates of a surrogate.
 
     Attributes:
-        name: name of the factor.
         low, high: ends of a numeric factor that become 0 and 1.
         words: words of a factor; each has a coordinate, 1 if the factor is that word.
     """
@@ -53,11 +52,7 @@ class FactorAxis:
         return len(self.words) or 1
 
     def coordinates_of_values(self, column: Sequence[Any]) -> Array:
-        """Coordinates (R, coordinate_count) of a factor's values (R,).
-
-        Raises:
-            StudyError: a word that was not run, or a word where numbers are needed.
-        """
+        """Coordinates (R, coordinate_count) of a factor's values (R,)."""
         if self.words:
             names = [str(value) for value in column]
             for word in sorted(set(names) - set(self.words)):
@@ -88,21 +83,13 @@ class RowCoordinates:
         return tuple(axis.name for axis in self.axes)
 
     def of_rows(self, rows: SurrogateRows) -> Array:
-        """Coordinates (R, D) of rows.
-
-        Raises:
-            StudyError: a factor is missing or has a value that cannot be taken.
-        """
+        """Coordinates (R, D) of rows."""
         columns = columns_of_rows(rows, self.factors)
         return np.hstack([axis.coordinates_of_values(columns[axis.name]) for axis in self.axes])
 
 
 def columns_of_rows(rows: SurrogateRows, names: Iterable[str]) -> dict[str, list[Any]]:
-    """Columns by name of rows in any of their shapes.
-
-    Raises:
-        StudyError: a column is missing.
-    """
+    """Columns by name of rows in any of their shapes."""
     import pyarrow as pa
 
     if isinstance(rows, pa.Table):
@@ -119,11 +106,7 @@ def columns_of_rows(rows: SurrogateRows, names: Iterable[str]) -> dict[str, list
 
 
 def coordinates_of_results(results: Results) -> RowCoordinates:
-    """Coordinates of a study's rows by all factors that vary, tied ones once.
-
-    Raises:
-        StudyError: no factor varies.
-    """
+    """Coordinates of a study's rows by all factors that vary, tied ones once."""
     tied = results.factor_ties()
     axes = []
     for name in (factor for factor in results.factors if factor not in tied):
@@ -144,7 +127,6 @@ class QuadraticFit:
     """A fitted response surface with what its variance takes.
 
     Attributes:
-        surface: the surface.
         x: (N, A) rows that were fitted.
         y: (N,) their values.
         factor: (T, T) upper triangle of W^1/2 T = Q R.
@@ -180,11 +162,7 @@ class QuadraticFit:
 
 
 def fit_quadratic(results: Results, metric: str) -> QuadraticFit:
-    """Fits a quadratic surface to a metric over its numeric factors.
-
-    Raises:
-        StudyError: as in `fit_surface`.
-    """
+    """Fits a quadratic surface to a metric over its numeric factors."""
     surface = fit_surface(results, metric)
     rows = results.usable_rows(metric, surface.factors)
     x = np.stack([results.values(name)[rows] for name in surface.factors], axis=1)
@@ -232,9 +210,7 @@ class Surrogate:
     """A model of a metric between the variants that were run.
 
     Attributes:
-        metric: name of the metric.
         kind: one of `SURROGATE_KINDS`.
-        model: the fit.
         features: coordinates of rows; None takes the factors as they are.
         logarithm: whether the fit is of the metric's logarithm.
     """
@@ -280,7 +256,7 @@ class Surrogate:
         return _moments_of_exponential(mean, deviation) if self.logarithm else (mean, deviation)
 
     def cross_validated(self) -> CrossValidation:
-        """Cross-validation: each fitted row as the others predict it, with the fitted lengths and noise."""
+        """Cross-validation: each fitted row as the others predict it."""
         mean, deviation = self.model.leave_one_out()
         if isinstance(self.model, GaussianProcess):
             observed = self.model.center + self.model.scale * self.model.z
@@ -344,13 +320,10 @@ MOST_PROCESS_ROWS = 300
 
 
 def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Surrogate:
-    """A Gaussian process of a metric, or a quadratic surface if that does as well or no process can be had.
+    """Gaussian process of a metric, or the quadratic surface if that does as well.
 
     Args:
         least: Q2 that it must have.
-
-    Raises:
-        StudyError: neither can be had, or both predict worse.
     """
     many = results.usable_rows(metric).sum() > MOST_PROCESS_ROWS
     reason = f"surrogate of {metric!r}: none has a Q\u00b2 of {least:g}"
