@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from drawings.closed_forms import ValidationRow
 from warpchain import Drive, Record, Run, simulate
 from warpchain.results.order_tracking import driver_turns, order_amplitudes
-from warpchain.results.scene import passing_link
 from warpchain.results.shaft_signals import phase_error
 from warpchain.results.signals import strand_tension
+from warpchain.results.strand_passing import passing_link
 from warpchain.view.figures.figure_style import panel_grid
 
 SPEEDS = (600, 1000, 1500, 2000, 2500, 2800, 3000, 3500, 4000, 4500, 5000, 5500, 6000)

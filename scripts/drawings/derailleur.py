@@ -14,8 +14,8 @@ from scipy.signal import find_peaks
 import warpchain
 from warpchain import Drive, Record, assemble, simulate
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.results.outlines import chain_outline, pose_at_start
 from warpchain.results.run import Trajectory
-from warpchain.results.scene import chain_outline, pose_at_start
 
 PIVOT = (-0.02, 0.114)
 """Of the lower link that carries the rear axle [m], on the idler's axle (published as `link_lwr_front_loc`)."""

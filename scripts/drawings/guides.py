@@ -18,8 +18,9 @@ from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import static_force, static_pressure, valve_flow
 from warpchain.drive.viscosity import by_slope
 from warpchain.engine.rig import Shake, shake
+from warpchain.results.outlines import DrivePose, guide_arm_tensioner_parts, teeth_parts, turn_points
 from warpchain.results.run import require_channels
-from warpchain.results.scene import DrivePose, guide_arm_tensioner_parts, strand_displacement, teeth_parts, turn_points
+from warpchain.results.strand_passing import strand_displacement
 from warpchain.view.figures.drive_figure import draw_parts
 from warpchain.view.figures.rig_figures import tensioner_loop_figure, tensioner_sweep_figure
 

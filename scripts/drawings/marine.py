@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from drawings.closed_forms import ValidationRow
 from drawings.guides import DURATION, SLOWLY, START, STRAND, indented_bar_drive, strand_displacement_mm
 from warpchain import Drive, Record, Run, Trajectory, simulate
+from warpchain.results.nearest_parts import engaged_sprockets
 from warpchain.results.run import require_channels
-from warpchain.results.scene import engaged_sprockets
 from warpchain.results.signals import last_round_frames
 from warpchain.view.figures.chain_figures import hardest_pressed_roller
 

@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 
 from warpchain import Record, simulate
 from warpchain.results.engineering_report import engineering_report
-from warpchain.results.scene import contact_force_vectors, guide_arm_tensioner_parts, pose_at_frame, teeth_parts
+from warpchain.results.nearest_parts import contact_force_vectors
+from warpchain.results.outlines import guide_arm_tensioner_parts, pose_at_frame, teeth_parts
 from warpchain.results.signals import forward_values, largest_contact_forces, strand_tension
 from warpchain.view.figures.figure_style import strand_label
 from warpchain.view.figures.part_figures import guide_load_figure

@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from warpchain import Drive, Record, simulate
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.tooth_shape import half_gap_outline
-from warpchain.results.scene import engaged_sprockets, sprocket_normals, tooth_outline, turn_points
+from warpchain.results.nearest_parts import engaged_sprockets, sprocket_normals
+from warpchain.results.outlines import tooth_outline, turn_points
 from warpchain.results.signals import order_spectrum, strand_tension
 from warpchain.view.figures.figure_style import panel_column, panel_grid
 

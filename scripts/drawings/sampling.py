@@ -11,7 +11,7 @@ from common.drives import example_drive
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.results.engineering_report import EngineeringReport
-from warpchain.results.scene import strand_displacement
+from warpchain.results.strand_passing import strand_displacement
 
 WINDOWS = {"industrial": (0.2, 40_000), "marine": (0.5, 30_000), "motorcycle": (0.1, 40_000)}
 """Where the window of each example begins [s], and its steps."""

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from warpchain import Drive
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.results.scene import chain_outline
+from warpchain.results.outlines import chain_outline
 from warpchain.study.results import Results
 
 STRAND, COLORS = "idler->auger", ("tab:blue", "tab:green", "tab:red")

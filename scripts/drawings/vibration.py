@@ -18,8 +18,8 @@ from warpchain import Drive, Record, simulate
 from warpchain.assembly.frequencies import moving_frequency
 from warpchain.modal.campbell import over_a_pitch
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import strand_tension
+from warpchain.results.strand_passing import strand_displacement
 
 SEEN = Record(channels=("position", "tension", "sprocket_speed"))
 TAUT = {

@@ -24,7 +24,7 @@ from warpchain.assembly.summary import derive
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.cli import main as command_line
 from warpchain.drive.examples import example_names
-from warpchain.results import fatigue, objectives, scene, signals
+from warpchain.results import fatigue, nearest_parts, objectives, outlines, signals, strand_passing
 
 VOLATILE = ("created", "wall_time", "set", "version", "versions", "digest", "run")
 """Values of an archive's metadata that are not what the project computes, or hang on one that is not.
@@ -112,8 +112,8 @@ def setup_quantities(folder: Path) -> dict[str, Any]:
     for name, drive in drives.items():
         found[name] = {"assembly": warpchain.assemble(drive), "derived": derive(drive)}
         found[name]["steps"] = [step_limit(drive), automatic_step(drive)]
-        found[name]["teeth"] = [scene.tooth_outline(drive, s) for s in range(len(drive.sprockets))]
-        found[name]["guides"] = [scene.guide_outline(drive, g) for g in range(len(drive.guides))]
+        found[name]["teeth"] = [outlines.tooth_outline(drive, s) for s in range(len(drive.sprockets))]
+        found[name]["guides"] = [outlines.guide_outline(drive, g) for g in range(len(drive.guides))]
         found[name]["file"] = warpchain.dumps_drive(drive)
     found["check"] = {name: command_output("check", name) for name in example_names()}
     fits: dict[str, dict[str, Any]] = {"sag": {"sag": 0.01}, "preload": {"preload": 500.0}, "strain": {"strain": 1e-4}}
@@ -145,8 +145,8 @@ def read_quantities(_: Path) -> dict[str, Any]:
     found["spectrum"] = signals.amplitude_spectrum(tension[:, 0].astype(float), 5e-4)
     found["orders"] = signals.order_spectrum(one, found["strand"][0])
     found["peaks"] = [signals.peak_frames(tension[:, 0], 50), *signals.peaks_over_time(tension, 50)]
-    found["passing"] = [scene.passing_link(one, k) for k in strands]
-    found["arrows"], found["nearest"] = scene.contact_force_vectors(one), scene.engaged_sprockets(one)
+    found["passing"] = [strand_passing.passing_link(one, k) for k in strands]
+    found["arrows"], found["nearest"] = nearest_parts.contact_force_vectors(one), nearest_parts.engaged_sprockets(one)
     found["damage"] = fatigue.damage(tension, woehler)
     found["equivalent"] = fatigue.equivalent_range(tension, 5.0, 3.0)
     found["cycles"] = fatigue.count_links(tension[:, :3])

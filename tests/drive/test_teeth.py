@@ -11,7 +11,7 @@ from drives import row, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.drive.tooth_shape import default_seat_angle, iso606_tooth, releasing_seat_angle
-from warpchain.results.scene import tooth_outline
+from warpchain.results.outlines import tooth_outline
 
 
 @pytest.mark.parametrize("teeth", [7, 12, 20, 57])

@@ -11,7 +11,7 @@ from warpchain.assembly.arm_balance import chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
-from warpchain.results.scene import guide_arm_tensioner_parts, pose_at_frame
+from warpchain.results.outlines import guide_arm_tensioner_parts, pose_at_frame
 from warpchain.view.rerun import view
 
 

@@ -12,7 +12,7 @@ from warpchain import Record, load_drive, read_archive, simulate, write_archive
 from warpchain.drive.examples import drive_path
 from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.housing import housing_loads
-from warpchain.results.scene import guide_arm_tensioner_parts, pose_at_frame
+from warpchain.results.outlines import guide_arm_tensioner_parts, pose_at_frame
 from warpchain.view.rerun import view
 
 G, MASS, LENGTH, INERTIA = 9.81, 2.0, 0.3, 0.25

@@ -14,7 +14,7 @@ from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _Solver, at_rest, load_moments
 from warpchain.modal.small_motion import drive_motion
-from warpchain.results.scene import arm_outline
+from warpchain.results.outlines import arm_outline
 from warpchain.view.rerun import view
 
 TEETH, PITCH, RING, INERTIA = 20, 0.05, 20.0, 3.0  # a ring of 20 rollers of 1 kg on all teeth of a wheel

@@ -6,7 +6,6 @@ from drives import example, two_sprockets
 
 from warpchain import Trajectory, simulate
 from warpchain.results import signals
-from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     amplitude_spectrum,
     contact_angles,
@@ -20,6 +19,7 @@ from warpchain.results.signals import (
     strand_tension,
     transmission_error,
 )
+from warpchain.results.strand_passing import passing_link
 
 
 def turning(driver, driven=None, time=None):

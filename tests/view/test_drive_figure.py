@@ -13,7 +13,13 @@ from warpchain.assembly.arm_balance import StillArm, chain_path
 from warpchain.drive.examples import example_names
 from warpchain.drive.rings import rings_of
 from warpchain.results.guide_load import face_coordinates, rollers_in_guide_frame
-from warpchain.results.scene import chain_outline, guide_arm_tensioner_parts, pose_at_frame, pose_at_start, teeth_parts
+from warpchain.results.outlines import (
+    chain_outline,
+    guide_arm_tensioner_parts,
+    pose_at_frame,
+    pose_at_start,
+    teeth_parts,
+)
 from warpchain.view.figures.drive_figure import PART_STYLES, drive_figure
 from warpchain.view.html import picture_html
 from warpchain.view.notebook import PICTURE_SIZE

@@ -12,7 +12,7 @@ from warpchain.archive.archive_format import body_frame_name, message_class, var
 from warpchain.archive.chunk_layout import FrameContent
 from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
-from warpchain.results.scene import guide_outline, tooth_outline
+from warpchain.results.outlines import guide_outline, tooth_outline
 
 DRIVE_FRAME = "drive"
 """Coordinate frame of everything in an archive [m]."""

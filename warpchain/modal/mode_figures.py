@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.scene import DrivePose, OutlinePart, guide_arm_tensioner_parts
+from warpchain.results.outlines import DrivePose, OutlinePart, guide_arm_tensioner_parts
 from warpchain.view.figures.figure_style import LINE_COLORS, rpm_of_speed, strand_label
 
 if TYPE_CHECKING:

@@ -32,8 +32,8 @@ from warpchain.drive.sprocket import ArmMount, ElasticMount, PrescribedMount, Sp
 from warpchain.errors import SimulationError
 from warpchain.results.arm_pivots import arm_pivots
 from warpchain.results.chains import chain_trajectories
+from warpchain.results.nearest_parts import nearest_guides_of_rollers
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import nearest_guides_of_rollers
 from warpchain.results.shaft_signals import hub_forces
 from warpchain.results.signals import order_spectrum
 

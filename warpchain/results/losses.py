@@ -22,8 +22,8 @@ from warpchain.drive import Drive
 from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, rubbing_of, tooth_rubbing
 from warpchain.results.guide_load import GuideContacts, recorded_guide_contacts
 from warpchain.results.metric_formulas import partner_names
+from warpchain.results.nearest_parts import engaged_sprockets, sprocket_normals
 from warpchain.results.run import Run, Trajectory, require_channels
-from warpchain.results.scene import engaged_sprockets, sprocket_normals
 
 JOINT_LOSSES = "joints"
 TOOTH_LOSSES = "sprocket contacts"

@@ -23,7 +23,6 @@ from warpchain.results.chains import chain_trajectories
 from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_UNITS, PartCounts
 from warpchain.results.measured_file import SIGNAL_STATISTICS, MeasuredSignal
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import (
     TOOTH_PASSINGS,
     amplitude_spectrum,
@@ -34,6 +33,7 @@ from warpchain.results.signals import (
     part_signals,
     strand_tension,
 )
+from warpchain.results.strand_passing import strand_displacement
 
 Array = NDArray[np.float64]
 

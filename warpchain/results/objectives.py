@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.fatigue import Woehler, count_links, damage, equivalent_range
+from warpchain.results.nearest_parts import engaged_sprockets
 from warpchain.results.run import Run, Trajectory, require_channels
-from warpchain.results.scene import engaged_sprockets
 from warpchain.results.signals import transmission_error
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.results.nearest_parts import engaged_sprockets, sprocket_normals
 from warpchain.results.order_tracking import driver_turns, last_rising_frames, order_amplitudes
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import engaged_sprockets, sprocket_normals
 from warpchain.results.signals import angle_ahead_of_driver
 
 Array = NDArray[np.float64]

@@ -14,14 +14,9 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
+from warpchain.results.nearest_parts import nearest_guides_of_rollers, nearest_sprockets_of_rollers
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import (
-    FRAMES_AT_ONCE,
-    PassingLink,
-    nearest_guides_of_rollers,
-    nearest_sprockets_of_rollers,
-    passing_link,
-)
+from warpchain.results.strand_passing import FRAMES_AT_ONCE, PassingLink, passing_link
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.results.nearest_parts import engaged_sprockets
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import engaged_sprockets, strand_displacement
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
     TOOTH_PASSINGS,
@@ -18,6 +18,7 @@ from warpchain.results.signals import (
     order_spectra,
     peaks_over_time,
 )
+from warpchain.results.strand_passing import strand_displacement
 from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import (
     LINE_COLORS,

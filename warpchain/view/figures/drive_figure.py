@@ -15,18 +15,18 @@ from warpchain.drive import Drive
 from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 from warpchain.results.chains import chain_trajectories
-from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import (
+from warpchain.results.nearest_parts import contact_force_vectors
+from warpchain.results.outlines import (
     DrivePose,
     OutlinePart,
     chain_outline,
-    contact_force_vectors,
     guide_arm_tensioner_parts,
     pose_at_frame,
     pose_at_start,
     teeth_parts,
     turn_points,
 )
+from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import run_line
 from warpchain.view.figures.label_placement import move_labels

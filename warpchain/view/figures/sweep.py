@@ -16,7 +16,6 @@ from warpchain.errors import SimulationError
 from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.order_tracking import BLOCK_TURNS, OrderCuts, driver_turns, last_rising_frames, order_cuts
 from warpchain.results.run import Run, Trajectory, require_channels
-from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import (
     amplitude_spectrum,
     forward_values,
@@ -24,6 +23,7 @@ from warpchain.results.signals import (
     strand_tension,
     strand_transverse_frequency,
 )
+from warpchain.results.strand_passing import strand_displacement
 from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import LINE_COLORS, Array, panel_column, rpm_of_speed, strand_label
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.nearest_parts import roller_contact_forces
+from warpchain.results.outlines import arm_outline, guide_outline, tensioner_outline, tooth_outline
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import arm_outline, guide_outline, roller_contact_forces, tensioner_outline, tooth_outline
 from warpchain.view.palette import Color, curve_colors, packed_tension_colors, tension_color_steps
 from warpchain.view.rerun.streams import (
     ComponentValues,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.results.run import Trajectory, require_channels
-from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
     TOOTH_PASSINGS,
@@ -23,6 +22,7 @@ from warpchain.results.signals import (
     strand_tension,
     transmission_error,
 )
+from warpchain.results.strand_passing import passing_link
 from warpchain.results.units import DEGREES
 from warpchain.view.palette import Color, packed_tension_colors, tension_color_steps
 from warpchain.view.rerun.chart import INK_COLOR, WIDE_CHART, Chart, ChartAxis

@@ -9,16 +9,9 @@ from layouts import winding
 
 import warpchain
 from warpchain import simulate
-from warpchain.results.scene import (
-    arm_outline,
-    contact_force_vectors,
-    engaged_sprockets,
-    guide_outline,
-    strand_displacement,
-    tensioner_outline,
-    tooth_outline,
-    turn_points,
-)
+from warpchain.results.nearest_parts import contact_force_vectors, engaged_sprockets
+from warpchain.results.outlines import arm_outline, guide_outline, tensioner_outline, tooth_outline, turn_points
+from warpchain.results.strand_passing import strand_displacement
 
 
 @pytest.mark.parametrize("s", [0, 1])

@@ -1,0 +1,185 @@
+"""Outlines of a drive's parts for pictures: teeth, guides, arms, tensioners and the chain, where they stand."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.path import ChainPath
+from warpchain.drive import Drive
+from warpchain.drive.face_profile import Profile
+from warpchain.drive.tooth_shape import teeth_outline
+from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.run import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class DrivePose(NamedTuple):
+    """Places of a drive's bodies at an instant.
+
+    Attributes:
+        center: (S, 2) of the sprockets [m].
+        angle: (S,) of the sprockets [rad].
+        arm: (A,) angles of the arms [rad].
+        pivot: (A, 2) of the arms [m]; None is as drawn.
+    """
+
+    center: Array
+    angle: Array
+    arm: Array
+    pivot: Array | None = None
+
+
+class OutlinePart(NamedTuple):
+    """A line of a picture of a drive.
+
+    Attributes:
+        kind: "teeth", "guide", "arm", "housing" or "plunger".
+        name: of the sprocket, guide, arm or tensioner.
+        points: (P, 2) [m].
+        carried: whether an arm or a tensioned sprocket takes it along.
+    """
+
+    kind: str
+    name: str
+    points: Array
+    carried: bool = False
+
+
+def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
+    """Pose of a drive's bodies around the path of the unloaded chain, sprockets at angle zero.
+
+    Args:
+        drive: the drive.
+        path: of its chain; None works it out.
+
+    Raises:
+        DriveError: as `chain_path`.
+    """
+    path = chain_path(drive) if path is None else path
+    arms = np.zeros(len(drive.arms))
+    for a in range(len(arms)):
+        arms[a] = sum(path.arm_angle[on] for on in (a, drive.parent(a)) if on is not None)
+    return DrivePose(path.center, np.zeros(len(path.center)), arms, arm_pivots(drive, [0.0], arms[None])[0])
+
+
+def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
+    """Pose of a drive's bodies at a frame; those that were not recorded are where the run began."""
+    values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
+    start = pose_at_start(trajectory.drive)[:3]
+    center, angle, arm = (
+        own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True)
+    )
+    return DrivePose(center, angle, arm, arm_pivots(trajectory.drive, trajectory.time[f, None], arm[None])[0])
+
+
+def chain_outline(drive: Drive, path: ChainPath) -> Array:
+    """Path of the chain as a closed line (P, 2) [m], around sprockets and guides, points a quarter pitch apart."""
+    spacing, line = 0.25 * drive.chain.pitch, []
+    for s, sprocket in enumerate(drive.sprockets):
+        count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
+        angles = path.arrival_angle[s] + sprocket.sign * np.linspace(0.0, path.wrap_angle[s], count)
+        line.append(path.center[s] + path.radius[s] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+        string = path.strings[s]
+        if string is not None:
+            line.append(Profile(string.pieces).points(spacing))
+    return np.concatenate([*line, line[0][:1]])
+
+
+def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[OutlinePart]:
+    """Closed outlines of the sprockets' teeth, where the sprockets stand."""
+    turns = zip(drive.sprockets, pose.center, pose.angle, strict=True)
+    return [
+        OutlinePart(
+            "teeth", sprocket.name, turn_points(tooth_outline(drive, s, arc_points), (0.0, 0.0), angle) + center
+        )
+        for s, (sprocket, center, angle) in enumerate(turns)
+    ]
+
+
+def points_on_arm(drive: Drive, pose: DrivePose, a: int, points: Array) -> Array:
+    """Points (..., 2) [m] of arm a, given as drawn, where it stands."""
+    drawn = drive.arms[a].pivot
+    return turn_points(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
+
+
+def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart]:
+    """Outlines of guides, arms and tensioners, where the bodies stand."""
+    parts = []
+    for g, guide in enumerate(drive.guides):
+        outline, a = guide_outline(drive, g), drive.arm_of(g)
+        moved = outline if a is None else points_on_arm(drive, pose, a, outline)
+        parts.append(OutlinePart("guide", guide.name, moved, a is not None))
+    for a, arm in enumerate(drive.arms):
+        parts += [
+            OutlinePart("arm", arm.name, points_on_arm(drive, pose, a, line), True) for line in arm_outline(drive, a)
+        ]
+    for t, tensioner in enumerate(drive.tensioners):
+        housing, plunger = tensioner_outline(drive, t)
+        body, at = drive.tensioner_body(t), np.asarray(tensioner.at, dtype=float)
+        if body < len(drive.sprockets):
+            way = pose.center[body] - drive.sprockets[body].center
+        else:
+            a = body - drive.first_arm_body
+            way = points_on_arm(drive, pose, a, at) - at
+        along = np.array(tensioner.unit_direction)
+        parts.append(OutlinePart("plunger", tensioner.name, plunger + (way @ along) * along, True))
+        parts.append(OutlinePart("housing", tensioner.name, housing))
+    return parts
+
+
+def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
+    """Closed outline of sprocket s's teeth at angle zero about its center (P, 2) [m]: seat arcs, flanks and tips."""
+    return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
+
+
+def guide_outline(drive: Drive, g: int) -> Array:
+    """Outline of guide g (P, 2) [m] as drawn: its face and both rounded ends."""
+    if not drive.guides[g].straight:
+        return drive.profile(g).points(drive.chain.pitch / 12)
+    bar = drive.guides[g].bar
+    start, end = np.asarray(bar.start, dtype=float), np.asarray(bar.end, dtype=float)
+    t = (end - start) / np.hypot(*(end - start))
+    n = np.array([-t[1], t[0]])
+    angle = np.linspace(0.0, 0.5 * math.pi, 12)[:, None]
+    radius = bar.end_radius
+    before = start - radius * n + radius * (np.cos(angle) * n - np.sin(angle) * t)
+    after = end - radius * n + radius * (np.cos(angle) * n + np.sin(angle) * t)
+    return np.vstack([before[::-1], after])
+
+
+def arm_outline(drive: Drive, a: int) -> list[Array]:
+    """Lines (2, 2) [m] of arm a as drawn, from its pivot to its guides' ends, its sprockets and tensioners."""
+    arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
+    ends = [end for face in faces for end in (face[0].start, face[-1].end)]
+    ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
+    ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
+    return [np.array([arm.pivot, end], dtype=float) for end in ends]
+
+
+def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
+    """Closed outlines of housing (5, 2) and plunger (5, 2) [m] of tensioner k as drawn."""
+    tensioner = drive.tensioners[k]
+    plunger = tensioner.plunger
+    wide = drive.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter
+    along = np.asarray(tensioner.direction, dtype=float)
+    along = along / np.hypot(*along)
+    across = np.array([-along[1], along[0]])
+
+    def rectangle(begin: float, end: float, half: float) -> Array:
+        """Closed rectangle (5, 2) [m] along a tensioner's direction."""
+        corners = ((begin, -half), (end, -half), (end, half), (begin, half), (begin, -half))
+        return np.array([np.asarray(tensioner.at) + u * along + w * across for u, w in corners])
+
+    return rectangle(-3.0 * wide, -wide, 0.8 * wide), rectangle(-2.0 * wide, 0.0, 0.5 * wide)
+
+
+def turn_points(points: Array, pivot: tuple[float, float], angle: float) -> Array:
+    """Points (..., 2) turned counter-clockwise about a pivot."""
+    c, d, center = math.cos(angle), math.sin(angle), np.asarray(pivot, dtype=float)
+    return np.asarray((points - center) @ np.array([[c, d], [-d, c]]) + center)
