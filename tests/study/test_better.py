@@ -207,7 +207,7 @@ def test_two_stiffnesses_are_told_apart(tmp_path, capsys):
     first, second = pairs_of(out, metric)
     expected = mean_difference(second - first, 0.95)
     assert found["pairs"] == len(first) == 16 and found["runs"] == 32
-    assert found["difference"] == expected.mean and found["interval"] == [expected.low, expected.high]
+    assert found["difference"] == expected.mean and found["interval"] == [expected.interval_low, expected.interval_high]
     assert found["better"] == ("A" if expected.mean > 0.0 else "B") and expected.shown_sign
     said = [of for of in err if not of.startswith("compiling kernels")]  # where none are kept
     assert said[0].startswith("warpchain: 8 pairs: B less A")

@@ -78,7 +78,9 @@ def _difference_text(found: DriveComparison) -> str:
     from warpchain.results.units import quantity_words
 
     of = found.found
-    mean, low, high = (quantity_words(value, found.metric_unit) for value in (of.mean, of.low, of.high))
+    mean, low, high = (
+        quantity_words(value, found.metric_unit) for value in (of.mean, of.interval_low, of.interval_high)
+    )
     if not isfinite(of.half):
         return f"{mean}, too few for an interval"
     return f"{mean}, {low} to {high} with {100.0 * of.level:g} % confidence"
@@ -125,7 +127,10 @@ def _decision_text(found: DriveComparison) -> str:
         return "no pair differs: the noise sets what the drives differ in, or the metric does not see it"
     needed = of.pairs_needed()
     if needed is None:
-        return f"the means differ by at most {quantity_words(max(abs(of.low), abs(of.high)), found.metric_unit)}"
+        return (
+            f"the means differ by at most "
+            f"{quantity_words(max(abs(of.interval_low), abs(of.interval_high)), found.metric_unit)}"
+        )
     every = len(found.differences) / of.pairs
     runs = round(2 * found.copies * needed * every)
     text = f"should mean and scatter stay, it takes about {needed} pairs; go on with --budget {runs} or more"
@@ -170,7 +175,10 @@ def _better_json(found: DriveComparison) -> dict[str, Any]:
         "better_in_what_pairs_show": found.shown_winner,
         "level": of.level,
         "difference": of.mean,
-        "interval": [of.low if isfinite(of.low) else None, of.high if isfinite(of.high) else None],
+        "interval": [
+            of.interval_low if isfinite(of.interval_low) else None,
+            of.interval_high if isfinite(of.interval_high) else None,
+        ],
         "missed_rarer_than": of.missed_probability,
         "event_to_reverse": of.reversing_change,
         "event_reckoned_with": of.reckoned,

@@ -28,7 +28,7 @@ from warpchain.errors import StudyError
 from warpchain.study.results import Array
 
 Margin = Callable[[Array], Array]
-"""g of points (N, D), (N,): above 0 where limits are kept."""
+"""Margin g of points (N, D), (N,): above 0 where limits are kept."""
 LEVEL_SHARE = 0.1
 """Share of a level's samples that are beyond the next threshold, p_j."""
 ACCEPTANCE_RATE = 0.44

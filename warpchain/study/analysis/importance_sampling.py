@@ -29,9 +29,9 @@ from warpchain.study.analysis.failure_probability import FailureEstimate, Margin
 from warpchain.study.results import Array
 
 RADIUS_SHARE = 0.95
-"""r in parts of the distance of the nearest failure."""
+"""Radius r of eq. (a), in parts of the nearest failure's distance."""
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
-"""Values of a that are tried."""
+"""Tried shares a of eq. (a) beyond the radius."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
 """Tried parts by which covariances are drawn towards the unit matrix."""
 DIRECTION_TURNS = 5

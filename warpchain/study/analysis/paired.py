@@ -70,12 +70,12 @@ class MeanDifference:
     reckoned: float
 
     @property
-    def low(self) -> float:
+    def interval_low(self) -> float:
         """Lower end of the interval of the mean difference."""
         return self.mean - self.half
 
     @property
-    def high(self) -> float:
+    def interval_high(self) -> float:
         """Upper end of the interval of the mean difference."""
         return self.mean + self.half
 

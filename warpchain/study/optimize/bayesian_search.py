@@ -35,7 +35,7 @@ LOCAL_DEVIATIONS = (0.15, 0.04, 0.01)
 BEST_ROWS = 6
 GAIN_DRAWS = 128
 REFERENCE_COST = 1.2
-"""r of eq. (a)."""
+"""Scaled cost up to which dominated volume counts, r of eq. (a)."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> A
 
 
 def _volume_scalars(costs: Array, ways: Array) -> Array:
-    """s_l of eq. (a) of scaled costs (..., M) along directions l (..., M)."""
+    """Volume that scaled costs (..., M) dominate along directions (..., M), s_l of eq. (a)."""
     return np.asarray((np.maximum(REFERENCE_COST - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
 
 

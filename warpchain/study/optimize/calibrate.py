@@ -126,7 +126,7 @@ class Calibration:
 
     @cached_property
     def check_counts(self) -> tuple[int, int]:
-        """Numbers of the last round within 1.96 deviations of the processes, and all: two counts."""
+        """Number of the last round's numbers within the surrogates' 95 % bands, and of all."""
         mean, variance = self.emulated(self.normals[-self.checks :])
         off = np.abs(self.runs[-self.checks :] - mean) / np.sqrt(variance)
         return int((off <= 1.96).sum()), int(np.isfinite(off).sum())

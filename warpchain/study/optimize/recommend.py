@@ -203,7 +203,7 @@ def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDA
 
 
 def _beating_rows(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Other rows that surely beat a row in one objective, and are no worse in any."""
+    """Rows among `others` that surely beat a row in one objective, and are no worse in any."""
     others = others[(judged.costs[others] <= judged.costs[row]).all(axis=1)]
     better = [_sure_cost_signs(results, judged, row, others, m) < 0.0 for m in range(judged.costs.shape[1])]
     return np.asarray(others[np.any(better, axis=0)])

@@ -84,6 +84,9 @@ class StudySession:
         folder: folder of rounds; None keeps rows in memory only.
         drive: file of another base drive, or the name of an example; None is the study's own.
         search_target: target of its rows, such as "failures", if they are no sample of the noise; tables say so.
+
+    Raises:
+        StudyError: a line for each error of the study or its drive.
     """
 
     def __init__(
@@ -112,7 +115,11 @@ class StudySession:
 
     @check_arguments(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
-        """Drives of rows, adjusted so that they fit."""
+        """Drives of rows, adjusted so that they fit.
+
+        Raises:
+            StudyError: a line for each row that gives no drive.
+        """
         variants = self._built_variants(design_table_of_rows(self.study, rows))
         lines = [f"rows: row {i}: {variant.reason}" for i, variant in enumerate(variants) if variant.drive is None]
         if lines:
@@ -345,5 +352,9 @@ def open_study(
     workers: Workers | None = None,
     memory: Count = MEMORY,
 ) -> StudySession:
-    """Opens a study for Python: rows as drives, runs, surrogates, a search (`StudySession`)."""
+    """Opens a study for Python: rows as drives, runs, surrogates, a search (`StudySession`).
+
+    Raises:
+        StudyError: a line for each error of the study or its drive.
+    """
     return StudySession(source, folder, workers=workers, memory=memory)
