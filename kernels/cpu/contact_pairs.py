@@ -302,17 +302,13 @@ def contact_pairs(Real: type, capacity: int) -> SimpleNamespace:
         copied where ways join.
         """
         measured = memory.wanted.measures != 0
-        changed = int(0)
         began = int(1)
         if law.answer > Real(0.0):
             force.copy_row(w, group, memory.dampers, row.damper_speed)
-        if law.exponent == Real(1.0) and friction.inertia == Real(0.0):
-            if measured:
-                changed, began = force.press_smoothly(w, group, law, memory, True)
-            else:
-                changed, began = force.press_smoothly(w, group, law, memory, False)
+        changed = force.press(w, group, law, memory)
+        if measured and law.exponent == Real(1.0) and friction.inertia == Real(0.0):
+            began = force.add_measured_forces(w, group, law, memory)
         else:
-            changed = force.press(w, group, law, memory)
             if friction.inertia > Real(0.0):
                 rub_rollers(w, group, friction, memory)
             force.add_forces(w, group)

@@ -12,7 +12,16 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors
-from ..physics.contact import gained, power_taken, pressed, reaction, sliding_speed, stored
+from ..physics.contact import (
+    gained,
+    is_changing,
+    power_taken,
+    pressed,
+    reaction,
+    sliding_speed,
+    steady_force,
+    stored,
+)
 from ..physics.friction import coefficient, held_back
 from ..physics.impact import elastic_force
 from ..structs import Drive, Now, Totals, types
@@ -110,11 +119,6 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     row, begins = rows(capacity), contact_rows(Real, capacity).begins
 
     @wp.func
-    def normal_of(w: wp.array[Real], i: int):
-        """Normal of roller i's contact."""
-        return vec2(load_row(w, row.normal_x + i), load_row(w, row.normal_y + i))
-
-    @wp.func
     def where_touching(w: wp.array[Real], i: int, value: Real):
         """`value` where roller i touches, else 0: beyond the chain's end values need not be numbers."""
         return wp.where(load_row(w, row.penetration + i) > Real(0.0), value, Real(0.0))
@@ -126,25 +130,53 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         return gained(memory.straight, memory.angular, arm, acceleration(w, i, memory.inverse_mass, memory.gravity))
 
     @wp.func
-    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
-        """The normal force on roller i, and what its contact keeps; 1 if that is something else than before."""
-        penetration = load_row(w, row.penetration + i)
+    def approach(w: wp.array[Real], i: int, memory: Memory):
+        """The speed at which roller i's penetration grows [m/s], and its acceleration by the forces so far [m/s^2]."""
         normal_x = load_row(w, row.normal_x + i)
         normal_y = load_row(w, row.normal_y + i)
-        speed = load_row(w, row.relative_x + i) * normal_x + load_row(w, row.relative_y + i) * normal_y
         more = gaining(w, i, memory)
-        growth = more[0] * normal_x + more[1] * normal_y
-        before = load_row(w, row.before + i)
-        speed_before = load_row(w, row.damper_speed + i)
-        mean, elastic, size, first, damper_speed = pressed(penetration, speed, growth, before, speed_before, law)
-        kept = wp.where(mean > Real(0.0), first, load_row(w, row.open + i))
-        store_row(w, row.penetration + i, mean)
-        store_row(w, row.press_x + i, where_touching(w, i, size * normal_x))
-        store_row(w, row.press_y + i, where_touching(w, i, size * normal_y))
+        speed = load_row(w, row.relative_x + i) * normal_x + load_row(w, row.relative_y + i) * normal_y
+        return speed, more[0] * normal_x + more[1] * normal_y
+
+    @wp.func
+    def store_press(w: wp.array[Real], i: int, size: Real, kept: Real, damper_speed: Real):
+        """Stores the normal force on roller i, and what its contact keeps."""
+        x = where_touching(w, i, size * load_row(w, row.normal_x + i))
+        y = where_touching(w, i, size * load_row(w, row.normal_y + i))
+        store_row(w, row.press_x + i, x)
+        store_row(w, row.press_y + i, y)
         store_row(w, row.size + i, size)
         store_row(w, row.kept + i, kept)
         store_row(w, row.damper_speed + i, damper_speed)
-        return wp.where(kept == before, 0, 1)
+
+    @wp.func
+    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
+        """The normal force on roller i as of a contact that does not change; 1 if it keeps something else, 2 if it does
+        change.
+        """
+        penetration, before = load_row(w, row.penetration + i), load_row(w, row.before + i)
+        speed, growth = approach(w, i, memory)
+        speed_before = load_row(w, row.damper_speed + i)
+        size, damper_speed = steady_force(penetration, speed, growth, before, speed_before, law)
+        kept = wp.where(penetration > Real(0.0), before, load_row(w, row.open + i))
+        store_press(w, i, size, kept, damper_speed)
+        return wp.where(kept == before, 0, 1) | 2 * is_changing(penetration, speed, growth, before, law)
+
+    @wp.func
+    def press_changing(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
+        """Mends the normal forces of contacts that open, close or begin in this step, which are few; 1."""
+        i = group.low
+        while i < group.high:
+            penetration, before = load_row(w, row.penetration + i), load_row(w, row.before + i)
+            speed, growth = approach(w, i, memory)
+            if is_changing(penetration, speed, growth, before, law) != 0:
+                speed_before = load_row(w, memory.dampers + i)
+                mean, elastic, size, first, damper = pressed(penetration, speed, growth, before, speed_before, law)
+                store_row(w, row.penetration + i, mean)
+                kept = wp.where(mean > Real(0.0), first, load_row(w, row.open + i))
+                store_press(w, i, size, kept, damper)
+            i = i + 1
+        return int(1)
 
     @wp.func
     def add_force(w: wp.array[Real], i: int):
@@ -176,6 +208,8 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         while i < group.high:
             changed = changed | press_one(w, i, law, memory)
             i = i + 1
+        if changed > 1:
+            changed = press_changing(w, group, law, memory)
         return changed
 
     @wp.func
@@ -196,23 +230,19 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         store_row(w, row.damped + i, power_of(w, i, x, y, memory))
 
     @wp.func
-    def press_smoothly(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory, measured: bool):
-        """Forces of a linear law where nothing rubs, and what comes of them, in one loop.
-
-        Returns 1 each if contacts keep something else, and if any begins.
+    def add_measured_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
+        """Adds the forces of a linear law where nothing rubs to those on rollers, with their moments and powers, in one
+        loop; 1 if any contact begins.
         """
         law.exponent = Real(1.0)  # so that the compiler knows
-        changed = int(0)
         began = int(0)
         i = group.low
         while i < group.high:
-            changed = changed | press_one(w, i, law, memory)
             add_force(w, i)
-            if measured:
-                lose_one(w, i, law, memory)
-                began = began | begins(w, i)
+            lose_one(w, i, law, memory)
+            began = began | begins(w, i)
             i = i + 1
-        return changed, began
+        return began
 
     @wp.func
     def add_forces(w: wp.array[Real], group: Group):

@@ -106,6 +106,31 @@ def pressed(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_
 
 
 @wp.func
+def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
+    """The force of a contact that neither opens nor closes within the step, which `pressed` gives with more work.
+
+    Arguments as of `pressed`.
+
+    Returns:
+        The force [N] and the speed at which the damper acts [m/s], both 0 where the contact is open.
+    """
+    zero = type(speed)(0.0)
+    elastic = elastic_force(larger(penetration, zero), law.stiffness, law.exponent)
+    size, damper_speed = contact_force(elastic, speed, growth, impact_speed, speed_before, law)
+    closed = penetration > zero
+    return wp.where(closed, size, zero), wp.where(closed, damper_speed, zero)
+
+
+@wp.func
+def is_changing(penetration: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
+    """1 where a contact opens or closes within the step, or begins (arguments as of `pressed`), else 0."""
+    zero = type(speed)(0.0)
+    ahead = smaller(wp.abs(multiply_add(law.lag, growth, speed)) * law.lag, law.ahead)
+    begins = wp.where(impact_speed <= zero, penetration, zero)
+    return wp.where(wp.abs(penetration) < ahead, 1, wp.where(begins > zero, 1, 0))
+
+
+@wp.func
 def stored(penetration: Any, elastic: Any, law: Any):
     """Elastic energy [J] of a contact: `elastic` [N] is the force without damping."""
     return quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
