@@ -261,10 +261,17 @@ def test_a_raise_of_the_callers_own_ends_the_run(gpus):
     assert gone()
 
 
-def test_ctrl_c_keeps_all_variants_in_their_order(gpus):
+def cut_into(monkeypatch, cut):
+    """Makes shares of variants (V,) by the numbers in `cut`."""
+    ways = [cut == k for k in range(int(cut.max()) + 1)]
+    monkeypatch.setattr(pipeline, "parts_of", lambda members, *_: [members.part(way) for way in ways])
+
+
+def test_ctrl_c_keeps_all_variants_in_their_order(gpus, monkeypatch):
     """Shares are a short variant and one that takes hours. When it is stopped, two shares have begun."""
     drives = [short(torque=1.0 + k) if k % 2 == 0 else short(duration=1000.0) for k in range(8)]
     whole, _ = run(drives[::2], device="cpu", workers=1)
+    cut_into(monkeypatch, np.arange(8) // 2)
     timer = threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     found, _ = run(drives, device="cuda")
@@ -282,7 +289,7 @@ def test_a_stop_while_kernels_are_compiled_launches_none(gpus, monkeypatch):
     assert found.info.ended == "interrupted" and found.metrics["variant"].to_pylist() == list(range(8))
 
 
-@pytest.mark.parametrize(("chosen", "packed"), [(("cpu",), [8]), (("cuda:0",), [4, 4])])
+@pytest.mark.parametrize(("chosen", "packed"), [(("cpu",), [8]), (("cuda:0",), [3, 5])])
 def test_where_not_all_gpus_are_chosen_variants_are_cut_anew(gpus, monkeypatch, chosen, packed):
     counts = []
     _, noting = shared(counts)
@@ -295,7 +302,7 @@ def test_where_not_all_gpus_are_chosen_variants_are_cut_anew(gpus, monkeypatch, 
 
     monkeypatch.setattr(devices, "quickest", quickest)
     found, _ = run([short()] * 8, device=None)
-    assert counts == [2, *packed] and asked == [(2, 4.0)]
+    assert counts == [1, *packed] and asked == [(1, 8.0)]
     assert (found.info.device, found.info.choice) == (*chosen, "small")
 
 
@@ -334,7 +341,7 @@ def test_shares_have_alike_work_and_variants_of_all_lengths():
     members = members_of(drives)
     rollers = np.array([drive.chain.links for drive in drives])
     np.testing.assert_array_equal(members.work, rollers * [of.steps + 1.0 for of in members.schedules])
-    parts = [members.part(chosen) for chosen in pipeline.deal_variants(members, 5)]
+    parts = [members.part(chosen) for chosen in pipeline.deal_variants(members, 5, 5)]
     assert sorted(v for part in parts for v in part.numbers.tolist()) == list(range(len(drives)))
     work = [part.work.sum() for part in parts]
     assert max(work) < 1.02 * min(work)
@@ -346,6 +353,12 @@ def test_shares_have_alike_work_and_variants_of_all_lengths():
         steps = [of.steps for of, drive in zip(part.schedules, part.drives, strict=True) if drive.links == 60]
         assert 0.95 < np.mean(steps) / 600.0 < 1.05
     assert sum(len(part.stacks) for part in parts) == 7  # kinds of 50 stay together
+
+
+def test_the_first_shares_of_gpus_have_half_the_work():
+    members = members_of([short()] * 6000)
+    parts = [members.part(chosen) for chosen in pipeline.deal_variants(members, 4, 2)]
+    assert [len(part.drives) for part in parts] == pytest.approx([1000, 1000, 2000, 2000], rel=0.05)
 
 
 def bits(table):
@@ -373,8 +386,7 @@ def test_no_cut_into_shares_changes_a_bit_of_any_column(gpus, monkeypatch, name,
     options = {"precision": precision, "workers": 1, "duration": 0.001}
     whole = bits(run(drives, device="cpu", **options)[0].metrics)
     for cut in cuts_of(7):
-        ways = [cut == k for k in range(int(cut.max()) + 1)]
-        monkeypatch.setattr(pipeline, "parts_of", lambda members, *_, ways=ways: [members.part(way) for way in ways])
+        cut_into(monkeypatch, cut)
         found = bits(run(drives, device="cuda", **options)[0].metrics)
         assert list(found) == list(whole)
         assert [column for column in whole if found[column] != whole[column]] == []

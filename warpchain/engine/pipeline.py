@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from warpchain.engine.checkpoint import Keeper
 
 LEAST = 2048
-"""Fewest variants of a share where a GPU gets several: fewer do not fill it to the end."""
+"""Fewest variants that shares have on average where a GPU gets several: fewer do not fill it to the end."""
 
 MOST = 4
 """Most shares of a GPU."""
@@ -46,13 +46,17 @@ def parts_of(members: Members, gpus: int, most: int) -> list[Members]:
     parts = min(count, gpus * max(1, min(most, count // (gpus * LEAST)))) if gpus else 1
     if parts == 1 or _too_large(members):
         return [members.part(np.ones(count, dtype=bool))]
-    return [members.part(chosen) for chosen in deal_variants(members, parts)]
+    return [members.part(chosen) for chosen in deal_variants(members, parts, gpus)]
 
 
-def deal_variants(members: Members, count: int) -> Iterator[NDArray[np.bool_]]:
-    """Variants of each of so many shares, (V,): of about the same work, and of all lengths that a kind has."""
+def deal_variants(members: Members, count: int, gpus: int) -> Iterator[NDArray[np.bool_]]:
+    """Variants of each of so many shares, (V,): of about the same work, and of all lengths that a kind has.
+
+    Where GPUs get several, the first ones have half the work of the others, so that all GPUs begin early.
+    """
     work, together = members.work, max(1, min(APART, len(members.drives) // (8 * count)))
     share, load = np.zeros(len(work), dtype=np.int64), np.zeros(count)
+    load[:gpus] = work.sum() / (2 * count - gpus) if gpus < count else 0.0
     for stack in sorted(members.stacks, key=lambda stack: len(stack.members)):  # large kinds level out the small ones
         longest = stack.members[np.argsort(-work[stack.members], kind="stable")]
         pieces = 64 * count if len(longest) >= together * count else -(-len(longest) // together)
