@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from benches.drives import RANGES, drive_by_name, varied_designs
 from benches.gpu import DESIGNS
-from warpchain.assembly.timestep import resolve_step
+from warpchain import Record
+from warpchain.drive.batch import stacks_of
 from warpchain.engine.gpu import launch_steps
 from warpchain.engine.launches import PARTS, Launch, groups, launches_of, measured_from, shares, steps_left
+from warpchain.engine.pipeline import MOST, parts_of
+from warpchain.engine.share import Members
+from warpchain.engine.simulation import schedules_of
 
 DRIVES = np.dtype([("steps", int), ("window_start", int), ("window_end", int)])
 PROGRESS = np.dtype([("step", int), ("diverged", int)])
@@ -75,18 +79,28 @@ def launches(asked: argparse.Namespace) -> Iterator[Line]:
 
     python scripts/bench.py launches
 
-    In two shares, as they run; beside as many drives that all take their mean number of steps. A step with metrics
-    counts 1.5 without.
+    In the shares of one GPU; beside as many drives that all take their mean number of steps. A step with metrics counts
+    1.5 without.
     """
     yield ("drive", "most of least steps", "of evenly spread", "drives of equal steps", "ratio")
     for name in asked.drives:
-        drive = drive_by_name(name)
-        steps = np.array(
-            [drive.run.duration / resolve_step(each) for each in varied_designs(drive, name, DESIGNS)]
-        ).astype(int)
-        most = launch_steps(0.5 * DESIGNS * drive.chain.links, 2**31 - 1)
+        drives = varied_designs(drive_by_name(name), name, DESIGNS)
+        stacks = stacks_of(drives, DESIGNS)
+        schedules = schedules_of(drives, None, None, Record("none"), None, stacks)
+        parts = parts_of(Members(drives, schedules, stacks, np.arange(DESIGNS)), 1, MOST)
+        steps = np.array([schedule.steps for schedule in schedules])
         found = [
-            np.mean([occupied_share(counted_runs(part), most, asked.slots) for part in np.array_split(each, 2)])
+            sum(
+                len(part.drives)
+                / DESIGNS
+                * occupied_share(counted_runs(each[part.numbers]), most_steps(part), asked.slots)
+                for part in parts
+            )
             for each in (steps, np.full(len(steps), int(steps.mean())))
         ]
         yield (name, steps.max() / steps.min(), *map(float, found), float(found[0] / found[1]))
+
+
+def most_steps(members: Members) -> int:
+    """Most steps of a launch of some variants."""
+    return launch_steps(float(sum(drive.links for drive in members.drives)), 2**31 - 1)

@@ -289,7 +289,7 @@ def test_a_stop_while_kernels_are_compiled_launches_none(gpus, monkeypatch):
     assert found.info.ended == "interrupted" and found.metrics["variant"].to_pylist() == list(range(8))
 
 
-@pytest.mark.parametrize(("chosen", "packed"), [(("cpu",), [8]), (("cuda:0",), [3, 5])])
+@pytest.mark.parametrize(("chosen", "packed"), [(("cpu",), [8]), (("cuda:0",), [4, 4])])
 def test_where_not_all_gpus_are_chosen_variants_are_cut_anew(gpus, monkeypatch, chosen, packed):
     counts = []
     _, noting = shared(counts)
@@ -355,10 +355,11 @@ def test_shares_have_alike_work_and_variants_of_all_lengths():
     assert sum(len(part.stacks) for part in parts) == 7  # kinds of 50 stay together
 
 
-def test_the_first_shares_of_gpus_have_half_the_work():
-    members = members_of([short()] * 6000)
-    parts = [members.part(chosen) for chosen in pipeline.deal_variants(members, 4, 2)]
-    assert [len(part.drives) for part in parts] == pytest.approx([1000, 1000, 2000, 2000], rel=0.05)
+def test_the_first_shares_of_several_gpus_have_two_fifths_of_the_work_of_others():
+    members = members_of([short()] * 2800)
+    for gpus, wanted in ((1, [700] * 4), (2, [400, 400, 1000, 1000]), (4, [700] * 4)):
+        parts = [members.part(chosen) for chosen in pipeline.deal_variants(members, 4, gpus)]
+        assert [len(part.drives) for part in parts] == pytest.approx(wanted, rel=0.05)
 
 
 def bits(table):

@@ -36,6 +36,9 @@ LEAST = 2048
 MOST = 4
 """Most shares of a GPU."""
 
+FIRST = 0.4
+"""Work of the first share of each of several GPUs over that of the others: so the last GPU begins early."""
+
 APART = 128
 """Variants of a kind that go to one share: of each kind of them packing, stepping and measuring have their cost."""
 
@@ -52,11 +55,12 @@ def parts_of(members: Members, gpus: int, most: int) -> list[Members]:
 def deal_variants(members: Members, count: int, gpus: int) -> Iterator[NDArray[np.bool_]]:
     """Variants of each of so many shares, (V,): of about the same work, and of all lengths that a kind has.
 
-    Where GPUs get several, the first ones have half the work of the others, so that all GPUs begin early.
+    Where several GPUs get several, the first ones have `FIRST` of the others' work.
     """
     work, together = members.work, max(1, min(APART, len(members.drives) // (8 * count)))
     share, load = np.zeros(len(work), dtype=np.int64), np.zeros(count)
-    load[:gpus] = work.sum() / (2 * count - gpus) if gpus < count else 0.0
+    if 1 < gpus < count:
+        load[:gpus] = (1.0 - FIRST) * work.sum() / (count - (1.0 - FIRST) * gpus)
     for stack in sorted(members.stacks, key=lambda stack: len(stack.members)):  # large kinds level out the small ones
         longest = stack.members[np.argsort(-work[stack.members], kind="stable")]
         pieces = 64 * count if len(longest) >= together * count else -(-len(longest) // together)
