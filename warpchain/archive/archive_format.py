@@ -1,7 +1,6 @@
 """Format of an archive: protobuf messages, topics, attachments, metadata, packed rollers, JointState.
 
-Foxglove's messages are in a descriptor pool of their own, apart from other packages' copies. In words:
-`docs/archive.md`.
+In words: `docs/archive.md`. The messages are in a descriptor pool of their own, apart from other packages' copies.
 """
 
 from __future__ import annotations
@@ -56,28 +55,28 @@ MESSAGE_FIELDS = {
     "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in BODY_CHANNELS)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
-"""Fields of each protobuf message, numbered from 1 in this order; a message stands after those that it uses."""
+"""Fields of each protobuf message, numbered from 1; a message stands after those that it uses."""
 ENUM_VALUES = {
     "PackedElementField.NumericType": "UNKNOWN UINT8 INT8 UINT16 INT16 UINT32 INT32 FLOAT32 FLOAT64",
     "LinePrimitive.Type": "LINE_STRIP LINE_LOOP LINE_LIST",
     "SceneEntityDeletion.Type": "MATCHING_ID ALL",
 }
-"""Values of each protobuf enumeration, numbered from 0."""
 SCALAR_TYPES = ("bool", "bytes", "double", "fixed32", "string")
 
 
 def message_class(name: str) -> type[Any]:
-    """Protobuf class of a message, by its full name such as "foxglove.PointCloud"."""
+    """Protobuf class of a message by its full name, such as "foxglove.PointCloud"."""
     return _message_classes()[name]
 
 
 def descriptor_set_bytes(message: type[Message]) -> bytes:
-    """Serialized FileDescriptorSet of a protobuf message, which MCAP asks for as its schema."""
+    """Serialized FileDescriptorSet of a protobuf message, its MCAP schema."""
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
     files: dict[str, Any] = {}
 
     def add_with_dependencies(file: Any) -> None:
+        """Adds a .proto file behind those that it imports."""
         if file.name not in files:
             for dependency in file.dependencies:
                 add_with_dependencies(dependency)
@@ -92,6 +91,7 @@ def descriptor_set_bytes(message: type[Message]) -> bytes:
 
 @functools.cache
 def _message_classes() -> dict[str, type[Any]]:
+    """Protobuf classes of all archived messages by full name."""
     from google.protobuf import descriptor_pool, duration_pb2, message_factory, timestamp_pb2
 
     pool = descriptor_pool.DescriptorPool()
@@ -119,7 +119,7 @@ def _proto_file(full_name: str) -> FileDescriptorProto:
 def _add_proto_field(
     described: DescriptorProto, number: int, package: str, message: str, words: list[str]
 ) -> list[str]:
-    """Adds a field to a message's descriptor; returns the .proto files that its type needs."""
+    """Adds a field to a protobuf message; returns the .proto files that its type needs."""
     from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 
     field = described.field.add(name=words[-1], number=number, label=Field.LABEL_OPTIONAL)
@@ -143,18 +143,17 @@ def _add_proto_field(
 
 
 FORMAT_VERSION = "2"
-"""Version of the archive's layout; readers refuse any other."""
+"""Version of the layout; readers refuse any other."""
 
 RUN_METADATA = "warpchain"
-"""Metadata record at a file's start: format_version, version, device, precision, created, variants, recorded."""
+"""Metadata record at a file's start."""
 END_METADATA = "warpchain.end"
-"""Metadata record at a file's end: ended, wall_time, run."""
+"""Metadata record at a file's end."""
 METRICS_ATTACHMENT = "metrics.arrow"
-"""Attachment with the metrics table as an Arrow IPC file."""
 
 COLOR_FIELDS = ("red", "green", "blue", "alpha")
 NUMERIC_TYPE_CODES = {"u1": 1, "f4": 7, "f8": 8}
-"""Values of foxglove.PackedElementField.NumericType by numpy's type codes."""
+"""foxglove.PackedElementField.NumericType by numpy's type codes."""
 
 JOINT_STATE_DEFINITION = """std_msgs/Header header
 string[] name
@@ -170,7 +169,7 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
-"""ROS 2 definition of sensor_msgs/msg/JointState: position [rad], velocity [rad/s], effort [N m]."""
+"""ROS 2 definition of sensor_msgs/msg/JointState [rad, rad/s, N m]."""
 
 
 TOPICS = {
@@ -181,28 +180,28 @@ TOPICS = {
     "scene": "foxglove.SceneUpdate",
     "transforms": "foxglove.FrameTransforms",
 }
-"""Schema of each topic that a recorded variant can have."""
+"""Schema of each topic of a recorded variant."""
 MOST_VARIANTS = 65535 // len(TOPICS)
-"""Recorded variants in one file at most, since MCAP numbers channels with 16 bits."""
+"""Recorded variants in a file at most: MCAP's channel numbers have 16 bits."""
 
 
 def end_with_start_copy(end: Mapping[str, str], start: Mapping[str, str]) -> dict[str, str]:
-    """Metadata for a file's end that hold a copy of those at its start."""
+    """Metadata at a file's end that repeat those at its start."""
     return {**end, "run": json.dumps(dict(start))}
 
 
 def start_copy_of_end(end: Mapping[str, str]) -> dict[str, str]:
-    """Copy of the start's metadata in those at a file's end; empty in archives of earlier versions."""
+    """Start's metadata as a file's end repeats them; {} in earlier versions."""
     return {str(name): str(value) for name, value in parse_json(end.get("run", "{}")).items()}
 
 
 def topic_path(variant: int, topic: str) -> str:
-    """Full name of a variant's topic, such as /variant/00003/rollers."""
+    """Full name of a variant's topic: /variant/00003/rollers."""
     return f"/variant/{variant:05d}/{topic}"
 
 
 def variant_and_topic(path: str) -> tuple[int, str] | None:
-    """Variant's number and topic of a topic's full name; None for one that is not warpchain's."""
+    """Variant's number and topic of a topic's full name; None for another program's."""
     words = path.split("/")
     if len(words) == 4 and words[1] == "variant" and words[3] in TOPICS and re.fullmatch(r"[0-9]{5,9}", words[2]):
         return int(words[2]), words[3]
@@ -210,19 +209,19 @@ def variant_and_topic(path: str) -> tuple[int, str] | None:
 
 
 def channel_numbers(place: int) -> dict[str, int]:
-    """MCAP channel number of each topic of the variant at a place (from 0) in its file."""
+    """MCAP channel number of each topic of the variant at a place in its file."""
     return {topic: 1 + place * len(TOPICS) + k for k, topic in enumerate(TOPICS)}
 
 
 def topic_schema(name: str) -> tuple[str, bytes]:
-    """MCAP encoding and bytes of a schema of `TOPICS`, by the schema's name."""
+    """MCAP encoding and bytes of a topic's schema, by the schema's name."""
     if name == "sensor_msgs/msg/JointState":
         return "ros2msg", JOINT_STATE_DEFINITION.encode()
     return "protobuf", descriptor_set_bytes(message_class(name))
 
 
 def body_frame_name(variant: int, name: str) -> str:
-    """Name of the coordinate frame that turns with a sprocket or arm of a variant."""
+    """Name of the coordinate frame that turns with a sprocket or arm."""
     return f"variant/{variant:05d}/{name}"
 
 
@@ -232,12 +231,12 @@ def drive_attachment_name(variant: int) -> str:
 
 
 def drive_copy_name(variant: int) -> str:
-    """Name of the attachment that repeats a variant's drive file, in case the first is damaged."""
+    """Name of the attachment that repeats a variant's drive file."""
     return f"drives/{variant:05d}.copy.toml"
 
 
 def roller_dtype(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
-    """Packed little-endian dtype of one roller: its recorded channels, z = 0 behind a position, its color."""
+    """Packed dtype of one roller in an archive: its channels, z = 0 behind a position, its color."""
     code = "<f8" if precision == "float64" else "<f4"
     names: list[str] = []
     for channel in ROLLER_CHANNELS:
@@ -247,7 +246,7 @@ def roller_dtype(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
 
 
 def constant_point_cloud_bytes(layout: np.dtype[np.void]) -> bytes:
-    """Bytes that all serialized PointClouds of a variant share: frame id, pose, stride and fields."""
+    """Bytes that all PointClouds of a variant share: frame id, pose, stride, fields."""
     cloud = message_class("foxglove.PointCloud")(frame_id="drive", point_stride=layout.itemsize)
     cloud.pose.orientation.w = 1.0
     for name, (kind, offset, *_) in (layout.fields or {}).items():
@@ -256,7 +255,7 @@ def constant_point_cloud_bytes(layout: np.dtype[np.void]) -> bytes:
 
 
 def varint_bytes(value: int) -> bytes:
-    """Protobuf's variable-length encoding of an integer."""
+    """Protobuf's varint of an integer."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -266,22 +265,25 @@ def varint_bytes(value: int) -> bytes:
 
 
 def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, dict[str, int], int]:
-    """CDR bytes of a JointState with zeros for its numbers, the offset of each filled array, that of the stamp.
+    """CDR bytes of a JointState of zeros, offsets of its filled arrays' first doubles, offset of its stamp.
 
     Args:
         names: sprocket names.
-        arrays: which of "position", "velocity", "effort" are filled; the others are empty.
+        arrays: which of "position", "velocity", "effort" are filled.
     """
     out = bytearray(b"\x00\x01\x00\x00")  # encapsulation: CDR, little-endian; alignment counts from here
 
     def append_padding(size: int) -> None:
+        """Pads CDR bytes to a multiple of a size."""
         out.extend(bytes(-(len(out) - 4) % size))
 
     def append_word(value: int) -> None:
+        """Appends an aligned 32-bit number to CDR bytes."""
         append_padding(4)
         out.extend(value.to_bytes(4, "little"))
 
     def append_text(value: str) -> None:
+        """Appends a string to CDR bytes."""
         data = value.encode() + b"\0"
         append_word(len(data))
         out.extend(data)

@@ -1,6 +1,6 @@
-"""Files of an archive's name: one or a set, what a killed run left of them, and the lock of the one writer.
+"""Files of an archive's name: one or a set, what a killed run left of them, and the writer's lock.
 
-Parts of `run.mcap` are `run.part0000.mcap` and so on. A set that replaces another is a further edition beside it,
+A set is `run.part0000.mcap`, `run.part0001.mcap` and so on. One that replaces another is a further edition beside it,
 `run.part0000-2.mcap`; it is the archive once its last part, which alone says how many there are, has its name.
 """
 
@@ -20,11 +20,11 @@ from warpchain.errors import ArchiveError
 from warpchain.files import PARTIAL_PATTERN, WriteLock, refusals_as_errors, target_of_path
 
 PART_STEM = re.compile(r"(.*)\.part(\d{4,9})(?:-(\d{1,9}))?")
-"""Stem of a part's file name: the archive's stem, the part's number, the edition unless the first."""
+"""Stem of a part's file name: archive, number, edition unless the first."""
 
 
 class PartName(NamedTuple):
-    """Content of a part's file name: the archive's path, the part's number, the set's edition."""
+    """Archive, number and edition that a part's file name states."""
 
     archive: Path
     number: int
@@ -38,13 +38,13 @@ def part_path(path: Path, number: int, edition: int = 1) -> Path:
 
 
 def parse_part_name(path: Path) -> PartName | None:
-    """Archive, number and edition that a file name states; None if it is not a part's."""
+    """Archive, number and edition that a file name states; None if it is no part's."""
     found = PART_STEM.fullmatch(path.stem)
     return found and PartName(path.with_name(found[1] + path.suffix), int(found[2]), int(found[3] or 1))
 
 
 def files_by_edition(path: Path) -> dict[int, list[Path]]:
-    """Files of the sets that have an archive's name, in order, by edition."""
+    """Files of the sets that have an archive's name, by edition, in order."""
     found: dict[int, dict[int, Path]] = {}
     if path.parent.is_dir():
         for file in path.parent.iterdir():
@@ -55,7 +55,7 @@ def files_by_edition(path: Path) -> dict[int, list[Path]]:
 
 
 def part_files(path: Path) -> list[Path]:
-    """Files of the set that an archive's name stands for, in order: its latest whole edition; empty without one."""
+    """Files of an archive's latest whole edition, in order; empty without one."""
     found = files_by_edition(path)
     if not found:
         return []
@@ -73,7 +73,7 @@ def is_whole_set(files: list[Path]) -> bool:
 
 
 def unfinished_files(path: Path) -> list[Path]:
-    """Unfinished files of an archive's name: a killed run left them, or they are being written."""
+    """Unfinished files of an archive's name, of a killed run or a running one."""
     if not path.parent.is_dir():
         return []
     left = re.compile(rf"({re.escape(path.stem)}(\.part\d+(-\d+)?)?{re.escape(path.suffix)}){PARTIAL_PATTERN}")
@@ -86,7 +86,7 @@ def finished_path(file: Path) -> Path:
 
 
 def archive_files(path: Path) -> list[Path]:
-    """Files of an archive, in order: the file itself, or the set that the path names or is a part of."""
+    """Files of an archive, in order, by its name or that of one of its parts."""
     named = parse_part_name(path)
     is_file = os.path.isfile(path)  # False also of a name too long, where a path's own method raises
     if named and is_file:
@@ -97,15 +97,13 @@ def archive_files(path: Path) -> list[Path]:
 class ArchiveTarget:
     """Name that an archive is written to, locked for one writer.
 
-    What has the name stays whole until `remove_replaced`.
-
     Args:
-        path: the archive's name.
+        path: the archive's name; what has it stays whole until `remove_replaced`.
         overwrite: replace an archive of that name.
         split: a set of files, rather than one.
 
     Raises:
-        ArchiveError: an archive of that name and no `overwrite`, another writer, no file, or a folder that refuses.
+        ArchiveError: an archive of that name and no `overwrite`, another writer, a folder, or a disk that refuses.
     """
 
     def __init__(self, path: Path, overwrite: bool, split: bool) -> None:
@@ -124,7 +122,7 @@ class ArchiveTarget:
             raise
 
     def begin_file(self, number: int, library: str) -> McapWriter:
-        """Begins the archive's file of a number, from 0; returns its writer."""
+        """Writer of the archive's file of a number, from 0."""
         path = part_path(self.path, number, self._edition) if self.split else self.path
         return McapWriter(path, library, self.overwrite, claimed=True)
 
@@ -138,7 +136,7 @@ class ArchiveTarget:
             raise name_taken_error(there[0])
 
     def remove_replaced(self, files: Iterable[Path]) -> None:
-        """Removes the archive that had the name before these whole files."""
+        """Removes the archive that these whole files replace."""
         mine = {self.path} if not self.split else set(files)
         others = [file for edition in files_by_edition(self.path).values() for file in edition]
         with refusals_as_errors(self.path, ArchiveError):
@@ -147,7 +145,7 @@ class ArchiveTarget:
                     file.unlink()
 
     def discard_files(self, files: Iterable[Path]) -> None:
-        """Removes whole files of a set that will not become one; raises nothing."""
+        """Removes whole files of a set that stays incomplete; raises nothing."""
         if self.split:
             for file in files:
                 with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Writing the files of an archive: one, or a set that is split by size or by number of variants."""
+"""Writing the files of an archive: one, or a set split by size or by number of variants."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class ArchivePart:
-    """One file of an archive that is being written."""
+    """One file of an archive, being written."""
 
     def __init__(self, file: McapWriter, start: Mapping[str, str], drives: bool) -> None:
         self.file, self.start, self._drives = file, start, drives
@@ -35,7 +35,7 @@ class ArchivePart:
     def open_variant(
         self, variant: int, place: int, content: FrameContent, drive: Drive, facts: Mapping[str, str]
     ) -> None:
-        """Begins a variant's topics in this file, if that has not been done.
+        """Begins a variant's topics in this archive file, unless that was done.
 
         Args:
             place: the variant's place in this file, which numbers its channels.
@@ -61,7 +61,7 @@ class ArchivePart:
             self.open_topic(numbers[topic], variant, topic, held if topic == "rollers" else {})
 
     def open_topic(self, number: int, variant: int, topic: str, metadata: Mapping[str, str]) -> None:
-        """Begins a topic, and adds its schema if this file does not have it."""
+        """Begins a topic in this archive file, with its schema if that is new."""
         name = archive_format.TOPICS[topic]
         kind = 1 + list(archive_format.TOPICS).index(topic)
         encoding, data = archive_format.topic_schema(name)
@@ -72,7 +72,7 @@ class ArchivePart:
 
 
 def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
-    """Appends the drive files of variants, by number, then all of them again."""
+    """Appends drive files of variants, then all of them again."""
     texts = {variant: dumps_drive(drive).encode() for variant, drive in drives.items()}
     for name in (archive_format.drive_attachment_name, archive_format.drive_copy_name):
         for variant, text in texts.items():
@@ -80,7 +80,7 @@ def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
 
 
 class ArchiveParts:
-    """All files of an archive that is being written; the first is there from the beginning.
+    """Files of an archive, being written; the first is there from the beginning.
 
     Raises:
         ArchiveError: here and in every method, an existing archive, a folder or disk that refuses.
@@ -127,7 +127,7 @@ class ArchiveParts:
             raise
 
     def _begin_part(self) -> ArchivePart:
-        """Begins the archive's next file and returns it."""
+        """Begins the archive's next file."""
         number = len(self._parts)
         start = self._start | {"part": str(number)} | _run_metadata(self._info)
         part = ArchivePart(
@@ -138,11 +138,11 @@ class ArchiveParts:
         return part
 
     def place_in_part(self, position: int) -> int:
-        """Place in its file of the variant recorded in the given position."""
+        """Place in its file of the variant recorded in a position."""
         return position % self._per_part
 
     def part_for_chunk(self, position: int) -> ArchivePart:
-        """File that takes the next chunk of the variant recorded in the given position."""
+        """File for the next chunk of the variant recorded in a position."""
         limit = self._options.split_size
         if limit is not None:
             current = self._parts[-1]
@@ -156,12 +156,12 @@ class ArchiveParts:
         return self._by_group[group]
 
     def _finish_part(self, part: ArchivePart, end: Mapping[str, str]) -> None:
-        """Ends a file with its metadata."""
+        """Ends an archive's file with its metadata."""
         part.file.add_metadata(archive_format.END_METADATA, archive_format.end_with_start_copy(end, part.start))
         part.file.finish()
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends all files of the archive; the last holds the metrics and the end of the run."""
+        """Ends all files of the archive; the last holds metrics and the run's end."""
         self._target.check_free()
         last = self._parts[-1]
         for part in self._parts[:-1]:
@@ -186,7 +186,7 @@ class ArchiveParts:
         ]
 
     def _kept_files_text(self) -> str:
-        """Message that names the files kept of an unfinished archive; "" where there are none."""
+        """Words that name the kept files of an unfinished archive, "" without any."""
         whole = [part.file.path for part in self._parts if self._salvage and part.file.is_finished]
         words = [str(file.partial_path) for file in self._unfinished_files()]
         if whole:
@@ -195,15 +195,15 @@ class ArchiveParts:
         return f"what was written until then is in {', '.join(words)}: see warpchain recover" if words else ""
 
     def refusal_error(self, error: ArchiveError) -> ArchiveError:
-        """Error for a disk that refuses; with `salvage` it names the files that hold what was written."""
+        """Error of a disk that refuses; with `salvage` it names the kept files."""
         kept = self._kept_files_text()
         return ArchiveError(f"{error}; {kept}") if kept else error
 
     def close(self, named: bool = False) -> None:
-        """Ends unfinished files: drops them, or with `salvage` keeps those that hold frames.
+        """Ends unfinished files of the archive: drops them, or with `salvage` keeps those with frames.
 
         Args:
-            named: whether an error has named the kept files already; else a warning does.
+            named: whether an error has named the kept files; else a warning does.
         """
         left, kept = self._unfinished_files(), self._kept_files_text()
         for part in self._parts:
@@ -230,7 +230,7 @@ def media_type(name: str) -> str:
 
 
 def _run_metadata(info: RunInfo) -> dict[str, str]:
-    """Provenance of a run as metadata."""
+    """Provenance of a run as an archive's metadata."""
     made = {k: v for k, v in asdict(info).items() if k not in ("ended", "wall_time") and v is not None}
     texts = {name: repr(value) if isinstance(value, float) else str(value) for name, value in made.items()}
     versions = [f"{name} {version(name)}" for name in ("warp-lang", "numpy", "mcap", "protobuf")]

@@ -1,4 +1,4 @@
-"""Channels of a broken file that can be trusted: by its summary, their digests or their numbers."""
+"""Channels of a broken archive that can be trusted: by its summary, their digests or their numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from warpchain.archive.mcap_write import McapWriter
 
 
 def untrusted_channel(index: McapIndex) -> Channel | None:
-    """First channel of an archive with digests that is not what was written; None if all are."""
+    """First channel of an archive whose digest is wrong; None if none is."""
     if not index.has_digests:
         return None
     recorded: list[str] | None = None
@@ -29,17 +29,17 @@ def untrusted_channel(index: McapIndex) -> Channel | None:
 
 
 def _recorded_numbers(start: Mapping[str, str]) -> list[str]:
-    """Numbers of the recorded variants that one file can hold, as words."""
+    """Numbers, as words, of the recorded variants that one file can hold."""
     return start.get("recorded", "").split()[: archive_format.MOST_VARIANTS]
 
 
 def _is_foreign(channel: Channel) -> bool:
-    """Whether a channel of an archive with digests is none of warpchain's."""
+    """Whether an archive's channel is another program's."""
     return archive_format.variant_and_topic(channel.topic) is None and DIGEST_KEY not in channel.metadata
 
 
 def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Sequence[str]) -> bool:
-    """Whether another program that wrote the archive anew may have given a channel its number.
+    """Whether a program that rewrote the archive may have given a channel its number.
 
     Then its digest is right under one of the numbers that warpchain gives to its topic.
     """
@@ -52,10 +52,10 @@ def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Se
 
 
 class TrustedTopics:
-    """Channels and schemas found in a broken file, each copied when the first chunk asks for it.
+    """Channels and schemas found in a broken archive, each copied when a chunk asks for it.
 
     Args:
-        index: a right summary, whose channels and schemas are trusted; None goes by those that are added.
+        index: a right summary, whose channels are trusted; None goes by those that are added.
     """
 
     def __init__(self, index: McapIndex | None = None) -> None:
@@ -71,15 +71,15 @@ class TrustedTopics:
             raise ValueError("two schemas of a number")
 
     def add_channel(self, channel: Channel) -> None:
-        """Takes a channel; `decide_trust` decides whether it can be trusted."""
+        """Takes a channel, for `decide_trust` to judge."""
         self.has_digests = self.has_digests or DIGEST_KEY in channel.metadata
         self._found.append(channel)
 
     def decide_trust(self, start: Mapping[str, str], used: Collection[int]) -> int:
-        """Decides which of the added channels can be trusted; returns how many cannot.
+        """Decides which added channels can be trusted; returns how many cannot.
 
-        A number that is not warpchain's own, which a changed bit may have made, is believed only where every message's
-        channel is described, and by one record.
+        A number that is not warpchain's own is believed only where every message's channel is described, and by one
+        record.
 
         Args:
             start: the metadata at the file's start.
@@ -113,7 +113,7 @@ class TrustedTopics:
         return wrong
 
     def _has_digest(self, channel: Channel) -> bool:
-        """Whether a channel's digest is right; a damaged schema is replaced by warpchain's own."""
+        """Whether a channel's digest is right, with warpchain's own schema for a damaged one."""
         wanted = channel.metadata.get(DIGEST_KEY)
         named = archive_format.variant_and_topic(channel.topic)
         known = self._schemas.get(channel.schema_id)
@@ -129,9 +129,9 @@ class TrustedTopics:
         return False
 
     def _has_own_number(self, channel: Channel, start: Mapping[str, str]) -> bool:
-        """Whether a channel of an archive without digests has the number that warpchain gives to its topic.
+        """Whether a channel without digest has the number that warpchain gives to its topic.
 
-        Where one of a variant's successive numbers names another variant, none of them is trusted.
+        Where one of a variant's numbers names another variant, none of them is trusted.
         """
         named = archive_format.variant_and_topic(channel.topic)
         if named is None:
@@ -148,12 +148,12 @@ class TrustedTopics:
         return False
 
     def variant_and_topic(self, number: int) -> tuple[int, str] | None:
-        """Variant and topic of a channel by its number; None if it is foreign or cannot be trusted."""
+        """Variant and topic of a channel's number; None if it cannot be trusted."""
         channel = self._channels.get(number)
         return archive_format.variant_and_topic(channel.topic) if channel else None
 
     def is_known(self, number: int) -> bool:
-        """Whether a channel is described and can be trusted."""
+        """Whether a channel's number is described and can be trusted."""
         return number in self._channels and self._channels[number].schema_id in self._schemas
 
     def copy_topics(self, file: McapWriter, numbers: Iterable[int]) -> None:

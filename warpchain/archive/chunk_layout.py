@@ -1,7 +1,6 @@
 """Byte layout of a variant's frames in a chunk: messages of fixed size, so that a chunk is an array of frames.
 
-Sizes are fixed because zeros, which protobuf would drop, are written, and varints of timestamps are padded to five
-bytes.
+Zeros, which protobuf would drop, are written, and varints of timestamps are padded to five bytes.
 """
 
 from __future__ import annotations
@@ -32,25 +31,25 @@ MESSAGE_HEADER = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-"""Dtype of a message record's head; `length` counts what follows it."""
+"""Head of a message record; `length` counts what follows it."""
 RECORD_HEAD_BYTES = 9
-"""Bytes of a record's opcode and length, before the content that the length counts."""
 JOINT_STATE_CHANNELS = {"position": "sprocket_angle", "velocity": "sprocket_speed", "effort": "sprocket_moment"}
-"""Channel of a trajectory that each array of a JointState carries."""
 COLOR_STEPS = 1024
 
 
 class _BodyBuilder:
-    """Builder of a message body's structured dtype and template, from constant bytes and named values."""
+    """Builder of a message body's dtype and template, from constant bytes and named values."""
 
     def __init__(self) -> None:
         self.template = bytearray()
         self.fields: dict[str, tuple[Any, int]] = {}
 
     def add_bytes(self, data: bytes) -> None:
+        """Appends constant bytes to a message body."""
         self.template += data
 
     def add_value(self, name: str, kind: Any) -> None:
+        """Appends a named value to a message body."""
         self.fields[name] = (np.dtype(kind), len(self.template))
         self.template += bytes(np.dtype(kind).itemsize)
 
@@ -62,13 +61,14 @@ class _BodyBuilder:
         self.add_value(name, kind)
 
     def add_timestamp(self, mark: str = "") -> None:
-        """Appends field 1, a google.protobuf.Timestamp with both numbers padded to five bytes."""
+        """Appends field 1, a protobuf Timestamp with numbers padded to five bytes."""
         self.add_bytes(b"\x0a\x0c\x08")
         self.add_value(f"seconds{mark}", ("u1", (5,)))
         self.add_bytes(b"\x10")
         self.add_value(f"nanoseconds{mark}", ("u1", (5,)))
 
     def dtype(self) -> np.dtype[np.void]:
+        """Structured dtype of a message body."""
         names = list(self.fields)
         kinds, offsets = [self.fields[n][0] for n in names], [self.fields[n][1] for n in names]
         spec = {"names": names, "formats": kinds, "offsets": offsets, "itemsize": len(self.template)}
@@ -85,8 +85,8 @@ class FrameContent:
         channels: the recorded channels.
         precision: of the run, "float64" or "float32".
         values: of the rollers' packed values, "float64" or "float32".
-        has_exact_positions: whether positions also come as float64 on a topic of their own.
-        variant: number of the variant, which names the coordinate frames of its sprockets and arms.
+        has_exact_positions: whether positions also come as float64.
+        variant: number of the variant, which names coordinate frames.
         tensioners, shafts, couplings, valves: numbers of these.
     """
 
@@ -105,7 +105,7 @@ class FrameContent:
 
     @classmethod
     def from_trajectory(cls, variant: int, trajectory: Trajectory, values: str | None, exact: bool) -> FrameContent:
-        """Content of the frames of a variant's trajectory; `values` None keeps its own precision."""
+        """Content of the frames of a trajectory; `values` None keeps its own precision."""
         held = trajectory.channels()
         precision = str(next(iter(held.values())).dtype) if held else "float64"
         drive = trajectory.drive
@@ -117,7 +117,7 @@ class FrameContent:
     def from_drive(
         cls, drive: Drive, channels: tuple[str, ...], precision: str, values: str, exact: bool, variant: int
     ) -> FrameContent:
-        """Content of the frames of a drive's variant with these channels."""
+        """Content of the frames of a drive with these channels."""
         names = tuple(sprocket.name for sprocket in drive.sprockets)
         arms = tuple(arm.name for arm in drive.arms)
         sizes = PartCounts.of_drive(drive)
@@ -133,12 +133,12 @@ class FrameContent:
 
     @property
     def turning_bodies(self) -> tuple[str, ...]:
-        """Names of the bodies with a turning coordinate frame: sprockets, then arms where their angles are recorded."""
+        """Names of the bodies with a coordinate frame that turns: sprockets, then arms with recorded angles."""
         return self.sprockets + (self.arms if "arm_angle" in self.channels else ())
 
     @property
     def has_sprocket_poses(self) -> bool:
-        """Whether each frame holds angles and centers of the sprockets, so that their outlines can turn."""
+        """Whether frames hold angles and centers of the sprockets."""
         return {"sprocket_angle", "sprocket_center"} <= set(self.channels)
 
     def channel_type(self, channel: str) -> str:
@@ -164,8 +164,8 @@ class ChunkLayout:
 
     Attributes:
         content: what frames hold.
-        dtype: one field a topic; each has `head` (`MESSAGE_HEADER`) and `body` (the payload).
-        template: bytes of a frame with zeros for its numbers.
+        dtype: a field a topic, each with `head` (`MESSAGE_HEADER`) and `body`.
+        template: bytes of a frame of zeros.
     """
 
     content: FrameContent
@@ -188,7 +188,7 @@ class ChunkLayout:
 
         Args:
             chunks: consecutive frames.
-            first: number of the first frame; the messages' `sequence`.
+            first: number of the first frame.
             channels: MCAP channel of each topic.
             full_scale: tension where the color scale ends [N].
         """
@@ -221,7 +221,7 @@ class ChunkLayout:
         return frames
 
     def _write_values(self, frames: Any, chunk: Trajectory, full_scale: float) -> None:
-        """Writes the values of a trajectory, and its rollers' colors, into frames of `dtype`."""
+        """Writes a trajectory's values and colors into frames of `dtype`."""
         points = frames["rollers"]["body"]["data"]
         for channel, values in chunk.channels().items():
             if CHANNEL_BY_NAME[channel].is_of_rollers:
@@ -251,7 +251,7 @@ class ChunkLayout:
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
 
     def channel_views(self, frames: Any) -> dict[str, NDArray[Any]]:
-        """Time and channels of frames by name, as views of their bytes."""
+        """Time and channels by name, as views of frames' bytes."""
         held = {"time": frames["state"]["body"]["time"]}
         for channel in self.content.channels:
             if channel == "position" and self.content.has_exact_positions:
@@ -265,7 +265,7 @@ class ChunkLayout:
 
 @functools.lru_cache(maxsize=256)
 def layout_of_content(content: FrameContent) -> ChunkLayout:
-    """Byte layout of frames with this content; kept for the next call."""
+    """Byte layout of frames with this content."""
     build = {
         "state": _state_body,
         "sprockets": _joint_state_body,
@@ -338,7 +338,7 @@ def message_record(channel: int, sequence: int, stamp: int, body: bytes) -> byte
 
 
 def _transforms_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "transforms": a FrameTransform a sprocket or arm, of its place and its angle's quaternion."""
+    """Body of the topic "transforms": a FrameTransform a sprocket or arm."""
     body = _BodyBuilder()
     for s, name in enumerate(content.turning_bodies):
         one = _BodyBuilder()
@@ -371,7 +371,7 @@ def field_offset(dtype: np.dtype[np.void], name: str) -> int:
 
 
 def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
-    """Writes numbers into bytes (frames, 5) as varints padded to five bytes."""
+    """Writes numbers as varints padded to five bytes (frames, 5)."""
     for k in range(5):
         more = 0x80 if k < 4 else 0
         out[:, k] = (values >> np.uint64(7 * k)).astype(np.uint8) & 0x7F | more
@@ -379,7 +379,7 @@ def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
 
 @functools.cache
 def _color_table() -> NDArray[np.uint32]:
-    """Packed colors from zero tension to the scale's end, then that of an unknown tension."""
+    """Packed colors of tensions up to the scale's end, then of an unknown one."""
     share = np.append(np.linspace(0.0, 1.0, COLOR_STEPS), np.nan)
     return tension_colors(share, 1.0).view("<u4")[:, 0]
 

@@ -2,7 +2,7 @@
 
 A digest is the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks, keys sorted, UTF-8): of a metadata
 record [name, values], of a channel [number, topic, message encoding, metadata, schema's name, its encoding, its
-SHA-256]. In a file that was cut only they show what is right.
+SHA-256].
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ _CANONICAL_JSON = json.JSONEncoder(separators=(",", ":"), sort_keys=True, ensure
 
 @lru_cache(maxsize=64)
 def _schema_digest(data: bytes) -> str:
-    """SHA-256 of a schema's bytes, which many channels share."""
+    """SHA-256 of a schema's bytes."""
     return hashlib.sha256(data).hexdigest()
 
 
 def _json_digest(value: Any) -> str:
-    """First 16 hexadecimal digits of the SHA-256 of a value's canonical JSON."""
+    """Digest of a JSON value."""
     return hashlib.sha256(_CANONICAL_JSON.encode(value).encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
 def metadata_without_digest(values: Mapping[str, str]) -> dict[str, str]:
-    """Metadata without the entry of their digest."""
+    """Metadata without their digest."""
     return {name: value for name, value in values.items() if name != DIGEST_KEY}
 
 
 def channel_without_digest(channel: Channel) -> Channel:
-    """MCAP channel whose metadata lack the digest."""
+    """MCAP channel without its digest."""
     return replace(channel, metadata=metadata_without_digest(channel.metadata))
 
 
 def metadata_digest(name: str, values: Mapping[str, str]) -> str:
-    """Digest of a metadata record, of its name and values."""
+    """Digest of a metadata record."""
     return _json_digest([name, metadata_without_digest(values)])
 
 
@@ -56,13 +56,13 @@ def channel_digest(channel: Channel, schema: Schema) -> str:
 
 
 def has_right_digest(channel: Channel, schemas: Mapping[int, Schema]) -> bool:
-    """Whether a channel has a digest that is right for it and its schema."""
+    """Whether a channel has the digest of it and its schema."""
     schema = schemas.get(channel.schema_id)
     return schema is not None and channel.metadata.get(DIGEST_KEY) == channel_digest(channel, schema)
 
 
 def checked_metadata(name: str, values: Mapping[str, str], has_digests: bool) -> dict[str, str]:
-    """Values of a metadata record without their digest, once that is found right.
+    """Values of a metadata record, once their digest is found right.
 
     Args:
         has_digests: whether the archive has digests; those of earlier versions have none.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def export_metrics(archive: str | Path, output: str | Path) -> Path:
-    """Writes an archive's table of metrics, a row a variant, as CSV or Parquet by the file's ending.
+    """Writes an archive's table of metrics as CSV or Parquet by the file's ending.
 
     Raises:
         ArchiveError: an archive that cannot be read, another ending, or a file that cannot be written.
@@ -36,7 +36,7 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
 
 
 def export_orders(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Writes levels of the loads on the housing over orders [dB] as CSV or Parquet (`results.housing.order_levels`).
+    """Writes `results.housing.order_levels` of an archived variant as CSV or Parquet.
 
     Raises:
         ArchiveError, SimulationError: as `export`; or a driver that does not turn one way.
@@ -57,9 +57,9 @@ def _read_trajectory(archive: str | Path, variant: int | None) -> Trajectory:
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
     """Writes one variant's trajectory in the format that the file's ending names, one of `TRAJECTORY_WRITERS`.
 
-    Values are in SI units, which each format states. In .npz, .h5 and .mat a channel is an array (F, ...) of its name;
-    in .csv and .parquet every number has a column, such as `position.12.x` or `sprocket_speed.camshaft`, one row a
-    frame. Universal files (.unv, .uff) and MDF4 (.mf4) hold the loads on the housing.
+    Values are in SI units, which each format states. In .npz, .h5 and .mat a channel is an array (F, ...); in .csv and
+    .parquet every number has a column, such as `position.12.x` or `sprocket_speed.camshaft`, one row a frame. .unv,
+    .uff and .mf4 hold the loads on the housing.
 
     Args:
         archive: the MCAP archive.
@@ -69,7 +69,7 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
     Raises:
         ArchiveError: an archive that cannot be read, a file that cannot be written, or another ending.
         SimulationError: a variant that was not recorded.
-        WarpchainError: an ending whose package (h5py, pyuff, asammdf) is not installed.
+        WarpchainError: the ending's package (h5py, pyuff, asammdf) is not installed.
     """
     path = Path(output)
     if path.suffix.lower() not in TRAJECTORY_WRITERS:
@@ -84,10 +84,7 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
 
 
 def flat_table(trajectory: Trajectory) -> pa.Table:
-    """Table of a trajectory with a column a number, CHANNEL.INDEX or CHANNEL.NAME, with .x or .y for vectors.
-
-    The fields' metadata have the `unit`.
-    """
+    """Table of a trajectory with a column a number, named CHANNEL.INDEX or CHANNEL.NAME, with .x or .y for vectors."""
     import pyarrow as pa
 
     columns: dict[str, NDArray[Any]] = {"time": trajectory.time}
@@ -108,7 +105,7 @@ def flat_table(trajectory: Trajectory) -> pa.Table:
 
 
 def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
-    """Sprockets, arms, tensioners, shafts, couplings and valves of a drive by kind; kinds without any are left out."""
+    """Sprockets, arms, tensioners, shafts, couplings, valves of a drive, by kind."""
     held = {
         "sprocket": drive.sprockets,
         "arm": drive.arms,
@@ -121,27 +118,27 @@ def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
 
 
 def _write_npz(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes an array a channel, and `units` with rows of name and unit."""
+    """Writes a trajectory as .npz: an array a channel, `units` with names and units."""
     arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
     np.savez_compressed(file, units=np.array([(name, CHANNEL_UNITS[name]) for name in arrays]), **arrays)
 
 
 def _write_csv(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes CSV: a first line of names with units in brackets, such as `tension.12 [N]`; numbers in full."""
+    """Writes a trajectory as CSV, with units in the names: `tension.12 [N]`."""
     from pyarrow import csv
 
     csv.write_csv(table_with_unit_heads(flat_table(trajectory)), file)
 
 
 def _write_parquet(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes the flat table of a trajectory as Parquet."""
+    """Writes a trajectory as Parquet."""
     import pyarrow.parquet as pq
 
     pq.write_table(flat_table(trajectory), file, compression="zstd")
 
 
 def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes HDF5: a dataset a channel with `units`, `description` and dimension labels; time as their scale."""
+    """Writes a trajectory as HDF5: a dataset a channel with `units`, `description` and dimension labels."""
     import h5py
 
     # in memory first: where a disk refuses, the library's own writing ends the process when it is cleaned up
@@ -164,7 +161,7 @@ def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _write_matlab(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes MATLAB's format 5: a variable a channel, a struct `units`, the bodies' names as cells."""
+    """Writes a trajectory as MATLAB's format 5: a variable a channel, a struct `units`, bodies' names as cells."""
     from scipy.io import savemat
 
     channels = trajectory.channels()
@@ -186,6 +183,4 @@ TRAJECTORY_WRITERS: dict[str, Callable[[IO[bytes], Trajectory], None]] = {
     ".uff": write_universal_file,
     ".mf4": write_mdf4,
 }
-"""Writers of a trajectory, by the file's ending."""
 WRITER_EXTRAS = {".h5": "hdf5", ".hdf5": "hdf5", ".unv": "uff", ".uff": "uff", ".mf4": "mdf"}
-"""Extras that writers of trajectories need, by the file's ending."""

@@ -1,7 +1,4 @@
-"""Loads on the housing for acoustics codes: Universal File Format (datasets 15, 58, 164) and MDF4.
-
-The loads are those of `warpchain.results.housing`, in SI units at the recording's rate. Both libraries are extras.
-"""
+"""Loads on the housing for acoustics codes: Universal File Format (datasets 15, 58, 164) and MDF4."""
 
 from __future__ import annotations
 
@@ -53,7 +50,7 @@ def write_universal_file(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
-    """Name, unit and values of what an MDF4 file holds: the housing loads, angle and speed of every sprocket."""
+    """Name, unit and values of housing loads, and of angle and speed of every sprocket."""
     for name, values in components(trajectory).items():
         yield name, "N*m" if name.endswith(".moment") else "N", values
     for channel in ("sprocket_angle", "sprocket_speed"):
@@ -63,7 +60,7 @@ def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
 
 
 def write_mdf4(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes housing loads as MDF4: a channel a component, and angle and speed of every sprocket."""
+    """Writes housing loads, and angle and speed of every sprocket, as MDF4."""
     import asammdf
 
     time = np.asarray(trajectory.time, dtype=float)
@@ -77,7 +74,7 @@ def write_mdf4(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _copy_written_file(file: IO[bytes], ending: str, write: Any) -> None:
-    """Lets a library write a file by its path, and copies its bytes into an open file.
+    """Copies into an open file what a library writes by a path.
 
     Raises:
         OSError: the system refused, even where the library raises another error.

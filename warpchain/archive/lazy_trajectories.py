@@ -28,13 +28,13 @@ from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.run import Trajectory
 
 READ_TOPICS = ("rollers", "state", "positions")
-"""Topics that hold all there is to read; the others repeat it for viewers."""
+"""Topics that are read; the others repeat them for viewers."""
 RECOVER_ADVICE = "see warpchain recover"
 PRECISIONS = ("float64", "float32")
 
 
 class LazyDrives(Sequence[Drive]):
-    """All drives of a run, each read from its attachment when it is asked for.
+    """Drives of an archived run, each read from its attachment when it is asked for.
 
     Args:
         files: the archive's files.
@@ -66,7 +66,7 @@ class LazyDrives(Sequence[Drive]):
         return self.drive_of(self.numbers[place])
 
     def drive_of(self, variant: int) -> Drive:
-        """Drive of a variant by its number, from its copy where the first is damaged."""
+        """Drive of a variant by its number, from the copy where the first is damaged."""
         if variant not in self._held:
             try:
                 self._held[variant] = self._read_drive(archive_format.drive_attachment_name(variant))
@@ -78,7 +78,7 @@ class LazyDrives(Sequence[Drive]):
         return self._held[variant]
 
     def _read_drive(self, name: str) -> Drive:
-        """Drive in the attachment of a name."""
+        """Drive in an archive's attachment."""
         file = next((file for file in self._files if name in file.attachments), self._files[0])
         try:
             return loads_drive(file.read_attachment(name).decode(), f"{file.path}: {name}")
@@ -93,7 +93,7 @@ class LazyDrives(Sequence[Drive]):
 
 @dataclass(frozen=True)
 class VariantChunks:
-    """Topics and chunks of a variant in one file."""
+    """Topics and chunks of a variant in one archive file."""
 
     file: McapIndex
     rollers: Channel
@@ -102,7 +102,7 @@ class VariantChunks:
 
 
 class ArchiveTrajectories(Mapping[int, Trajectory]):
-    """Trajectories of the recorded variants, read when asked for and held as long as somebody else holds them.
+    """Trajectories of an archive's recorded variants, each read when it is asked for.
 
     Args:
         files: the archive's files, in order.
@@ -120,7 +120,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
 
     @cached_property
     def _chunks_by_variant(self) -> dict[int, list[VariantChunks]]:
-        """Chunks of each variant in each file; refuses channels that are not what was written."""
+        """Chunks of each variant in each archive file; refuses untrusted channels."""
         found: dict[int, list[VariantChunks]] = {}
         for file in self.files:
             wrong = untrusted_channel(file)
@@ -150,7 +150,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
 
     @property
     def numbers(self) -> Sequence[int]:
-        """Numbers of the run's variants, recorded or not."""
+        """Numbers of the archive's variants, recorded or not."""
         return self._drives.numbers
 
     def __contains__(self, variant: object) -> bool:
@@ -190,7 +190,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         end: float | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Trajectory:
-        """Part of a variant's trajectory, from a start to an end [s], in arrays of its own."""
+        """Part of a variant's trajectory, in arrays of its own."""
         held: dict[str, list[Any]] = {}
         for block in self.iterate_blocks(variant, start, end, channels):
             for name, values in (("time", block.time), *block.channels().items()):
@@ -233,7 +233,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
                 yield Trajectory(drive, time[part], **{n: v[part] for n, v in held.items() if n in channels})
 
     def _iterate_frames(self, variant: int, layout: ChunkLayout, low: int, high: int) -> Iterator[Any]:
-        """Arrays of frames of the chunks that overlap a range of log times [ns]."""
+        """Frames of the chunks that overlap a range of log times [ns]."""
         last = np.zeros(0, dtype=MESSAGE_HEADER)
         for place in self._chunks_by_variant[variant]:
             chosen = [chunk for chunk in place.chunks if chunk.end >= low and chunk.start <= high]
@@ -253,7 +253,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
 
 
 def _concatenate_blocks(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
-    """Blocks of frames as one array of its own memory."""
+    """Blocks of frames as one array."""
     out = np.empty((sum(len(part) for part in parts), *shape), dtype=kind)
     at = 0
     for part in parts:
@@ -263,7 +263,7 @@ def _concatenate_blocks(parts: Sequence[Any], kind: str, shape: tuple[int, ...])
 
 
 def _numbered_frames(frames: Any, last: Any) -> Any:
-    """Frames whose `sequence` counts on where their writer left it zero, which MCAP allows.
+    """Frames with `sequence` counted on where their writer left it zero.
 
     Args:
         last: (1,) head of the frame before them, (0,) where they are the first.
@@ -277,7 +277,7 @@ def _numbered_frames(frames: Any, last: Any) -> Any:
 
 
 def _frames_from_chunk(data: Any, layout: ChunkLayout, numbers: Mapping[str, int]) -> Any:
-    """Frames of a chunk's records, without a copy; None if these do not lie as warpchain writes them."""
+    """Frames of a chunk's records, as a view; None if these do not lie as warpchain writes them."""
     if len(data) % layout.frame_bytes or not set(layout.content.topics) <= set(numbers):
         return None
     frames = np.frombuffer(data, dtype=layout.dtype)
@@ -293,7 +293,7 @@ def _frames_from_chunk(data: Any, layout: ChunkLayout, numbers: Mapping[str, int
 def _frames_from_mixed_chunks(
     chunks: Iterable[Any], layout: ChunkLayout, numbers: Mapping[str, int], low: int, high: int, gaps: bool
 ) -> Any:
-    """Frames from chunks in which another program mixed topics and variants, in order of their log times.
+    """Frames of chunks in which another program mixed topics and variants.
 
     Args:
         gaps: whether a frame may lack a topic's message, and is left out then.

@@ -1,7 +1,6 @@
 """Reading an MCAP file: its summary at once, everything else where the summary says it lies.
 
-Where the summary does not account for all records, which MCAP allows, the data are read through once. Every failure of
-the bytes becomes one `ArchiveError`.
+Where the summary does not account for all records, the data are read through once. Every failure is one `ArchiveError`.
 """
 
 from __future__ import annotations
@@ -27,20 +26,19 @@ from warpchain.errors import ArchiveError
 from warpchain.files import open_regular_file, refusal_reason
 
 RECORD_HEAD = struct.Struct("<BQ")
-"""Opcode and length of a record, before its content."""
 MOST_CHUNK_BYTES = 2**28
-"""Bytes of a chunk's uncompressed records at most; warpchain writes about 1 MiB."""
+"""Uncompressed bytes of a chunk at most; warpchain writes about 1 MiB."""
 FOOTER_BYTES = RECORD_HEAD.size + 20
 STATISTICS_HEAD = struct.Struct("<QHIIII")
-"""Numbers of messages, schemas, channels, attachments, metadata and chunks in a Statistics record."""
+"""Counts of messages, schemas, channels, attachments, metadata and chunks."""
 MOST_STRETCH_BYTES = 2**20
 """Bytes of messages outside of chunks that are taken together at most."""
 
 
 class ChunkEntry(NamedTuple):
-    """Place of a chunk in its file, with its log times [ns] and channels.
+    """Place of a chunk in an MCAP file, with its log times [ns] and channels.
 
-    With `is_loose` it is no record, but messages that follow one another outside of chunks.
+    With `is_loose` it is messages that follow one another outside of chunks.
     """
 
     offset: int
@@ -52,16 +50,16 @@ class ChunkEntry(NamedTuple):
 
 
 class RecordReader(ReadDataStream):
-    """Content of an MCAP record for the parsers of `mcap.records`, read in place and never past its end.
+    """Reader of an MCAP record's content for the parsers of `mcap.records`.
 
-    Their own stream hands on what is left of a text that is cut; here that is a ValueError.
+    A text that is cut, which their own stream passes on, is a ValueError.
     """
 
     def __init__(self, data: Any) -> None:
         self._data, self._count = data, 0
 
     def read(self, length: int) -> Any:
-        """Next bytes of the record, as a view where its content is one."""
+        """Next bytes of an MCAP record."""
         end = self._count + length
         part = self._data[self._count : end]
         if len(part) != length:
@@ -70,7 +68,7 @@ class RecordReader(ReadDataStream):
         return part
 
     def read_prefixed_string(self) -> str:
-        """Next text of the record, which stands behind its length."""
+        """Next text of an MCAP record, which stands behind its length."""
         begin = self._count + 4
         end = begin + int.from_bytes(self._data[self._count : begin], "little")
         if end > len(self._data):
@@ -80,7 +78,7 @@ class RecordReader(ReadDataStream):
 
 
 def iterate_records(data: Any, at: int = 0) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of the content of each MCAP record of `data`; raises ValueError at one that is cut."""
+    """Opcode, begin and end of each MCAP record's content; raises ValueError at one that is cut."""
     while at < len(data):
         if at + RECORD_HEAD.size > len(data):
             raise ValueError("a record is cut")
@@ -93,12 +91,12 @@ def iterate_records(data: Any, at: int = 0) -> Iterator[tuple[int, int, int]]:
 
 
 def is_data_checksum(data: Any, crc: int) -> bool:
-    """Whether a DataEnd record's checksum is 0 for none, or that of all bytes before it, with or without the magic."""
+    """Whether a DataEnd record's checksum is 0, or that of the bytes before it."""
     return crc in (0, zlib.crc32(data)) or crc == zlib.crc32(data[len(MCAP_MAGIC) :])
 
 
 def attachment_from_bytes(data: Any) -> Attachment:
-    """Attachment record, once its checksum is found right, which `mcap.records` does not look at."""
+    """Attachment record, once its checksum is found right."""
     content = RecordReader(data)
     record = Attachment.read(content)
     (crc,) = struct.unpack_from("<I", data, content.count - 4)
@@ -108,7 +106,7 @@ def attachment_from_bytes(data: Any) -> Attachment:
 
 
 def decompress_chunk(chunk: Chunk) -> Any:
-    """Uncompressed records of a chunk, checked against its size and checksum; without a copy if stored so.
+    """Uncompressed records of a chunk, of right size and checksum; a view if stored so.
 
     Nothing larger than the chunk states, or than `MOST_CHUNK_BYTES`, is ever made.
     """
@@ -149,7 +147,7 @@ def convert_read_errors(path: Path) -> Iterator[None]:
 
 @dataclass
 class MessageSpan:
-    """Channels and log times [ns] of some messages."""
+    """Channels and log times [ns] of some MCAP messages."""
 
     channels: set[int] = field(default_factory=set)
     start: int = 2**64 - 1
@@ -162,14 +160,14 @@ class MessageSpan:
         self.start, self.end = min(self.start, stamp), max(self.end, stamp)
 
     def chunk_entry(self, offset: int, length: int, loose: bool = False) -> ChunkEntry:
-        """Entry for the place in the file where the messages lie."""
+        """Chunk entry of the messages, by the place where they lie."""
         return ChunkEntry(offset, length, self.start, self.end, tuple(sorted(self.channels)), loose)
 
 
 def group_loose_messages(found: Iterable[tuple[int, int, int]]) -> Iterator[tuple[int, int, int]]:
-    """Records as `iterate_records` gives them, with runs of messages up to `MOST_STRETCH_BYTES` as one item.
+    """MCAP records as of `iterate_records`, with runs of messages as one item of up to `MOST_STRETCH_BYTES`.
 
-    A run's item has the opcode of a message, and begins where its first record does.
+    A run's item has a message's opcode, and begins where its first record does.
     """
     first = end = 0
     for opcode, begin, stop in found:
@@ -190,7 +188,7 @@ class McapIndex:
 
     Attributes:
         channels, schemas: MCAP's channels and schemas by number.
-        has_checked_summary: whether the summary accounts for all records, and its checksum was right.
+        has_checked_summary: whether the summary is complete and right by its checksum.
         chunks: where chunks lie, in the file's order.
         attachments, metadata: offset and length of each record, by name.
 
@@ -238,7 +236,7 @@ class McapIndex:
         return any(DIGEST_KEY in channel.metadata for channel in self.channels.values())
 
     def _read_bytes(self, offset: int, length: int) -> bytes:
-        """Bytes of the file at an offset."""
+        """Bytes of the MCAP file at an offset."""
         if offset + length > max(self._size, FOOTER_BYTES + len(MCAP_MAGIC)):
             raise ValueError(f"nothing at byte {offset}")
         data = os.pread(self._file, length, offset)
@@ -251,15 +249,15 @@ class McapIndex:
 
     @property
     def _mapped_file(self) -> mmap.mmap:
-        """Memory map of the file's bytes."""
+        """Memory map of the MCAP file."""
         if self._map is None:
             self._map = mmap.mmap(self._file, 0, access=mmap.ACCESS_READ)
         return self._map
 
     def _parse_summary(self, summary: bytes) -> bool:
-        """Fills the index from the summary; returns whether by its statistics it accounts for every record.
+        """Fills the index from an MCAP summary; returns whether it accounts for every record.
 
-        Indexes come by the ten thousand; `mcap.records` would take 3 to 6 times as long.
+        For indexes, which come by the ten thousand, `mcap.records` would take 3 to 6 times as long.
         """
         stated, messages = None, 0
         for opcode, begin, end in iterate_records(summary):
@@ -288,7 +286,7 @@ class McapIndex:
         return stated == (messages, *held)
 
     def _scan_data(self, end: int) -> None:
-        """Fills the index from the data up to `end`, one chunk in memory at a time."""
+        """Fills the index from the MCAP file's data up to `end`."""
         self.chunks, self.attachments, self.metadata = [], {}, {}
         data, crc = memoryview(self._mapped_file)[:end], None
         for opcode, begin, stop in group_loose_messages(iterate_records(data, len(MCAP_MAGIC))):
@@ -320,7 +318,7 @@ class McapIndex:
             raise ValueError(f"no record describes the channel {min(unknown)}, which messages have")
 
     def _scan_chunk(self, data: Any) -> MessageSpan:
-        """Span of the messages of a chunk's record; adds the channels and schemas in it."""
+        """Span of a chunk's messages; adds the chunk's channels and schemas."""
         content, span = decompress_chunk(Chunk.read(RecordReader(data))), MessageSpan()
         for opcode, begin, stop in iterate_records(content):
             if opcode == Opcode.MESSAGE:
@@ -341,7 +339,7 @@ class McapIndex:
                 raise ValueError(f"two schemas of the number {schema.id}")
 
     def _record_content(self, opcode: int, offset: int, length: int) -> memoryview:
-        """Content of the record at an offset of the file."""
+        """Content of the record at an offset of the MCAP file."""
         data = memoryview(self._read_bytes(offset, length))
         found = next(iterate_records(data), None)
         if found is None or found != (opcode, RECORD_HEAD.size, length):
@@ -349,7 +347,7 @@ class McapIndex:
         return data[RECORD_HEAD.size :]
 
     def read_attachment(self, name: str) -> bytes:
-        """Data of an attachment of the MCAP file."""
+        """Data of an MCAP file's attachment."""
         if name not in self.attachments:
             raise ArchiveError(f"{self.path}: lacks its attachment {name}")
         with convert_read_errors(self.path):
@@ -359,7 +357,7 @@ class McapIndex:
             return bytes(record.data)
 
     def read_metadata(self, name: str) -> dict[str, str] | None:
-        """Values of a metadata record of the MCAP file, or None."""
+        """Values of an MCAP file's metadata record, or None."""
         if name not in self.metadata:
             return None
         with convert_read_errors(self.path):
@@ -369,7 +367,7 @@ class McapIndex:
             return checked_metadata(name, record.metadata, self.has_digests)
 
     def read_chunk(self, entry: ChunkEntry) -> Any:
-        """Uncompressed records of a chunk; a view of the file where they are stored so."""
+        """Uncompressed records of an MCAP file's chunk; a view where they are stored so."""
         with convert_read_errors(self.path):
             if entry.is_loose:
                 return memoryview(self._mapped_file)[entry.offset : entry.offset + entry.length]

@@ -20,19 +20,19 @@ from warpchain.errors import ArchiveError
 from warpchain.files import WholeFile, refusals_as_errors
 
 ZSTD_LEVEL = 1
-"""On trajectories as small as the default level 3, and faster."""
+"""As small as the default level 3 on trajectories, and faster."""
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 class PackedChunk(NamedTuple):
-    """A compressed chunk, ready to be written.
+    """A compressed MCAP chunk, ready to be written.
 
     Attributes:
         compression: "zstd", "lz4" or "".
         data: the records, compressed.
         size, crc: bytes and CRC-32 of the records uncompressed.
         start, end: least and greatest log time [ns].
-        indexes: for each channel, (messages, 2) log times [ns] and offsets in the uncompressed records.
+        indexes: for each channel, (messages, 2) log times [ns] and offsets in the records.
     """
 
     compression: str
@@ -58,7 +58,7 @@ def chunk_compressor(compression: str) -> Callable[[Any], Any]:
 
 
 def pack_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compression: str) -> PackedChunk:
-    """Compressed chunk from its records and the indexes of its messages."""
+    """Compressed MCAP chunk of records and their messages' indexes."""
     times = np.concatenate([index[:, 0] for index in indexes.values()])
     name = "" if compression == "none" else compression
     data = chunk_compressor(compression)(records)
@@ -75,7 +75,7 @@ class McapWriter:
 
     Args:
         path: the file's name when whole.
-        library: name of the writing program, for the header.
+        library: name of the writing program.
         overwrite: replace a file of that name.
         claimed: the caller holds the lock of the archive's name.
 
@@ -99,26 +99,26 @@ class McapWriter:
 
     @property
     def partial_path(self) -> Path:
-        """Temporary name of the file."""
+        """Temporary name of the MCAP file."""
         return self._file.partial
 
     @property
     def is_finished(self) -> bool:
-        """Whether the file has its own name."""
+        """Whether the MCAP file has its own name."""
         return self._file.finished
 
     @property
     def bytes_written(self) -> int:
-        """Bytes written so far."""
+        """Bytes of the MCAP file so far."""
         return self._at
 
     @property
     def chunks_written(self) -> int:
-        """Chunks written so far."""
+        """Chunks of the MCAP file so far."""
         return len(self._chunks)
 
     def _write_bytes(self, data: Any) -> int:
-        """Appends bytes; returns where they begin."""
+        """Appends bytes to the MCAP file; returns where they begin."""
         at = self._at
         with refusals_as_errors(self.path, ArchiveError):
             self._file.stream.write(data)
@@ -126,12 +126,12 @@ class McapWriter:
         return at
 
     def _write_record(self, record: Any) -> tuple[int, int]:
-        """Appends a record; returns its offset and length."""
+        """Appends an MCAP record; returns its offset and length."""
         data = _record_bytes(record)
         return self._write_bytes(data), len(data)
 
     def add_schema(self, number: int, name: str, encoding: str, data: bytes) -> None:
-        """Appends a schema, which describes a message type."""
+        """Appends an MCAP schema."""
         self._schemas[number] = kinds.Schema(id=number, name=name, encoding=encoding, data=data)
         self._write_record(self._schemas[number])
 
@@ -140,7 +140,7 @@ class McapWriter:
         return number in self._schemas
 
     def add_channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
-        """Appends a channel, with a digest among its metadata; its schema must be written."""
+        """Appends an MCAP channel with its digest; its schema must be written."""
         record = kinds.Channel(
             id=number,
             schema_id=schema,
@@ -158,7 +158,7 @@ class McapWriter:
         return number in self._channels
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Appends an attachment."""
+        """Appends an MCAP attachment."""
         record = kinds.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         offset, length = self._write_record(record)
         self._attachments.append(
@@ -174,13 +174,13 @@ class McapWriter:
         )
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Appends a metadata record with its digest."""
+        """Appends an MCAP metadata record with its digest."""
         sealed = metadata_without_digest(values) | {DIGEST_KEY: metadata_digest(name, values)}
         offset, length = self._write_record(kinds.Metadata(name=name, metadata=sealed))
         self._metadata.append(kinds.MetadataIndex(offset=offset, length=length, name=name))
 
     def add_chunk(self, chunk: PackedChunk) -> None:
-        """Appends a chunk and the index of its messages; `mcap.records` would copy the data."""
+        """Appends an MCAP chunk and the index of its messages."""
         name = chunk.compression.encode()
         inner = struct.pack("<QQQII", chunk.start, chunk.end, chunk.size, chunk.crc, len(name)) + name
         inner += struct.pack("<Q", len(chunk.data))
@@ -209,7 +209,7 @@ class McapWriter:
 
     @contextmanager
     def readable_draft(self, name: str, values: Mapping[str, str]) -> Iterator[Path]:
-        """Gives the temporary file as a whole one, with a last metadata record, to be read back; then cuts that off."""
+        """Gives the temporary MCAP file with an end, to be read back; then cuts that off."""
         at, held = self._at, len(self._metadata)
         self.add_metadata(name, values)
         self._write_end()
@@ -225,12 +225,12 @@ class McapWriter:
             self._at = at
 
     def _write_end(self) -> None:
-        """Appends the end of the data and the summary."""
+        """Appends the end of the MCAP data and the summary."""
         self._write_bytes(_record_bytes(kinds.DataEnd(data_section_crc=0)))
         self._write_bytes(self._summary_bytes())
 
     def finish(self) -> None:
-        """Writes the summary, flushes to the disk and gives the file its name."""
+        """Writes the MCAP summary, flushes to the disk and gives the file its name."""
         self._write_end()
         with refusals_as_errors(self.path, ArchiveError):
             try:
@@ -239,7 +239,7 @@ class McapWriter:
                 raise name_taken_error(self.path) from None
 
     def _summary_bytes(self) -> bytes:
-        """Summary section, footer and closing magic of the file."""
+        """Summary section, footer and closing magic of the MCAP file."""
         start, data, offsets = self._at, bytearray(), bytearray()
         groups: list[list[Any]] = [
             list(self._schemas.values()),
@@ -259,7 +259,7 @@ class McapWriter:
         return bytes(data) + struct.pack("<I", zlib.crc32(data)) + MCAP_MAGIC
 
     def _statistics_record(self) -> Any:
-        """Statistics record of all that was written."""
+        """Statistics record of the MCAP file."""
         return kinds.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
@@ -273,7 +273,7 @@ class McapWriter:
         )
 
     def close(self, keep: bool = False) -> None:
-        """Ends an unfinished file: drops it, or keeps it under its temporary name."""
+        """Drops an unfinished MCAP file, or keeps it under its temporary name."""
         self._file.drop(keep)
 
 

@@ -11,7 +11,6 @@ from warpchain.errors import ArchiveError
 
 Compression = Literal["zstd", "lz4", "none"]
 StoredPrecision = Literal["run", "float32"]
-"""Precisions of the rollers' values in an archive; "run" is the run's own."""
 
 
 @check_arguments(ArchiveError)

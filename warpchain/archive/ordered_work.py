@@ -1,4 +1,4 @@
-"""Work in other threads whose results are passed on one by one, in the order in which the work came."""
+"""Work in other threads whose results are passed on in the order in which the work came."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ResultType = TypeVar("ResultType")
 class OrderedWork(Generic[JobType, ResultType]):
     """Threads that work on jobs and pass their results on in order.
 
-    An error of `work` or `sink` comes out of the caller's next `submit_job` or of `close`; later jobs are dropped.
+    An error comes out of the caller's next `submit_job` or of `close`; later jobs are dropped.
 
     Args:
         work: called in one of several threads.
@@ -36,7 +36,7 @@ class OrderedWork(Generic[JobType, ResultType]):
         self._thread.start()
 
     def _pass_on_results(self) -> None:
-        """Passes results on, in order; runs in a thread of its own."""
+        """Passes jobs' results on, in order, in a thread of its own."""
         while (future := self._queue.get()) is not None:
             if self._dropped:
                 future.cancel()
@@ -48,17 +48,17 @@ class OrderedWork(Generic[JobType, ResultType]):
             del future
 
     def submit_job(self, job: JobType) -> None:
-        """Takes a job; waits while there is no room."""
+        """Gives a job to the threads; waits while there is no room."""
         self._raise_error()
         self._queue.put(self._pool.submit(self._work, job))
 
     def _raise_error(self) -> None:
-        """Raises the error of an earlier job, if there was one."""
+        """Raises the error of an earlier job, if any."""
         if self._error is not None:
             raise self._error
 
     def close(self, drop: bool = False) -> None:
-        """Waits until all jobs are done; `drop` gives up what has not been passed on, and raises nothing."""
+        """Waits until all jobs are done; `drop` gives the rest up and raises nothing."""
         if drop:
             self._dropped = True
         if self._thread.is_alive():

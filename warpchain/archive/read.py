@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ENDED_RECOVERED = "recovered"
-"""How a run ended whose archive was cut and restored."""
+"""End of a run whose archive was restored."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,7 +54,7 @@ class Archive(Run):
         return super().first
 
     def _check_frames(self, variants: Sequence[int]) -> None:
-        """Refuses variants whose frames the run recorded and the archive's files lack."""
+        """Refuses variants that the run recorded and whose frames the archive lacks."""
         absent = [variant for variant in variants if variant not in self.trajectories]
         recorded = self.metadata.get("recorded", "").split() if absent and self.info.ended == "complete" else ()
         for variant in absent:
@@ -96,7 +96,7 @@ class Archive(Run):
         end: FiniteNumber | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Trajectory:
-        """Part of a variant's trajectory; reads only the chunks that hold it.
+        """Part of a variant's trajectory in an archive; reads only the chunks that hold it.
 
         Args:
             variant: a recorded variant.
@@ -117,14 +117,14 @@ class Archive(Run):
         end: FiniteNumber | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of a variant's trajectory chunk by chunk, as read-only views of the chunks' bytes (see `read`).
+        """Part of a variant's trajectory chunk by chunk, as read-only views of an archive's bytes (see `read`).
 
         The arrays are neither aligned nor contiguous. Sprocket channels come as float64.
         """
         return self._checked_trajectories(variant, channels).iterate_blocks(variant, start, end, channels)
 
     def _checked_trajectories(self, variant: int, channels: Sequence[str]) -> ArchiveTrajectories:
-        """Trajectories of the archive, once variant and channels are found to exist."""
+        """Trajectories of the archive; refuses unknown variants and channels."""
         check_channel_names("channels", channels)
         if variant not in self.trajectories:
             self[variant]  # raises, and names the variants there are
@@ -135,13 +135,11 @@ class Archive(Run):
 def read_archive(path: str | Path) -> Archive:
     """Opens an archive of a run; drives and trajectories are read when they are asked for.
 
-    `run[i]` is variant i's whole trajectory, bitwise as it was written; `run.read` a part of it.
-
     Args:
         path: an MCAP file written by warpchain; of a split archive, its name or any of its files.
 
     Raises:
-        ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's; one line.
+        ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's.
     """
     name = Path(path)
     paths = archive_files(name)
@@ -151,7 +149,7 @@ def read_archive(path: str | Path) -> Archive:
 
 
 def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
-    """Archive of a name, made of these open files in order; raises as `read_archive` does."""
+    """Archive of a name and its open files, in order; raises as `read_archive`."""
     starts = [_start_metadata(file) for file in files]
     ends = [file.read_metadata(archive_format.END_METADATA) for file in files]
     _check_set(name, files, starts, ends)
@@ -166,7 +164,7 @@ def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
 
 
 def numbers_from_metadata(start: Mapping[str, str]) -> Sequence[int]:
-    """Numbers of a run's variants, from the metadata at an archive's start; raises KeyError or ValueError."""
+    """Numbers of a run's variants, from an archive's metadata; raises KeyError or ValueError."""
     variants = int(start["variants"])
     if not 1 <= variants < 2**31:
         raise ValueError(f"variants = {variants}")
@@ -192,7 +190,7 @@ def _run_info(start: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
 
 
 def _refuse_missing(path: Path) -> None:
-    """Raises the error that there is no such archive, and says whether a killed run left one."""
+    """Raises the error that there is no such archive, with what a killed run left."""
     left = unfinished_files(path)
     hint = ""
     if left:
@@ -203,7 +201,7 @@ def _refuse_missing(path: Path) -> None:
 
 
 def _start_metadata(file: McapIndex) -> dict[str, str]:
-    """Metadata at a file's start; refuses a file of another program or format."""
+    """Metadata at an archive file's start; refuses another program's or format's."""
     start = file.read_metadata(archive_format.RUN_METADATA)
     if start is None:
         raise ArchiveError(f"{file.path}: an MCAP file, but not an archive of warpchain")
@@ -221,7 +219,7 @@ def _check_set(
     starts: Sequence[Mapping[str, str]],
     ends: Sequence[Mapping[str, str] | None],
 ) -> None:
-    """Refuses a set of archive files with some missing or foreign, or without its end."""
+    """Refuses a set of archive files that is not whole."""
     for k, (file, start) in enumerate(zip(files, starts, strict=True)):
         if start.get("set") != starts[0].get("set"):
             raise ArchiveError(f"{file.path}: belongs to another archive than {files[0].path}")
@@ -235,7 +233,7 @@ def _check_set(
 
 
 def _archived_metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
-    """Metrics table of an archive; a recovered one that has lost it has only the column `variant`."""
+    """Metrics table of an archive; only the column `variant` where a recovered one lost it."""
     import pyarrow as pa
 
     if ended == ENDED_RECOVERED and archive_format.METRICS_ATTACHMENT not in file.attachments:
@@ -247,7 +245,7 @@ def _archived_metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa
 
 
 def metrics_from_attachment(data: bytes, numbers: Sequence[int]) -> pa.Table:
-    """Metrics table of variants of these numbers, from an attachment's bytes; raises ValueError, of one line."""
+    """Metrics table of variants of these numbers, from an attachment's bytes; raises ValueError."""
     import pyarrow as pa
 
     try:

@@ -1,9 +1,8 @@
 """Restoring an archive that was cut or damaged: what can be trusted goes into a new file that is whole.
 
-A summary that is complete and right by its checksum says where everything lies. Any other file is read record by
-record, and channels and metadata go by their digests (`archive.digest`). Whole chunks are copied as they are; messages
-that another program mixed are sorted by variant. The result is read back before it has its name. What is left out is
-counted and named.
+A right and complete summary says where everything lies. Any other file is read record by record, and channels and
+metadata go by their digests (`archive.digest`). Whole chunks are copied as they are; messages that another program
+mixed are sorted by variant. The result is read back before it has its name.
 """
 
 from __future__ import annotations
@@ -52,9 +51,7 @@ from warpchain.files import open_regular_file, refusal_reason
 
 KNOWN_OPCODES = frozenset(Opcode)
 DESCRIPTION_OPCODES = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
-"""Records that are taken before all others, which they describe."""
 MOST_MIXED_BYTES = 2**26
-"""Bytes of messages that are held at most while they are sorted by variant."""
 BAD_BYTES_ERRORS = (ValueError, OverflowError, struct.error, IndexError, KeyError)
 
 
@@ -67,13 +64,13 @@ class Recovery:
         files: its files.
         frames: frames of each variant.
         chunks: whole chunks of frames.
-        damaged: chunks left out, with a wrong checksum or of an unknown variant.
-        missing: frames that are missing between others.
+        damaged: chunks left out.
+        missing: frames missing between others.
         left_out: what else was left out, in words.
-        unreadable: recorded variants that cannot be read, each with the reason.
+        unreadable: recorded variants that cannot be read, with the reason.
         lost: bytes after the last whole record.
         set_name: name that all files of a split archive share.
-        next_frames: for each variant the number of the next frame, and the last log time [ns].
+        next_frames: number of each variant's next frame, and its last log time [ns].
     """
 
     path: Path
@@ -90,11 +87,11 @@ class Recovery:
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing was left out but what a cut had not let come into being."""
+        """Whether a recovery left out nothing that had been written whole."""
         return not (self.damaged or self.missing or self.left_out or self.unreadable)
 
     def note_left_out(self, what: str) -> None:
-        """Notes that something was left out of a recovery."""
+        """Notes that a recovery left something out."""
         if what not in self.left_out:
             self.left_out.append(what)
 
@@ -121,7 +118,7 @@ def _first_words(words: Sequence[str]) -> str:
 
 
 def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = False) -> Recovery:
-    """Restores a broken archive into a new one; returns what was restored and what was lost.
+    """Restores a broken archive into a new one; returns what was restored and lost.
 
     Args:
         broken: the file; of a split archive, its name: all of its files are restored.
@@ -166,7 +163,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
 
 
 def _source_files(path: Path) -> list[Path]:
-    """Files to restore an archive from; those that a killed run left of a set come after its finished ones."""
+    """Files to restore an archive from, unfinished ones last."""
     named = parse_part_name(path) if path.is_file() else None
     if path.is_file() and not named:
         return [path]
@@ -190,7 +187,7 @@ def _source_files(path: Path) -> list[Path]:
 
 
 def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
-    """Reads the restored archive as any reader will; notes unreadable variants and the frames of the others."""
+    """Reads the restored archive back; notes unreadable variants and the frames of the others."""
     with ExitStack() as drafts:
         paths = [drafts.enter_context(copy.readable_draft(len(copies))) for copy in copies]
         try:
@@ -218,7 +215,7 @@ def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
 
 
 def _short_reason(error: ArchiveError, paths: Sequence[Path]) -> str:
-    """Message of an error without the temporary files' names and the advice to recover them."""
+    """Error's message without temporary files' names and advice."""
     text = str(error).removesuffix("; see warpchain recover")
     for path in paths:
         text = text.replace(f"{path}: ", "")
@@ -226,7 +223,7 @@ def _short_reason(error: ArchiveError, paths: Sequence[Path]) -> str:
 
 
 class _FileCopy:
-    """Copy of what can be trusted of one broken file."""
+    """Copy of what can be trusted of one broken archive file."""
 
     def __init__(self, path: Path, file: McapWriter, result: Recovery, number: int) -> None:
         self.path, self.file, self.result, self.number = path, file, result, number
@@ -237,7 +234,7 @@ class _FileCopy:
         self._mixed: dict[int, bytearray] = {}
 
     def copy_file(self) -> bool:
-        """Copies the file's records; returns whether there was a whole chunk."""
+        """Copies a broken file's records; returns whether there was a whole chunk."""
         data = _mapped_bytes(self.path)
         if len(data) >= len(MCAP_MAGIC) and bytes(data[: len(MCAP_MAGIC)]) != MCAP_MAGIC:
             raise ArchiveError(f"{self.path}: is not an MCAP file")
@@ -250,7 +247,7 @@ class _FileCopy:
         return self.file.chunks_written > 0
 
     def _copy_listed_records(self, data: Any, index: McapIndex) -> None:
-        """Copies the records that a right summary lists, in the file's order."""
+        """Copies the records that a right summary lists."""
         self._topics = TrustedTopics(index)
         places = [(entry.offset, entry.length, Opcode.CHUNK, "") for entry in index.chunks]
         places += [(*at, Opcode.ATTACHMENT, name) for name, at in index.attachments.items()]
@@ -264,7 +261,7 @@ class _FileCopy:
                 self._copy_record(opcode, data[offset + RECORD_HEAD.size : end], name)
 
     def _copy_all_records(self, data: Any) -> None:
-        """Copies what is whole, record by record, once it is known what channels there are."""
+        """Copies a broken file's whole records, one by one."""
         loose = self._gather_descriptions(data)
         at = len(MCAP_MAGIC)
         for opcode, begin, end in group_loose_messages(_whole_records(data)):
@@ -308,7 +305,7 @@ class _FileCopy:
         return right
 
     def _note_left_out(self, opcode: int, name: str = "") -> None:
-        """Notes that a record was left out of the copy."""
+        """Notes that a recovery left out a record."""
         if opcode == Opcode.CHUNK:
             self.result.damaged += 1
         else:
@@ -317,33 +314,33 @@ class _FileCopy:
             self.result.note_left_out(f"{what} {name}".strip())
 
     def require_run(self) -> None:
-        """Refuses a file that says nothing of a run."""
+        """Refuses a broken file that says nothing of a run."""
         if self._start is None:
             raise ArchiveError(
                 f"{self.path}: is not an archive of warpchain, or was cut before its first record, or that is damaged"
             )
 
     def due_variants(self) -> set[int]:
-        """Variants that the broken file's run recorded, if it reached its end; their frames must be there."""
+        """Variants whose frames a broken archive must hold: all recorded ones of a run that ended."""
         recorded = (self._start or {}).get("recorded", "") if self._old_end.get("ended") == "complete" else ""
         return {int(word) for word in recorded.split() if word.isdigit()}
 
     def check_metrics(self, held: set[str]) -> None:
-        """Notes a missing metrics table that a run which ended has written."""
+        """Notes a metrics table that is missing, of a run that ended."""
         if self._old_end.get("ended") in ("complete", "interrupted") and archive_format.METRICS_ATTACHMENT not in held:
             self._note_left_out(Opcode.ATTACHMENT, archive_format.METRICS_ATTACHMENT)
 
     def readable_draft(self, parts: int) -> AbstractContextManager[Path]:
-        """Gives the copy while it is a whole file, to be read back."""
+        """Gives the restored file as a whole one, to be read back."""
         return self.file.readable_draft(archive_format.END_METADATA, self._end_metadata(parts))
 
     def finish(self, parts: int) -> None:
-        """Ends the copy and gives it its name."""
+        """Ends the restored file and gives it its name."""
         self.file.add_metadata(archive_format.END_METADATA, self._end_metadata(parts))
         self.file.finish()
 
     def _end_metadata(self, parts: int) -> dict[str, str]:
-        """Metadata of how the restored archive ended."""
+        """Metadata at a restored archive's end."""
         assert self._start is not None  # as required
         wall_time = self._old_end.get("wall_time", "0.0")
         ended = {"ended": ENDED_RECOVERED, "wall_time": wall_time, "lost_bytes": str(self.result.lost)}
@@ -359,7 +356,7 @@ class _FileCopy:
         return archive_format.end_with_start_copy(ended, self._start)
 
     def _copy_record(self, opcode: int, data: Any, name: str = "") -> None:
-        """Copies a record if it is right, else notes it as left out; `name` is what the summary calls it."""
+        """Copies a broken file's record if it is right, else notes it; `name` is what the summary calls it."""
         try:
             if opcode == Opcode.METADATA:
                 metadata = kinds.Metadata.read(RecordReader(data))
@@ -389,7 +386,7 @@ class _FileCopy:
         self.file.add_attachment(name, attached.media_type, attached.data)
 
     def _copy_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Copies a metadata record, or keeps what it says of the run's start or end."""
+        """Copies a metadata record, or keeps what it says of the run."""
         if name == archive_format.RUN_METADATA:
             self._copy_start_metadata(values)
         elif name == archive_format.END_METADATA:
@@ -400,7 +397,7 @@ class _FileCopy:
             self.file.add_metadata(name, values)
 
     def _copy_start_metadata(self, values: dict[str, str]) -> None:
-        """Copies the metadata at the broken file's start; refuses another format or archive."""
+        """Copies the metadata at a broken file's start; refuses another format or archive."""
         if self._start is not None:
             raise ValueError("another one of this name")
         if values.get("format_version") != archive_format.FORMAT_VERSION:
@@ -431,7 +428,7 @@ class _FileCopy:
         self._append_chunk(PackedChunk(chunk.compression, chunk.data, size, crc, start, end, indexes), content)
 
     def _sort_mixed_messages(self, content: Any, indexes: Iterable[int]) -> None:
-        """Sorts messages that another program mixed, by variant, for chunks as warpchain has them."""
+        """Sorts messages that another program mixed, by variant."""
         if not all(map(self._topics.is_known, indexes)):
             raise ValueError("a topic is not described")
         for opcode, begin, end in iterate_records(content):
@@ -446,7 +443,7 @@ class _FileCopy:
         )
 
     def _write_mixed_chunks(self, owners: Iterable[int]) -> None:
-        """Writes the messages sorted so far of some variants as chunks."""
+        """Writes sorted messages of some variants as chunks."""
         for owner in list(owners):
             content = bytes(self._mixed.pop(owner))
             try:
@@ -455,7 +452,7 @@ class _FileCopy:
                 self._note_left_out(Opcode.CHUNK)
 
     def _append_chunk(self, chunk: PackedChunk, content: Any) -> None:
-        """Appends a chunk of one variant to the copy, and counts its frames.
+        """Appends a variant's chunk to the restored file, and counts its frames.
 
         Raises:
             ValueError: its frames came before or are out of order, or a topic of it is not described.
@@ -481,7 +478,7 @@ class _FileCopy:
 
 
 def _trusted_index(path: Path) -> McapIndex | None:
-    """Index of a file whose summary and digests are right; None for any other."""
+    """Index of an MCAP file whose summary and digests are right, else None."""
     try:
         index = McapIndex(path)
     except ArchiveError:
@@ -490,18 +487,18 @@ def _trusted_index(path: Path) -> McapIndex | None:
 
 
 def _is_message_index(data: Any) -> bool:
-    """Whether a record is a MessageIndex, and no other one with a wrong opcode."""
+    """Whether a record is a MessageIndex by its size."""
     return len(data) >= 6 and int.from_bytes(data[2:6], "little") == len(data) - 6 and len(data) % 16 == 6
 
 
 def _frame_numbers(content: Any, index: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Numbers of the frames (messages,), from the messages of a chunk that an index lists."""
+    """Numbers of the frames (messages,) of a chunk's messages."""
     found = [struct.unpack_from("<I", content, int(at) + RECORD_HEAD_BYTES + 2)[0] for at in index[:, 1]]
     return np.array(found, dtype=np.int64)
 
 
 def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
-    """Log times [ns] and offsets of each channel's messages (messages, 2) in a chunk's records."""
+    """Log times [ns] and offsets (messages, 2) of each channel's messages in a chunk."""
     found: dict[int, list[tuple[int, int]]] = {}
     for opcode, begin, _ in iterate_records(content):
         if opcode == MESSAGE_OPCODE:
@@ -512,7 +509,7 @@ def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
 
 
 def _whole_records(data: Any) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each whole record of a file, until one that is cut or makes no sense."""
+    """Opcode, begin and end of each record of a file, up to the first that makes no sense."""
     at = len(MCAP_MAGIC)
     while at + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at)

@@ -1,4 +1,4 @@
-"""Outlines for Foxglove: teeth, pitch circles and guide-bars of a drive as one `foxglove.SceneUpdate`."""
+"""Outlines for Foxglove: teeth, pitch circles and guide-bars of a drive as a `foxglove.SceneUpdate`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from warpchain.drive.rings import rings_of
 from warpchain.results.outlines import guide_outline, tooth_outline
 
 DRIVE_FRAME = "drive"
-"""Coordinate frame of everything in an archive [m]."""
 CIRCLE_POINTS = 96
 TEETH_COLOR = {"r": 0.55, "g": 0.58, "b": 0.62, "a": 1.0}
 PITCH_COLOR = {"r": 0.35, "g": 0.40, "b": 0.48, "a": 0.6}
@@ -32,15 +31,14 @@ POINT_DTYPE = np.dtype(
         ("z", "<f8"),
     ]
 )
-"""Field 5 (points) of a LinePrimitive, a Point3 with all of its numbers."""
+"""Field 5 (points) of a LinePrimitive."""
 
 
 def scene_update_bytes(content: FrameContent, drive: Drive) -> bytes:
-    """Serialized `foxglove.SceneUpdate` with the outlines of a drive, points in metres.
+    """Serialized `foxglove.SceneUpdate` of a drive's outlines [m].
 
-    An entity `sprocket/NAME` is its teeth and its pitch circle (both closed) in the frame that turns with it, or,
-    without recorded poses, at angle zero in the drive's frame; an entity `guide/NAME` is its face and ends (open), in
-    the frame of the arm that carries it if it has one.
+    An entity `sprocket/NAME` has teeth and pitch circle (closed), an entity `guide/NAME` face and ends (open), each in
+    the coordinate frame of its body where frames hold how that lies, else in the drive's.
     """
     entities = [entity for ring in rings_of(drive) for entity in _chain_entities(content, ring.drive)]
     return b"".join(_field_bytes(2, entity) for entity in entities)

@@ -1,7 +1,7 @@
 """Arrow files from untrusted bytes: a table that is never larger than the bytes.
 
-Arrow's reader expands compressed buffers to whatever size they state. A message with compression or dictionaries, which
-warpchain never writes, is refused by its head, a flatbuffer.
+A message with compression or dictionaries, which warpchain never writes and Arrow expands to any stated size, is
+refused by its head, a flatbuffer.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ if TYPE_CHECKING:
 
 ARROW_MAGIC = b"ARROW1\0\0"
 CONTENT_FIELD, COMPRESSION_FIELD = 2, 3
-"""Number of the flatbuffer field that holds a record batch's compression."""
 
 
 def table_from_untrusted_bytes(data: bytes) -> pa.Table:
-    """Table of an Arrow file whose bytes anybody may have made; compression and dictionaries are refused.
+    """Table of an Arrow file that anybody may have made; compression and dictionaries are refused.
 
     Raises:
         ValueError: a file with these, or whose columns share bytes; `pyarrow.ArrowException` for other bytes.
@@ -41,7 +40,7 @@ def table_from_untrusted_bytes(data: bytes) -> pa.Table:
 
 
 def _content_field_offset(head: bytes, field: int) -> int:
-    """Offset of a field in the content of an Arrow message's head; 0 where it is absent."""
+    """Offset of a field in the content of an Arrow message's head; 0 where absent."""
     (message,) = struct.unpack_from("<I", head)
     content = message + _table_field_offset(head, message, CONTENT_FIELD)
     (content_offset,) = struct.unpack_from("<I", head, content)
@@ -49,7 +48,7 @@ def _content_field_offset(head: bytes, field: int) -> int:
 
 
 def _table_field_offset(head: bytes, table: int, field: int) -> int:
-    """Offset of a field from the beginning of its flatbuffer table; 0 where it is absent."""
+    """Offset of a field in its flatbuffer table; 0 where absent."""
     fields = table - struct.unpack_from("<i", head, table)[0]
     if fields < 0 or struct.unpack_from("<H", head, fields)[0] <= 4 + 2 * field:
         return 0

@@ -1,7 +1,4 @@
-"""Writing MCAP archives: recorded variants frame by frame, their drives, the metrics, and how the run was made.
-
-Frames are laid out (`docs/archive.md`) and compressed in other threads, while the solver goes on.
-"""
+"""Writing MCAP archives: recorded variants frame by frame, their drives, the metrics, and how the run was made."""
 
 from __future__ import annotations
 
@@ -34,18 +31,15 @@ if TYPE_CHECKING:
 __all__ = ["ArchiveOptions", "ArchiveWriter", "read_archive", "write_archive"]
 
 CHUNK_BYTES = 2**20
-"""Uncompressed size of a chunk, about [bytes]."""
+"""Uncompressed size of a chunk, about."""
 MOST_PENDING_CHUNKS = 32
-"""Chunks under way at most between `append` and the disk."""
 MOST_WAITING_BYTES = 64 * 2**20
-"""Frames that wait for their chunk to fill, over all variants, at most [bytes]."""
 COLOR_SAMPLES = 4096
-"""Tensions that a variant's color scale is taken from at most, roughly."""
 
 
 @dataclass
 class _WaitingFrames:
-    """Frames of a variant that wait for their chunk to fill, with their layout."""
+    """Frames of a variant that wait for their chunk to fill."""
 
     variant: int
     layout: ChunkLayout
@@ -74,10 +68,10 @@ class ArchiveWriter:
         info: how the run is made; `finish` adds how it ended.
         options: compression, split, threads; None takes the defaults.
         overwrite: replace an archive of that name.
-        salvage: keep what was written of an archive that is not finished, and name it in the error or a warning.
+        salvage: keep what was written of an unfinished archive, and name it in the error or a warning.
 
     Raises:
-        ArchiveError: an existing file, a folder that cannot be written, a full disk, too many variants for one file.
+        ArchiveError: an existing file, a folder or disk that refuses, too many variants for one file.
     """
 
     def __init__(
@@ -104,7 +98,7 @@ class ArchiveWriter:
         )
 
     def append(self, variant: int, chunk: Trajectory) -> None:
-        """Appends consecutive frames of one variant to the archive, from any thread; waits while too much is under way.
+        """Appends consecutive frames of a variant to an archive, from any thread; waits while too much is under way.
 
         Leave the arrays as they are until `finish`: other threads read them later.
 
@@ -121,7 +115,7 @@ class ArchiveWriter:
             raise self._parts.refusal_error(error) from None
 
     def _append_frames(self, variant: int, chunk: Trajectory) -> None:
-        """Puts frames of a variant into chunks; sends those that are full."""
+        """Puts frames of a variant into chunks; sends the full ones."""
         number = self._numbers[variant]
         track = self._tracks.get(number) or self._begin_variant(number, chunk)
         size = track.layout.frame_bytes
@@ -138,7 +132,7 @@ class ArchiveWriter:
             self._send_all_waiting()
 
     def _add_waiting(self, track: _WaitingFrames, frames: Trajectory) -> None:
-        """Adds frames to those of their variant that wait for a chunk."""
+        """Adds frames to those that wait for a chunk."""
         track.waiting.append(frames)
         track.count += len(frames.time)
         self._waiting += len(frames.time) * track.layout.frame_bytes
@@ -152,13 +146,13 @@ class ArchiveWriter:
         self._pipeline.submit_job(job)
 
     def _send_all_waiting(self) -> None:
-        """Gives all variants' waiting frames to the encoders."""
+        """Gives all waiting frames to the encoders."""
         for track in self._tracks.values():
             if track.count:
                 self._send_waiting(track)
 
     def _begin_variant(self, variant: int, chunk: Trajectory) -> _WaitingFrames:
-        """Begins a variant, with the layout of its first frames."""
+        """Begins a variant of an archive, with the layout of its frames."""
         values = None if self.options.values == "run" else self.options.values
         content = FrameContent.from_trajectory(variant, chunk, values, self.options.exact_positions)
         numbers = archive_format.channel_numbers(self._parts.place_in_part(self._position[variant]))
@@ -168,7 +162,7 @@ class ArchiveWriter:
         return track
 
     def _encode_chunk(self, job: _ChunkJob) -> tuple[_ChunkJob, list[PackedChunk]]:
-        """Lays out and compresses a chunk, the variant's first behind its outlines; runs in a thread of its own."""
+        """Compressed chunks of a job, a variant's first behind its outlines; in a thread of its own."""
         track = job.track
         frames = track.layout.encode_frames(job.chunks, job.first, track.channels, track.full_scale)
         starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.frame_bytes)
@@ -181,13 +175,13 @@ class ArchiveWriter:
         return job, [chunk] if job.first else [self._scene_chunk(job, int(stamps[0])), chunk]
 
     def _scene_chunk(self, job: _ChunkJob, stamp: int) -> PackedChunk:
-        """Chunk that holds a variant's outlines."""
+        """Chunk of a variant's outlines."""
         number = archive_format.channel_numbers(self._parts.place_in_part(self._position[job.track.variant]))["scene"]
         record = message_record(number, 0, stamp, scene_update_bytes(job.track.layout.content, job.chunks[0].drive))
         return pack_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
 
     def _write_chunks(self, result: tuple[_ChunkJob, list[PackedChunk]]) -> None:
-        """Writes chunks to their file; runs in the writing thread, the only one that touches the files meanwhile."""
+        """Writes chunks to their file, in the only thread that touches the files."""
         job, chunks = result
         track = job.track
         facts = {"color_tension_max": repr(track.full_scale)}
@@ -200,7 +194,7 @@ class ArchiveWriter:
             part.file.add_chunk(chunk)
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends the archive, with the metrics and how the run ended, and gives its files their names.
+        """Ends the archive, with metrics and the run's end, and gives its files their names.
 
         Raises:
             ArchiveError: a disk that is full or gone, or a file that has appeared under that name.
@@ -215,7 +209,7 @@ class ArchiveWriter:
         self._ended = True
 
     def abort(self) -> None:
-        """Ends an archive that is not finished: what was written is kept with `salvage`, else dropped."""
+        """Ends an unfinished archive: what was written is kept with `salvage`, else dropped."""
         if not self._ended:
             self._ended = True
             self._pipeline.close(drop=True)
@@ -229,7 +223,7 @@ class ArchiveWriter:
 
 
 def _slice_frames(chunk: Trajectory, start: int, stop: int, copy: bool = False) -> Trajectory:
-    """Frames start to stop of a trajectory, as views or as copies."""
+    """Frames start to stop of a trajectory, as views or copies."""
     if start == 0 and stop == len(chunk.time):
         return chunk
     held = {"time": chunk.time, **chunk.channels()}

@@ -24,10 +24,9 @@ Array = NDArray[np.floating]
 
 
 def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
-    """Pyarrow table of a trajectory's time (F,) and channels (F, ...), one row a frame.
+    """Pyarrow table of a trajectory's time (F,) and channels (F, ...), one row a frame, with units.
 
     Channels are columns of lists of fixed size (lists of pairs for vectors), which share contiguous arrays' memory.
-    Each field's metadata has its `unit`.
     """
     import pyarrow as pa
 
@@ -41,7 +40,7 @@ def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
 
 
 def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.Table:
-    """Table of columns, each field's metadata with its `unit`."""
+    """Table of columns, with a `unit` in each field's metadata."""
     import pyarrow as pa
 
     fields = [pa.field(name, column.type, metadata={"unit": units[name]}) for name, column in columns.items()]
@@ -80,13 +79,13 @@ def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive)
 
 
 def table_with_unit_heads(table: pa.Table) -> pa.Table:
-    """Table with units in the names of its columns, such as `tension_max [N]`; none for numbers without a unit."""
+    """Table with units in its columns' names, such as `tension_max [N]`."""
     units = ((field.name, (field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema)
     return table.rename_columns([name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in units])
 
 
 def table_without_unit_heads(table: pa.Table) -> pa.Table:
-    """Table whose columns' names lose their units, such as ` [N]`, to the fields' metadata."""
+    """Table with the units of its columns' names in the fields' metadata."""
     import pyarrow as pa
 
     fields = []
@@ -97,7 +96,7 @@ def table_without_unit_heads(table: pa.Table) -> pa.Table:
 
 
 def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
-    """Table with other values, (rows,), in the column of a name; its place, type and metadata stay."""
+    """Table with other values, (rows,), in one column."""
     import pyarrow as pa
 
     at = table.column_names.index(name)
@@ -107,8 +106,6 @@ def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.T
 
 def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
     """Writes a table as Parquet or CSV, by the file's ending, under its name only when whole; returns the path.
-
-    Units are in the fields' metadata (`unit`), those of CSV in its head.
 
     Raises:
         error: another ending, or a folder or disk that refuses.

@@ -17,7 +17,7 @@ from warpchain.results.run import Trajectory
 
 
 def _channel_places(drive: Drive, rings: Sequence[Ring], kind: PartKind) -> list[NDArray[np.int64]]:
-    """Places of each chain's parts of a kind in the whole drive's channels; rollers one chain after the other."""
+    """Places of each chain's parts of a kind in the whole drive's channels."""
     if kind in ("roller", "link"):
         ends = np.cumsum([ring.drive.chain.links for ring in rings])
         return [np.arange(end - ring.drive.chain.links, end) for end, ring in zip(ends, rings, strict=True)]
@@ -25,7 +25,7 @@ def _channel_places(drive: Drive, rings: Sequence[Ring], kind: PartKind) -> list
 
 
 def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
-    """Trajectory of a drive from those of its chains, in their order, over the same frames."""
+    """Trajectory of a drive from those of its chains, over the same frames."""
     rings = rings_of(drive)
     channels: dict[str, Any] = {}
     for name in dict.fromkeys(name for part in parts for name in part.channels()):
@@ -57,7 +57,7 @@ def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
 
 
 def _shaft_channels(trajectory: Trajectory, ring: Ring, held: Mapping[str, Any]) -> dict[str, Any]:
-    """Channels of a chain's shafts, with those that are other chains' sprockets."""
+    """Channels of a chain's shafts, other chains' sprockets among them."""
     names = [sprocket.name for sprocket in trajectory.drive.sprockets]
     others = [names.index(shaft.name) for shaft in ring.drive.shafts if isinstance(shaft, Beside)]
     angle, speed = trajectory.sprocket_angle, trajectory.sprocket_speed

@@ -17,12 +17,11 @@ if TYPE_CHECKING:
 
 
 PartKind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve"]
-"""Kinds of parts that channels are recorded of."""
 
 
 @dataclass(frozen=True)
 class PartCounts:
-    """Numbers of the parts that channels are recorded of; as many links as rollers."""
+    """Numbers of the parts that channels are of; as many links as rollers."""
 
     rollers: int
     sprockets: int
@@ -34,7 +33,10 @@ class PartCounts:
 
     @classmethod
     def of_drive(cls, drive: Drive) -> PartCounts:
-        """Numbers of a drive's parts; without its shafts where several chains have no gears, couplings and motors."""
+        """Numbers of a drive's parts that have channels.
+
+        Shafts of several chains without gears, couplings and motors have none.
+        """
         from warpchain.drive.transmission import is_geared
 
         shafts = () if drive.chains and not is_geared(drive) else drive.shafts
@@ -53,10 +55,10 @@ class Channel:
     Attributes:
         name: as in `Trajectory` and `Record.channels`.
         unit: SI unit.
-        per: kind of part that it is recorded of; link i is the one after roller i.
+        per: kind of part that it is of; link i is the one after roller i.
         description: what it is, in a few words.
-        components: names of a vector's components, which are fields in an archive; empty for a number.
-        on_request: whether frames hold it only where it is asked for by name (`Record.channels`).
+        components: names of a vector's components, fields in an archive; empty for a number.
+        on_request: whether frames hold it only where it is named (`Record.channels`).
     """
 
     name: str
@@ -68,17 +70,17 @@ class Channel:
 
     @property
     def value_names(self) -> tuple[str, ...]:
-        """Names of the channel's values: its components, or its own."""
+        """Names of the channel's components, or its own."""
         return self.components or (self.name,)
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """Names of the channel's dimensions in a trajectory: time, its kind of part, `axis` for a vector."""
+        """Names of the channel's dimensions: time, kind of part, `axis` for a vector."""
         return ("time", self.per, *(("axis",) if self.components else ()))
 
     @property
     def is_of_rollers(self) -> bool:
-        """Whether the channel is of rollers or links, rather than of sprockets or other bodies."""
+        """Whether the channel is of rollers or links."""
         return self.per in ("roller", "link")
 
     def shape(self, sizes: PartCounts) -> tuple[int, ...]:
@@ -112,26 +114,21 @@ CHANNELS = (
     Channel("valve_torque", "N m", "valve", "torque of a group of valves against forward rotation of its shaft"),
     Channel("valve_force", "N", "valve", "least force of a cam of the group on its follower"),
 )
-"""Channels that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
+"""Channels of a trajectory. New ones go last: archives number them in this order."""
 
 CHANNEL_NAMES = tuple(channel.name for channel in CHANNELS)
-"""Names of the channels, in the table's order."""
 DEFAULT_CHANNELS = tuple(channel.name for channel in CHANNELS if not channel.on_request)
 """Names of the channels that are recorded unless others are asked for."""
 CHANNEL_BY_NAME = {channel.name: channel for channel in CHANNELS}
 ROLLER_CHANNELS = tuple(channel for channel in CHANNELS if channel.is_of_rollers)
-"""Channels of rollers and of links."""
 BODY_CHANNELS = tuple(channel for channel in CHANNELS if not channel.is_of_rollers)
-"""Channels of sprockets, arms, tensioners, shafts, couplings and valves."""
 CHANNEL_UNITS = {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
-"""Unit of a trajectory's time and of each channel."""
 AXIS_LABELS = ("x", "y")
-"""Labels of the dimension `axis`."""
 
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Layout of one frame's values in a row of memory, whose numbers kernels take as constants (`kernels/frames.py`).
+    """Layout of one frame's values in a row of memory, which kernels take as constants.
 
     First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one after
     the other, and likewise of arms, tensioners, shafts, couplings and valves. With N rollers and S sprockets, component
@@ -146,7 +143,7 @@ class FrameLayout:
 
     @cached_property
     def _places_by_name(self) -> dict[str, int]:
-        """Place of each channel among the values of its kind of part."""
+        """Place of each channel among a frame's values of its kind of part."""
         places: dict[str, int] = {}
         ends = dict.fromkeys(FRAME_BLOCKS, 0)
         for channel in self.channels:
@@ -156,11 +153,11 @@ class FrameLayout:
         return places
 
     def holds(self, name: str) -> bool:
-        """Whether a frame has a channel."""
+        """Whether a frame holds a channel."""
         return name in self._places_by_name
 
     def place(self, name: str) -> int:
-        """Place of a channel: its first row among the rollers', or its first value among a sprocket's and so on."""
+        """Place of a channel in a frame: its first row of rollers, or first value of a sprocket and so on."""
         return self._places_by_name[name]
 
     def values(self, kind: PartKind) -> int:
@@ -190,23 +187,22 @@ class FrameLayout:
 
 
 FRAME_BLOCKS: tuple[PartKind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
-"""Kinds whose values stand together in a frame, in order; those of links with those of rollers."""
+"""Kinds whose values stand together in a frame, in order."""
 
 
 def _frame_block(kind: PartKind) -> PartKind:
-    """Kind of part among whose values those of a kind stand in a frame."""
+    """Kind of part among whose values a kind's stand in a frame."""
     return "roller" if kind == "link" else kind
 
 
 DEFAULT_FRAME = FrameLayout(tuple(CHANNEL_BY_NAME[name] for name in DEFAULT_CHANNELS))
-"""Layout of the kernels' frames where no channel is asked for."""
 
 WHOLE_FRAME = FrameLayout(CHANNELS)
-"""Layout of frames that hold every channel, which the CPU's kernel writes."""
+"""Layout of frames with every channel, which the CPU's kernel writes."""
 
 
 def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
-    """Layout of frames that hold the default channels and those of these that are on request."""
+    """Layout of frames with the default channels and some on request."""
     asked = set(channels)
     return FrameLayout(tuple(channel for channel in CHANNELS if not channel.on_request or channel.name in asked))
 
@@ -217,6 +213,6 @@ def drive_frame_width(drive: Drive, frame: FrameLayout = DEFAULT_FRAME) -> int:
 
 
 def channels_of_drive(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
-    """Those channels, of some, that a drive has parts for."""
+    """Channels, of some, that a drive has parts for."""
     sizes = PartCounts.of_drive(drive)
     return tuple(name for name in names if sizes.count_of(CHANNEL_BY_NAME[name].per) > 0)

@@ -1,6 +1,6 @@
 """Engineering report of a recorded variant: metrics, and what figures are drawn from.
 
-Each part is made when it is first asked for; a part whose channels were not recorded raises a `SimulationError`.
+A part whose channels were not recorded raises a `SimulationError`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Wear:
 
 
 def trajectory_in_window(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """Frames of a trajectory in a window [s], both ends included.
+    """Frames of a trajectory in a window [s], ends included.
 
     Raises:
         SimulationError: fewer than three of them.
@@ -61,9 +61,9 @@ class EngineeringReport:
 
     Args:
         trajectory: the whole recording.
-        start, end: window of means and extremes [s]; the recording's latter half by default.
+        start, end: window of means and extremes [s]; the latter half by default.
         wear: how the joints wear.
-        alike: sprockets that turn as another part (`transmission.turn_alike`), of one of several chains.
+        alike: sprockets that turn as another part, of one of several chains.
 
     Attributes:
         whole, part: the recording, and its frames in the window.
@@ -102,7 +102,7 @@ class EngineeringReport:
 
     @cached_property
     def phase_errors(self) -> dict[int, PhaseError]:
-        """Phase error of each sprocket but the driver, over the window, from where the recording began."""
+        """Phase error of each sprocket but the driver, in the window."""
         inside = (self.whole.time >= self.start - 1e-12) & (self.whole.time <= self.end + 1e-12)
         others = [s for s in range(len(self.drive.sprockets)) if s != self.drive.driver]
         return {s: phase_error_in_window(self.whole, s, inside) for s in others}
@@ -142,12 +142,12 @@ class EngineeringReport:
         return elongation_rate(self.drive, self.joint_wear, self.wear_law.coefficient, self.joint_area)
 
     def metrics(self) -> dict[str, float]:
-        """Metrics (`metric_columns.REPORT_METRICS`) that the recorded channels allow, by name."""
+        """Metrics (`metric_columns.REPORT_METRICS`) of the report that the recorded channels allow."""
         return dict(self._finite_metrics)
 
     @cached_property
     def _finite_metrics(self) -> dict[str, float]:
-        """Metrics of all parts of the report that are finite, by name."""
+        """Finite metrics of the report, by name."""
         found: dict[str, float] = {}
         for rows in (_strand_metrics, _sprocket_metrics, _guide_metrics, _joint_metrics, _probe_metrics):
             found |= rows(self)
@@ -231,7 +231,7 @@ def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, float]:
-    """Window of a row of metrics [s], within what was recorded; the latter half where it was not reached."""
+    """Window of a row of metrics [s], within the recording; the latter half where it was not reached."""
     end = float(trajectory.time[-1])
     start, stop = row.get("window_start"), row.get("window_end")
     if row.get("input_work") is None or start is None or stop is None or start >= end:
@@ -240,7 +240,7 @@ def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[floa
 
 
 def engineering_report(run: Run, variant: int | None = None, wear: Wear | None = None) -> EngineeringReport:
-    """Engineering report of a recorded variant of a run over the window of its metrics; None takes the first.
+    """Engineering report of a recorded variant of a run, None for the first, over its metrics' window.
 
     Raises:
         SimulationError: a variant that was not recorded.

@@ -48,7 +48,7 @@ class Woehler:
 
 
 def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]:
-    """Function of the package rainflow that counts a series' cycles: (range, mean, 1 or 0.5, first, last) each.
+    """Function of the package rainflow that gives a series' cycles: (range, mean, 1 or 0.5, first, last).
 
     Raises:
         SimulationError: the extra `rainflow` is not installed.
@@ -67,7 +67,7 @@ def count_links(tension: ArrayLike) -> list[Array]:
         tension: (F, L) link tensions [N].
 
     Raises:
-        SimulationError: tensions that are not finite or not (F, L), or the extra `rainflow` is not installed.
+        SimulationError: tensions that are not finite or not (F, L), or no extra `rainflow`.
     """
     values = np.asarray(tension, dtype=float)
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():
@@ -78,12 +78,15 @@ def count_links(tension: ArrayLike) -> list[Array]:
 
 
 def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage of each link over a recorded time, eq. (a) (L,); 1 is failure. Raises as `count_links`.
+    """Miner damage of each link over a recorded time, (a) (L,); 1 is failure.
 
     Args:
         tension: (F, L) link tensions [N].
         woehler: the Woehler curve.
         cycles: of `count_links`, where known.
+
+    Raises:
+        SimulationError: as `count_links`.
     """
     found = count_links(tension) if cycles is None else cycles
     return _link_cycle_sums(found, woehler.reference_range, woehler.exponent) / woehler.reference_cycles
@@ -97,7 +100,7 @@ def equivalent_range(
     Args:
         tension: (F, L) link tensions [N].
         exponent: m [-].
-        counted: number of those cycles, such as chain revolutions in the recorded time.
+        counted: number of those cycles.
         cycles: of `count_links`, where known.
 
     Raises:
@@ -109,7 +112,7 @@ def equivalent_range(
 
 
 def _link_cycle_sums(cycles: Sequence[Array], reference: float, exponent: float) -> Array:
-    """Sum of n (range / reference)^m over the cycles of each link (L,), in their order."""
+    """Sum of n (range / reference)^m over each link's cycles (L,)."""
     sums = np.zeros(len(cycles))
     for link, found in enumerate(cycles):
         total = 0.0

@@ -4,8 +4,8 @@ Over F frames, in a stretch of length b of the face,
 
     p = sum of forces / (F b)  [N/m],    p v = sum of forces times sliding speeds / (F b)  [W/m]                 (a)
 
-Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]; friction turns the share mu
-of p v into heat. At an instant a roller's force has its pitch to itself: the largest p v is max(F |v|) / pitch.
+Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]. At an instant a roller's
+force has its pitch to itself: the largest p v is max(F |v|) / pitch.
 """
 
 from __future__ import annotations
@@ -24,10 +24,7 @@ Index = NDArray[np.intp]
 
 
 def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
-    """Arc length along a face and height above it of points (K, 2) [m]; nan beyond its rounded ends.
-
-    Where several pieces of the face have a point, the nearest counts.
-    """
+    """Arc length along a guide's face and height above it of points (K, 2) [m]; nan beyond its rounded ends."""
     place, height = np.full(len(points), np.nan), np.full(len(points), np.inf)
     for piece, before in zip(face.pieces, face.places, strict=True):
         on = piece.rise(points)
@@ -37,7 +34,7 @@ def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
 
 
 def face_tangents(face: Profile, place: Array) -> Array:
-    """Unit tangents (K, 2) of a face at arc lengths (K,)."""
+    """Unit tangents (K, 2) of a guide's face at arc lengths (K,)."""
     begin, heading, curvature = (
         np.array(values)
         for values in (face.places, [p.heading for p in face.pieces], [p.curvature for p in face.pieces])
@@ -48,7 +45,7 @@ def face_tangents(face: Profile, place: Array) -> Array:
 
 
 def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
-    """Rollers (K,) at frames (K,) in the frame in which guide g is drawn (K, 2) [m], and its angle (K,) [rad]."""
+    """Rollers (K,) at frames (K,) as guide g is drawn (K, 2) [m], and its angle (K,) [rad]."""
     (position,) = require_channels(trajectory, "position")
     x = np.asarray(position, dtype=float)[frame, roller]
     arm = trajectory.drive.arm_of(g)
@@ -61,7 +58,6 @@ def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller:
 
 
 STRETCHES_A_PITCH = 4
-"""Stretches of a face in a pitch of the chain."""
 
 
 class GuideContacts(NamedTuple):
@@ -69,7 +65,7 @@ class GuideContacts(NamedTuple):
 
     Attributes:
         frame, roller: (K,) when, and which.
-        place: (K,) arc length along the face; below 0 and beyond its length on the rounded ends [m].
+        place: (K,) arc length along the face; beyond it on the rounded ends [m].
         force: (K,) normal force [N].
         speed: (K,) of the chain along the face [m/s]; 0 without recorded velocities.
     """
@@ -82,7 +78,7 @@ class GuideContacts(NamedTuple):
 
 
 def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
-    """Rollers that press each of the G guides of a recording.
+    """Rollers of a recording that press each of the G guides.
 
     Raises:
         SimulationError: recorded without positions or guide forces.
@@ -117,10 +113,10 @@ class GuideLoad(NamedTuple):
         place: (B,) middles of the stretches [m].
         mean: (B,) mean normal force per length, p [N/m] (a).
         peak: (B,) largest force of one roller [N].
-        speed: (B,) mean sliding speed, weighted by force [m/s]; nan where nothing presses.
+        speed: (B,) mean sliding speed, weighted by force [m/s].
         pv: (B,) mean of p v [W/m] (a).
         pv_peak: (B,) largest force of a roller times its speed, over the pitch [W/m].
-        touching: share of the frames at which a roller presses the guide.
+        touching: share of the frames at which a roller presses.
     """
 
     place: Array
@@ -133,7 +129,7 @@ class GuideLoad(NamedTuple):
 
 
 def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
-    """Load of a guide in the stretches between ascending `edges` (B + 1,) [m], over a number of frames."""
+    """Load of a guide in the stretches between ascending `edges` (B + 1,) [m]."""
     count, widths = len(edges) - 1, np.diff(edges)
     inside = (contacts.place >= edges[0]) & (contacts.place <= edges[-1])
     stretch = np.minimum(np.searchsorted(edges, contacts.place[inside], side="right") - 1, count - 1)
@@ -149,7 +145,7 @@ def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pi
 
 
 def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
-    """Load of each of the G guides over its length and rounded ends, from a recording and its contacts if known."""
+    """Load of each of a recording's G guides over its length and rounded ends."""
     drive = trajectory.drive
     found = []
     for g, mine in enumerate(recorded_guide_contacts(trajectory) if contacts is None else contacts):

@@ -6,14 +6,13 @@ on to the housing
     F - m a  [N];                                                                                                 (a)
 
 a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90 degrees. A mount
-on springs passes on what its springs and dampers have, a slider across its line what it holds. An arm on another one
-passes its own on to that. A guide on n bolts at r_i, r their mean, shares its force F, of the moment M about r,
+on springs passes on what its springs and dampers have, a slider across its line what it holds. A guide on n bolts at
+r_i, r their mean, shares its force F, of the moment M about r,
 
     F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
 
-without bolts it has one place, the middle of its face, and M beside it. Forces of sprockets are the channel
-`hub_force`, or without it, as of guides, the contacts' normal forces. The moment of what drives the shafts is not in
-them.
+without bolts it has one place, the middle of its face. Forces of sprockets are the channel `hub_force`, or without it,
+as of guides, the contacts' normal forces. What drives the shafts is left out.
 
 An order's level is that of ISO 1683, of the effective value over 1 micronewton (1 micronewton meter):
 
@@ -55,7 +54,7 @@ class HousingLoad(NamedTuple):
         name: "hub NAME", "bolt NAME N", "guide NAME", "pivot NAME" or "seat NAME".
         place: where it is [m].
         force: (F, 2) along x and y [N].
-        moment: (F,) about the place, counter-clockwise [N m]; None where it has none.
+        moment: (F,) about the place [N m], or None.
     """
 
     name: str
@@ -65,7 +64,7 @@ class HousingLoad(NamedTuple):
 
 
 def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
-    """Loads on the housing at hubs, guides, pivots and seats, in the drive's order, chain by chain.
+    """Loads on the housing at hubs, guides, pivots and seats, chain by chain.
 
     Raises:
         SimulationError: recorded without positions, contact forces, or what bodies do.
@@ -100,7 +99,7 @@ def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 
 
 def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
-    """Force that the bearing of sprocket s passes on to the housing or its arm (F, 2) [N], (a)."""
+    """Force that the bearing of sprocket s passes on (F, 2) [N], (a)."""
     center, angle, speed = require_channels(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
     sprocket, time = trajectory.drive.sprockets[s], trajectory.time
     mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.drive.run.gravity)
@@ -136,7 +135,7 @@ def _balance_wheel_force(sprocket: Sprocket, angle: Array, speed: Array, time: A
 
 
 def _time_derivative(values: Array, time: Array) -> Array:
-    """Time derivative of samples (F, ...) by central differences."""
+    """Time derivative of samples (F, ...)."""
     return np.gradient(values, time, axis=0) if len(time) > 1 else np.zeros_like(values)
 
 
@@ -157,7 +156,7 @@ def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array
 
 
 def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[HousingLoad]:
-    """Loads of a guide on the housing: of its bolts (b), or of the middle of its face."""
+    """Loads of a guide on the housing, at its bolts (b) or its middle."""
     guide = drive.guides[g]
     if not guide.bolts:
         middle = drive.profile(g).points(drive.chain.pitch, caps=False)
@@ -180,12 +179,12 @@ def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[Housi
 
 
 def _moment_about(place: Array, force: Array, moment: Array) -> Array:
-    """Moment about a place of a force whose moment about the origin is given [N m]."""
+    """Moment [N m] about a place of a force, from that about the origin."""
     return np.asarray(moment - (place[0] * force[:, 1] - place[1] * force[:, 0]))
 
 
 def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> HousingLoad:
-    """Load of the pivot of arm a, (a), without the arms on it."""
+    """Load of the pivot of arm a, without the arms on it (a)."""
     drive, time = trajectory.drive, trajectory.time
     arm = drive.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
@@ -211,10 +210,10 @@ def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[
 
 
 def order_levels(trajectory: Trajectory) -> pa.Table:
-    """Levels of the loads on the housing over the driver's orders, (c), of the latter half of the recording.
+    """Levels of the housing loads over the driver's orders [dB] (c), in the recording's latter half.
 
     Returns:
-        A table with `order` [1] and a column for each component, "hub crank.x" and so on [dB]; -inf for none.
+        A table with `order` [1] and a column for each component, "hub crank.x" and so on; -inf for none.
 
     Raises:
         SimulationError: a driver that stops or turns back, or that turns too little.
@@ -241,7 +240,7 @@ def _component_unit(name: str) -> str:
 
 
 def components(trajectory: Trajectory) -> dict[str, Array]:
-    """Components of all housing loads by name, "hub crank.x", ".y" and ".moment", (F,) each [N], [N m]."""
+    """Components of all housing loads by name, "hub crank.x", ".y" and ".moment", (F,) each [N, N m]."""
     found: dict[str, Array] = {}
     for load in housing_loads(trajectory):
         found |= {f"{load.name}.{axis}": load.force[:, k] for k, axis in enumerate("xy")}

@@ -4,8 +4,8 @@ While the links at a joint turn by d(phi) against each other, the pin slides r_p
 
     s = r_p sum |d(phi)|  [m],    L = r_p sum N |d(phi)|  [N m],    sliding work W = mu kappa L                  (a)
 
-Pin and bush together lose the volume k L, over the bearing area A = d_2 b_2 the depth k L / A, by which each joint
-lengthens the chain (docs/wear.md). N joints of a chain of N pitches p make it longer by
+Pin and bush together lose the volume k L, over the bearing area A = d_2 b_2 the depth k L / A (docs/wear.md), so that N
+joints of a chain of N pitches p make it longer by
 
     elongation = k L / (A p),    L the mean of all joints.                                                       (b)
 """
@@ -24,17 +24,17 @@ from warpchain.results.run import Trajectory, require_channels
 Array = NDArray[np.float64]
 
 WEAR_COEFFICIENT = 2e-16
-"""k of pin and bush, oiled [m^2/N]: makes a chain at the rated power of ISO 10823 3 % longer in 15,000 hours."""
+"""k of pin and bush, oiled [m^2/N]: 3 % elongation in 15,000 hours at the rated power of ISO 10823."""
 
 
 class JointWear(NamedTuple):
     """Sliding of the joints in a window.
 
     Attributes:
-        seconds: how long the window is [s].
-        distance: (N,) sliding distance s of each joint [m] (a).
+        seconds: length of the window [s].
+        distance: (N,) sliding distance s [m] (a).
         loaded: (N,) force times sliding distance L [N m] (a).
-        work: (N,) sliding work W [J] (a); 0 where joints do not rub.
+        work: (N,) sliding work W [J] (a).
     """
 
     seconds: float
@@ -67,10 +67,5 @@ def joint_wear(trajectory: Trajectory) -> JointWear | None:
 
 
 def elongation_rate(drive: Drive, wear: JointWear, coefficient: float, area: float) -> float:
-    """Elongation of the chain by wear of its joints per second [1/s] (b).
-
-    Args:
-        coefficient: k [m^2/N].
-        area: A [m^2].
-    """
+    """Elongation of the chain by wear of its joints [1/s] (b), from k [m^2/N] and A [m^2]."""
     return float(wear.loaded.mean()) * coefficient / (area * drive.chain.pitch * wear.seconds)

@@ -1,7 +1,6 @@
 """Limits that a run's metrics are held against, and what each variant is judged to be.
 
-A variant is "diverged" where it was stopped as such, "suspect" where something of it is beyond its limit, else "ok". A
-new limit is a row of `LIMIT_RULES` and a field of `Limits`.
+A new limit is a row of `LIMIT_RULES` and a field of `Limits`.
 """
 
 from __future__ import annotations
@@ -27,15 +26,13 @@ if TYPE_CHECKING:
 WELL_KEPT_SHARE = 0.5
 """Step that a reason asks for, of the one that just keeps a limit."""
 MOST_NAMED = 6
-"""Variants that a warning names at most."""
 MOST_REASONS = 3
-"""Reasons that a warning gives at most."""
 
 Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
 ]
 START_ENERGY_CHANGE = 0.5
-"""Change of energy over the losses beyond which a window is one of a start."""
+"""Change of energy over the losses beyond which a window is of a start."""
 LimitShare = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 
 
@@ -84,7 +81,7 @@ class Limits(Part):
 
 
 NumberOfEach = Callable[..., NDArray[np.float64]]
-"""Function that gives a number of each drive (V,), from that of one drive or a stack (`number_of_each_drive`)."""
+"""Function that gives a number of each drive (V,), as `number_of_each_drive`."""
 ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
 """Values of a column (V,), and where it is null."""
 
@@ -96,15 +93,15 @@ class LimitRule:
     Attributes:
         key: field of `Limits`.
         column: metric that is held against the limit, by its own name.
-        unit: what the limit is in, for documents.
-        text: a reason, from the name of the part ("" for the chain) and the value.
+        unit: of the limit, for documents.
+        text: reason, from the name of the part ("" for the chain) and the value.
         advice: what to change.
-        part: whose column it is: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
+        part: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
         is_lower: whether the limit is a lower one.
         size: what of a value an upper limit is for.
-        scale: what a column is taken over, from what gives numbers of the drives, columns (V,) and the column's prefix,
-            nan for none; left out for 1.
-        after_start: whether it is for windows after a start, so that drives with `run.start` are not judged by it.
+        scale: what a column is taken over, from numbers of the drives, columns (V,) and the column's prefix; nan for
+            none.
+        after_start: whether drives with `run.start` are not judged by it.
         order: power of the step that the column goes by, 0 where reasons name no step.
     """
 
@@ -121,7 +118,7 @@ class LimitRule:
     order: int = 0
 
     def reason_text(self, of: str, value: float, limit: float) -> str:
-        """Reason for a value beyond its limit: what it is, the step that keeps it well, what to change."""
+        """Reason for a value beyond its limit, with a step that keeps it well and what to change."""
         step = ""
         if self.order and limit > 0.0:
             step = (
@@ -131,12 +128,12 @@ class LimitRule:
 
     @property
     def column_name(self) -> str:
-        """Name of the rule's column, for documents."""
+        """Name of the limit's column, for documents."""
         return f"{self.part}.{self.column}" if self.part else self.column
 
 
 def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
-    """A number of each drive's chain that a column's prefix names, or of its only one (V,); nan where there is none."""
+    """A number of the chain that a column's prefix names, in each drive (V,); nan without one."""
     name = of.partition(".")[0]
 
     def number_of_drive(drive: Drive) -> Any:
@@ -148,28 +145,28 @@ def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain]
 
 
 def breaking_loads(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Breaking load of each drive's chain (V,) [N], nan where it names no size."""
+    """Breaking load of each drive's chain (V,) [N], nan where unknown."""
     return _number_of_prefix_chain(each, of, lambda chain: chain.breaking_load)
 
 
 LEAST_STRETCH = 1e-9
-"""Stretch of a link [m] below which a force is none, as in settling (`kernels/integrate.py`)."""
+"""Stretch of a link below which a force is none, as in settling [m]."""
 
 
 def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
-    """Least force (V,) that counts as one of a link [N], nan where a drive has no such chain."""
+    """Least force (V,) [N] that counts as one of a link."""
     return LEAST_STRETCH * _number_of_prefix_chain(each, of, lambda chain: chain.stiffness)
 
 
 def largest_link_tensions(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link tension of the window (V,) [N], at least `least_link_forces`."""
+    """Largest link tension of the window (V,) [N], at least one that counts."""
     chain, several, _ = of.rpartition(".")
     least, name = least_link_forces(each, of), f"{chain}.tension_max" if several else "tension_max"
     return np.maximum(columns[name][0], least) if name in columns else np.full_like(least, np.nan)
 
 
 def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link force of the window (V,) [N], pulling or pushing, at least `least_link_forces`; nan for none."""
+    """Largest link force of the window (V,) [N], pulling or pushing, at least one that counts; nan for none."""
     names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
     ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_link_forces(each, of)
     largest = np.max(ends, axis=0) if ends else np.zeros_like(least)
@@ -177,16 +174,13 @@ def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues],
 
 
 def has_table_change(drive: Drive, begin: Any, end: Any) -> Any:
-    """Whether a table over time changes a motion, load, ratio, clutch, oil supply or place between two times [s].
-
-    The times are numbers or those (V,) of a stack's variants.
-    """
+    """Whether a table over time changes what a drive does between two times [s], or those (V,) of a stack."""
     changes = [_has_change_between(*table, begin, end) for table in _tables_over_time(drive)]
     return np.any(changes, axis=0) if changes else False
 
 
 def _tables_over_time(drive: Drive) -> Iterator[tuple[Any, Any]]:
-    """Times [s] and values of all tables over time of a drive."""
+    """Times [s] and values of a drive's tables over time."""
     parts: list[Any] = [*drive.sprockets, *drive.shafts]
     held = [
         _attribute_or_none(of, "table")
@@ -207,12 +201,12 @@ def _tables_over_time(drive: Drive) -> Iterator[tuple[Any, Any]]:
 
 
 def _attribute_or_none(part: Any, name: str) -> Any:
-    """Attribute of a part by name, None where it has none."""
+    """Attribute of a part, or None."""
     return getattr(part, name, None)
 
 
 def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
-    """Whether a quantity over time, constant beyond its ends, changes from `begin` to `end`."""
+    """Whether a table over time has more than one value between two times."""
     time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
     changes = np.append(0, np.cumsum(value[1:] != value[:-1]))
     first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
@@ -220,16 +214,13 @@ def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
 
 
 def _longest_ramp_time(drive: Drive) -> Any:
-    """Time of a drive's longest ramp of a motion [s], 0 without one."""
+    """Longest ramp of a drive's motions [s], 0 without one."""
     motions = [*(of.prescribed for of in drive.sprockets), *(of.prescribed for of in drive.shafts)]
     return largest(0.0, *(motion.ramp_time for motion in motions if motion))
 
 
 def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Mean tension of the window of a chain (V,) [N], at least `least_link_forces`; nan unless it follows a ramp.
-
-    It is nan, too, where a table over time changes what the drive does within the window.
-    """
+    """Mean tension of the window (V,) [N] where it follows a ramp, and no table over time changes; else nan."""
     ramps, name = each(_longest_ramp_time), f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
         return np.full_like(ramps, np.nan)
@@ -239,7 +230,7 @@ def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnVal
 
 
 def start_window_ones(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """1 where the window (V,) is one of a start, of which each extreme is a single event, nan elsewhere."""
+    """1 where the window (V,) is one of a start, nan elsewhere."""
     change, null = columns.get("energy_change_relative", (np.zeros_like(columns["diverged_time"][0]), False))
     return np.where((np.abs(change) > START_ENERGY_CHANGE) & ~np.asarray(null), 1.0, np.nan)
 
@@ -360,7 +351,6 @@ LIMIT_RULES = (
         part="VALVES",
     ),
 )
-"""Rules on metrics, in the order of reasons."""
 
 TORN_CAUSE = "torn"
 DIVERGENCE_CAUSES = {
@@ -401,12 +391,12 @@ def judge_variants(
 
     Args:
         drives: the variants.
-        columns: their metrics by name; a rule without its column judges none. "diverged" and "diverged_time" [s] are
-            needed.
+        columns: their metrics by name, "diverged" and "diverged_time" [s] among them; a rule without its column judges
+            none.
         measured: (V,) which came to the end of their window.
         limits: None takes the defaults.
-        layouts: (V,) what is wrong with each drive's layout (`assembly.layout.findings`); None judges none.
-        causes: (V,) which of `DIVERGENCE_CAUSES` made it diverge, "" where it did not; None takes the step for it.
+        layouts: (V,) what is wrong with each drive's layout; None judges none.
+        causes: (V,) which of `DIVERGENCE_CAUSES` made it diverge, "" where it did not; None takes the step.
         stacks: the drives sorted into kinds, where known.
     """
     limits = limits or Limits()
@@ -438,7 +428,7 @@ def judge_variants(
 def _reasons_beyond_limits(
     drives: Sequence[Drive], stacks: Sequence[Stack] | None, columns: Mapping[str, ColumnValues], limits: Limits
 ) -> dict[int, list[str]]:
-    """Reasons of each variant with metrics beyond limits, by its number: rule by rule, in the columns' order."""
+    """Reasons of the variants with metrics beyond limits, by variant, in the order of rules and columns."""
     found: dict[int, list[tuple[int, str, str]]] = {}
     chains = {chain.name for drive in drives for chain in drive.chains}
     each = partial(number_of_each_drive, drives, stacks)
@@ -466,7 +456,7 @@ def _reasons_beyond_limits(
 
 
 def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
-    """Reasons (rule, column, text) rule by rule; of one rule in the order of the drive's own columns."""
+    """Reasons (rule, column, text) in the order of rules, and of the drive's columns."""
     if len({rule for rule, _, _ in reasons}) == len(reasons):
         return reasons
     places = _column_places(drive)
@@ -474,14 +464,14 @@ def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) 
 
 
 def _column_places(drive: Drive) -> dict[str, int]:
-    """Place of each column among those of the drive's own table."""
+    """Place of each metric in a drive's table."""
     from warpchain.results.metric_columns import metric_names  # which imports what this module judges
 
     return {name: place for place, name in enumerate(metric_names(drive))}
 
 
 def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains: set[str]) -> NDArray[np.bool_]:
-    """Whether each drive's column of this prefix is held against a rule's limit (V,).
+    """Whether each drive's column of this prefix is held against a limit (V,).
 
     Args:
         of: the column's prefix; "" for a drive's only chain.
@@ -494,7 +484,7 @@ def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains
 
 
 def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, ColumnValues]) -> dict[int, str]:
-    """Name of each variant's first column, by the variant's number, that has a value which is not finite."""
+    """First metric of each variant that is not finite, by variant."""
     found: dict[int, list[str]] = {}
     for name, (values, null) in columns.items():
         if values.dtype.kind == "f":
@@ -508,9 +498,9 @@ def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, Colu
 
 
 def judgement_warning(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """One line on V variants: which are not ok, why, and what to change; None where all are ok.
+    """Warning of one line: which variants are not ok, why, and what to change; None where all are.
 
-    A variant whose run was interrupted, and that has nothing else, is left out.
+    Interrupted variants that are else ok are left out.
     """
     bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED_REASON]
     if not bad:

@@ -6,8 +6,7 @@ With mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), N normal forces and v slidi
     guides   mu(v) N |v|                                                                                         (b)
     teeth    mu(v) N |v|,   v along the contact                                                                  (c)
 
-as the kernels have it, but for their bound on what a step can stop. These are of the frames, and so over time and
-speed; the metrics `joints.friction` and `PART.friction` are summed at every step.
+as the kernels have it, but for their bound on what a step can stop.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ SLIP_LOSSES = "clutches and gear changes"
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
-    """Energy dissipated over the window by group [J], the largest first; groups that the drive has not are left out.
+    """Energy dissipated over the window by group [J], the largest first; groups without parts are left out.
 
     With `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
 
@@ -86,7 +85,7 @@ def joint_turn_rates(trajectory: Trajectory) -> Array:
 
 
 def joint_loads(trajectory: Trajectory) -> Array:
-    """Force on each joint (F, N) [N]: the larger of its two links' tensions, whatever their sign."""
+    """Force on each joint (F, N) [N]: the larger of its links' tensions."""
     (tension,) = require_channels(trajectory, "tension")
     size = np.abs(np.asarray(tension, dtype=float))
     return np.maximum(size, np.roll(size, 1, axis=1))
@@ -131,7 +130,7 @@ def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp])
 
 
 def friction_power(trajectory: Trajectory) -> dict[str, Array]:
-    """Friction power (F,) [W] of "joints" and, by name, of the guides and sprockets; of what rubs only."""
+    """Friction power (F,) [W] of "joints", guides and sprockets by name, of what rubs."""
     drive = trajectory.drive
     found: dict[str, Array] = {}
     if drive.chain.rubs:
@@ -148,7 +147,7 @@ def friction_power(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
-    """Friction powers by name added up to "joints", all "guides" and the "teeth" of all sprockets."""
+    """Friction powers added up to "joints", "guides" and "teeth"."""
     groups = {
         "joints": ["joints"],
         "guides": [guide.name for guide in drive.guides],
@@ -159,10 +158,10 @@ def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[st
 
 
 def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
-    """Mean friction power of a run's ok variants by group (V,) [W], over the driver's mean speed (V,) [rad/s].
+    """Mean friction power of a run's ok variants by group (V,) [W], over the driver's ascending speed (V,) [rad/s].
 
-    Of the sums at every step, ascending in speed; None with fewer than three speeds, where nothing rubs, or where
-    variants have several chains or unlike drivers. Variants must have the parts of the first.
+    None with fewer than three speeds, where nothing rubs, or where variants have several chains or unlike drivers.
+    Variants must have the parts of the first.
     """
     drive, table = run.drives[0], run.metrics
     names = {f"{of.sprockets[of.driver].name}.speed_mean" for of in run.drives}

@@ -1,8 +1,8 @@
 """A measured signal beside a run: laid over the simulated one, statistics and orders compared.
 
-Simulated values are those of the latter half of the recording, measured ones all that are given. Orders are multiples
-of the driver's revolution; the rig is taken to turn at the run's mean speed. The amplitude of an order is the largest
-line of the spectrum within `LINES_WITHIN` lines of it (Hann window, `signals.amplitude_spectrum`).
+Simulated values are of the recording's latter half. Orders are multiples of the driver's revolution; the rig is taken
+to turn at the run's mean speed. The amplitude of an order is the largest line of the spectrum within `LINES_WITHIN`
+lines of it.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from warpchain.results.strand_passing import strand_displacement
 Array = NDArray[np.float64]
 
 LINES_WITHIN = 2
-"""Lines of a spectrum about an order among which its amplitude is looked for."""
+"""Lines of a spectrum about an order that count for its amplitude."""
 
 
 class SignalSource(NamedTuple):
-    """A signal of a run to compare a measured one with.
+    """A simulated signal to compare a measured one with.
 
     Attributes:
         unit: SI unit.
@@ -63,9 +63,9 @@ class SignalComparison:
         measured: the signal.
         group: of curves in playback.
         time, simulated: (F,) of the whole recording.
-        statistics: simulated and measured value by name ("mean", "std", ...), in the signal's unit.
-        orders: cause, simulated and measured amplitude by order, for those that excite the drive and both resolve.
-        spectra: orders and amplitudes (2, L) of the simulated and of the measured signal; None where it has none.
+        statistics: simulated and measured value by name ("mean", "std", ...).
+        orders: cause, simulated and measured amplitude by order.
+        spectra: orders and amplitudes (2, L) of the simulated and of the measured signal, or None.
     """
 
     measured: MeasuredSignal
@@ -78,7 +78,7 @@ class SignalComparison:
 
 
 def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
-    """Signals of a run to lay a measured one over, by name.
+    """Signals of a run to compare measured ones with, by name.
 
     STRAND.tension, SPROCKET.speed, COUPLING.torque, "link 7.tension" and so on; of several chains CHAIN.STRAND.tension,
     "CHAIN.link 7.tension".
@@ -96,7 +96,7 @@ def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
 
 
 def signal_units(drive: Drive) -> dict[str, str]:
-    """SI units of all `signal_sources` of a drive recorded as by default, by name."""
+    """SI units of a drive's `signal_sources`, by name."""
     units: dict[str, str] = {}
     for ring in rings_of(drive):
         before = f"{ring.name}." if ring.name else ""
@@ -113,7 +113,7 @@ def signal_units(drive: Drive) -> dict[str, str]:
 
 
 def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, SignalSource]:
-    """Signals of a chain to compare with, by name; those of its strands and links begin with `before`."""
+    """Signals of a chain to compare with, by name; its strands' and links' begin with `before`."""
     drive = trajectory.drive
     found: dict[str, SignalSource] = {}
     for k, name in enumerate(drive.strand_names):
@@ -151,13 +151,13 @@ def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
 
 
 def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
-    """Signal of a run that a measured one of that name is compared with.
+    """Signal of a run that a measured one of a name is compared with.
 
     Args:
         option: what stands before the name where it was given, such as "--as ".
 
     Raises:
-        SimulationError: an unknown name, with those that there are, or a channel that was not recorded.
+        SimulationError: an unknown name, or a channel that was not recorded.
     """
     require_channels(
         trajectory, "tension", "position", "sprocket_angle", "sprocket_center", "sprocket_force", "guide_force"
@@ -173,10 +173,13 @@ def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
 
 
 def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | None = 0.0) -> SignalComparison:
-    """Comparison of a measured signal with the simulated one of a run. Raises as `source`.
+    """Comparison of a measured signal with the simulated one of a run.
 
     Args:
         offset: added to the measured time [s]; None takes the one at which both correlate best.
+
+    Raises:
+        SimulationError: as `source`.
     """
     of = source(trajectory, measured.name)
     simulated = of.values()
@@ -202,7 +205,7 @@ def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | N
 
 
 def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -> tuple[Array, Array] | None:
-    """Spectrum of the measured signal over orders of the run's driver; None where that stands still."""
+    """Spectrum of the measured signal over the driver's orders; None where that stands still."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     part = latter_half_frames(trajectory)
     angle = forward_values(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
@@ -218,7 +221,7 @@ def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -
 def _excitation_order_amplitudes(
     trajectory: Trajectory, ours: tuple[Array, Array] | None, theirs: tuple[Array, Array] | None
 ) -> dict[float, tuple[str, float, float]]:
-    """Cause and both signals' amplitudes of each order that excites the drive, where both spectra resolve it."""
+    """Cause and both signals' amplitudes of each order that excites the drive and that both resolve."""
     if ours is None or theirs is None:
         return {}
     causes = {order.value: order.cause for order in orders(trajectory.drive)}
@@ -241,7 +244,7 @@ def _excitation_order_amplitudes(
 
 
 def _best_time_offset(time: Array, simulated: Array, measured: MeasuredSignal) -> float:
-    """Offset of the measured time with which both signals correlate best [s]."""
+    """Offset of the measured time at which both signals correlate best [s]."""
     from scipy.signal import correlate
 
     step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))

@@ -1,6 +1,6 @@
 """Measured signals of MAT and MDF4 files, read in a process of their own.
 
-scipy and asammdf read these files in C, where a damaged one can end the process, take all memory, or never end.
+A damaged file can end the process that reads it, take all memory, or never end.
 """
 
 from __future__ import annotations
@@ -26,11 +26,10 @@ from warpchain.python_process import can_start_python, start_python
 from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, column_index, require_finite_values
 
 MOST_SIGNAL_VALUES = 2**25
-"""Values of a signal, at most; 256 MiB, as a chunk of an archive."""
 MOST_MEMORY = 2**33
-"""Address space of the process that reads, at most [bytes]."""
+"""Address space of the reading process [bytes]."""
 MOST_READING_TIME = 300.0
-"""Time that reading may take [s]."""
+"""Time for reading a file [s]."""
 _MAT_NUMBER_CLASSES = (
     "int8",
     "uint8",
@@ -44,13 +43,12 @@ _MAT_NUMBER_CLASSES = (
     "double",
     "logical",
 )
-"""Classes of variables in MAT files that are arrays of numbers."""
 _MDF_TIME_CHANNELS = ("time", "t", "Time")
-"""Channels of MDF4 that have the time of others."""
+"""Channels of MDF4 that are other channels' time."""
 
 
 def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a MAT or MDF4 file, read in a process of its own where one can be started.
+    """Columns of time and values of a MAT or MDF4 file, read in a process of its own where possible.
 
     Raises:
         SimulationError: as `read_binary_columns_here`, or a file at which that process ended.
@@ -94,7 +92,7 @@ def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tupl
 
 @contextlib.contextmanager
 def _convert_file_errors(path: str | Path, words: str) -> Iterator[None]:
-    """Turns what keeps a file from being read into a SimulationError of one line; `words` are for damage."""
+    """Turns what keeps a file from being read into a SimulationError; `words` are for damage."""
     try:
         yield
     except SimulationError:
@@ -142,7 +140,7 @@ def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def _check_value_count(path: str | Path, name: str, count: int) -> None:
-    """Refuses more values than a signal may have, before they are read: a small file can state any number of zeros."""
+    """Refuses more values than a signal may have, before they are read."""
     if count > MOST_SIGNAL_VALUES:
         raise SimulationError(f"{path}: {name} has {count} values; allowed are at most {MOST_SIGNAL_VALUES}")
 
@@ -176,7 +174,7 @@ def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def answer_read_request() -> None:
-    """Answers a request on standard input, on what was standard output, with bounded memory."""
+    """Reads the file that standard input names, in bounded memory, and answers on standard output."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
@@ -193,7 +191,7 @@ def answer_read_request() -> None:
 
 
 def _limit_memory() -> None:
-    """Bounds this process's memory, and lets it leave no image of it."""
+    """Bounds this process's memory, and lets it leave no image."""
     with contextlib.suppress(ImportError, OSError, ValueError):  # a system without such bounds
         import resource
 

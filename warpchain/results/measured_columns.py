@@ -1,4 +1,4 @@
-"""Columns of files of measured values, by their names, and the numbers in them."""
+"""Columns of files of measured values, by their names."""
 
 from __future__ import annotations
 
@@ -21,12 +21,11 @@ class MeasuredColumns:
     """Columns and units of a file of measured values.
 
     Attributes:
-        column: column, variable or channel of the values: name, name and unit as in the file, or number, "#2"; None is
-            the first after the time.
-        time: column of the time, named likewise; None is the first. Channels of MDF4 have their own.
-        unit, time_unit: of them; None takes what the head says in brackets or parentheses, else SI.
-        decimal: "." or ",", which ends the whole part of numbers in CSV; the other one is then between thousands. None
-            takes the one that all numbers of the file have.
+        column: of the values: name, name and unit as in the file, or number, "#2"; None is the first after the time.
+        time: of the time, likewise; None is the first. Channels of MDF4 have their own.
+        unit, time_unit: None takes what the head says in brackets or parentheses, else SI.
+        decimal: "." or ",", before decimals in CSV; the other one is then between thousands. None takes the one that
+            all numbers have.
     """
 
     column: str | None = None
@@ -39,7 +38,7 @@ class MeasuredColumns:
 def column_index(
     path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
 ) -> int:
-    """Place of a column among all, each given by its name, and by its name with its unit.
+    """Place of a column among all, each given by its name, and by its name with unit.
 
     Raises:
         SimulationError: there is none of that name, or several.
@@ -62,7 +61,7 @@ def column_index(
 
 
 def require_finite_values(path: str | Path, name: str, values: Array) -> Array:
-    """Values of a column; raises SimulationError where one is not finite."""
+    """Values of a measured column; raises SimulationError where one is not finite."""
     if not (np.abs(values) <= HUGE).all():
         raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
     return values

@@ -1,4 +1,4 @@
-"""Measured signals as files, with units, as rigs write them: comma-separated values, MAT, MDF4."""
+"""Measured signals as files, with units, as rigs write them: CSV, MAT, MDF4."""
 
 from __future__ import annotations
 
@@ -43,11 +43,10 @@ SIGNAL_STATISTICS: dict[str, Callable[[Array], float]] = {
     "99.9th percentile": lambda x: float(np.quantile(x, 0.999)),
     "largest": lambda x: float(x.max()),
 }
-"""Statistics by which a measured signal is compared with that of a run."""
 BINARY_ENDINGS = (".mat", ".mf4")
 """Endings of files that `measured_binary` reads; all others are CSV."""
 LATEST_TIME = 1e9
-"""Times beyond are mistakes [s]; recordings count nanoseconds in 64 bits."""
+"""Times beyond are mistakes [s]."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class MeasuredSignal:
     Attributes:
         name: what was measured, one of `measured.signal_sources`.
         unit: SI unit.
-        time: (K,) of the run [s], ascending.
+        time: (K,) ascending [s].
         values: (K,) in SI.
     """
 
@@ -68,20 +67,19 @@ class MeasuredSignal:
 
 
 def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns | None = None) -> MeasuredSignal:
-    """Measured signal of a file: of MAT (.mat), of MDF4 (.mf4), else of comma-separated values.
+    """Measured signal of a MAT (.mat), MDF4 (.mf4) or else CSV file.
 
     CSV has a head of names, then numbers, separated by commas, semicolons or tabs. Names may end in a unit, "tension
-    [kN]" or "time (ms)", or the line below the names may hold the units. With semicolons or tabs numbers may have
-    decimal commas, all of them or none. Lines that begin with # are passed over. The variables of a MAT file are
-    vectors.
+    [kN]" or "time (ms)", or the line below them may hold the units. With semicolons or tabs all numbers may have
+    decimal commas. Lines that begin with # are passed over. Variables of a MAT file are vectors.
 
     Args:
         name: what was measured.
         unit: SI unit that it must have.
 
     Raises:
-        SimulationError: a file, column, unit or number that is not understood, a name that stands twice, points and
-            commas in numbers, a time that does not ascend, or MDF4 without the package asammdf.
+        SimulationError: a file, column, unit or number that is not understood, points and commas in numbers, a time
+            that does not ascend, or MDF4 without the package asammdf.
     """
     columns = columns or MeasuredColumns()
     if columns.decimal not in (None, ".", ","):
@@ -151,7 +149,7 @@ _DECIMAL_NUMBER = re.compile(r"\s*[+-]?(?=.*\d)\d*([.,])\d*(?:([.,])\d*)?(?:[eE]
 
 
 def _decimal_sign(path: str, rows: list[tuple[int, list[str]]]) -> str:
-    """Sign before the decimals of a CSV file's numbers: the one that all of them have, else a point."""
+    """Decimal sign that all of a CSV file's numbers have, else a point."""
     first: dict[str, tuple[int, str]] = {}
     for k, row in rows:
         for cell in row:
@@ -196,7 +194,7 @@ def _si_unit_and_factor(path: str | Path, word: str) -> tuple[str, float]:
 
 
 def _numbers_from_cells(path: str | Path, line: int, cells: list[str], read: Callable[[str], float]) -> list[float]:
-    """Numbers of some cells of a line; raises SimulationError where one is not finite."""
+    """Numbers of a line's cells; raises SimulationError where one is not finite."""
     values = [read(cell) for cell in cells]
     if not all(abs(value) <= HUGE for value in values):
         raise SimulationError(f"{path}: line {line}: {', '.join(cells)!r}: must be finite numbers within {HUGE:g} of 0")

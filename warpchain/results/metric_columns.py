@@ -1,6 +1,6 @@
 """The registry of metrics: every column of a table of metrics, with its unit, its title and how it is formed.
 
-A new metric is a row here; if it needs a sum of its own, also a field in `kernels/structs.py` and the line of
+A new metric is a row here; one with a sum of its own, also a field in `kernels/structs.py` and the line of
 `kernels/sums.py` that adds to it.
 """
 
@@ -52,10 +52,9 @@ class Column:
         name: its own; the name of its part, and a dot, stand before it: `camshaft.speed_mean`.
         unit: SI unit, "1" for a count, ratio or flag.
         title: what it is, in words.
-        value: forms it from what its group gives (`WindowSums`, `EnergyBalance` or `DesignInputs`), masked where there
-            is none (`mask_absent`); left out where the number comes from elsewhere.
+        value: forms it from a `WindowSums`, `EnergyBalance` or `DesignInputs`, masked where there is none; or None.
         kind: float, int, bool or str.
-        is_aside: whether it says how good other metrics are, or more of the same: studies analyze it only by name.
+        is_aside: whether studies analyze it only by name.
     """
 
     name: str
@@ -73,10 +72,9 @@ class MetricGroup:
     Attributes:
         part: key of `PART_PREFIXES`.
         columns: in the table's order.
-        source: the field of `kernels.structs.Sums` that they are formed from, if it is one.
-        weight: of rows of those sums, from the window's length [s] and the number of rollers; 0 where the window has no
-            such part.
-        applies_to: whether the drive's part of this index has them; left out if every one has.
+        source: field of `kernels.structs.Sums` that they are formed from.
+        weight: of its rows, from the window's length [s] and the number of rollers; 0 for no such part in the window.
+        applies_to: whether the drive's part of this index has them; None for all.
     """
 
     part: str
@@ -93,19 +91,18 @@ def has_partner_friction(drive: Drive, index: int) -> bool:
 
 
 TENSION_QUANTILE_SHARES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
-"""Shares of the quantiles of link tension by what ends their names: the share's digits after the point."""
 
 
 @cache
 def standard_error_column(column: Column) -> Column:
-    """Column of the standard error of a mean, one for each mean's column."""
+    """Column of the standard error of a mean's column."""
     assert column.value is not None
     title = f"standard error of the {column.title}"
     return Column(f"{column.name}{ERROR_SUFFIX}", column.unit, title, standard_error_of(column.value), is_aside=True)
 
 
 def columns_with_errors(*columns: Column) -> tuple[Column, ...]:
-    """Columns of one group of sums, each mean followed by its standard error."""
+    """Columns of metrics, each mean followed by its standard error."""
     found: list[Column] = []
     for column in columns:
         found += [column, standard_error_column(column)] if column.name.endswith("_mean") else [column]
@@ -569,7 +566,7 @@ REPORT_METRICS = (
         ),
     ),
 )
-"""Columns of recorded variants by `results.engineering_report`, and of reports."""
+"""Columns of recorded variants by `results.engineering_report`."""
 
 WINDOW_METRICS = (
     (CHAIN_TENSION_METRICS,),
@@ -584,7 +581,7 @@ WINDOW_METRICS = (
     (VALVE_METRICS,),
     (JOINT_METRICS,),
 )
-"""Columns formed of the window's sums. Groups in one tuple go part by part: all of one, then all of the next."""
+"""Columns formed of the window's sums; groups in one tuple go part by part."""
 DESIGN_METRICS = (
     (MetricGroup("chain", (PEAK_FACTOR,)),),
     (FRICTION_POWER_METRICS,),
@@ -610,7 +607,7 @@ MODE_METRICS = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
     Column("damping_ratio", "1", "damping ratio of that mode"),
 )
-"""Columns of modes that studies can ask for (`modes.NAME.frequency`)."""
+"""Columns of modes (`modes.NAME.frequency`)."""
 COLUMN_BY_NAME = {
     c.name: c
     for groups in (REPORT_METRICS, *ALL_METRICS, (RUN_METRICS,), RECORDED_METRICS)
@@ -618,7 +615,6 @@ COLUMN_BY_NAME = {
     for c in group.columns
 }
 COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
-"""Every column by its own name."""
 
 
 def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
@@ -636,11 +632,10 @@ CHAIN_BALANCE_NAMES = ("links.dissipated",)
 """Columns of the energy balance that chains have, too."""
 
 CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
-"""Groups of metrics that only some parts have."""
 
 
 def _columns_key(drive: Drive) -> Hashable:
-    """Key of the columns that a drive has, of the terms of its energy balance, and of the sprocket that drives."""
+    """Key of a drive's columns, its energy balance's terms and its driver."""
     if drive.chains:
         return tuple((ring.name, _columns_key(ring.drive)) for ring in rings_of(drive))
     has = (
@@ -657,12 +652,7 @@ def _columns_key(drive: Drive) -> Hashable:
 
 
 def variants_by_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:
-    """Numbers of the drives with the same columns, formed alike, kind by kind; a stack's all have the same.
-
-    Args:
-        drives: the drives.
-        stacks: them sorted into stacks, where known.
-    """
+    """Numbers of the drives with the same columns, kind by kind, from the drives and their stacks, where known."""
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
     for stack in stacks_of(drives) if stacks is None else stacks:
         kinds.setdefault(_columns_key(drives[int(stack.members[0])]), []).append(stack.members)
@@ -677,7 +667,7 @@ def metric_names(drive: Drive) -> list[str]:
 
 
 def metric_table_names(drive: Drive) -> list[str]:
-    """Names of all columns of the metrics of a run of a drive, in the table's order."""
+    """Names of all columns of the metrics of a drive's run, in order."""
     return [*(column.name for column in RUN_METRICS.columns), *metric_names(drive)]
 
 
@@ -693,18 +683,18 @@ def _metric_names_of_chains(drive: Drive) -> list[str]:
 
 
 def column_of_metric(name: str) -> Column | None:
-    """Registry's row of a table's column by its name, None for a column of other origin."""
+    """Registry's column of a metric's name, None for a column of other origin."""
     return COLUMN_BY_NAME.get(name) or COLUMN_BY_NAME.get(name.rsplit(".", 1)[-1])
 
 
 def unit_of_metric(name: str) -> str:
-    """Unit of a metric's column, "1" for a count, ratio or flag."""
+    """Unit of a metric by its name, "1" for a count, ratio or flag."""
     column = column_of_metric(name)
     return column.unit if column else "1"
 
 
 def title_of_metric(name: str) -> str:
-    """Metric's column in words: "camshaft: mean angular velocity"; its name for a column of other origin."""
+    """Metric in words, by its name: "camshaft: mean angular velocity"."""
     column = column_of_metric(name)
     if column is None:
         return name

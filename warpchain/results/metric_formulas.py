@@ -38,13 +38,13 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 STEP_KEY = "run.step"
-"""Key of the step [s] among the metrics of `DesignInputs`; no column."""
+"""Key of the step [s] among `DesignInputs`; no column."""
 VariantValues = Any
 """A number, or an array of one number a variant (V,)."""
 
 
 class LazyFields(dict[str, Any]):
-    """Arrays by name, each worked out by `value` when it is first asked for."""
+    """Arrays by name, each worked out when it is first asked for."""
 
     def __init__(self, value: Callable[[str], Any]) -> None:
         super().__init__()
@@ -69,7 +69,7 @@ def number_of_each_drive(
         drives: (V,) the drives.
         stacks: them sorted into kinds, where known.
         value: of a drive, or of a stack, and of what is given.
-        given: arrays (V, ...), of which a stack gets its members' along the last axis, (..., members).
+        given: arrays (V, ...), of which a stack gets its members' last, (..., members).
     """
     found = np.empty(len(drives))
     for stack in stacks or [Stack(np.array([v]), drive) for v, drive in enumerate(drives)]:
@@ -105,8 +105,8 @@ class WindowSums:
     Attributes:
         sums: rows of the group's sums.
         weight: what means divide by: samples, or the window's length [s].
-        batches: the sums batch by batch along a last axis, where noted so; weights are nan where nothing is.
-        tension: link tensions in each bin (V, bins), and the bins' edges (V, bins + 1) [N], of what has tensions.
+        batches: the sums batch by batch along a last axis, of nan weight where there is nothing.
+        tension: link tensions in each bin (V, bins), and the bins' edges (V, bins + 1) [N].
     """
 
     sums: Any
@@ -127,12 +127,12 @@ def sum_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def flow_of(*fields: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a sum of some of a tensioner's flows."""
+    """Formula of a metric that is a sum of a tensioner's flows."""
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
 def chamber_filling_time(of: WindowSums) -> VariantValues:
-    """Time until oil had filled a tensioner's chamber (V,) [s], from the run's beginning; masked where it has not."""
+    """Time until oil had filled a tensioner's chamber (V,) [s]; masked where it has not."""
     flows = of.sums["flows"]
     return mask_absent(flows["unfilled"] == 0, flows["filling"])
 
@@ -145,7 +145,7 @@ def mean_of(field: str, component: int | None = None) -> Callable[[WindowSums], 
 
 
 def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a standard deviation, from a sum and that of squares."""
+    """Formula of a metric that is a standard deviation."""
 
     def formula(of: WindowSums) -> VariantValues:
         center = of.sums[field] / of.weight
@@ -155,12 +155,12 @@ def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def rms_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is the root of a mean square."""
+    """Formula of a metric that is a root mean square."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
 LEAST_TURNOVER = 1e-3
-"""Least energy that a residual or a change is held against, of the energy stored."""
+"""Least energy that a residual or a change is held against, of that stored."""
 
 
 def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
@@ -205,7 +205,7 @@ class DriftMeans:
     Attributes:
         tension: of the chain's tension [N].
         speeds: of each sprocket's angular velocity [rad/s].
-        waves: (V,) periods of the slowest harmonic of motions and loads in the window [-], 0 for none.
+        waves: (V,) periods of the slowest ripple in the window, 0 for none.
     """
 
     tension: NDArray[np.float64]
@@ -220,7 +220,7 @@ class DriftMeans:
 
     @property
     def tension_change_chance(self) -> VariantValues:
-        """Probability that the mean tension seems to change so much by chance (V,)."""
+        """Probability of so large a change of the mean tension by chance (V,)."""
         _, chance = window_drift(self.tension)
         return mask_absent(np.isfinite(chance), chance)
 
@@ -239,9 +239,9 @@ class EnergyBalance:
         input: work of what prescribes angles and centers.
         output: work against the loads.
         links: dissipated in the links.
-        dissipated: in links, joints, contacts, mounts, arms and tensioners.
+        dissipated: in all parts.
         change: of the mechanical energy.
-        stored: the mechanical energy itself, at its larger end.
+        stored: mechanical energy, at its larger end.
     """
 
     input: VariantValues
@@ -271,10 +271,7 @@ class EnergyBalance:
 
     @property
     def relative_residual(self) -> VariantValues:
-        """Residual over half the sum of the terms' magnitudes, or over `LEAST_TURNOVER` of the energy stored.
-
-        Where hardly any energy is turned over the residual is round-off of what is stored.
-        """
+        """Residual over half the sum of the terms' magnitudes, or over `LEAST_TURNOVER` of the energy stored."""
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
         turnover = np.maximum(turnover, LEAST_TURNOVER * abs(self.stored))
         return np.where(turnover == 0.0, 0.0, self.residual / turnover)
@@ -282,13 +279,13 @@ class EnergyBalance:
 
 @dataclass(frozen=True)
 class DesignInputs:
-    """Other metrics of variants of the same columns, from which those that designs are judged by are formed.
+    """Other metrics of variants, from which those that designs are judged by are formed.
 
     Attributes:
         drives: the variants.
         stacks: them sorted into kinds, where known.
-        metrics: their columns so far, (V,) each, masked where a variant has none.
-        prefix: of the part's columns, "" for the whole chain.
+        metrics: their columns so far, (V,) each, masked.
+        prefix: of the part's columns, "" for the chain.
         index: the part's.
     """
 
@@ -335,7 +332,7 @@ def peak_factor(of: DesignInputs) -> VariantValues:
 
 
 def displacement_std(of: DesignInputs) -> VariantValues:
-    """Standard deviation of a strand's displacement (V,) [m], from its mean and its root mean square."""
+    """Standard deviation of a strand's displacement (V,) [m], from mean and root mean square."""
     center, root = of["displacement_mean"], of["displacement_rms"]
     spread = np.sqrt(np.maximum(root * root - center * center, 0.0))
     return mask_absent(of.has_metrics("displacement_mean", "displacement_rms"), spread)

@@ -1,7 +1,7 @@
 """The table of metrics: one row a variant, from what the kernels added up over the window.
 
-Columns and their formulas stand in the registry (`results.metric_columns`). Variants of the same columns are worked on
-at once, as arrays.
+Columns and their formulas are in the registry (`results.metric_columns`). Variants of the same columns are worked on at
+once.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ ColumnBlocks = list[tuple[NDArray[np.int64], MaskedColumns]]
 
 @dataclass(frozen=True)
 class VariantEnds:
-    """Ends of V variants.
+    """Ends of V variants; what has a default may be unknown.
 
     Attributes:
         drives: (V,) the variants.
@@ -68,14 +68,11 @@ class VariantEnds:
         steps: (V,) the step that each came to.
         diverged: (V,) whether it was stopped as diverged.
         settled: (V,) "steps" and "residual" of its settling.
-        engaged: (V, S) share of the rollers of each sprocket's wrap that are on its teeth at the end, S that of the
-            drive with the most sprockets.
+        engaged: (V, S) share of each sprocket's wrap that is on its teeth at the end, S of the drive with the most.
         layouts: (V,) what is wrong with the drives' layouts.
         settle_force: (V,) largest net force that settling left on a roller [N].
         causes: (V,) why it diverged, of `judgement.DIVERGENCE_CAUSES`, "" where it did not.
-        stacks: the drives sorted into kinds, where known.
-
-    The last five are None where they are not known.
+        stacks: the drives sorted into kinds.
     """
 
     drives: Sequence[Drive]
@@ -110,7 +107,7 @@ class VariantEnds:
         return number_of_each_drive(self.drives, self.stacks, value)
 
     def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack] | None:
-        """Some of the variants, ascending, sorted into kinds and numbered from 0, where kinds are known."""
+        """Stacks of some variants, ascending, numbered from 0."""
         if self.stacks is None:
             return None
         number, place = self._stack_places
@@ -145,11 +142,11 @@ class VariantEnds:
 
 
 def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds:
-    """Ends of several groups of variants as those of all of a run, without what only each group's metrics need.
+    """Ends of several groups of variants as those of a run, with what tables need.
 
     Args:
-        ends: groups of which `layouts`, `causes` and `stacks` are known.
-        numbers: what the variants of each are called in the run.
+        ends: groups with `layouts`, `causes` and `stacks`.
+        numbers: of each group's variants in the run.
     """
     order = np.argsort(np.concatenate(numbers))
 
@@ -174,7 +171,7 @@ def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]])
 
 
 def run_columns(ended: VariantEnds) -> MaskedColumns:
-    """Columns on whether variants diverged and on the window [s]; every variant has these."""
+    """Columns on whether variants diverged and on their window [s]."""
     step = ended.schedule_column("step")
     return {
         "diverged": np.ma.asarray(ended.diverged),
@@ -185,7 +182,7 @@ def run_columns(ended: VariantEnds) -> MaskedColumns:
 
 
 def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns:
-    """Columns formed of the sums over the window of variants of the same columns."""
+    """Metrics formed of the sums over the window, of variants of the same columns."""
     columns: MaskedColumns = {}
     duration = (ended.schedule_column("window_end") - ended.schedule_column("window_start")) * ended.schedule_column(
         "step"
@@ -208,7 +205,7 @@ def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns
 def _batch_window_sums(
     sums: Mapping[str, Any], group: MetricGroup, index: int, links: NDArray[np.integer], long: NDArray[np.bool_]
 ) -> WindowSums | None:
-    """Sums of a group's part batch by batch, None where they are not noted so.
+    """Sums of a group's part batch by batch; None where they are not noted so.
 
     Weights are nan where the window is short, or where there is nothing of the part.
     """
@@ -224,7 +221,7 @@ def _batch_window_sums(
 def _tension_counts(
     sums: Mapping[str, Any], group: MetricGroup, index: int
 ) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
-    """Counts of tensions of a group's part in each bin, and the bins' edges; None where it has none."""
+    """Counts of a part's tensions in each bin, and the bins' edges; None without any."""
     counts, edges = sums["tension"]
     if group.part == "chain":
         return counts.sum(axis=1), edges
@@ -232,7 +229,7 @@ def _tension_counts(
 
 
 def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
-    """Means of the window's parts, by which variants of the same columns are found steady or not."""
+    """Means of the window's parts, by which variants are found steady or not."""
     noted, durations = sums["parts"]
     links = ended.number_of_each(lambda drive: drive.chain.links)[:, None]
     weight = noted["chain"]["samples"] * links
@@ -246,9 +243,9 @@ def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
 
 
 def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
-    """Work done and energy gone over the window, (V,) each; `drive` is any of the variants.
+    """Work done and energy gone over the window, (V,) each, of variants of the same columns.
 
-    What prescribes angles and centers, and what supplies oil, does the input work; the loads take the output work.
+    What prescribes angles and centers, and what supplies oil, does the input work.
     """
     chain, sprockets, mounts = sums["chain"], sums["sprocket"], sums["mount"]
     driven = np.array([not is_free(drive, s) for s in range(len(drive.sprockets))])
@@ -282,10 +279,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
 def design_metric_columns(
     drives: Sequence[Drive], metrics: MaskedColumns, stacks: Sequence[Stack] | None = None
 ) -> MaskedColumns:
-    """Columns that designs are judged by, from the other metrics of variants of the same columns.
-
-    They are masked where sprockets that must turn stand still.
-    """
+    """Metrics that designs are judged by, from the other metrics; masked where sprockets that must turn stand still."""
     columns: MaskedColumns = {}
     with np.errstate(all="ignore"):
         for prefix, index, group in groups_of_drive(drives[0], DESIGN_METRICS):
@@ -295,7 +289,7 @@ def design_metric_columns(
 
 
 def engaged_columns(ended: VariantEnds) -> MaskedColumns:
-    """Share of each sprocket's wrap that is on its teeth at the end, of variants of the same columns."""
+    """Share of each sprocket's wrap that is on its teeth at the end (V,)."""
     if ended.engaged is None:
         return {}
     groups = groups_of_drive(ended.drives[0], ((ENGAGED_METRICS,),))
@@ -306,10 +300,10 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedCo
     """Metrics of V variants whose drives have the same columns.
 
     Args:
-        sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), and where there are
-            any "arm" (V, A) and "tensioner" (V, T) sums of these alone; "batches" and "parts", those of the first four
-            by field with the batches or parts along a last axis, and how long each is (V, batches) [s]; "tension",
-            counts in bins (V, S + 1, bins), those of links on no strand last, and the bins' edges (V, bins + 1) [N].
+        sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm" (V, A),
+            "tensioner" (V, T); "batches" and "parts", those of the first four by field with the batches or parts last,
+            and how long each is (V, batches) [s]; "tension", counts in bins (V, S + 1, bins), those of links on no
+            strand last, and the bins' edges (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):
@@ -330,14 +324,11 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedCo
 
 
 ChainEnds = tuple[VariantEnds, Mapping[str, Any]]
-"""Ends of one chain of some variants, and its sums as `metrics_of_variants` takes them."""
+"""Ends of one chain of some variants, and its sums as of `metrics_of_variants`."""
 
 
 def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> MaskedColumns:
-    """Metrics of V variants of the same columns, from those of their chains.
-
-    Those of a chain and of its strands begin with its name. The energy balance is of all chains together.
-    """
+    """Metrics of V variants of the same columns, from those of their chains, whose names they begin with."""
     columns: MaskedColumns = {}
     balances, measured = [], parts[0][0].is_measured
     for chain, (ended, sums) in zip(drives[0].chains, parts, strict=True):
@@ -357,10 +348,10 @@ def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> Ma
 
 
 def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]) -> ColumnBlocks:
-    """Metrics of all variants, block by block of those with the same columns.
+    """Metrics of all variants, block by block of the same columns.
 
     Args:
-        parts_of: gives the chains of variants whose drives have the same columns, by their numbers.
+        parts_of: gives the chains of variants by their numbers.
     """
     found: ColumnBlocks = []
     for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
@@ -370,7 +361,7 @@ def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Seq
 
 
 def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
-    """Metrics table of all variants; a column stands where the first variant that has one has it among its own.
+    """Metrics table of all variants; columns stand where the first variant with them has them.
 
     Args:
         blocks: of all variants, in any order.
@@ -399,13 +390,13 @@ def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | Non
 
 
 def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
-    """Variants of a kind, at most `LARGEST` at a time, for the processor's caches."""
+    """Variants of a kind, at most `LARGEST` at a time."""
     for variants in kinds:
         yield from np.split(variants, range(LARGEST, len(variants), LARGEST))
 
 
 def table_from_rows(rows: Sequence[Row]) -> pa.Table:
-    """Pyarrow table of rows of metrics; a column that a row lacks is null there, and its field says its unit."""
+    """Pyarrow table of rows of metrics with units; null where a row lacks a column."""
     names = dict.fromkeys(name for row in dict.fromkeys(map(tuple, rows)) for name in row)  # many have the same
     names.pop("variant", None)
     columns = {name: ([row.get(name) for row in rows], None) for name in names}
@@ -413,10 +404,9 @@ def table_from_rows(rows: Sequence[Row]) -> pa.Table:
 
 
 def select_metrics(table: pa.Table, rows: Sequence[int | None], wanted: Callable[[str], bool]) -> pa.Table:
-    """Some columns of some rows of a table of metrics, null where there is none.
+    """Some columns of some rows of a table of metrics, null for no row; empty columns are left out.
 
-    A column in which none of the rows has a value is left out, and so is "variant"; the others stand in the order in
-    which the rows come that have one first.
+    Columns stand in the order in which the rows come that have one first.
     """
     import pyarrow as pa
 
@@ -437,10 +427,7 @@ def _value_type(name: str) -> type:
 
 
 def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Array:
-    """Values of a kind as an Arrow column, null where they are missing.
-
-    They go in as they lie in memory: `pyarrow.array` would load pandas, wherever that is installed.
-    """
+    """Values of a kind as an Arrow column, null where missing; `pyarrow.array` would load pandas."""
     import pyarrow as pa
 
     arrow = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}[kind]

@@ -29,7 +29,7 @@ class ContactForces(NamedTuple):
 
 
 def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[ContactForces, ContactForces]:
-    """Contact forces on the rollers that are above `least` [N]: those of sprockets, those of guide-bars."""
+    """Contact forces on rollers that are above `least` [N]: of sprockets, of guide-bars."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     frame, roller = np.nonzero(sprocket_force > least)
     near, _ = nearest_sprockets_of_rollers(trajectory, frame, roller)
@@ -45,7 +45,7 @@ def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[C
 
 
 def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Sprocket whose pitch circle each of K rollers is nearest to (K,), and how far it is from that circle [m]."""
+    """Sprocket whose pitch circle each of K rollers is nearest to (K,), and the distance from that [m]."""
     position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     x = np.asarray(position, dtype=float)[frame, roller]
     near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
@@ -58,7 +58,7 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
 
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
-    """Direction of the contact force of sprocket s on rollers, wherever they are: that of the nearest gap's surface.
+    """Direction of sprocket s's contact force on rollers, as of the nearest gap's surface.
 
     Args:
         trajectory: with positions, sprocket angles and sprocket centers.
@@ -66,7 +66,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
         frame, roller: (K,) which frames and rollers; None is all of them.
 
     Returns:
-        (K, 2) unit vectors, or (F, N, 2) of all frames and rollers.
+        (K, 2) unit vectors, or (F, N, 2) of all.
     """
     drive, tooth = trajectory.drive, trajectory.drive.tooth(s)
     position, sprocket_center, sprocket_angle = require_channels(
@@ -87,10 +87,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
 
 
 def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Guide whose face each of K rollers at frames (K,) is nearest to (K,), and the face's normal there (K, 2).
-
-    By the height of the roller's center over the face less that at which it touches; 0 normals beyond all faces.
-    """
+    """Guide whose face each of K rollers is nearest to (K,), and the face's normal there (K, 2); 0 beyond all faces."""
     count = len(frame)
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.drive.guides)):
@@ -106,11 +103,7 @@ def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Inde
 
 
 def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> Index:
-    """Sprocket whose pitch circle each roller is nearest to (F, N), -1 beyond its `engagement`.
-
-    Args:
-        rollers: only these, (N,); all if None.
-    """
+    """Sprocket whose pitch circle each roller, of some (N,) or all, is nearest to (F, N); -1 for none."""
     drive = trajectory.drive
     which = np.arange(drive.chain.links) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
@@ -120,7 +113,7 @@ def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> I
 
 
 def contact_force_vectors(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Contact forces on the rollers as vectors (F, N, 2) [N]: those of sprockets, those of guide-bars."""
+    """Contact forces on all rollers as vectors (F, N, 2) [N]: of sprockets, of guide-bars."""
     (position,) = require_channels(trajectory, "position")
     both = []
     for arrows in roller_contact_forces(trajectory):

@@ -5,7 +5,7 @@ With the ideal angle of a driven sprocket z_d theta_d / z_s forward, K the conta
     transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
     engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
 
-(b) asks for several samples in 2 pi sqrt(m / K) of one passing, or for many passings.
+(b) asks for several samples in 2 pi sqrt(m / K), or for many passings.
 """
 
 from __future__ import annotations
@@ -30,12 +30,10 @@ Row = dict[str, float]
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulse of each roller's first touch with a sprocket, one for each tooth passing that begins (P,) [N s] (b).
+    """Impulse of each roller's first touch with sprocket s, one a tooth passing (P,) [N s] (b).
 
     Args:
-        trajectory: one recorded variant.
-        s: the sprocket.
-        start: time from which touches count [s]; the frames before show which rollers were there already.
+        start: time from which touches count [s].
 
     Raises:
         SimulationError: recorded without positions, sprocket centers or sprocket forces.
@@ -61,13 +59,9 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
 
 
 def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
-    """Objectives of a recorded window by name: transmission errors (a), engagement impulses (b), fatigue.
-
-    Those whose channels were not recorded are left out.
+    """Objectives of a recorded window [s] by name, as far as its channels allow: (a), (b), fatigue.
 
     Args:
-        trajectory: one recorded variant.
-        start, end: the window [s].
         woehler: Woehler curve of a link; None leaves fatigue out.
 
     Raises:
@@ -108,7 +102,7 @@ def _objectives_of_chains(trajectory: Trajectory, start: float, end: float, woeh
 
 
 def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
-    """Damage of the worst and the mean link an hour, and the range that does it once a chain revolution."""
+    """Damage of the worst and the mean link an hour, and the range that does it."""
     (tension,) = require_channels(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
     cycles = count_links(tension)
@@ -128,10 +122,9 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """Metrics of a run with the objectives as further columns; null for variants not recorded, or that are not ok.
+    """Metrics of a run with the objectives of its recorded, ok variants as further columns.
 
     Args:
-        run: what `simulate` or `read_archive` returned.
         woehler: Woehler curve of a link; None leaves fatigue out.
     """
     from warpchain.results.metrics import table_from_rows

@@ -1,7 +1,7 @@
 """Signals over the angle of the driver: order tracking by resampling, amplitudes of orders, averages over the cycle.
 
-An order is a number of oscillations per revolution of the driver. Samples at even times are put at even angles by a
-cubic spline. Over a whole number of periods
+An order is a number of oscillations per revolution of the driver. Samples are put at even angles by a cubic spline.
+Over a whole number of periods
 
     a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions                               (a)
 
@@ -23,30 +23,29 @@ from warpchain.results.signals import forward_values
 Array = NDArray[np.float64]
 
 CYCLE_TURNS = 2.0
-"""Revolutions of the driver in the working cycle of a four-stroke engine."""
+"""Revolutions of the driver in a four-stroke working cycle."""
 LEAST_SAMPLES_A_TURN = 256
 """Samples of a revolution after resampling, at least."""
 CYCLE_POINTS = 720
-"""Points of a working cycle at which cycles are averaged."""
 BLOCK_TURNS = 8.0
-"""Revolutions of a block of a run-up; orders half an order apart are then resolved (Hann)."""
+"""Revolutions of a block of a run-up, which resolves orders half an order apart."""
 
 
 def driver_turns(trajectory: Trajectory) -> Array:
-    """Revolutions of the driver in the direction of travel since the recording began (F,)."""
+    """Forward revolutions of the driver since the recording began (F,)."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     angle = forward_values(trajectory.drive, sprocket_angle, trajectory.drive.driver)
     return (angle - angle[0]) / (2.0 * np.pi)
 
 
 def last_rising_frames(turns: Array) -> slice:
-    """Longest last slice of revolutions (F,) over which they rise from frame to frame."""
+    """Last frames over which the driver's revolutions (F,) rise."""
     still = np.flatnonzero(np.diff(turns) <= 0.0)
     return slice(int(still[-1]) + 1 if len(still) else 0, None)
 
 
 def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
-    """Samples (K,) at revolutions `at`, by a cubic spline through those at ascending revolutions `turns` (F,)."""
+    """Samples at revolutions `at` (K,), by a spline through those at `turns` (F,), ascending."""
     from scipy.interpolate import CubicSpline
 
     finite = np.isfinite(values)
@@ -56,17 +55,17 @@ def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
 
 
 def _samples_a_turn(turns: Array) -> int:
-    """Samples of a revolution: as many as the slowest has frames, at least `LEAST_SAMPLES_A_TURN`."""
+    """Samples of a revolution, for the slowest to keep all of its frames."""
     return max(LEAST_SAMPLES_A_TURN, int(np.ceil(1.0 / float(np.diff(turns).max()))))
 
 
 def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Array | None:
-    """Amplitudes of orders over the last whole number of cycles (a), (O,); None where there is not one.
+    """Amplitudes of orders over the last whole cycles (a), (O,); None without one.
 
     Args:
         turns: (F,) revolutions, ascending.
         values: (F,) the signal.
-        orders: whose period is the cycle: multiples of a half.
+        orders: multiples of a half.
     """
     cycles = int((turns[-1] - turns[0]) / CYCLE_TURNS * (1.0 + 1e-9))
     if cycles < 1 or not np.isfinite(values).all():
@@ -84,7 +83,7 @@ class OrderCuts(NamedTuple):
         speed: (B,) mean speed of each block [rad/s].
         time: (B,) its middle [s].
         orders: (O,) the orders.
-        amplitude: (B, O) amplitudes in the unit of the signal.
+        amplitude: (B, O) amplitudes in the signal's unit.
     """
 
     speed: Array
@@ -99,7 +98,7 @@ def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]
     Args:
         time, turns: (F,) of the samples [s], revolutions ascending.
         values: (F,) the signal.
-        orders: those to be cut; of any value.
+        orders: of any value.
     """
     wanted = np.asarray(orders, dtype=float)
     rate = _samples_a_turn(turns)
@@ -126,7 +125,7 @@ class CycleAverage(NamedTuple):
 
     Attributes:
         angle: (A,) of the driver from where the recording began [rad].
-        mean, low, high: (A,) mean, smallest and largest of all cycles at that angle.
+        mean, low, high: (A,) of all cycles at that angle.
         cycles: how many there are.
     """
 
@@ -138,10 +137,7 @@ class CycleAverage(NamedTuple):
 
 
 def cycle_average(turns: Array, values: Array) -> CycleAverage | None:
-    """Mean and envelope of a signal (F,) over the last whole working cycles; None where there is not one.
-
-    Angles count from where `turns` is 0, so that those of several signals, and of several slices, agree.
-    """
+    """Mean and envelope of a signal (F,) over the last whole working cycles; None without one."""
     first = int(np.ceil(turns[0] / CYCLE_TURNS * CYCLE_POINTS - 1e-9))
     last = int(np.floor(turns[-1] / CYCLE_TURNS * CYCLE_POINTS + 1e-9))
     count = (last - first + 1) // CYCLE_POINTS

@@ -42,7 +42,7 @@ class OutlinePart(NamedTuple):
         kind: "teeth", "guide", "arm", "housing" or "plunger".
         name: of the sprocket, guide, arm or tensioner.
         points: (P, 2) [m].
-        carried: whether an arm or a tensioned sprocket takes it along.
+        carried: whether an arm or a tensioned sprocket carries it.
     """
 
     kind: str
@@ -52,11 +52,7 @@ class OutlinePart(NamedTuple):
 
 
 def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
-    """Pose of a drive's bodies around the path of the unloaded chain, sprockets at angle zero.
-
-    Args:
-        drive: the drive.
-        path: of its chain; None works it out.
+    """Pose of a drive's bodies around the unloaded chain's path, None works it out; sprockets at angle zero.
 
     Raises:
         DriveError: as `chain_path`.
@@ -69,7 +65,7 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
 
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
-    """Pose of a drive's bodies at a frame; those that were not recorded are where the run began."""
+    """Pose of a drive's bodies at a frame; unrecorded ones are as at the start."""
     values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
     start = pose_at_start(trajectory.drive)[:3]
     center, angle, arm = (
@@ -79,7 +75,7 @@ def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
 
 
 def chain_outline(drive: Drive, path: ChainPath) -> Array:
-    """Path of the chain as a closed line (P, 2) [m], around sprockets and guides, points a quarter pitch apart."""
+    """Path of the chain as a closed line (P, 2) [m], points a quarter pitch apart."""
     spacing, line = 0.25 * drive.chain.pitch, []
     for s, sprocket in enumerate(drive.sprockets):
         count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
@@ -92,7 +88,7 @@ def chain_outline(drive: Drive, path: ChainPath) -> Array:
 
 
 def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[OutlinePart]:
-    """Closed outlines of the sprockets' teeth, where the sprockets stand."""
+    """Outlines of the sprockets' teeth, where the sprockets stand."""
     turns = zip(drive.sprockets, pose.center, pose.angle, strict=True)
     return [
         OutlinePart(
@@ -103,7 +99,7 @@ def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[Outl
 
 
 def points_on_arm(drive: Drive, pose: DrivePose, a: int, points: Array) -> Array:
-    """Points (..., 2) [m] of arm a, given as drawn, where it stands."""
+    """Points (..., 2) [m] of arm a where it stands, from those drawn."""
     drawn = drive.arms[a].pivot
     return turn_points(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
 
@@ -134,7 +130,7 @@ def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart
 
 
 def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
-    """Closed outline of sprocket s's teeth at angle zero about its center (P, 2) [m]: seat arcs, flanks and tips."""
+    """Closed outline of sprocket s's teeth at angle zero about its center (P, 2) [m]."""
     return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
 
 
@@ -154,7 +150,7 @@ def guide_outline(drive: Drive, g: int) -> Array:
 
 
 def arm_outline(drive: Drive, a: int) -> list[Array]:
-    """Lines (2, 2) [m] of arm a as drawn, from its pivot to its guides' ends, its sprockets and tensioners."""
+    """Lines (2, 2) [m] of arm a as drawn, from its pivot to guides' ends, sprockets and tensioners."""
     arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
     ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
@@ -163,7 +159,7 @@ def arm_outline(drive: Drive, a: int) -> list[Array]:
 
 
 def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
-    """Closed outlines of housing (5, 2) and plunger (5, 2) [m] of tensioner k as drawn."""
+    """Outlines of housing and plunger (5, 2) [m] of tensioner k as drawn."""
     tensioner = drive.tensioners[k]
     plunger = tensioner.plunger
     wide = drive.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter

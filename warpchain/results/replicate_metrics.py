@@ -3,8 +3,6 @@
 Of n copies with values y_k,
 
     mean = sum y_k / n,    s^2 = sum (y_k - mean)^2 / (n - 1),    standard error of the mean = s / sqrt(n).
-
-Copies by phase are spread evenly over a tooth, not at random, so that the error is, if anything, too large.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
 DRIVE_COLUMN, COPY_COLUMN = "drive", "replicate"
 """Columns of a run's metrics: number of the drive that a variant is a copy of, and of the copy."""
 COUNT_COLUMN = "n"
-"""Column of a summary: how many copies its means are of."""
+"""Column of a summary: number of copies that means are of."""
 ROLE_OF_ERRORS = "error"
 """Role of standard errors between copies, in the fields' metadata."""
 UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
@@ -32,7 +30,7 @@ UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
 
 
 def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
-    """Metrics of copies, `count` of each drive one after the other, with columns that say which is which."""
+    """Metrics of copies, `count` of each drive in turn, with columns that number them."""
     import pyarrow as pa
 
     if count == 1:
@@ -46,11 +44,11 @@ def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
 def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
     """Table with a row a drive of a table of copies: status, reason, n, mean and standard error of each metric.
 
-    A drive has the status of its worst copy, which the reason names. Means are over the copies that are ok; where none
-    is, over all that did not diverge. Copies' own standard errors give way to those between copies.
+    A drive has the status of its worst copy. Means are over the copies that are ok; where none is, over all that did
+    not diverge.
 
     Args:
-        table: a row a copy, with `status` and `reason`, and with `replicate` where there are several of a drive.
+        table: a row a copy, with `status`, `reason` and, of several copies, `replicate`.
         key: the column that says which drive a copy is of.
         first: further columns that are taken from a drive's first copy that has a value.
     """
@@ -87,13 +85,13 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
 
 
 def _first_rows_with_value(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row of each drive's first copy that has a value (D,); of its first copy where none has."""
+    """Row of each drive's first copy (D,), one with a value if there is any."""
     there = np.append(~np.asarray(column.is_null().to_numpy(), dtype=bool), False)[at]
     return at[np.arange(len(at)), np.where(there.any(axis=1), there.argmax(axis=1), (at >= 0).argmax(axis=1))]
 
 
 def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
-    """Whether a column is a metric to average: of numbers, and not the error of another one."""
+    """Whether a column of copies is a metric to average."""
     import pyarrow.types as kinds
 
     if field.name.endswith(ERROR_SUFFIX) and field.name.removesuffix(ERROR_SUFFIX) in names:
@@ -109,7 +107,7 @@ def _copy_numbers(table: pa.Table) -> NDArray[np.int64]:
 
 
 def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> NDArray[np.int64]:
-    """Rows of each drive's copies, by the copies' numbers (D, most copies), -1 where there is none."""
+    """Rows of each drive's copies (D, most copies), -1 where there is none."""
     order = np.lexsort((number, place))
     counts = np.bincount(place, minlength=drives)
     within = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -145,7 +143,7 @@ def _worst_status_and_reason(table: pa.Table, at: NDArray[np.int64]) -> tuple[li
 
 
 def _column_values(table: pa.Table, name: str) -> NDArray[np.float64]:
-    """Values of a column of numbers or switches, nan where it is null."""
+    """Values of a column of copies, nan where null."""
     return np.array(table[name].cast("float64").to_numpy(), dtype=float)
 
 

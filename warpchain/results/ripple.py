@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
-    """Periods in a window of the slowest ripple of motions, loads, motors, valves and led centers; 0 for none.
+    """Periods in a window of the slowest ripple that a drive's motions, loads and valves cause; 0 for none.
 
     Args:
         drive: one, or a stack.

@@ -37,17 +37,16 @@ def check_channel_names(what: str, names: Iterable[str]) -> None:
 @check_arguments(SimulationError, "record.")
 @dataclass(frozen=True)
 class Record:
-    """Recording options: variants and channels kept as trajectories (metrics are always kept, for all variants).
+    """Recording options: variants and channels kept as trajectories; metrics are kept of all variants.
 
     Attributes:
         variants: "all", "none", or the indices of the variants to record.
-        rate: samples a second of simulated time [Hz], rounded to whole steps between them; None takes each drive's own
-            `run.sample_rate`. Frame 0 is t = 0.
-        channels: which of `results.channels.CHANNEL_NAMES` to keep; the others are None in the trajectory. Those on
-            request (`joint_friction_power`) are not kept by default.
+        rate: samples a second of simulated time [Hz], rounded to whole steps; None takes each drive's own
+            `run.sample_rate`.
+        channels: which of `results.channels.CHANNEL_NAMES` to keep; by default those that are not on request.
 
     Raises:
-        SimulationError: for an unknown channel, an unknown word, or a rate that is not positive.
+        SimulationError: an unknown channel or word, or a rate that is not positive.
     """
 
     variants: Literal["all", "none"] | Sequence[Index] = "all"
@@ -69,7 +68,7 @@ class Record:
 
 
 def _add_channel_fields(kind: type) -> type:
-    """Adds a dataclass field for each channel that a class does not declare itself; returns the class."""
+    """Class with a dataclass field for each channel that it does not declare."""
     for name in CHANNEL_NAMES:
         if name not in kind.__annotations__:
             kind.__annotations__[name] = "NDArray[np.floating] | None"
@@ -94,21 +93,20 @@ class Trajectory:
         sprocket_speed: (F, S) sprocket angular velocities, counter-clockwise [rad/s].
         sprocket_moment: (F, S) moment of the contact forces on each sprocket, counter-clockwise [N m] (16).
         sprocket_center: (F, S, 2) sprocket centers [m].
-        joint_friction_power: (F, N) power that the joint at each roller dissipates [W]: moment of friction times the
-            rate at which its links turn against each other, with leapfrog at the mean of the velocities before and
-            after the step, so that it can be a little below 0. On request; 0 where joints do not rub.
-        arm_angle: (F, A) angles of the arms from the drawing, counter-clockwise [rad]; None without arms.
+        joint_friction_power: (F, N) power that the joint at each roller dissipates [W]; with leapfrog at mean
+            velocities, so that it can be a little below 0. On request.
+        arm_angle: (F, A) angles of the arms from the drawing, counter-clockwise [rad].
         arm_speed: (F, A) angular velocities of the arms [rad/s].
         arm_moment: (F, A) moments of the contact forces about the arms' pivots, counter-clockwise [N m].
-        tensioner_extension: (F, T) extensions of the tensioners from the drawing [m]; None without tensioners.
+        tensioner_extension: (F, T) extensions of the tensioners from the drawing [m].
         tensioner_force: (F, T) forces on the bodies that they push [N].
         chamber_pressure: (F, T) absolute pressures in their chambers [Pa]; without oil the ambient one.
-        shaft_angle: (F, H) angles of the shafts since the start, counter-clockwise [rad]; None without shafts.
+        shaft_angle: (F, H) angles of the shafts since the start, counter-clockwise [rad].
         shaft_speed: (F, H) angular velocities of the shafts, counter-clockwise [rad/s].
-        coupling_twist: (F, C) twists of the couplings since the start [rad]; None without couplings.
+        coupling_twist: (F, C) twists of the couplings since the start [rad].
         coupling_torque: (F, C) moments that they pass on to their second shafts [N m].
         hub_force: (F, S, 2) forces of the chain on the sprockets, friction and all [N]. On request.
-        valve_torque: (F, V) torques of the groups of valves against forward rotation [N m]; None without valves.
+        valve_torque: (F, V) torques of the groups of valves against forward rotation [N m].
         valve_force: (F, V) least force of a cam of each group on its follower [N].
         window: of the metrics, (from, to) [s]; None where they are not at hand.
     """
@@ -169,13 +167,13 @@ class Trajectory:
         return Trajectory(self.drive, self.time[frames], **held, window=self.window)
 
     def to_arrow(self) -> pa.Table:
-        """Pyarrow table of the trajectory, one row a frame, units in fields' metadata; shares the arrays' memory."""
+        """Pyarrow table of the trajectory, one row a frame, units in the fields' metadata."""
         from warpchain.results.arrow_tables import trajectory_table
 
         return trajectory_table(self.time, self.channels())
 
     def to_xarray(self) -> xr.Dataset:
-        """Xarray dataset (extra `xarray`) of the trajectory by time, part and axis; shares the arrays' memory."""
+        """Xarray dataset (extra `xarray`) of the trajectory by time, part and axis."""
         from warpchain.results.arrow_tables import trajectory_dataset
 
         return trajectory_dataset(self.time, self.channels(), self.drive)
@@ -184,11 +182,7 @@ class Trajectory:
 def require_channels(
     trajectory: Trajectory, *channels: str, name: str = "the variant"
 ) -> tuple[NDArray[np.floating], ...]:
-    """Channels of a trajectory, in the order of their names.
-
-    Args:
-        channels: of `CHANNELS`.
-        name: what the message calls the trajectory.
+    """Channels of a trajectory by name, in order; `name` is what the error calls it.
 
     Raises:
         SimulationError: naming those that are missing.
@@ -207,12 +201,12 @@ class RunInfo:
         version: warpchain's version.
         device: the Warp device, such as "cpu".
         precision: "float64" or "float32".
-        ended: "complete", or "interrupted" when the user stopped it (what was computed until then is kept).
+        ended: "complete", or "interrupted" when the user stopped it.
         wall_time: seconds the run took.
         created: UTC time of the start, ISO 8601.
         step: time step [s]; None where the variants' steps differ.
-        seed: of the design whose variants these are, if there is one.
-        choice: why it ran on that device, where none was asked for and there was a choice.
+        seed: of the design whose variants these are.
+        choice: why it ran on that device, where there was a choice.
     """
 
     version: str
@@ -232,8 +226,8 @@ class Run(Mapping[int, Trajectory]):
 
     Attributes:
         drives: the drives simulated, in order.
-        metrics: pyarrow table, one row a variant, with what it is judged to be (`results.judgement`); units in the
-            fields' metadata (key "unit"); a quantity that a variant does not have is null.
+        metrics: pyarrow table, one row a variant; `unit` in the fields' metadata; null for a quantity that a variant
+            lacks.
         trajectories: the recorded variants.
         info: how the run was made.
     """
@@ -254,12 +248,12 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def numbers(self) -> Sequence[int]:
-        """Numbers of the run's variants, in the order of `drives`: 0, 1, ... but in a study's archives."""
+        """Numbers of the run's variants in the order of `drives`: 0, 1, ... but in a study's archives."""
         return getattr(self.trajectories, "numbers", range(len(self.drives)))
 
     @check_arguments(SimulationError)
     def row_of(self, variant: int) -> int:
-        """Row of a variant in the run's metrics, and its drive's place.
+        """Row of a variant in the run's metrics and drives.
 
         Raises:
             SimulationError: no such variant.
@@ -271,14 +265,14 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """Whether each variant of the run is judged ok (V,); True where the metrics do not say."""
+        """Whether each variant of the run is judged ok (V,); True where metrics do not say."""
         if "status" not in self.metrics.column_names:
             return np.ones(len(self.drives), dtype=bool)
         return np.array([word == OK for word in self.metrics["status"].to_pylist()], dtype=bool)
 
     @property
     def replicates(self) -> int:
-        """Copies of each drive in the run, 1 where each was run once."""
+        """Copies of each drive in the run."""
         if COPY_COLUMN not in self.metrics.column_names or not self.metrics.num_rows:
             return 1
         return 1 + max(self.metrics[COPY_COLUMN].to_pylist())

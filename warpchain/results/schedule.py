@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 
 LOOK_EVERY = 32
-"""Fewest steps between two samples of the chain for sums: as many as kernels gather before they add to sums."""
+"""Fewest steps between two samples of the chain for sums: as many as kernels gather."""
 
 MOST_STEPS = 2**31 - 2
 """Steps of a run at most, which kernels count in 32 bits."""
 
 
 def whole_steps(what: str, count: float) -> int:
-    """Number of steps, rounded.
+    """Number of a schedule's steps, rounded.
 
     Args:
         what: where it comes from, for the error.

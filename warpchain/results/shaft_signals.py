@@ -1,8 +1,5 @@
 """Force of the chain on every shaft, and phase error of driven shafts, from recorded frames.
 
-Without the channel `hub_force` the frames hold the normal forces of the contacts only; tooth friction is a few
-hundredths of them.
-
     e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
 
 e < 0 where the camshaft lags. In degrees of the driver, e is the phase error in crank degrees.
@@ -25,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def hub_forces(trajectory: Trajectory) -> Array:
-    """Force of the chain on each sprocket (F, S, 2) [N]: as recorded, else without friction and tips of teeth.
+    """Force of the chain on each sprocket (F, S, 2) [N]: as recorded, else the contacts' normal forces.
 
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.
@@ -48,7 +45,6 @@ def hub_forces(trajectory: Trajectory) -> Array:
 
 
 ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
-"""Orders of the driver that are listed, halves as in four-stroke engines."""
 
 
 def phase_error(trajectory: Trajectory, s: int) -> Array:
@@ -82,7 +78,7 @@ class PhaseError(NamedTuple):
 def phase_error_in_window(
     trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
 ) -> PhaseError:
-    """Mean shift, extremes and amplitudes by engine order of the phase error of sprocket s, in a window of frames."""
+    """Mean shift, extremes and engine orders of the phase error of sprocket s, in a window of frames."""
     error, turns = phase_error(trajectory, s)[window], driver_turns(trajectory)[window]
     part = last_rising_frames(turns)
     found = order_amplitudes(turns[part], error[part], orders) if len(turns[part]) > 8 else None

@@ -1,6 +1,6 @@
-"""Numbers that stand for a signal: its statistics, amplitudes of orders, root mean squares of frequency bands.
+"""Features of a signal: its statistics, amplitudes of orders, root mean squares of frequency bands.
 
-Signals of rig and run are reduced alike. Neither is compared instant by instant: impacts make runs chaotic.
+Signals of rig and run are reduced alike, not compared instant by instant: impacts make runs chaotic.
 """
 
 from __future__ import annotations
@@ -16,12 +16,11 @@ from warpchain.results.signals import amplitude_spectrum
 
 Array = NDArray[np.float64]
 ERROR_PARTS = 8
-"""Equal parts of a signal, between which its features scatter."""
 
 
 @dataclass(frozen=True)
 class SignalFeatures:
-    """Numbers that a signal is reduced to.
+    """Features that a signal is reduced to.
 
     Attributes:
         statistics: of `measured_file.SIGNAL_STATISTICS`.
@@ -35,16 +34,14 @@ class SignalFeatures:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the features."""
+        """Names of a signal's features."""
         of_orders = (f"order {order:g}" for order in self.orders)
         return (*self.statistics, *of_orders, *(f"{low:g} to {high:g} Hz" for low, high in self.bands))
 
     def values_of_signal(self, time: Array, values: Array, turns: float) -> Array:
-        """Features (N,) of a signal in its unit; nan where the signal is too short or too coarse for one.
+        """Features (N,) of a signal (K,) at times (K,) [s]; nan where it is too short or too coarse.
 
         Args:
-            time: (K,) ascending [s].
-            values: (K,)
             turns: mean speed of the driver [1/s].
         """
         held = np.isfinite(values)
@@ -60,14 +57,14 @@ class SignalFeatures:
         return np.array(found + [_band_root_mean_square(lines, amplitude, *band) for band in self.bands])
 
     def standard_errors(self, time: Array, values: Array, turns: float) -> Array:
-        """Standard errors (N,) of a signal's features, from the scatter between parts; 0 where these are too short."""
+        """Standard errors (N,) of a signal's features, from the scatter of its parts."""
         cuts = np.array_split(np.arange(len(time)), ERROR_PARTS)
         parts = np.array([self.values_of_signal(time[cut], values[cut], turns) for cut in cuts])
         return np.nan_to_num(parts.std(axis=0, ddof=1) / np.sqrt(ERROR_PARTS))
 
 
 def _amplitude_near_frequency(lines: Array, amplitude: Array, frequency: float) -> float:
-    """Largest amplitude of a spectrum within `LINES_WITHIN` lines of a frequency."""
+    """Largest amplitude of a spectrum near a frequency."""
     at = round(frequency / float(lines[1]))
     if at <= LINES_WITHIN or at + LINES_WITHIN >= len(lines):
         return np.nan
@@ -75,7 +72,7 @@ def _amplitude_near_frequency(lines: Array, amplitude: Array, frequency: float) 
 
 
 def _band_root_mean_square(lines: Array, amplitude: Array, low: float, high: float) -> float:
-    """Root mean square of a frequency band, from the lines of a spectrum with a Hann window."""
+    """Root mean square of a frequency band of a spectrum (Hann window)."""
     inside = (lines >= low) & (lines < high)
     if inside.sum() < 4 or high > lines[-1]:
         return np.nan

@@ -1,7 +1,6 @@
 """Signals that engineers read off a recorded drive: of strands, shafts, arms and tensioners, and of probes.
 
-At a frame the probe sees the link that comes nearest to its place, if it comes within its radius: its tension, and at
-the foot of the perpendicular the chain's velocity and its displacement to the left of travel.
+A probe sees the link that comes nearest to its place, within its radius.
 """
 
 from __future__ import annotations
@@ -24,13 +23,10 @@ FEWEST_TEETH = 16
 """Teeth that must pass for an order spectrum to resolve the tooth-passing orders."""
 
 TOOTH_PASSINGS = 4
-"""Multiples of the tooth-passing order that order spectra show."""
 SPECTRUM_FLOOR = 1e-4
-"""Lower end of a spectrum's axis, as a part of its peak."""
+"""Lower end of a spectrum's axis, over its peak."""
 SPECTRUM_SPELLS = 2000
-"""Spells that a spectrum is thinned out to, smallest and largest values kept."""
 STRAND_TENSION_TITLE, TRANSMISSION_ERROR_TITLE = "tension at mid-strand [N]", "transmission error [degrees]"
-"""Quantities that order spectra are of."""
 
 
 PART_SIGNALS = (
@@ -43,11 +39,11 @@ PART_SIGNALS = (
     ("tensioners", "pressure", "chamber_pressure", "pressure"),
     ("valves", "torque", "valve_torque", "valves"),
 )
-"""Signals of parts that no roller touches: the list of a drive, signal, channel, group of curves in playback."""
+"""Signals of parts that no roller touches: list of a drive, signal, channel, group of curves."""
 
 
 def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
-    """Name of the part, signal, channel, group and column in the channel of all `PART_SIGNALS` of a drive."""
+    """Name of the part, signal, channel, group and column in the channel of a drive's `PART_SIGNALS`."""
     for parts, signal, channel, group in PART_SIGNALS:
         for i, part in enumerate(getattr(drive, parts)):
             if signal != "pressure" or part.hydraulic:
@@ -55,10 +51,7 @@ def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
 
 
 def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float] | None:
-    """Mean forward speed of the driver in the window [rad/s], and from when to when that is [s].
-
-    Where no window is known, it is the latter half. None without angles, or where nothing was recorded there.
-    """
+    """Mean forward speed of the driver in the window [rad/s], and the window [s], else the latter half; or None."""
     time, angle, drive = trajectory.time, trajectory.sprocket_angle, trajectory.drive
     start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
     start, end = max(start, float(time[0])), min(end, float(time[-1]))
@@ -69,12 +62,12 @@ def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float
 
 
 def latter_half_frames(trajectory: Trajectory) -> slice:
-    """Slice of the second half of a recording's frames, which the start's transients have left."""
+    """Frames of the second half of a recording, which the start's transients have left."""
     return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)
 
 
 def last_round_frames(trajectory: Trajectory) -> slice:
-    """Slice of a recording's frames over the chain's last round; all where it goes round less than once."""
+    """Frames of the chain's last round in a recording; all where it goes round less than once."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive = trajectory.drive
     angle = forward_values(drive, sprocket_angle, drive.driver)
@@ -84,7 +77,7 @@ def last_round_frames(trajectory: Trajectory) -> slice:
 
 
 def forward_values(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
-    """Angles or speeds of sprocket s (F,), positive in the direction of travel, from those of all sprockets (F, S)."""
+    """Angles or speeds of sprocket s (F,), positive in the direction of travel, from all sprockets' (F, S)."""
     return np.asarray(values[:, s], dtype=float) * drive.sprockets[s].sign
 
 
@@ -101,10 +94,7 @@ def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | N
 
 
 def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
-    """Speed of sprocket s over the driver's, as a part of the ratio that the teeth give (F,); 1 without error.
-
-    NaN where the driver stands still.
-    """
+    """Speed of sprocket s over the driver's, as a part of the teeth's ratio (F,); 1 without error."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     drive = trajectory.drive
     own, driver = (forward_values(drive, sprocket_speed, k) for k in (s, drive.driver))
@@ -114,9 +104,7 @@ def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
-    """Angle of sprocket s ahead of where the driver and the teeth put it (F,) [rad], 0 at the first frame.
-
-    With the angles theta forward and the teeth z of sprocket s and of the driver d, theta_s - z_d / z_s theta_d.
+    """Angle of sprocket s ahead of the driver's by the teeth (F,) [rad], 0 at the first frame.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -129,7 +117,7 @@ def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """Angle of sprocket s ahead of where the driver and the teeth put it, less its mean (F,) [rad].
+    """Angle of sprocket s ahead of the driver's by the teeth, less its mean (F,) [rad].
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -139,7 +127,7 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
 
 
 def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
-    """First transverse frequency of a strand at its mean tension over the latter half, the chain moving [Hz].
+    """First transverse frequency of a moving strand at its mean tension [Hz], over the latter half.
 
     Raises:
         SimulationError: recorded without sprocket speeds.
@@ -155,7 +143,7 @@ def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
 
 
 def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Force of each guide-bar on the chain (F,) [N], and how many rollers it presses (F,)."""
+    """Force of each guide-bar on the chain (F,) [N], and its number of pressed rollers (F,)."""
     (guide_force,) = require_channels(trajectory, "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
@@ -169,7 +157,7 @@ def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]
 
 
 def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
-    """Largest contact force of each sprocket, then of each guide-bar, on any roller (F,) [N]; 0 where it has none."""
+    """Largest contact force of each sprocket, then of each guide-bar, on any roller (F,) [N]."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     drive, count = trajectory.drive, len(trajectory.time)
     largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
@@ -188,7 +176,7 @@ class ContactAngles(NamedTuple):
     """Contact of all rollers with one sprocket.
 
     Attributes:
-        angle: (K,) of the roller past the point where the chain reaches the sprocket, in the direction of travel [rad].
+        angle: (K,) of the roller past where the chain reaches the sprocket, in the direction of travel [rad].
         force: (K,) contact force [N].
         wrap: wrapped angle [rad].
         pitch: pitch angle of the teeth [rad].
@@ -201,7 +189,7 @@ class ContactAngles(NamedTuple):
 
 
 def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
-    """Contact force against angle on sprocket s, of the frames of the latter half; of unpressed rollers, too."""
+    """Contact force against angle on sprocket s, of all rollers in the latter half."""
     position, sprocket_center, sprocket_force = require_channels(
         trajectory, "position", "sprocket_center", "sprocket_force"
     )
@@ -218,14 +206,13 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
 
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
-    """One-sided amplitude spectrum of evenly spaced samples, mean removed, Hann window.
+    """Frequencies and amplitudes (K // 2 + 1,) of evenly spaced samples, mean removed, Hann window.
+
+    A sine of amplitude a on a line of the spectrum shows a.
 
     Args:
         values: (K,) samples.
         interval: between them, in seconds, or in revolutions for orders.
-
-    Returns:
-        (K // 2 + 1,) frequencies in 1/interval's unit, and amplitudes: a sine of amplitude a on a line shows a.
     """
     values = np.asarray(values, dtype=float)
     window = np.hanning(len(values) + 1)[:-1]
@@ -234,10 +221,10 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
-    """Orders and amplitudes of a signal over the driver's revolution, from the latter half of the recording.
+    """Orders and amplitudes of a signal over the driver's revolution, from a recording's latter half.
 
-    Samples are taken at even angles of the driver. None where the driver stops or turns back, where fewer than
-    `FEWEST_TEETH` of its teeth pass, or where values are not finite.
+    None where the driver stops or turns back, where fewer than `FEWEST_TEETH` of its teeth pass, or where values are
+    not finite.
     """
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive, part = trajectory.drive, latter_half_frames(trajectory)
@@ -257,8 +244,8 @@ class OrderSpectrum(NamedTuple):
 
     Attributes:
         name: the strand or sprocket that it is of.
-        orders: (K,) orders of the driver's revolution, ascending, from above 0.
-        amplitude: (K,) amplitudes in the unit of what it is of.
+        orders: (K,) of the driver's revolution, ascending, from above 0.
+        amplitude: (K,) in the unit of what it is of.
     """
 
     name: str
@@ -267,7 +254,7 @@ class OrderSpectrum(NamedTuple):
 
 
 def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
-    """Order spectra of strand tensions and transmission errors by title, peaks kept; {} where none can be."""
+    """Order spectra of strand tensions and transmission errors by title; {} where none can be."""
     drive = trajectory.drive
     signals = [(STRAND_TENSION_TITLE, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
     signals += [
@@ -287,10 +274,7 @@ def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
 
 
 def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
-    """Frames to draw of a series, ascending: the smallest and the largest value of each of `buckets` equal spells.
-
-    A series of no more than twice as many frames is kept whole. Spells without a finite value leave their first frame.
-    """
+    """Frames to draw of a series: the smallest and the largest value of each of `buckets` equal spells."""
     count = len(values)
     if count <= 2 * buckets:
         return np.arange(count)
@@ -305,7 +289,7 @@ def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
 
 
 def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """Largest values over each of at most `buckets` equal spells: the spells' first frames, and (spells, ...)."""
+    """First frames of at most `buckets` equal spells, and the largest values over each (spells, ...)."""
     count = len(values)
     if count <= buckets:
         return np.arange(count), values
@@ -314,16 +298,16 @@ def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray
 
 
 def _spell_starts(count: int, buckets: int) -> NDArray[np.intp]:
-    """First frames of equal spells."""
+    """First frames of equal spells of a series."""
     return (np.arange(buckets) * count // buckets).astype(np.intp)
 
 
 class QuantityRange(NamedTuple):
-    """Range and path of a quantity: an extension, an angle, a force, a pressure.
+    """Range and path of a quantity, such as an extension or a pressure.
 
     Attributes:
         low, mean, high: smallest, mean, largest.
-        path: the way that it goes back and forth in a second, sum of |dx| over the time.
+        path: way back and forth in a second, sum of |dx| over the time.
     """
 
     low: float
@@ -333,7 +317,7 @@ class QuantityRange(NamedTuple):
 
     @property
     def travel(self) -> float:
-        """Difference of the quantity's largest and smallest value."""
+        """Difference of a quantity's largest and smallest value."""
         return self.high - self.low
 
 
@@ -342,7 +326,7 @@ class OpeningEvents(NamedTuple):
 
     Attributes:
         openings: samples above the threshold after one that is not.
-        rate: of them a second [1/s].
+        rate: of them [1/s].
         share: of the time that it is open.
         longest: it stays open [s].
     """
@@ -361,7 +345,7 @@ def range_and_path(time: Array, values: Array) -> QuantityRange:
 
 
 def opening_events(time: Array, values: Array, threshold: float = 0.0) -> OpeningEvents:
-    """Openings of samples (F,) at even times (F,) [s] above a threshold, such as a valve's lift above 0."""
+    """Openings of samples (F,) at even times (F,) [s] above a threshold."""
     open_ = np.concatenate([[False], np.asarray(values) > threshold, [False]])
     begins, ends = np.flatnonzero(open_[1:] & ~open_[:-1]), np.flatnonzero(~open_[1:] & open_[:-1])
     step = float(time[-1] - time[0]) / max(len(time) - 1, 1)
@@ -379,8 +363,8 @@ class ProbeSignals(NamedTuple):
     Attributes:
         link: (F,) that passes, -1 for none.
         tension: (F,) of that link [N].
-        speed: (F,) of the chain along itself, in the order of its rollers [m/s].
-        displacement: (F,) of the chain from the probe's place, to the left of that direction [m].
+        speed: (F,) of the chain along itself [m/s].
+        displacement: (F,) of the chain from the probe's place, left positive [m].
         normal_speed: (F,) of the chain to the left [m/s].
     """
 

@@ -8,13 +8,12 @@ from collections.abc import Iterable
 
 OK, SUSPECT, DIVERGED = "ok", "suspect", "diverged"
 STATUSES = (OK, SUSPECT, DIVERGED)
-"""Statuses of a variant, from good to bad."""
 
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int]]:
-    """Status, reason and how many variants have it, the most frequent first; reasons alike but for numbers are one."""
+    """Status, reason and number of variants of reasons alike but for numbers, the most frequent first."""
     return sort_by_frequency(merge_alike_reasons((status, reason, 1) for status, reason in found))
 
 
@@ -24,12 +23,12 @@ def reason_of_count(count: int, reason: str) -> str:
 
 
 def sort_by_frequency(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
-    """Status, reason and count sorted, the most frequent first, and of equally frequent ones the earlier."""
+    """Status, reason and count, the most frequent first."""
     return sorted(found, key=lambda each: -each[2])
 
 
 def merge_alike_reasons(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
-    """Status, reason and count in the order of the first of each, those that differ in their numbers only as one."""
+    """Status, reason and count with reasons that differ only in numbers as one."""
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}
     for status, reason, count in found:

@@ -7,16 +7,14 @@ links and instants are below, z the fewest teeth and I = m p^2 / 6, friction mov
     a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
     a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
 
-A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I) until its bristle holds it where the step bounds
-that, T the mean tension of its strand. The n joints of a strand that swings by the amplitude a let its middle give by
-n^2 p phi / 8. That pays out pi^2 a / (2 n p) times as much of the chain, which n links of the stiffness k answer with
-the tension
+A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I), T the mean tension of its strand. The n joints of
+a strand that swings by the amplitude a let its middle give by n^2 p phi / 8, which pays out pi^2 a / (2 n p) times as
+much of the chain. n links of the stiffness k answer with the tension
 
     (pi^2 / 16) k a phi,                                                                                      (c)
 
-and sprockets pass it on to slack strands. It falls with the square of the step. The energy balance tells of none of
-these; how much half the step changes: `python scripts/bench.py resolution`, docs/steps.md; how often (c) tells: `python
-scripts/bench.py gives`.
+and sprockets pass it on to slack strands. The energy balance tells of none of these (docs/steps.md; `python
+scripts/bench.py resolution`, `gives`).
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 BRISTLE_STIFFNESS = 0.12
-"""Stiffness of a joint's bristle, times h^2 / I (`kernels.physics.friction`)."""
+"""Stiffness of a joint's bristle, times h^2 / I."""
 
 
 def joint_resolution(of: DesignInputs) -> VariantValues:
@@ -44,7 +42,7 @@ def joint_resolution(of: DesignInputs) -> VariantValues:
 
 
 def joint_give(of: DesignInputs) -> VariantValues:
-    """Tension that joints give way by where they stick, over a strand's `tension_q999` (V,), (c) of all strands."""
+    """Tension error of joints that give way where they stick, over a strand's `tension_q999` (V,), (c)."""
     step = np.ma.getdata(of.metrics[STEP_KEY])
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
@@ -60,7 +58,7 @@ def joint_give(of: DesignInputs) -> VariantValues:
 
 
 def partner_resolution(of: DesignInputs) -> VariantValues:
-    """Steps in which friction moves a roller by a pitch (V,), (a) over the step, or in a sprocket's shorter ramp."""
+    """Steps in which friction moves a roller by a pitch (V,), (a) over the step, or in a shorter ramp."""
     ways = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch)
     steps = _steps_of_force(
         of, ways, of.number_of_each(lambda drive: _partner_friction_coefficient(drive, of.index)) * of["force_max"]
@@ -77,14 +75,14 @@ def is_ramped(drive: Drive, index: int) -> bool:
 
 
 def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> np.ma.MaskedArray:
-    """Steps in which a force moves by a way, times the mass that it moves; masked where there is none."""
+    """Steps in which a force moves by a way times the mass; masked for none."""
     with np.errstate(all="ignore"):
         steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP_KEY])
     return mask_absent(np.isfinite(steps) & (force > 0.0), steps)
 
 
 def _joint_friction_moment(of: DesignInputs, tension: VariantValues) -> VariantValues:
-    """Largest moment of friction in a joint between links of a tension [N] (V,), mu kappa r_p T [N m]."""
+    """Largest moment of friction in a joint at a tension [N] (V,), mu kappa r_p T [N m]."""
     return of.number_of_each(_joint_friction_arm) * tension
 
 

@@ -15,7 +15,6 @@ Index = NDArray[np.intp]
 
 
 FRAMES_AT_ONCE = 4096
-"""Frames that are worked on together, so that long recordings need little memory beside themselves."""
 
 
 class PassingLink(NamedTuple):
@@ -23,7 +22,7 @@ class PassingLink(NamedTuple):
 
     Attributes:
         link: (F,) its number, -1 where no link does.
-        displacement: (F,) of the chain from the straight common tangent there [m], left of travel positive; else nan.
+        displacement: (F,) of the chain from the straight common tangent there [m], left of travel positive, or nan.
     """
 
     link: Index
@@ -46,7 +45,7 @@ def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
 def _fill_passing_link(
     position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array
 ) -> None:
-    """Writes link and displacement of a block of frames into arrays, where a link passes."""
+    """Writes link and displacement of a block of frames, where a link passes."""
     length = float(np.hypot(*(end - start)))
     tx, ty = (end - start) / length
     x, y = position[..., 0], position[..., 1]
@@ -65,8 +64,5 @@ def _fill_passing_link(
 
 
 def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
-    """Transverse displacement of the chain where it passes the middle of a strand (F,) [m]; nan where no link does.
-
-    Distance from the straight common tangent, left of travel positive (the paper's Figures 9 and 10).
-    """
+    """Transverse displacement of the chain at the middle of a strand (F,) [m], left of travel positive; else nan."""
     return passing_link(trajectory, strand).displacement

@@ -6,16 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 COLOR_ANCHORS = np.array([(45, 85, 215), (0, 170, 220), (70, 195, 95), (245, 205, 50), (225, 45, 40)], dtype=np.float64)
-"""Colors (RGB) at 0, 1/4, 1/2, 3/4 and all of the scale, linear between: blue, cyan, green, yellow, red."""
+"""Colors (RGB) at 0, 1/4, 1/2, 3/4 and all of the scale."""
 UNKNOWN_COLOR = (150, 150, 150)
-"""Color (RGB) where the tension is not recorded or not finite."""
 
 SCALE_PERCENTILE = 99.9
-"""Percentile of the tensions that the scale ends at: rare impacts may reach further."""
 
 
 def tension_scale_end(tension: NDArray[np.floating]) -> float:
-    """Tension where the color scale of link tensions (...) ends [N], 1 N at least; only finite ones count."""
+    """Tension where the color scale of link tensions (...) ends, at least 1 [N]."""
     finite = tension[np.isfinite(tension)]
     return max(float(np.percentile(finite, SCALE_PERCENTILE)), 1.0) if finite.size else 1.0
 
@@ -25,7 +23,7 @@ def tension_colors(tension: NDArray[np.floating], full_scale: float) -> NDArray[
 
     Args:
         tension: (...) link tensions [N].
-        full_scale: tension at the scale's red end [N]; its blue end is 0 N. Values beyond are clamped.
+        full_scale: tension at the scale's red end [N]; its blue end is 0 N.
     """
     share = np.clip(np.asarray(tension, dtype=np.float64) / full_scale, 0.0, 1.0) * (len(COLOR_ANCHORS) - 1)
     known = np.isfinite(share)

@@ -1,12 +1,12 @@
 """Margin to tooth jump: how far rollers in a sprocket's wrap stand below where the tips of the teeth let them go.
 
-A roller that is drawn out of its seat leaves the flank at the tip, where its center is R_r from the tip along the
-flank's normal, at the distance rho_top from the sprocket's center. With rho that of a roller,
+A roller that is drawn out of its seat leaves the flank at the tip, at the distance rho_top from the sprocket's center.
+With rho that of a roller,
 
     margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R)                        (a)
 
-1 in the seat, 0 where the chain jumps. Only rollers well inside the wrap count, half a tooth from where the chain
-reaches and leaves the sprocket, or within half a tooth of its middle where that is more.
+1 in the seat, 0 where the chain jumps. Only rollers inside the wrap count, half a tooth from its ends, or within half a
+tooth of its middle where that is more.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ Array = NDArray[np.float64]
 
 
 class JumpMargin(NamedTuple):
-    """Margin of the chain to jumping over a sprocket, frame by frame; nan where no roller is inside the wrap.
+    """Margin of the chain to jumping over a sprocket; nan where no roller is inside the wrap.
 
     Attributes:
         margin: (F,) the least of all rollers (a) [m].
         angle: (F,) where that roller is, past where the chain reaches the sprocket [rad].
-        height: that rollers climb from seat to tip, rho_top - R [m].
+        height: from seat to tip, rho_top - R [m].
     """
 
     margin: Array

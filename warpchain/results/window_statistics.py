@@ -6,20 +6,16 @@ exponential variate, and the variance of the mean is S(0) (Heidelberger and Welc
 
     log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0))              (a)
 
-by least squares. c makes the median error that of independent batches. So few ordinates leave the error uncertain by a
-factor of two; it is at least `LEAST_ERROR_SHARE` of what the ordinates' geometric mean gives. The mean plus and minus
-`INTERVAL_ERRORS` errors holds the long-run mean in 95 of 100 windows.
+by least squares; c makes the median error that of independent batches. The mean plus and minus `INTERVAL_ERRORS` errors
+holds the long-run mean in 95 of 100 windows.
 
 A ripple of amplitude A and frequency w leaves up to A / (w T) in the mean of a window of length T, and as much in each
-low ordinate: (a) is that deviation itself. There are enough batches that a ripple which each cuts at another phase
-rarely falls on the ordinates of (a).
-
-Where one sine of less than `SLOW_PERIODS` periods leaves less than `DETERMINATE_SHARE` of the ordinates (a start, a
-swing), the window does not tell what lies behind it: the error is unknown.
+low ordinate: (a) is that deviation itself. Where one sine of less than `SLOW_PERIODS` periods leaves less than
+`DETERMINATE_SHARE` of the ordinates (a start, a swing), the error is unknown.
 
 A drift is the slope of the line through the means of P parts by least squares, times P. Its variance is that of
 independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below 0; drift over error is
-Student's t with P - 2 degrees of freedom. The slope of a whole ripple is not counted (`window_change`).
+Student's t with P - 2 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -32,52 +28,43 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 ERROR_SUFFIX = "_se"
-"""Ends the names of standard errors."""
 
 LOWEST_ORDINATES = 9
-"""Ordinates that (a) goes through: of periods down to half a turn of the chain in a window of four."""
+"""Ordinates of (a): periods down to half a turn of the chain in a window of four."""
 
 MEDIAN_ERROR_RATIO = 1.075
 """Median of sqrt(exp(b_0)) over the true root, of independent batches: 1 / c of (a)."""
 
 LEAST_ERROR_SHARE = 0.5
-"""Least error, of what the geometric mean of the lowest ordinates gives.
+"""Least error, of what the geometric mean of the ordinates gives.
 
-More would hide that a spectrum falls towards zero; less leaves one window in fifty with an error short by a factor of
-three.
+With more no spectrum falls towards zero; with less one window in fifty has an error short by a factor of three.
 """
 
 INTERVAL_ERRORS = 3.5
-"""Errors on either side of a mean within which the long-run mean is with 95 %."""
+"""Errors on either side of a mean that hold the long-run mean with 95 %."""
 
 SLOW_PERIODS = 7.5
-"""Periods in the window of a sine that may be a start, a swing or chance, and that bends the parabola of (a)."""
+"""Periods in the window of a sine that may be a start, a swing or chance."""
 DETERMINATE_SHARE = 0.2
-"""Share of the lowest ordinates that chance seldom leaves beside a sine."""
+"""Share of the ordinates that chance seldom leaves beside a sine."""
 SINE_COUNT = 37
-"""Sines of which it is tried how much they explain."""
 
 LEAST_CHAIN_TURNS = 3.95
-"""Turns of the chain in a window whose means have an error, a little fewer than the 4 that are asked, as speeds vary.
-
-Tensions hang on what happened up to a turn ago, so that a shorter window tells nothing.
-"""
+"""Turns of the chain in a window whose means have an error, a little fewer than the 4 that are asked."""
 
 LOG_BIAS = -0.577
 """Mean of the logarithm of an exponential variate of mean 1."""
 LEAST_ORDINATE_SHARE = 1e-12
-"""Least that an ordinate counts for, of the mean one; what is smaller is round-off."""
 
 MOST_CORRELATION = 0.9
 """Most that r counts for: 1 / (1 - r) has no bound."""
 
 LEAST_PARTS_A_PERIOD = 2.2
-"""Parts of a window in a period of a ripple that a sine can be fitted to, at least."""
+"""Parts of a window in a period of a ripple that a sine can be fitted to."""
 
 SIGNIFICANT_CHANCE = 0.01
-"""Chance below which a drift counts."""
 LARGE_DRIFT_SHARE = 0.01
-"""Share of the mean above which a drift counts."""
 
 
 def cumulative_counts(counts: NDArray[np.integer]) -> Array:
@@ -92,10 +79,8 @@ def histogram_quantile(
 ) -> Array:
     """Value that a share of what was counted in bins lies below (V,); nan where nothing was counted.
 
-    Within a bin values count as evenly spread; bins end at the smallest and the largest value there is.
-
     Args:
-        counts: (V, bins) in each bin.
+        counts: (V, bins) in each bin, within which values count as evenly spread.
         edges: (V, bins + 1) ascending.
         low, high: (V,) the smallest and the largest value.
         share: from 0 to 1.
@@ -117,10 +102,7 @@ def histogram_quantile(
 def histogram_share_below(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
 ) -> Array:
-    """Share of what was counted in bins that lies below a value (V,); nan where nothing was counted.
-
-    Arguments and conventions are those of `histogram_quantile`.
-    """
+    """Share of what was counted in bins that lies below a value (V,); arguments as of `histogram_quantile`."""
     below = cumulative_counts(counts) if below is None else below
     least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     last = counts.shape[1] - 1
@@ -138,7 +120,7 @@ def histogram_share_below(
 
 
 def lag_correlation(values: Array) -> Array:
-    """Correlation of values less their mean with the next ones along the last axis, from 0 to `MOST_CORRELATION`."""
+    """Correlation of values with the next ones along the last axis, from 0 to `MOST_CORRELATION`."""
     apart = values - values.mean(axis=-1, keepdims=True)
     square = (apart * apart).sum(axis=-1)
     lagged = (apart[..., 1:] * apart[..., :-1]).sum(axis=-1)
@@ -146,11 +128,7 @@ def lag_correlation(values: Array) -> Array:
 
 
 def mean_standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
-    """Standard error (a) of a mean from those of batches along the last axis; nan where it is unknown.
-
-    Args:
-        weights: what the batches' means stand for.
-    """
+    """Standard error (a) of a mean from weighted means of batches, along the last axis; nan where unknown."""
     weights, count = np.broadcast_to(weights, means.shape), means.shape[-1]
     total = weights.sum(axis=-1, keepdims=True)
     apart = means - (weights * means).sum(axis=-1, keepdims=True) / total
@@ -226,13 +204,12 @@ def window_drift(means: Array) -> tuple[Array, Array]:
 
 
 def window_change(means: Array, waves: Array) -> Array:
-    """Change over the window (V,) of means of its parts, without the slope of a ripple.
+    """Change over the window (V,) of means of its parts (V, P), without the slope of a ripple.
 
     A window that cuts a ripple of amplitude A after n periods has up to 6 A / (pi n) in its slope. Where it holds a
-    period or more, and `LEAST_PARTS_A_PERIOD` parts are in one, line and sine are fitted together.
+    period or more, line and sine are fitted together.
 
     Args:
-        means: (V, P).
         waves: (V,) periods of the ripple in the window, 0 for none.
     """
     found, _ = window_drift(means)
