@@ -15,8 +15,8 @@ from raw import stepped
 
 from warpchain import Drive, dumps_drive, load_drive
 from warpchain.drive.batch import stacks_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
-from warpchain.drive.rings import rings_of
 from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
 from warpchain.engine.buckets import block_shape, kind_columns, room_for
 from warpchain.engine.buckets import kind_of as engine_kind
@@ -626,7 +626,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
     packed = replace(pack_for(variants, schedules, precision), frame=frame)
     bends = np.flatnonzero(packed.rubbing)
-    each = [ring.drive for drive in variants for ring in rings_of(drive)]
+    each = [chain_drive.drive for drive in variants for chain_drive in chain_drives(drive)]
     widths = [drive_frame_width(chain, packed.frame) * 16 for chain in each]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     serial, theirs = stepped(packed, 301, values=sum(widths))

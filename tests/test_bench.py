@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from warpchain import assemble
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.engine.pack import pack
 from warpchain.errors import WarpchainError
 from warpchain.results.schedule import Schedule
@@ -226,7 +226,7 @@ def test_one_chain_has_as_many_rollers_and_partners_as_three():
     three, one = chains.chains_in_a_row(None), chains.chain_around_a_star(None)
     assert three.links == one.links == 180
     assert len(three.sprockets) == len(one.sprockets) == 6
-    assemblies = [assemble(part.drive) for part in rings_of(three)], [assemble(one)]
+    assemblies = [assemble(part.drive) for part in chain_drives(three)], [assemble(one)]
     strains = [assembly.strain for of in assemblies for assembly in of]
     assert strains == pytest.approx([1e-3] * 4, abs=1e-4)
     strands = [sum(len(a.strand_links) for a in of) for of in assemblies]

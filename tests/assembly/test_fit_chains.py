@@ -8,12 +8,12 @@ from warpchain import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
 from warpchain.cli import main
 from warpchain.drive import load_drive, save_drive
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import DriveError
 
 
 def strains(drive):
-    return [assemble(ring.drive).strain for ring in rings_of(drive)]
+    return [assemble(chain.drive).strain for chain in chain_drives(drive)]
 
 
 def test_a_sprocket_moves_until_its_chain_has_a_strain():
@@ -57,7 +57,7 @@ def test_an_arm_of_one_of_the_chains_of_v6_comes_to_its_angle():
     drive = example("v6")
     fitted = fit_angle(drive, "left cam", (0.0, 1.0), {"left arm": -0.5}, travel=0.005)
     assert fitted.sprockets[3].center != drive.sprockets[3].center
-    (left,) = (ring.drive for ring in rings_of(fitted) if ring.name == "left")
+    (left,) = (chain.drive for chain in chain_drives(fitted) if chain.name == "left")
     assert assemble(left).arm_angle[0] == pytest.approx(-0.5 * 0.017453292519943295, abs=1e-6)
 
 

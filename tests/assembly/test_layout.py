@@ -10,8 +10,8 @@ from layouts import Placed, drive_of, loops
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.layout_checks import findings, meeting
 from warpchain.assembly.summary import derive, report
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import example_names
-from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 
 PITCH, ROLLER = 0.05, 0.015
@@ -22,7 +22,7 @@ DROP = PITCH / (2.0 * math.sin(math.pi / 20))
 @pytest.mark.parametrize("name", but(example_names(), LARGE))
 def test_no_example_is_told_anything(name):
     drive = example(name)
-    assert all(findings(ring.drive) == () for ring in rings_of(drive))
+    assert all(findings(chain.drive) == () for chain in chain_drives(drive))
     assert "LAYOUT" not in report(derive(drive))
 
 

@@ -12,8 +12,8 @@ from warpchain import Drive, Record, simulate
 from warpchain.assembly.run_up import passed
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.rings import rings_of
-from warpchain.drive.train_speeds import top_speed
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.train_speeds import driver_top_speed
 
 
 def smooth_peak(drive):
@@ -98,7 +98,7 @@ def test_chains_behind_ask_for_their_inertia_too():
     found = derive(drive)["chains"]
     ways = [found[name]["strength"]["run_up"] for name in ("first", "second")]
     assert [way["acceleration"] for way in ways] == pytest.approx([150.0, 100.0], rel=1e-3)
-    first, second = (ring.drive for ring in rings_of(drive))
+    first, second = (chain.drive for chain in chain_drives(drive))
     rollers = second.chain.links * second.chain.mass * second.pitch_radius(0) ** 2
     asked = 0.5 * 300.0 + (2.0 + rollers + 0.25 * 2.0) * 100.0, 300.0 + 2.0 * 50.0
     pulls = [
@@ -141,4 +141,4 @@ def test_a_motor_is_as_fast_as_the_run_lets_it():
     base = driven(10.0)
     drives = [base.with_values({"shafts.m.inertia": inertia}) for inertia in (0.5, 5.0, 50.0)]
     (stack,) = stacks_of(drives)
-    assert np.asarray(top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]
+    assert np.asarray(driver_top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]

@@ -81,7 +81,7 @@ def test_a_chain_that_another_turns_begins_as_fast_as_that_turns_it():
     drives = [base, base.with_values({"sprockets.crank.prescribed.harmonics.0.amplitude": 0.1})]
     rows = Rows(drives, stacks_of(drives))
     speeds = [state.sprocket_speed for state in assemble_all(rows.stacks)]
-    left = [r for r, ring in enumerate(rows.rings) if ring.name == "left"]
+    left = [r for r, chain in enumerate(rows.rings) if chain.name == "left"]
     for r in left:
         assert np.array_equal(speeds[r], assemble(rows.drives[r]).sprocket_speed)
     assert abs(speeds[left[0]][0] / speeds[left[1]][0] - 1.0) > 0.05

@@ -6,10 +6,10 @@ import chains
 import pytest
 
 from warpchain.drive import dumps_drive, loads_drive
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
-from warpchain.drive.rings import rings_of
-from warpchain.drive.trains import is_free
-from warpchain.drive.transmission import transmission_of
+from warpchain.drive.trains import is_free_body
+from warpchain.drive.transmission import transmission_of_sprockets
 from warpchain.errors import DriveError
 
 
@@ -33,16 +33,16 @@ def test_code_for_one_chain_refuses_several_in_one_line():
 
 
 def test_ratios_multiply_stage_by_stage():
-    train = transmission_of(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
+    train = transmission_of_sprockets(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
     assert train.speeds == {"crank=": Fraction(1), "mid": Fraction(2, 3), "out=": Fraction(20 * 18, 30 * 36)}
 
 
 def test_each_chain_is_a_drive_with_the_inertia_of_its_shafts():
-    first, second = rings_of(chains.two_stages())
+    first, second = chain_drives(chains.two_stages())
     assert [s.inertia for s in first.drive.sprockets] == [None, 2.0]
     assert [s.inertia for s in second.drive.sprockets] == [2.0, 2.0]
     assert second.drive.sprockets[0].prescribed.speed == pytest.approx(10.0 * 20 / 30)
-    assert is_free(second.drive, 0) and second.places["sprockets"] == (2, 3)
+    assert is_free_body(second.drive, 0) and second.places["sprockets"] == (2, 3)
 
 
 def error(text):
@@ -203,16 +203,16 @@ def test_a_shaft_gives_what_it_has_to_its_first_sprocket():
     values |= {"shafts.A.prescribed.speed": 10.0, "shafts.B.load.torque": 600.0, "shafts.B.inertia": 2.0}
     on_shafts = on_sprockets.with_values(values)
     assert (on_shafts.driver, on_shafts.driver_speed) == (0, 10.0)
-    assert [ring.drive for ring in rings_of(on_shafts)] == [ring.drive for ring in rings_of(on_sprockets)]
+    assert [chain.drive for chain in chain_drives(on_shafts)] == [chain.drive for chain in chain_drives(on_sprockets)]
     both = on_shafts.with_values({"sprockets.b1.inertia": 3.0})
-    assert [ring.drive.sprockets[1].inertia for ring in rings_of(both)] == [5.0, 5.0]
+    assert [chain.drive.sprockets[1].inertia for chain in chain_drives(both)] == [5.0, 5.0]
     assert loads_drive(dumps_drive(both)) == both
 
 
 def test_harmonics_count_the_turns_of_shafts_over_chains():
     harmonic = {"order": 2.0, "amplitude": 1.0, "shaft": "mid"}
     drive = chains.two_stages().with_values({"sprockets.out.load.harmonics": [harmonic]})
-    _, second = rings_of(drive)
+    _, second = chain_drives(drive)
     (found,) = second.drive.sprockets[1].load.harmonics
     assert (found.shaft, found.order) == (None, 2.0 * 36 / 18)
 

@@ -13,8 +13,8 @@ from drives import BLADE, MARINE, errors_of, example, put
 
 from warpchain.drive import Drive, Load, dumps_drive, load_drive, loads_drive, save_drive
 from warpchain.drive.schema import Part
-from warpchain.drive.shafts import Beside
-from warpchain.drive.sprocket import Led
+from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.sprocket import LedSprocket
 from warpchain.errors import DriveError
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -117,7 +117,7 @@ def test_errors_can_be_pickled(values):
 
 def parts(cls=Part):
     """All classes of parts of a drive that files hold."""
-    own = {cls} if cls.__module__.startswith("warpchain.drive") and cls not in (Led, Beside) else set()
+    own = {cls} if cls.__module__.startswith("warpchain.drive") and cls not in (LedSprocket, SprocketShaft) else set()
     return {inner for sub in cls.__subclasses__() for inner in parts(sub)} | own
 
 

@@ -10,10 +10,10 @@ from warpchain import Record, dumps_drive, loads_drive, read_archive, simulate, 
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
 from warpchain.drive.batch import stacks_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import example_names
 from warpchain.drive.quantities import unit_of
 from warpchain.drive.replace import Changes
-from warpchain.drive.rings import rings_of
 from warpchain.drive.schema import Part
 from warpchain.drive.thermal import GROWS, MATERIALS
 from warpchain.drive.viscosity import THICKEST, THINNEST, by_two_points
@@ -125,8 +125,8 @@ def test_at_20_degrees_all_bits_are_as_without(name):
     drive = example(name)
     same = drive.with_values({"temperature": 20.0, "expansion.block": "cast iron"})
     assert same.as_read is same and same.expansion.block == MATERIALS["cast iron"]
-    for ring, other in zip(rings_of(drive), rings_of(same), strict=True):
-        before, after = packed(ring.drive), packed(other.drive)
+    for chain, other in zip(chain_drives(drive), chain_drives(same), strict=True):
+        before, after = packed(chain.drive), packed(other.drive)
         assert before.keys() == after.keys()
         for key, value in before.items():
             assert value.tobytes() == after[key].tobytes(), key

@@ -13,7 +13,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import moving_bodies
 from warpchain.drive.schema import NAME_TEXT
-from warpchain.drive.trains import gear_side, seen_inertia, speed_ratio, train_of
+from warpchain.drive.trains import bodies_beyond_gear, body_speed_ratio, train_inertia, train_of_body
 from warpchain.errors import DriveError
 
 PARTS = (
@@ -195,18 +195,22 @@ def test_sprockets_of_a_shaft_have_one_center():
 def test_inertias_of_a_train():
     # as the driver sees it: 0.7 + 2^2 0.4; as the engine does, (1/2)^2 of that
     drive = Drive(**values())
-    assert train_of(drive, 0) == ((0, 2), (1.0, -2.0))
-    assert seen_inertia(drive, 0) == pytest.approx(0.7 + 4.0 * 0.4, rel=1e-15)
-    assert seen_inertia(drive, 2) == pytest.approx(0.7 / 4.0 + 0.4, rel=1e-15)
-    assert gear_side(drive, 0) == [2]
+    assert train_of_body(drive, 0) == ((0, 2), (1.0, -2.0))
+    assert train_inertia(drive, 0) == pytest.approx(0.7 + 4.0 * 0.4, rel=1e-15)
+    assert train_inertia(drive, 2) == pytest.approx(0.7 / 4.0 + 0.4, rel=1e-15)
+    assert bodies_beyond_gear(drive, 0) == [2]
 
 
 def test_a_loop_of_gears_that_fits_is_one_train():
     found = values()
     found["gears"] += [SECOND | {"teeth": [40, 20]}, RING]
     drive = Drive(**found)
-    assert train_of(drive, 1) == ((0, 1, 2), (1.0, 1.0, -2.0))
-    assert [gear_side(drive, g) for g in range(3)] == [[1, 2], [0, 2], []]  # the last pair of the loop carries nothing
+    assert train_of_body(drive, 1) == ((0, 1, 2), (1.0, 1.0, -2.0))
+    assert [bodies_beyond_gear(drive, g) for g in range(3)] == [
+        [1, 2],
+        [0, 2],
+        [],
+    ]  # the last pair of the loop carries nothing
 
 
 def test_speeds_at_the_start_go_by_ratios():
@@ -247,7 +251,7 @@ def test_a_gearbox_ties_in_its_first_gear():
     found["shafts"][0]["initial_speed"], found["shafts"][1]["initial_speed"] = 20.0, 0.0
     found["couplings"][0]["ratios"] = GEARBOX
     drive = Drive(**found)
-    assert speed_ratio(drive, 1, 3) == pytest.approx(2.5, rel=1e-12)
+    assert body_speed_ratio(drive, 1, 3) == pytest.approx(2.5, rel=1e-12)
     assert assemble(drive).shaft_speed == pytest.approx([-20.0, 0.0], abs=1e-12)
     # k and c of the step's limit see 1/Ja + i^2/Jb of the largest ratio, check the first's
     body = next(body for body in moving_bodies(drive) if body.name == 'coupling "cush"')
@@ -288,12 +292,12 @@ def test_a_key_that_does_not_fit_is_refused():
 
 def test_stacks_of_trains_have_the_bits_of_each():
     from warpchain.drive.batch import stacks_of
-    from warpchain.drive.train_speeds import top_speed
+    from warpchain.drive.train_speeds import driver_top_speed
 
     drive = Drive(**values())
     drives = [drive.with_values({"shafts.engine.motor.torque": torque}) for torque in (50.0, 60.0, 70.0)]
     (stack,) = stacks_of(drives)
-    assert np.asarray(top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]
+    assert np.asarray(driver_top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]
 
 
 def test_bearings_rub_where_nothing_leads_and_gears_stand_still():

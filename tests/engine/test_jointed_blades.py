@@ -10,7 +10,7 @@ from warpchain import Record, assemble, read_archive, simulate
 from warpchain.assembly.arm_balance import chain_path, tension
 from warpchain.assembly.path import path_at
 from warpchain.drive import Drive
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.results.outlines import guide_arm_tensioner_parts, pose_at_frame
 from warpchain.view.rerun import view
 
@@ -133,8 +133,8 @@ def test_a_row_of_arms_is_of_one_chain():
     drive = example("v6")
     more = LOWER | {"name": "more", "arm": "left arm", "pivot": [-0.09, 0.2], "center": [-0.1, 0.22]}
     wider = drive.with_values({"arms": [*(arm.model_dump(exclude_none=True) for arm in drive.arms), more]})
-    rings = {ring.name: [arm.name for arm in ring.drive.arms] for ring in rings_of(wider)}
-    assert rings["left"] == ["left arm", "more"] and "more" not in rings["primary"]
+    chains = {chain.name: [arm.name for arm in chain.drive.arms] for chain in chain_drives(wider)}
+    assert chains["left"] == ["left arm", "more"] and "more" not in chains["primary"]
     guide = next(guide for guide in drive.guides if guide.arm == "right arm")
     found = wider.model_dump(exclude_none=True)
     found["guides"] = [*found["guides"], guide.model_dump(exclude_none=True) | {"name": "astray", "arm": "more"}]

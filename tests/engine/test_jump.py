@@ -13,7 +13,7 @@ from warpchain import loads_drive
 from warpchain.assembly import assemble, statics
 from warpchain.assembly.tooth_hold import ratio_held, top_radius
 from warpchain.drive import dumps_drive
-from warpchain.drive.reversing import reverse
+from warpchain.drive.reversed_drive import reversed_drive
 from warpchain.engine.jump import find_jumps, jumped_on
 from warpchain.errors import DriveError, SimulationError
 from warpchain.fit import fit_links
@@ -131,8 +131,8 @@ def test_a_chain_that_leaves_its_teeth_has_jumped(triangle):
 def test_a_drive_in_reverse_stands_where_it_stood(name):
     """The same arcs and strands the other way around; twice in reverse is the drive itself."""
     drive = example(name)
-    back = reverse(drive)
-    assert [(s.name, s.wrap) for s in reverse(back).sprockets] == [(s.name, s.wrap) for s in drive.sprockets]
+    back = reversed_drive(drive)
+    assert [(s.name, s.wrap) for s in reversed_drive(back).sprockets] == [(s.name, s.wrap) for s in drive.sprockets]
     if drive.chains:
         assert {s.name for s in back.sprockets} == {s.name for s in drive.sprockets}
         return
@@ -148,7 +148,7 @@ def test_cams_in_reverse_store_the_same_energy():
     """M = dE/dphi of E(phi); against the other way, phi' = -phi, it is dE/dphi' = -M(-phi')."""
     load = {"torque": 0.0, "harmonics": [{"order": 4.0, "amplitude": 6.0, "phase": 0.7}]}
     drive = two_sprockets().with_values({"sprockets.driven.load": load})
-    (before,), (after,) = (of.sprockets[1].load.harmonics for of in (drive, reverse(drive)))
+    (before,), (after,) = (of.sprockets[1].load.harmonics for of in (drive, reversed_drive(drive)))
     for angle in (0.0, 0.3, 1.1):
         against = 6.0 * math.cos(4.0 * angle + after.phase)
         assert against == pytest.approx(-6.0 * math.cos(-4.0 * angle + before.phase), abs=1e-12)

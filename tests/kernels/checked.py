@@ -143,13 +143,13 @@ def ensemble_of(drives, **more):
     """Drives packed for `STEPS` steps, and how many values their frames take; not one more is there."""
     from blocks import pack_for
 
-    from warpchain.drive.rings import rings_of
+    from warpchain.drive.chain_drives import chain_drives
     from warpchain.results.channels import drive_frame_width
     from warpchain.results.schedule import Schedule
 
     schedules = [Schedule(drive.run.step, STEPS, 11, STEPS - 5, 8) for drive in drives]
     packed = replace(pack_for(drives, schedules, "float64"), **more)
-    chains = [ring.drive for drive in drives for ring in rings_of(drive)]
+    chains = [chain_drive.drive for drive in drives for chain_drive in chain_drives(drive)]
     widths = [drive_frame_width(chain, packed.frame) * (STEPS // 8 + 1) for chain in chains]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     return packed, sum(widths)

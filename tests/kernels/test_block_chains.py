@@ -25,8 +25,8 @@ from raw import stepped
 
 from warpchain import load_drive
 from warpchain.assembly.timestep import resolve_step
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
-from warpchain.drive.rings import rings_of
 from warpchain.engine.arrays import starts
 from warpchain.results.channels import drive_frame_width
 from warpchain.results.schedule import Schedule
@@ -34,7 +34,7 @@ from warpchain.results.schedule import Schedule
 
 def run(packed, variants, kind, blocks, order):
     """State, sums and frames of variants on blocks, by name; launches of so many steps."""
-    chains_of = [ring.drive for drive in variants for ring in rings_of(drive)]
+    chains_of = [chain_drive.drive for drive in variants for chain_drive in chain_drives(drive)]
     widths = [drive_frame_width(chain, packed.frame) * 16 for chain in chains_of]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
@@ -82,7 +82,7 @@ def test_a_variant_alone_is_the_same_in_a_crowd(fibers, drives, many, precision,
         for variants in ([first, second, first], [second])
     )
     whole = ensemble([first, second, first], precision)
-    n = len(rings_of(second))
+    n = len(chain_drives(second))
     middle = whole.part(n, 2 * n)
     for name, sort in (("rollers", "roller"), ("bodies", "body"), ("chain", "variant"), ("strand", "sprocket")):
         begin, end = (int(starts(of.drives)[sort][-1]) for of in (whole.part(0, n), whole.part(0, 2 * n)))
@@ -116,7 +116,7 @@ def test_the_shaft_of_light_stages_answers_for_both_its_chains():
     """Over a roller's mass by 2 sum(n (R + b)^2) / J, of n rollers on each of its two sprockets."""
     drive = light_stages()[0]
     packed, squares = ensemble([drive], "float64"), 0.0
-    for part, assembly, s in zip(rings_of(drive), packed.assemblies, (1, 0), strict=True):
+    for part, assembly, s in zip(chain_drives(drive), packed.assemblies, (1, 0), strict=True):
         reach = part.drive.pitch_radius(s) + part.drive.engagement(s)
         squares += (assembly.seat_sprocket == s).sum() * reach**2
     found = packed.sprockets["law"]["answer"][1:3] / packed.chains["mass"]

@@ -5,7 +5,7 @@ import pytest
 from drives import example
 
 from warpchain.drive.batch import stacks_of
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.results import step_resolution
 from warpchain.results.metric_formulas import number_of_each_drive
 from warpchain.results.metrics import VariantEnds
@@ -26,7 +26,7 @@ def spread(name):
     base, paths = example(name), VALUES[name]
     values = [{path: base.get_value(path) * by for path, by in zip(paths, row, strict=False)} for row in FACTORS]
     drives = [base.with_values(each) for each in values]
-    return [[rings_of(drive)[c].drive for drive in drives] for c in range(len(rings_of(base)))]
+    return [[chain_drives(drive)[c].drive for drive in drives] for c in range(len(chain_drives(base)))]
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -9,7 +9,7 @@ from parts import part
 
 from warpchain import Limits, Record, assemble, run_study, simulate
 from warpchain.drive import load_drive, save_drive
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import StudyError
 from warpchain.study.optimize import open_study
 from warpchain.study.report.rerun_scatters import view_study
@@ -98,7 +98,7 @@ def test_a_chain_is_adjusted_and_its_variants_play(tmp_path):
     assert len({row["adjusted_links"] for row in rows}) == 3
     made = adjusted_drives([drive_of_row(study, base, row) for row in rows], study.adjust, rows)
     for (drive, _), row in zip(made, rows, strict=True):
-        first, second = rings_of(drive)
+        first, second = chain_drives(drive)
         assert first.drive.chain.links == base.chains[0].links
         assert second.drive.chain.links == row["adjusted_links"]
         strain = 4000.0 / (second.drive.chain.mean_stiffness * second.drive.chain.pitch)
@@ -154,7 +154,7 @@ def test_two_chains_are_adjusted_one_after_the_other(tmp_path):
     made = open_study(source).drives([{name: row[name] for name in ("teeth", "pull")} for row in rows])
     base = load_drive(tmp_path / "two.toml")
     for drive, row in zip(made, rows, strict=True):
-        first, second = (ring.drive for ring in rings_of(drive))
+        first, second = (chain.drive for chain in chain_drives(drive))
         wanted = row["pull"] / (first.chain.mean_stiffness * first.chain.pitch)
         assert assemble(first).strain == pytest.approx(wanted, abs=1e-9)
         assert assemble(second).strain == pytest.approx(4e-4, abs=1e-9)

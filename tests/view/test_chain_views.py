@@ -10,7 +10,7 @@ import pytest
 from warpchain import read_archive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.summary import report as text_of
-from warpchain.drive.transmission import turn_alike
+from warpchain.drive.transmission import rotation_owners
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_metrics_row, chain_trajectories
 from warpchain.results.engineering_report import EngineeringReport
@@ -78,7 +78,7 @@ def test_a_page_has_the_sections_of_each_chain(recorded, tmp_path):
 )
 def test_a_page_shows_the_motion_of_a_shaft_once(stages, alike, moving):
     run = simulate(stages(duration=0.01), device="cpu")
-    assert turn_alike(run.drives[0]) == alike
+    assert rotation_owners(run.drives[0]) == alike
     row, headings, rows = run.metrics.to_pylist()[0], [], []
     for name, trajectory in chain_trajectories(run[0]).items():
         found, own = EngineeringReport(trajectory, alike=alike), chain_metrics_row(row, name)

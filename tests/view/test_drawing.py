@@ -16,8 +16,8 @@ from waiting import wait_for
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path, example_names
-from warpchain.drive.rings import rings_of
 from warpchain.view.figures.drive_figure import TRAVEL_STYLE, drive_figure
 
 
@@ -30,8 +30,8 @@ def test_radii_wraps_links_and_travel_are_in_the_picture(name):
     """Radii p / (2 sin(pi/z)) and wraps as of the path, to the digits that are shown; links add up with the seated."""
     drive = example(name)
     words = words_of(drive_figure(drive))
-    for ring in rings_of(drive):
-        path, whole = chain_path(ring.drive), ring.drive
+    for chain in chain_drives(drive):
+        path, whole = chain_path(chain.drive), chain.drive
         for s, sprocket in enumerate(whole.sprockets):
             told = [w for w in words if w.startswith(f"{sprocket.teeth} teeth, r ")]
             shown = [re.fullmatch(r"\d+ teeth, r ([\d.]+) (m|mm)\nwrap ([\d.]+)\N{DEGREE SIGN}", w) for w in told]

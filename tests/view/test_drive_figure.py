@@ -10,8 +10,8 @@ from matplotlib.collections import LineCollection
 
 from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import StillArm, chain_path
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import example_names
-from warpchain.drive.rings import rings_of
 from warpchain.results.guide_load import face_coordinates, rollers_in_guide_frame
 from warpchain.results.outlines import (
     chain_outline,
@@ -61,8 +61,8 @@ def rides(drive):
 def test_the_drawn_chain_rides_on_sprockets_and_guides(name):
     """The line touches every pitch circle, and is never lower over a face than rollers on it are; where the chain bends
     around one it is on it. Its points lie on the path: to round-off."""
-    for ring in rings_of(example(name)):
-        rides(ring.drive)
+    for chain in chain_drives(example(name)):
+        rides(chain.drive)
 
 
 def test_the_car_is_drawn_with_its_blade_against_the_chain(moved):

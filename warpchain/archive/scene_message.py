@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpchain.archive.archive_format import body_frame_name, message_class, varint_bytes
 from warpchain.archive.chunk_layout import FrameContent
 from warpchain.drive import Drive
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.results.outlines import guide_outline, tooth_outline
 
 DRIVE_FRAME = "drive"
@@ -40,7 +40,7 @@ def scene_update_bytes(content: FrameContent, drive: Drive) -> bytes:
     An entity `sprocket/NAME` has teeth and pitch circle (closed), an entity `guide/NAME` face and ends (open), each in
     the coordinate frame of its body where frames hold how that lies, else in the drive's.
     """
-    entities = [entity for ring in rings_of(drive) for entity in _chain_entities(content, ring.drive)]
+    entities = [entity for chain in chain_drives(drive) for entity in _chain_entities(content, chain.drive)]
     return b"".join(_field_bytes(2, entity) for entity in entities)
 
 

@@ -14,7 +14,7 @@ from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.assembly.path import in_parts
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, arrays_of, first_of, first_refused, picked, size_of, stacks_of
-from warpchain.drive.trains import has_trains, ties
+from warpchain.drive.trains import body_ties, has_trains
 from warpchain.errors import DriveError
 
 Places = NDArray[np.int64]
@@ -137,7 +137,7 @@ def _layout(drive: Drive) -> Hashable:
     """The layout of one drive, by value: with arms, what pulls and pushes them counts."""
     own = _layout_key(drive)
     values = [value for of in (own["chain"], *own["sprockets"], *own["shafts"], own["run"]) for value in of.values()]
-    tied = tuple(ties(drive)) if has_trains(drive) else ()
+    tied = tuple(body_ties(drive)) if has_trains(drive) else ()
     return (*values, tied, drive.driver, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
 
 

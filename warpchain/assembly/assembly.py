@@ -52,9 +52,9 @@ from warpchain.drive.batch_math import (
 )
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_velocity
-from warpchain.drive.sprocket import Led
-from warpchain.drive.trains import Tie, ties, turning_sign
-from warpchain.drive.turned import turned_on
+from warpchain.drive.sprocket import LedSprocket
+from warpchain.drive.start_phase import motion_from_start_phase
+from warpchain.drive.trains import BodyTie, body_ties, body_turning_sign
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -404,11 +404,11 @@ def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Arra
     parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
     for b, part in enumerate(parts):
         if part.prescribed is not None:
-            known[b] = turning_sign(drive, b) * _prescribed_speed(drive, part)
+            known[b] = body_turning_sign(drive, b) * _prescribed_speed(drive, part)
     for b, shaft in enumerate(drive.shafts, count):
         if shaft.initial_speed is not None:
-            known[b] = turning_sign(drive, b) * shaft.initial_speed
-    tied, before = ties(drive), -1
+            known[b] = body_turning_sign(drive, b) * shaft.initial_speed
+    tied, before = body_ties(drive), -1
     while len(known) > before:
         before = len(known)
         _spread(known, [tie for tie in tied if tie.kind != "couplings"])
@@ -424,7 +424,7 @@ def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Arra
     return table_of(speeds[:count], variants), table_of(shafts, variants) if shafts else np.empty((variants, 0))
 
 
-def _spread(known: dict[int, Any], tied: Sequence[Tie]) -> None:
+def _spread(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
     """Adds the speeds of bodies that are tied to those whose speeds are known."""
     for tie in tied:
         if tie.a in known and tie.b not in known:
@@ -438,10 +438,10 @@ def _prescribed_speed(drive: Drive, turned: Sprocket | Shaft) -> Any:
     motion = turned.prescribed
     if motion is None or some(motion.ramp_time > 0.0):
         return 0.0
-    motion = turned.driver if isinstance(turned, Led) else turned_on(drive, turned, motion)
+    motion = turned.driver if isinstance(turned, LedSprocket) else motion_from_start_phase(drive, turned, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
     speed = speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
-    return speed * turned.start_ratio if isinstance(turned, Led) else speed
+    return speed * turned.start_ratio if isinstance(turned, LedSprocket) else speed
 
 
 def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:

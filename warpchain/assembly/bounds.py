@@ -17,14 +17,14 @@ from warpchain.drive import Drive
 from warpchain.drive.batch_math import largest, power, where
 from warpchain.drive.sprocket import ElasticMount, Load, Prescribed, SliderMount
 from warpchain.drive.trains import (
-    Ratios,
+    TiedRatios,
+    body_speed_ratio,
+    body_ties,
     driving_body,
-    loads_of,
+    free_body_loads,
+    inertia_of_body,
     nearest_sprocket,
-    own_inertia,
-    speed_ratio,
-    ties,
-    turned_part,
+    part_of_body,
 )
 
 ESCAPE_PITCHES = 10.0
@@ -64,9 +64,9 @@ def _pulled(drive: Drive, tension: Any, speed: Any) -> Any:
         radius = drive.pitch_radius(s)
         if sprocket.load is not None:
             tension = tension + _moment(sprocket.load, speed / radius) / radius
-        for b, load in loads_of(drive) if drive.shafts else ():
+        for b, load in free_body_loads(drive) if drive.shafts else ():
             if b >= len(drive.sprockets) and nearest_sprocket(drive, b) == s:
-                beside = speed_ratio(drive, b, s)
+                beside = body_speed_ratio(drive, b, s)
                 tension = tension + beside * _moment(load, beside * speed / radius) / radius
         if isinstance(sprocket.mount, ElasticMount | SliderMount):
             preload = sprocket.mount.preload
@@ -104,18 +104,20 @@ def starting_tension(drive: Drive, assembly: Assembly) -> Any:
 def _run_up(drive: Drive) -> Any:
     """Tension by which a chain gives what it turns the largest acceleration of its driver [N]."""
     driver, count = driving_body(drive), len(drive.sprockets)
-    groups = Ratios(count + len(drive.shafts))
-    for tie in ties(drive):
+    groups = TiedRatios(count + len(drive.shafts))
+    for tie in body_ties(drive):
         groups.tie(tie.a, tie.b, Fraction(1))
     sides = [[b for b, root in enumerate(groups.root) if root == side] for side in sorted(set(groups.root[:count]))]
-    inertias = [sum(power(speed_ratio(drive, b, driver), 2) * own_inertia(drive, b) for b in side) for side in sides]
+    inertias = [
+        sum(power(body_speed_ratio(drive, b, driver), 2) * inertia_of_body(drive, b) for b in side) for side in sides
+    ]
     beyond = sum(inertia for side, inertia in zip(sides, inertias, strict=True) if driver not in side)
-    growth = _growth(turned_part(drive, driver).prescribed)
+    growth = _growth(part_of_body(drive, driver).prescribed)
     for b in (b for side in sides if driver in side for b in side if b >= count):
         motor = drive.shafts[b - count].motor
         if motor is not None:
-            growth = growth + motor.largest * speed_ratio(drive, b, driver) / sum(inertias)
-    return growth * beyond / (drive.pitch_radius(drive.driver) * speed_ratio(drive, drive.driver, driver))
+            growth = growth + motor.largest * body_speed_ratio(drive, b, driver) / sum(inertias)
+    return growth * beyond / (drive.pitch_radius(drive.driver) * body_speed_ratio(drive, drive.driver, driver))
 
 
 def _growth(motion: Prescribed | None) -> Any:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
-from warpchain.drive.chain_parts import Ring, shaft_of
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
 from warpchain.errors import DriveError
 
 
@@ -25,11 +25,11 @@ def assemble_chains(drive: Drive) -> list[Assembly]:
     if not drive.chains:
         return [assemble(drive)]
     found = []
-    for ring in rings_of(drive):
+    for chain in chain_drives(drive):
         try:
-            found.append(assemble(ring.drive))
+            found.append(assemble(chain.drive))
         except DriveError as error:
-            raise DriveError(f'chain "{ring.name}": {error}') from None
+            raise DriveError(f'chain "{chain.name}": {error}') from None
     check_planes(drive, [assembly.path for assembly in found])
     return found
 
@@ -45,13 +45,13 @@ def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
     Raises:
         DriveError: naming two such chains and where they meet.
     """
-    rings = rings_of(drive)
-    shafts = [{shaft_of(drive.sprockets[s]) for s in ring.places["sprockets"]} for ring in rings]
-    for i, k in combinations(range(len(rings)), 2):
+    chains = chain_drives(drive)
+    shafts = [{shaft_of_sprocket(drive.sprockets[s]) for s in chain.places["sprockets"]} for chain in chains]
+    for i, k in combinations(range(len(chains)), 2):
         one, other = drive.chains[i], drive.chains[k]
         if one.plane != other.plane or shafts[i] & shafts[k]:
             continue
-        place = _meeting(outline(rings[i], paths[i]), outline(rings[k], paths[k]))
+        place = _meeting(outline(chains[i], paths[i]), outline(chains[k], paths[k]))
         if place is not None:
             where = f"[{place[0]:.4g}, {place[1]:.4g}]"
             raise DriveError(
@@ -60,10 +60,10 @@ def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
             )
 
 
-def outline(ring: Ring, path: ChainPath) -> NDArray[np.float64]:
+def outline(chain: ChainDrive, path: ChainPath) -> NDArray[np.float64]:
     """Corners (K, 2) of a chain's loop [m]: ends of strands, and points of the arcs between, 5 degrees apart."""
-    points, count = [], len(ring.drive.sprockets)
-    for s, sprocket in enumerate(ring.drive.sprockets):
+    points, count = [], len(chain.drive.sprockets)
+    for s, sprocket in enumerate(chain.drive.sprockets):
         center, sign = np.array(sprocket.center), sprocket.sign
         begin, end = (np.asarray(of, dtype=float) for of in (path.strand_end[(s - 1) % count], path.strand_start[s]))
         first, last = (np.arctan2(*(at - center)[::-1]) for at in (begin, end))

@@ -33,9 +33,9 @@ from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, 
 from warpchain.assembly.place_search import Goal, Search, search_all
 from warpchain.drive.batch import stacks_of
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.chain_parts import Ring
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.parts_by_chain import ChainDrive
 from warpchain.drive.replace import with_numbers
-from warpchain.drive.rings import rings_of
 from warpchain.drive.thermal import growth
 from warpchain.errors import DriveError
 
@@ -135,14 +135,14 @@ def fit_angle(
     return _one(_moved([drive], [search]))
 
 
-def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> Ring:
+def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> ChainDrive:
     """The chain that is fitted: that of a name, or of a sprocket; of one chain, that.
 
     Raises:
         DriveError: a name that there is not, or none where there are several chains.
     """
-    rings = rings_of(drive)
-    names = [ring.name for ring in rings] if drive.chains else []
+    chains = chain_drives(drive)
+    names = [chain_drive.name for chain_drive in chains] if drive.chains else []
     if chain is None and sprocket is not None and names:
         chain = drive.sprockets[_sprocket_index(drive, sprocket)].chain
     if chain is None and names:
@@ -150,14 +150,14 @@ def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = 
     if chain is not None and chain not in names:
         known = f"allowed are {', '.join(names)}" if names else "the drive has one, without a name"
         raise DriveError(f'chain "{chain}": no such name; {known}')
-    return next(ring for ring in rings if ring.name == (chain or ""))
+    return next(chain_drive for chain_drive in chains if chain_drive.name == (chain or ""))
 
 
-def links_place(drive: Drive, ring: Ring) -> tuple[str | int, ...]:
+def links_place(drive: Drive, chain_drive: ChainDrive) -> tuple[str | int, ...]:
     """Where a drive has the number of links of one of its chains."""
     if not drive.chains:
         return "chain", "links"
-    return "chains", [chain.name for chain in drive.chains].index(ring.name), "links"
+    return "chains", [chain.name for chain in drive.chains].index(chain_drive.name), "links"
 
 
 def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | DriveError]:
@@ -205,9 +205,9 @@ def fit_links(
         DriveError: no such number gives a strain within 0.05, or none assembles; an arm with a wanted angle stands on a
             stop or presses on nothing with all of them; an unknown arm or chain.
     """
-    ring = fitted_chain(drive, chain)
-    place = f"chains.{ring.name}.links" if drive.chains else "chain.links"
-    return drive.with_values({place: _best_links(ring.drive, odd, angle, place)})
+    chain_drive = fitted_chain(drive, chain)
+    place = f"chains.{chain_drive.name}.links" if drive.chains else "chain.links"
+    return drive.with_values({place: _best_links(chain_drive.drive, odd, angle, place)})
 
 
 def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, place: str) -> int:

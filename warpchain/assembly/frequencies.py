@@ -20,12 +20,12 @@ import numpy as np
 
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
-from warpchain.drive.geared import own_shafts
+from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives
+from warpchain.drive.geared_chain_drives import shafts_of_own_chain
 from warpchain.drive.motion_table import Table
-from warpchain.drive.rings import driver_ratios, rings_of
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import names_of, speed_ratio
+from warpchain.drive.trains import body_names, body_speed_ratio
 
 
 def strand_frequency(drive: Drive, links: int, tension: float) -> float:
@@ -71,8 +71,8 @@ class Order:
 def tooth_orders(drive: Drive) -> dict[str, float]:
     """Orders of the driver's revolution with which teeth pass, by the name of the chain; "" where there is one."""
     return {
-        ring.name: ratio * ring.drive.sprockets[ring.drive.driver].teeth
-        for ring, ratio in zip(rings_of(drive), driver_ratios(drive), strict=True)
+        chain.name: ratio * chain.drive.sprockets[chain.drive.driver].teeth
+        for chain, ratio in zip(chain_drives(drive), chain_driver_ratios(drive), strict=True)
     }
 
 
@@ -95,8 +95,8 @@ def _of_chains(drive: Drive, part: Callable[[Drive, str], list[tuple[float, str]
     """Orders of the driver's revolution, from those of each chain's own driver; `part` takes what chains are called."""
     return [
         (ratio * order, cause)
-        for ring, ratio in zip(rings_of(drive), driver_ratios(drive), strict=True)
-        for order, cause in part(ring.drive, f" of {ring.name}" if ring.name else "")
+        for chain, ratio in zip(chain_drives(drive), chain_driver_ratios(drive), strict=True)
+        for order, cause in part(chain.drive, f" of {chain.name}" if chain.name else "")
     ]
 
 
@@ -113,11 +113,11 @@ def _passing(drive: Drive, named: str) -> list[tuple[float, str]]:
         turns = driver.teeth / sprocket.teeth
         wheel = " and its balance wheel" if sprocket.balance_wheel is not None else ""
         found.append((turns, f"revolution of {sprocket.name}{wheel}"))
-    for b, shaft in enumerate(own_shafts(drive), len(drive.sprockets)):
-        found.append((speed_ratio(drive, b, drive.driver), f"revolution of {shaft.name}"))
+    for b, shaft in enumerate(shafts_of_own_chain(drive), len(drive.sprockets)):
+        found.append((body_speed_ratio(drive, b, drive.driver), f"revolution of {shaft.name}"))
     for gear in drive.gears:
-        first = names_of(drive).index(gear.between[0])
-        found.append((gear.teeth[0] * speed_ratio(drive, first, drive.driver), f"teeth of {gear.name}"))
+        first = body_names(drive).index(gear.between[0])
+        found.append((gear.teeth[0] * body_speed_ratio(drive, first, drive.driver), f"teeth of {gear.name}"))
     return found
 
 
@@ -126,7 +126,7 @@ def _driven(drive: Drive, _: str) -> list[tuple[float, str]]:
     found = []
     parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
     for s, turned in enumerate(parts):
-        turns = speed_ratio(drive, s, drive.driver)
+        turns = body_speed_ratio(drive, s, drive.driver)
         motor = getattr(turned, "motor", None)
         for cause, word in ((turned.prescribed, "motion"), (turned.load, "load"), (motor, "motor")):
             if cause is None:
@@ -139,7 +139,7 @@ def _driven(drive: Drive, _: str) -> list[tuple[float, str]]:
                 own = 1.0 / (cause.table.revolutions * shaft_ratio(drive, s, cause.table.shaft))
                 found.append((own * turns, f"{word} table of {turned.name}"))
     for valves in drive.valves:
-        turns = speed_ratio(drive, names_of(drive).index(valves.on), drive.driver)
+        turns = body_speed_ratio(drive, body_names(drive).index(valves.on), drive.driver)
         found.append((valves.slowest_order * turns, f"valves {valves.name}"))
     return found
 

@@ -114,10 +114,10 @@ class Search:
     def steps(self) -> Steps:
         """Asks, and returns the place; None where there is none. Sought from the middle outwards."""
         ends = dict.fromkeys((-1.0, 1.0), (0.0, (yield from self._nominal(0.0))))
-        for ring in range(math.ceil(self.reach / self.step)):
+        for chain in range(math.ceil(self.reach / self.step)):
             found = []
             for side, (inner, before) in ends.items():
-                outer = side * min((ring + 1) * self.step, self.reach)
+                outer = side * min((chain + 1) * self.step, self.reach)
                 after = yield from self._nominal(outer)
                 if before * after <= 0.0:
                     place = yield from _root(self._nominal, (inner, before), (outer, after), 1e-4 * self.step)

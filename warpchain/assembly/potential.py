@@ -36,7 +36,13 @@ from warpchain.assembly.guided import profile_at, turned_about
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass, unit, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
-from warpchain.drive.trains import first_ratio, nearest_sprocket, stands, turning_sign, untwisted
+from warpchain.drive.trains import (
+    body_turning_sign,
+    coupling_rest_angle,
+    first_coupling_ratio,
+    is_held_body,
+    nearest_sprocket,
+)
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -156,7 +162,7 @@ class Potential:
         moments: (S + H,) load moments M_s, against forward rotation [N m].
         hanging: whether balance wheels hang where they are; else their weight turns nothing in the mean.
         laid: (S,) angles of the sprockets as the chain has been laid [rad], for couplings.
-        held: (S + H,) whether an angle is; None as `stands`, and of a shaft that no sprocket is near to.
+        held: (S + H,) whether an angle is; None as `is_held_body`, and of a shaft that no sprocket is near to.
 
     Attributes:
         lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
@@ -191,11 +197,11 @@ class Potential:
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
         self.carried = self._carried()
         near = [nearest_sprocket(drive, b) for b in range(self.turning)]
-        self.held = held or [near[b] is None or stands(drive, b) for b in range(self.turning)]
+        self.held = held or [near[b] is None or is_held_body(drive, b) for b in range(self.turning)]
         self.lever = self.radius[[s or 0 for s in near]]
-        geared = [] if laid is None else [float(first_ratio(coupling) or 1) for coupling in drive.couplings]
-        self.couplings = [(*untwisted(drive, c, ratio, laid), ratio) for c, ratio in enumerate(geared)]
-        self.moments = np.array([turning_sign(drive, b) for b in range(self.turning)]) * moments
+        geared = [] if laid is None else [float(first_coupling_ratio(coupling) or 1) for coupling in drive.couplings]
+        self.couplings = [(*coupling_rest_angle(drive, c, ratio, laid), ratio) for c, ratio in enumerate(geared)]
+        self.moments = np.array([body_turning_sign(drive, b) for b in range(self.turning)]) * moments
         self.moments[np.array(self.held)] = 0.0
         self.pulled = False  # whether links with play are taken to be pulled, all of them
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by

@@ -17,18 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.statics import load_moments
-from warpchain.drive.shafts import Beside
-from warpchain.drive.train_speeds import STEPS, as_one, steps
+from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.train_speeds import SPEED_STEPS, lumped_drive, speed_steps
 from warpchain.drive.trains import (
+    body_names,
+    body_speed_ratio,
     driving_body,
-    is_free,
-    loads_of,
-    names_of,
+    free_body_loads,
+    inertia_of_body,
+    is_free_body,
+    is_held_body,
     nearest_sprocket,
-    own_inertia,
-    speed_ratio,
-    stands,
-    turned_part,
+    part_of_body,
 )
 
 if TYPE_CHECKING:
@@ -58,16 +58,16 @@ class Passed(NamedTuple):
 def passed(drive: Drive) -> Passed:
     """The way of a chain's driver: that of a motion's ramp or table over time, else as motors and loads have it."""
     b = driving_body(drive)
-    motion, top = turned_part(drive, b).prescribed, drive.driver_speed
+    motion, top = part_of_body(drive, b).prescribed, drive.driver_speed
     if motion is None:
         return _driven(drive)
     table = motion.table
     speed, acceleration = [], []
     if motion.ramp_time > 0.0:
-        u = np.linspace(0.0, 1.0, STEPS + 1)
+        u = np.linspace(0.0, 1.0, SPEED_STEPS + 1)
         speed, acceleration = [top * u**2 * (3.0 - 2.0 * u)], [6.0 * top * u * (1.0 - u) / motion.ramp_time]
     elif table is not None and table.time is not None:
-        ratio, time = speed_ratio(drive, drive.driver, b), np.array(table.over)
+        ratio, time = body_speed_ratio(drive, drive.driver, b), np.array(table.over)
         slope = ratio * np.diff(table.values) / np.diff(time)
         slope = slope[time[:-1] < drive.run.duration]
         rows = ratio * np.array(table.values)
@@ -77,10 +77,10 @@ def passed(drive: Drive) -> Passed:
 
 def _driven(drive: Drive) -> Passed:
     """`passed` of a drive that nothing prescribes."""
-    one, top = as_one(drive), drive.driver_speed
-    grid = steps(one.start, top)
-    least, most = one.extremes(grid)
-    at_work = float(one.moment(top))
+    one, top = lumped_drive(drive), drive.driver_speed
+    grid = speed_steps(one.start, top)
+    least, most = one.net_moment_bounds(grid)
+    at_work = float(one.net_moment(top))
     if abs(at_work) <= _BALANCED * sum(r * motor.largest for r, motor in one.motors):
         at_work = 0.0
     moments = np.concatenate([least, most, [at_work]])
@@ -91,14 +91,14 @@ def moments_of(drive: Drive, of: Passed, beyond: Mapping[str, float] | None = No
     """(S + H, K) mean moments [N m] that loads and inertias ask of sprockets and shafts against forward rotation, (a).
 
     Args:
-        beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `Beside`.
+        beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `SprocketShaft`.
     """
     found = load_moments(drive, of.speed)
-    for b, name in enumerate(names_of(drive)):
-        if is_free(drive, b) and nearest_sprocket(drive, b) is not None:
-            part = turned_part(drive, b)
-            more = part.beyond if isinstance(part, Beside) else (beyond or {}).get(name, 0.0)
-            found[b] += (own_inertia(drive, b) + more) * speed_ratio(drive, b, drive.driver) * of.acceleration
+    for b, name in enumerate(body_names(drive)):
+        if is_free_body(drive, b) and nearest_sprocket(drive, b) is not None:
+            part = part_of_body(drive, b)
+            more = part.driven_inertia if isinstance(part, SprocketShaft) else (beyond or {}).get(name, 0.0)
+            found[b] += (inertia_of_body(drive, b) + more) * body_speed_ratio(drive, b, drive.driver) * of.acceleration
     return found
 
 
@@ -109,8 +109,8 @@ def rises(drive: Drive, moments: Array) -> Array:
     asked = np.zeros_like(found)
     for b in range(len(moments)):
         s = nearest_sprocket(drive, b)
-        if s is not None and not stands(drive, s):
-            asked[s] += (1.0 if b == s else speed_ratio(drive, b, s)) * moments[b] / drive.pitch_radius(s)
+        if s is not None and not is_held_body(drive, s):
+            asked[s] += (1.0 if b == s else body_speed_ratio(drive, b, s)) * moments[b] / drive.pitch_radius(s)
     for turn in range(1, count):
         s = (drive.driver + turn) % count
         found[s] = found[s - 1] + asked[s]
@@ -130,13 +130,13 @@ def left_out(drive: Drive) -> Iterator[str]:
     """Names of all that the peak of the pull does not contain."""
     yield "vibration"
     b = driving_body(drive)
-    names = names_of(drive)
-    motion = turned_part(drive, b).prescribed
+    names = body_names(drive)
+    motion = part_of_body(drive, b).prescribed
     if motion is not None and (motion.harmonics or (motion.table is not None and motion.table.angle is not None)):
         yield f'the ups and downs of "{names[b]}", which is led'
-    for other, load in loads_of(drive):
+    for other, load in free_body_loads(drive):
         s = nearest_sprocket(drive, other)
-        if (s is None or stands(drive, s)) and (load.harmonics or load.table is not None):
+        if (s is None or is_held_body(drive, s)) and (load.harmonics or load.table is not None):
             yield f'the ups and downs of the load on "{names[other]}", which drives'
     for coupling in drive.couplings:
         if coupling.ratios is not None and len({ratio for ratio in coupling.ratios.ratio if ratio}) > 1:
@@ -145,13 +145,13 @@ def left_out(drive: Drive) -> Iterator[str]:
             yield f'what "{coupling.name}" passes on while it slips, up to {coupling.clutch.most:.4g} N m'
     if motion is not None:
         return
-    one, shafts = as_one(drive), list(enumerate(drive.shafts, len(drive.sprockets)))
+    one, shafts = lumped_drive(drive), list(enumerate(drive.shafts, len(drive.sprockets)))
     for h, shaft in ((h, shaft) for h, shaft in shafts if nearest_sprocket(drive, h) is not None):
         if shaft.motor is not None and shaft.motor.ramp_time <= 0.0:
             yield f'the jerk of the motor on "{shaft.name}", which comes on at once: up to twice as much'
         if shaft.initial_speed is None:
             continue
-        with_driver = float(one.start) * speed_ratio(drive, h, drive.driver)
+        with_driver = float(one.start) * body_speed_ratio(drive, h, drive.driver)
         if abs(shaft.initial_speed - with_driver) > 1e-3 * max(shaft.initial_speed, with_driver):
             yield (
                 f'how "{shaft.name}", which begins with {shaft.initial_speed:.4g} rad/s, comes to the '

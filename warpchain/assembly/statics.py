@@ -23,9 +23,17 @@ from warpchain.assembly.potential import Map, Potential, Terms, together
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
 from warpchain.drive.mounts import unit
 from warpchain.drive.schema import HUGE
-from warpchain.drive.shafts import Beside
-from warpchain.drive.sprocket import ElasticMount, Led, SliderMount
-from warpchain.drive.trains import is_free, loads_of, names_of, rigid, signed_turns, speed_ratio, stands
+from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.sprocket import ElasticMount, LedSprocket, SliderMount
+from warpchain.drive.trains import (
+    body_names,
+    body_speed_ratio,
+    free_body_loads,
+    is_free_body,
+    is_held_body,
+    rigid_ratios,
+    turns_a_roller,
+)
 from warpchain.errors import SimulationError
 
 if TYPE_CHECKING:
@@ -86,8 +94,8 @@ def load_moments(drive: Drive, speed: float | Array) -> Array:
     Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on what is prescribed.
     """
     found = np.zeros((len(drive.sprockets) + len(drive.shafts), *np.shape(speed)))
-    for b, load in loads_of(drive):
-        own: Any = speed * speed_ratio(drive, b, drive.driver)
+    for b, load in free_body_loads(drive):
+        own: Any = speed * body_speed_ratio(drive, b, drive.driver)
         if b < len(drive.sprockets):
             own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[b].teeth
         found[b] = load.steady(own)
@@ -95,8 +103,8 @@ def load_moments(drive: Drive, speed: float | Array) -> Array:
             cells = cells_of(load.table, shaft_ratio(drive, b, load.table.shaft))
             found[b] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
     for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
-        if shaft.motor is not None and is_free(drive, b):
-            found[b] -= shaft.motor.at(speed * speed_ratio(drive, b, drive.driver))
+        if shaft.motor is not None and is_free_body(drive, b):
+            found[b] -= shaft.motor.at(speed * body_speed_ratio(drive, b, drive.driver))
     return found
 
 
@@ -220,7 +228,7 @@ def equilibrium(
             raise SimulationError(f"speed = {speed:g}: must be within {HUGE:g} rad/s of 0")
         moments, laid = load_moments(drive, speed), assembly.sprocket_angle
         if shafts:  # the sprockets that they are have the loads
-            moments[[b for b, of in enumerate(drive.shafts, len(laid)) if isinstance(of, Beside)]] = 0.0
+            moments[[b for b, of in enumerate(drive.shafts, len(laid)) if isinstance(of, SprocketShaft)]] = 0.0
         held = _held(drive) if shafts else None
         potentials.append(Potential(drive, passing_rate(drive, speed), moments, hanging=True, laid=laid, held=held))
         if (potentials[-1].push >= 0.1 * potentials[-1].stiffness).any():
@@ -247,9 +255,9 @@ def equilibrium(
 
 def _held(drive: Drive) -> list[bool]:
     """Whether angles of one of several chains are held: prescribed, or in the train of what drives all."""
-    led = any(isinstance(sprocket, Led) for sprocket in drive.sprockets)
+    led = any(isinstance(sprocket, LedSprocket) for sprocket in drive.sprockets)
     bodies = range(len(drive.sprockets) + len(drive.shafts))
-    return [not is_free(drive, b) or (not led and stands(drive, b)) for b in bodies]
+    return [not is_free_body(drive, b) or (not led and is_held_body(drive, b)) for b in bodies]
 
 
 def _advanced(potential: Potential, x: Array, part: float) -> Array:
@@ -270,7 +278,7 @@ def _advanced(potential: Potential, x: Array, part: float) -> Array:
         r[on] = centers[s] + arm[on] @ np.array([[cosine, sine], [-sine, cosine]])
     if potential.drive.shafts:
         angles[potential.sprockets :] += (
-            part * math.tau * np.array(signed_turns(potential.drive)[potential.sprockets :])
+            part * math.tau * np.array(turns_a_roller(potential.drive)[potential.sprockets :])
         )
     return x
 
@@ -435,7 +443,7 @@ def _coordinate(potential: Potential, assembly: Assembly, i: int) -> str:
     if i >= 2 * rollers:
         within = i - 2 * rollers
         b = within // 2 if within < 2 * sprockets else within - 2 * sprockets
-        return f'{"sprocket" if b < sprockets else "shaft"} "{names_of(drive)[b]}"'
+        return f'{"sprocket" if b < sprockets else "shaft"} "{body_names(drive)[b]}"'
     roller = i // 2
     s = int(assembly.seat_sprocket[roller])
     if s >= 0:
@@ -501,7 +509,7 @@ def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
     n, s = 2 * potential.rollers, potential.sprockets
     column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n
     column[:n], weight[:n] = np.arange(n), 1.0
-    tied, begun = rigid(potential.drive), dict[int, tuple[int, int]]()
+    tied, begun = rigid_ratios(potential.drive), dict[int, tuple[int, int]]()
     for b in range(potential.turning):
         x, y, angle = n + 2 * b, n + 2 * b + 1, n + 2 * s + b
         mount = potential.drive.sprockets[b].mount if b < s else None

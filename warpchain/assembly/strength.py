@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from warpchain.assembly.run_up import left_out
 from warpchain.drive import Drive
 from warpchain.drive.sprocket import Load
-from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio, stands
+from warpchain.drive.trains import body_speed_ratio, free_body_loads, is_held_body, nearest_sprocket
 
 LEAST_STATIC, LEAST_DYNAMIC = 7.0, 5.0
 """Breaking load over the largest tension at work, and over that with the loads' peaks."""
@@ -40,10 +40,10 @@ def _peak(load: Load) -> float:
 def peaks(drive: Drive) -> float:
     """Tension that the loads add at their peaks, all at once [N]."""
     found = 0.0
-    for b, load in loads_of(drive):
+    for b, load in free_body_loads(drive):
         s = nearest_sprocket(drive, b)
-        if s is not None and not stands(drive, s):
-            beside = 1.0 if b == s else abs(speed_ratio(drive, b, s))
+        if s is not None and not is_held_body(drive, s):
+            beside = 1.0 if b == s else abs(body_speed_ratio(drive, b, s))
             found += beside * _peak(load) / drive.pitch_radius(s)
     return found
 

@@ -21,13 +21,18 @@ from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, Hard
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.chain_drives import (
+    chain_driver_ratios,
+    driven_chain_inertias,
+    loaded_chain_drives,
+    shaft_speed_ratios,
+)
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
-from warpchain.drive.geared import own_shafts
+from warpchain.drive.geared_chain_drives import shafts_of_own_chain
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rings import driver_ratios, inertias_beyond, loaded_rings, shaft_ratios
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, growth
-from warpchain.drive.trains import driving_body, turned_part
+from warpchain.drive.trains import driving_body, part_of_body
 from warpchain.drive.viscosity import REFERENCE
 
 _ROUND = 1e-3
@@ -145,7 +150,7 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
         "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
-        **({"shafts": train_report.shafts(drive)} if own_shafts(drive) else {}),
+        **({"shafts": train_report.shafts(drive)} if shafts_of_own_chain(drive) else {}),
         **({"gears": train_report.gears(drive)} if drive.gears else {}),
         **({"couplings": train_report.couplings(drive, running)} if drive.couplings else {}),
         **({"valves": train_report.valves(drive)} if drive.valves else {}),
@@ -169,7 +174,7 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
 def _driver(drive: Drive, passed: Passed) -> dict[str, Any]:
     """The driver at the start and at work."""
     speed, acceleration = passed.at(-1)
-    prescribed = turned_part(drive, driving_body(drive)).prescribed is not None
+    prescribed = part_of_body(drive, driving_body(drive)).prescribed is not None
     return {
         "name": drive.sprockets[drive.driver].name,
         "prescribed": prescribed,
@@ -212,7 +217,7 @@ def _step(drive: Drive) -> dict[str, Any]:
 
 def _derive_several(drive: Drive) -> dict[str, Any]:
     """`derive` of several chains."""
-    ratios = shaft_ratios(drive)
+    ratios = shaft_speed_ratios(drive)
     shafts = [
         {
             "name": shaft.name,
@@ -224,14 +229,14 @@ def _derive_several(drive: Drive) -> dict[str, Any]:
     ]
     step = _step(drive)
     assemble_chains(drive)
-    own, rings, begins = {}, loaded_rings(drive), driver_ratios(drive)
-    home = next(r for r, ring in enumerate(rings) if drive.driver in ring.places["sprockets"])
-    passed, beyond = run_up.passed(rings[home].drive), inertias_beyond(drive)
-    for ring, begin in zip(rings, begins, strict=True):
-        automatic = ring.drive.run.model_copy(update={"step": "auto"})
-        one = ring.drive.model_copy(update={"run": automatic})
-        own[ring.name] = _derive_alone(one, passed.times(begin / begins[home]), beyond) | step
-        own[ring.name].pop("valves", None)  # below, by the speed of the whole drive's driver
+    own, chains, begins = {}, loaded_chain_drives(drive), chain_driver_ratios(drive)
+    home = next(r for r, chain in enumerate(chains) if drive.driver in chain.places["sprockets"])
+    passed, beyond = run_up.passed(chains[home].drive), driven_chain_inertias(drive)
+    for chain, begin in zip(chains, begins, strict=True):
+        automatic = chain.drive.run.model_copy(update={"step": "auto"})
+        one = chain.drive.model_copy(update={"run": automatic})
+        own[chain.name] = _derive_alone(one, passed.times(begin / begins[home]), beyond) | step
+        own[chain.name].pop("valves", None)  # below, by the speed of the whole drive's driver
     valves = {"valves": train_report.valves(drive)} if drive.valves else {}
     return {"chains": own, "shafts": shafts, **valves, **step}
 

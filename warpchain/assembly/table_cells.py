@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.motion_table import PlaceColumn, SpeedTable, Table
-from warpchain.drive.trains import names_of, speed_ratio
+from warpchain.drive.trains import body_names, body_speed_ratio
 from warpchain.drive.valves import LiftCurve
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class TableList:
 
 def shaft_ratio(drive: Drive, s: int, shaft: str | None) -> float:
     """Angle of sprocket or shaft s over that of the one called `shaft`, by their teeth; 1 for None."""
-    return 1.0 if shaft is None else speed_ratio(drive, s, names_of(drive).index(shaft))
+    return 1.0 if shaft is None else body_speed_ratio(drive, s, body_names(drive).index(shaft))
 
 
 def initial_speed(table: SpeedTable) -> float:

@@ -17,11 +17,11 @@ import numpy as np
 from warpchain.drive import Drive
 from warpchain.drive.batch import picked
 from warpchain.drive.batch_math import largest, power, some, sqrt
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
-from warpchain.drive.rings import rings_of
-from warpchain.drive.shafts import Beside
-from warpchain.drive.trains import is_free, names_of, seen_inertia, train_of, turned_part
+from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.trains import body_names, is_free_body, part_of_body, train_inertia, train_of_body
 from warpchain.errors import DriveError
 
 AUTOMATIC = 0.6
@@ -55,7 +55,7 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
     touched, from its pivot, k_T a tensioner's spring, oil and stop, l its lever, d the centers of sprockets on it.
     """
     if drive.chains:
-        return _together([ring.drive for ring in rings_of(drive)], held)
+        return _together([chain.drive for chain in chain_drives(drive)], held)
     found = []
     for s, sprocket in enumerate(drive.sprockets):
         if on_springs(sprocket):
@@ -65,8 +65,8 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
             stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
             found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
     for s, sprocket in enumerate(drive.sprockets):
-        if not held and is_free(drive, s) and not on_springs(sprocket):
-            inertia = seen_inertia(drive, s)
+        if not held and is_free_body(drive, s) and not on_springs(sprocket):
+            inertia = train_inertia(drive, s)
             turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
             shaft = _shared_shaft(drive, s)  # of several chains, see `_together`
             name = f'sprocket "{sprocket.name}"' if shaft is None else _on_shaft(shaft)
@@ -112,35 +112,35 @@ def _couplings(drive: Drive) -> list[Body]:
 
     A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
     """
-    found, names = _valves(drive), names_of(drive)
+    found, names = _valves(drive), body_names(drive)
     for coupling in drive.couplings:
         ends = [names.index(name) for name in coupling.between]
         turns = zip(ends, (1.0, coupling.largest_ratio), strict=True)
-        give = sum(i * i / seen_inertia(drive, b) for b, i in turns if is_free(drive, b))
+        give = sum(i * i / train_inertia(drive, b) for b, i in turns if is_free_body(drive, b))
         square = coupling.stiffness * give
         for s in ends:
-            if s < len(drive.sprockets) and is_free(drive, s):
+            if s < len(drive.sprockets) and is_free_body(drive, s):
                 teeth = (drive.sprockets[s].teeth - 1) * drive.sprocket_stiffness(s)
-                square = square + teeth * power(drive.pitch_radius(s), 2) / seen_inertia(drive, s)
+                square = square + teeth * power(drive.pitch_radius(s), 2) / train_inertia(drive, s)
         found.append(Body(f'coupling "{coupling.name}"', square, coupling.damping * give))
     for h, shaft in enumerate(drive.shafts):
         b = len(drive.sprockets) + h
-        if shaft.motor is not None and is_free(drive, b):
-            found.append(Body(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest / seen_inertia(drive, b)))
+        if shaft.motor is not None and is_free_body(drive, b):
+            found.append(Body(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest / train_inertia(drive, b)))
     return found
 
 
 def _valves(drive: Drive) -> list[Body]:
     """Valve springs on bodies that turn freely, beside the teeth; the inertia of valves only slows that down."""
-    found, names = [], names_of(drive)
+    found, names = [], body_names(drive)
     for valves in drive.valves:
         b = names.index(valves.on)
-        if is_free(drive, b):
+        if is_free_body(drive, b):
             stiffness = valves.torsional_stiffness
             if b < len(drive.sprockets):
                 teeth = (drive.sprockets[b].teeth - 1) * drive.sprocket_stiffness(b)
                 stiffness = stiffness + teeth * power(drive.pitch_radius(b), 2)
-            found.append(Body(f'valves "{valves.name}"', stiffness / seen_inertia(drive, b), 0.0))
+            found.append(Body(f'valves "{valves.name}"', stiffness / train_inertia(drive, b), 0.0))
     return found
 
 
@@ -153,11 +153,11 @@ def _shared_shaft(drive: Drive, s: int) -> str | None:
     """The shaft, or the first body of the train, that turns sprockets of other chains, too; None of a sprocket of one
     chain.
     """
-    shaft, names = drive.sprockets[s].shaft, names_of(drive)
+    shaft, names = drive.sprockets[s].shaft, body_names(drive)
     if shaft is not None and shaft not in names:
         return shaft
-    train = train_of(drive, s).bodies
-    return names[train[0]] if any(isinstance(turned_part(drive, b), Beside) for b in train) else None
+    train = train_of_body(drive, s).bodies
+    return names[train[0]] if any(isinstance(part_of_body(drive, b), SprocketShaft) for b in train) else None
 
 
 def _together(drives: Sequence[Drive], held: bool) -> list[Body]:
@@ -170,7 +170,7 @@ def _together(drives: Sequence[Drive], held: bool) -> list[Body]:
         known = found.get(body.name, Body(body.name, 0.0, 0.0))
         found[body.name] = Body(body.name, known.square + body.square, known.rate + body.rate)
     for drive in drives if not held else ():
-        beside = [shaft.name for shaft in drive.shafts if isinstance(shaft, Beside)]
+        beside = [shaft.name for shaft in drive.shafts if isinstance(shaft, SprocketShaft)]
         for coupling in drive.couplings:
             name = f'coupling "{coupling.name}"'
             more = sum(
@@ -212,7 +212,7 @@ def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = Fals
 
 def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
     if drive.chains:
-        return largest(*(_highest_frequency(ring.drive, damped_links, bodies) for ring in rings_of(drive)))
+        return largest(*(_highest_frequency(chain.drive, damped_links, bodies) for chain in chain_drives(drive)))
     mass = drive.chain.mass
     half_rate = (drive.chain.link_damping + drive.chain.outer_damping) / mass if damped_links else 0.0
     stiffest = largest(0.0, *(stiffness for _, stiffness in _contacts(drive)))
@@ -239,12 +239,12 @@ def stiffest_part(drive: Drive) -> str:
 def _stiffest_of_several(drive: Drive) -> str:
     """`stiffest_part` of the chain that needs the shortest steps, or the body that lowers them most."""
     bodies = moving_bodies(drive)
-    ring = max(rings_of(drive), key=lambda ring: _highest_frequency(ring.drive, True, bodies)).drive
+    chain = max(chain_drives(drive), key=lambda chain: _highest_frequency(chain.drive, True, bodies)).drive
     fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=Body("", 0.0, 0.0))
-    held = _highest_frequency(ring, True, [])
+    held = _highest_frequency(chain, True, [])
     if fastest.square + fastest.rate * fastest.rate > held * held:
         return fastest.name
-    return f'{stiffest_part(ring)}, chain "{ring.chain.name}"'
+    return f'{stiffest_part(chain)}, chain "{chain.chain.name}"'
 
 
 def step_limit(drive: Drive, held: bool = False) -> float:

@@ -6,19 +6,19 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive.geared import own_shafts
-from warpchain.drive.train_speeds import as_one
+from warpchain.drive.geared_chain_drives import shafts_of_own_chain
+from warpchain.drive.train_speeds import lumped_drive
 from warpchain.drive.trains import (
+    body_names,
+    body_speed_ratio,
     driving_body,
-    first_ratio,
-    is_free,
-    leader_of,
-    names_of,
+    first_coupling_ratio,
+    is_free_body,
     nearest_sprocket,
-    seen_inertia,
-    speed_ratio,
-    train_of,
-    turned_part,
+    part_of_body,
+    prescribed_leader,
+    train_inertia,
+    train_of_body,
 )
 
 if TYPE_CHECKING:
@@ -33,15 +33,15 @@ _FAST = 1e6
 def shafts(drive: Drive) -> list[dict[str, Any]]:
     """Shafts: what turns as one with each, speed at work [rad/s] if that is known, inertia that it sees [kg m^2] and
     its motor [N m]."""
-    names, found = names_of(drive), []
-    for b, shaft in enumerate(own_shafts(drive), len(drive.sprockets)):
+    names, found = body_names(drive), []
+    for b, shaft in enumerate(shafts_of_own_chain(drive), len(drive.sprockets)):
         speed, motor = _speed(drive, b), shaft.motor
         found.append(
             {
                 "name": shaft.name,
-                "with": [names[other] for other in train_of(drive, b).bodies if other != b],
+                "with": [names[other] for other in train_of_body(drive, b).bodies if other != b],
                 "speed": speed,
-                "inertia": seen_inertia(drive, b) if is_free(drive, b) else None,
+                "inertia": train_inertia(drive, b) if is_free_body(drive, b) else None,
                 "motor_at_rest": None if motor is None else float(motor.at(0.0)),
                 "motor_at_work": None if motor is None or speed is None else float(motor.at(speed)),
             }
@@ -52,11 +52,11 @@ def shafts(drive: Drive) -> list[dict[str, Any]]:
 def _speed(drive: Drive, b: int) -> float | None:
     """Forward speed of a shaft at work [rad/s]; of one that nothing ties to a chain as it is led, else None."""
     if nearest_sprocket(drive, b) is not None:
-        return float(drive.driver_speed * speed_ratio(drive, b, drive.driver))
-    leader = leader_of(drive, b)
+        return float(drive.driver_speed * body_speed_ratio(drive, b, drive.driver))
+    leader = prescribed_leader(drive, b)
     if leader is None:
         return None
-    return float(turned_part(drive, leader[0]).prescribed.top_speed * leader[1])
+    return float(part_of_body(drive, leader[0]).prescribed.top_speed * leader[1])
 
 
 def gears(drive: Drive) -> list[dict[str, Any]]:
@@ -77,7 +77,7 @@ def valves(drive: Drive) -> list[dict[str, Any]]:
     spring [N], and the speed of their shaft, and of the driver, above which followers lift off [rad/s]; None of the
     driver where nothing ties the shaft to it.
     """
-    names, found = names_of(drive), []
+    names, found = body_names(drive), []
     for group in drive.valves:
         lift, slope, _ = group.lifts()
         on = names.index(group.on)
@@ -91,7 +91,7 @@ def valves(drive: Drive) -> list[dict[str, Any]]:
                 "slope": float(slope.max()),
                 "spring_force": group.spring.preload + group.spring.stiffness * float(lift.max()),
                 "float_speed": group.float_speed,
-                "driver_float_speed": group.float_speed * speed_ratio(drive, drive.driver, on) if tied else None,
+                "driver_float_speed": group.float_speed * body_speed_ratio(drive, drive.driver, on) if tied else None,
             }
         )
     return found
@@ -101,11 +101,11 @@ def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
     """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
     aside, in the first ratio of a gearbox; lash [rad], ratios, what a clutch bears at most [N m], and at work twist
     [rad] and torque taken from the first [N m], counter-clockwise, None where no steady state was found."""
-    names, found = names_of(drive), []
+    names, found = body_names(drive), []
     for coupling, twist, torque in zip(drive.couplings, running.twist, running.torque, strict=True):
         ends = [names.index(name) for name in coupling.between]
-        turns = zip(ends, (1.0, float(first_ratio(coupling) or 1)), strict=True)
-        give = sum(i * i / seen_inertia(drive, b) for b, i in turns if is_free(drive, b))
+        turns = zip(ends, (1.0, float(first_coupling_ratio(coupling) or 1)), strict=True)
+        give = sum(i * i / train_inertia(drive, b) for b, i in turns if is_free_body(drive, b))
         omega = math.sqrt(coupling.stiffness * give)
         found.append(
             {
@@ -126,10 +126,10 @@ def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
 def advice(drive: Drive) -> Iterator[str]:
     """Lines on motors that do not start their loads, or that no load ever balances."""
     b = driving_body(drive)
-    if getattr(turned_part(drive, b), "motor", None) is None:
+    if getattr(part_of_body(drive, b), "motor", None) is None:
         return
-    one, name = as_one(drive), f"shafts.{names_of(drive)[b]}.motor"
-    own = speed_ratio(drive, b, drive.driver)
+    one, name = lumped_drive(drive), f"shafts.{body_names(drive)[b]}.motor"
+    own = body_speed_ratio(drive, b, drive.driver)
     pulled = sum(r * motor.at(0.0) for r, motor in one.motors) / own
     asked = sum(r * load.steady(0.0) for r, load in one.loads) / own
     if 0.0 < pulled <= asked and one.start <= 0.0:
@@ -137,7 +137,7 @@ def advice(drive: Drive) -> Iterator[str]:
             f"{name}: pulls {pulled:.4g} N m at rest, as this shaft sees it, where loads "
             f"ask for {asked:.4g} N m: it does not start; give it more, or the loads a viscous part instead"
         )
-    elif one.moment(drive.driver_speed) > 0.0 and one.moment(_FAST) > 0.0:
+    elif one.net_moment(drive.driver_speed) > 0.0 and one.net_moment(_FAST) > 0.0:
         yield (
             f"{name}: no load balances it at any speed: this shaft comes to {own * drive.driver_speed:.4g} rad/s at "
             "the end of the run, and would go on; give a load, or the motor a table over speed that falls to 0"
@@ -146,7 +146,7 @@ def advice(drive: Drive) -> Iterator[str]:
 
 def tie_advice(drive: Drive) -> Iterator[str]:
     """Lines on valves on a shaft that nothing ties to a chain."""
-    names = names_of(drive)
+    names = body_names(drive)
     for group in drive.valves:
         if nearest_sprocket(drive, names.index(group.on)) is None:
             yield (

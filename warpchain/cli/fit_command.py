@@ -13,9 +13,9 @@ from warpchain.assembly import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fitted_chain, strand_sag
 from warpchain.assembly.layout_checks import findings, idle_arms, stretched
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.drive_text import text_alone, with_changes
 from warpchain.drive.examples import drive_path, is_example
-from warpchain.drive.rings import rings_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -105,10 +105,10 @@ def _direction_from_word(word: str) -> list[float]:
 def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
     """Lines on the links and centers that a fit changed."""
     lines = []
-    for old_ring, ring in zip(rings_of(before), rings_of(after), strict=True):
-        links, was = ring.drive.chain.links, old_ring.drive.chain.links
+    for old_chain, chain in zip(chain_drives(before), chain_drives(after), strict=True):
+        links, was = chain.drive.chain.links, old_chain.drive.chain.links
         if links != was:
-            lines.append(f"{f'chains.{ring.name}' if ring.name else 'chain'}.links = {links} (was {was})")
+            lines.append(f"{f'chains.{chain.name}' if chain.name else 'chain'}.links = {links} (was {was})")
     for old, new in zip(before.as_read.sprockets, after.as_read.sprockets, strict=True):
         if old.center != new.center:
             lines.append(f"sprockets.{new.name}.center = {list(new.center)} (was {list(old.center)})")
@@ -118,9 +118,9 @@ def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
 def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
     """A line on each arm that does not stand at its wanted angle [degrees] after a fit."""
     lines = []
-    for ring in rings_of(drive):
-        mine = [(a, arm.name) for a, arm in enumerate(ring.drive.arms) if arm.name in wanted]
-        angles = np.degrees(assemble(ring.drive).arm_angle) if mine else ()
+    for chain in chain_drives(drive):
+        mine = [(a, arm.name) for a, arm in enumerate(chain.drive.arms) if arm.name in wanted]
+        angles = np.degrees(assemble(chain.drive).arm_angle) if mine else ()
         lines += [
             f"LOOK AT arms.{name}: stands at {angles[a]:.4g} degrees, where {wanted[name]:g} was asked: --sprocket "
             "with --angle moves a sprocket until it stands there"
@@ -135,11 +135,11 @@ def _fit_state_lines(drive: Drive) -> list[str]:
     if not drive.chains:
         return _chain_fit_lines(drive)
     lines = []
-    for ring in rings_of(drive):
+    for chain in chain_drives(drive):
         try:
-            lines += [f"{ring.name}: {line}" for line in _chain_fit_lines(ring.drive)]
+            lines += [f"{chain.name}: {line}" for line in _chain_fit_lines(chain.drive)]
         except DriveError as error:
-            lines.append(f"LOOK AT {ring.name}: {error}")
+            lines.append(f"LOOK AT {chain.name}: {error}")
     return lines
 
 

@@ -1,21 +1,21 @@
-"""Rules of drives with several chains: which chain parts are of, what is on a shaft, and that ratios agree."""
+"""Rules of drives with several chains: the chain of each part, sprockets on one shaft, and ratios that agree."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from warpchain.drive.chain_parts import chain_of, shaft_of
+from warpchain.drive.parts_by_chain import chain_of_part, shaft_of_sprocket
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, valid
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.transmission import is_geared, transmission_of, with_shafts
+from warpchain.drive.transmission import is_geared, sprockets_with_shafts, transmission_of_sprockets
 
-OF_CHAINS = ("sprockets", "guides", "probes")
-"""Lists of parts that name their chain."""
+PARTS_NAMING_CHAINS = ("sprockets", "guides", "probes")
+"""Lists of a drive whose parts name their chain."""
 
 
 def chain_rules(drive: Any) -> Iterator[Problem]:
-    """A drive has a chain, or several that every part tells apart."""
+    """Problems of drives that have no chain, or whose parts do not name one of several."""
     chains, alone = elements(drive, "chains"), get(drive, "chain")
     if alone is None and not chains:
         yield Problem(("chain",), None, "missing; must be a table, or give a list of chains instead", BARE)
@@ -23,7 +23,7 @@ def chain_rules(drive: Any) -> Iterator[Problem]:
         yield Problem(("chains",), len(chains), "not together with chain; give one of the two")
     names = [get(chain, "name") for chain in chains]
     known = list(dict.fromkeys(filter(is_name, names)))
-    for kind in OF_CHAINS:
+    for kind in PARTS_NAMING_CHAINS:
         for i, part in enumerate(elements(drive, kind)):
             chain = get(part, "chain")
             if chain is not None and not chains:
@@ -39,11 +39,11 @@ def chain_rules(drive: Any) -> Iterator[Problem]:
         count = named.count(name)
         if is_name(name) and count < 2 and all(chain in names for chain in named):
             yield Problem(("chains", c, "name"), name, f"must be named by at least 2 sprockets, is by {count}")
-    yield from _arms(drive)
+    yield from _arm_chain_rules(drive)
 
 
-def _arms(drive: Any) -> Iterator[Problem]:
-    """All guides and sprockets on an arm, and on the arms that hang on it, are of one chain."""
+def _arm_chain_rules(drive: Any) -> Iterator[Problem]:
+    """Problems of guides and sprockets on one arm, or on arms on it, that are of unlike chains."""
     seen: dict[Any, Any] = {}
     on = {get(arm, "name"): get(arm, "arm") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
     places = [("guides", g, guide, get(guide, "arm")) for g, guide in enumerate(elements(drive, "guides"))]
@@ -56,10 +56,7 @@ def _arms(drive: Any) -> Iterator[Problem]:
 
 
 def shaft_group_rules(drive: Any) -> Iterator[Problem]:
-    """Sprockets of a shaft turn as one, about one center, each for a chain of its own.
-
-    Shafts of drives with one chain have rules of their own (`train_rules`).
-    """
+    """Problems of several chains' sprockets on one shaft, which turn as one about one center, each for its chain."""
     if not elements(drive, "chains"):
         return
     names = [get(shaft, "name") for shaft in elements(drive, "shafts")]
@@ -77,7 +74,7 @@ def shaft_group_rules(drive: Any) -> Iterator[Problem]:
     geared = is_geared(drive)  # whose inertias are those of trains (`train_rules`)
     for i, name in enumerate(names):
         members = groups.get(name, []) if is_name(name) else []
-        yield from _once(sprockets, members, elements(drive, "shafts")[i], str(name))
+        yield from _shaft_key_rules(sprockets, members, elements(drive, "shafts")[i], str(name))
         parts = [*(sprockets[s] for s in members), elements(drive, "shafts")[i]]
         if (
             members
@@ -88,11 +85,13 @@ def shaft_group_rules(drive: Any) -> Iterator[Problem]:
             text = f'missing; must be a positive number; needed as nothing prescribes the shaft "{name}"'
             yield Problem(where, None, text, BARE)
         for s in members[1:]:
-            yield from (problem.under("sprockets", s) for problem in _beside(sprockets, members, s, str(name)))
+            yield from (
+                problem.under("sprockets", s) for problem in _further_sprocket_rules(sprockets, members, s, str(name))
+            )
 
 
-def _once(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: str) -> Iterator[Problem]:
-    """Motion and load are given to a shaft or to its sprockets, and bearings rub where nothing prescribes it."""
+def _shaft_key_rules(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: str) -> Iterator[Problem]:
+    """Problems of motion, load or motor given to a shaft and to its sprockets, and of bearings on prescribed shafts."""
     for s in members:
         for key in ("prescribed", "load"):
             if get(shaft, key) is not None and get(sprockets[s], key) is not None:
@@ -107,8 +106,8 @@ def _once(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: st
             yield Problem(("sprockets", s, "bearing"), None, text, BARE)
 
 
-def _beside(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str) -> Iterator[Problem]:
-    """Faults of a further sprocket on a shaft."""
+def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str) -> Iterator[Problem]:
+    """Problems of a further sprocket on a shaft: chain, motion, center, wrap and mount."""
     node, first = sprockets[s], sprockets[members[0]]
     before = [sprockets[m] for m in members if m < s]
     own, other = valid(Sprocket, node), valid(Sprocket, first)
@@ -135,13 +134,13 @@ def _beside(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str
 
 
 def ratio_rules(drive: Any) -> Iterator[Problem]:
-    """Something turns each chain, and no two ways through the chains give a shaft two speeds."""
-    sprockets, chains = with_shafts(drive), elements(drive, "chains")
-    if not chains or is_geared(drive) or not all(_sound(drive, sprocket) for sprocket in sprockets):
+    """Problems of chains that nothing turns, and of ways through the chains that give a shaft two speeds."""
+    sprockets, chains = sprockets_with_shafts(drive), elements(drive, "chains")
+    if not chains or is_geared(drive) or not all(_has_sound_ratio(drive, sprocket) for sprocket in sprockets):
         return
     if all(get(sprocket, "prescribed") is None for sprocket in sprockets):
         return
-    transmission = transmission_of(sprockets)
+    transmission = transmission_of_sprockets(sprockets)
     for c, chain in enumerate(chains):
         name = get(chain, "name")
         if is_name(name) and name not in transmission.leaders:
@@ -157,16 +156,16 @@ def ratio_rules(drive: Any) -> Iterator[Problem]:
         yield Problem(("chains", place, "name"), wrong.chains[-1], f"{text}would need {fits} teeth")
 
 
-def _sound(drive: Any, sprocket: Any) -> bool:
-    """Whether it is known what a sprocket has to do with the ratios."""
+def _has_sound_ratio(drive: Any, sprocket: Any) -> bool:
+    """Whether a sprocket's teeth, shaft and chain are sound, so that ratios can be formed with it."""
     teeth, shaft = get(sprocket, "teeth"), get(sprocket, "shaft")
     known = shaft is None or (is_name(shaft) and any(get(of, "name") == shaft for of in elements(drive, "shafts")))
-    sound = is_name(get(sprocket, "name")) and known and chain_of(drive, sprocket) is not None
+    sound = is_name(get(sprocket, "name")) and known and chain_of_part(drive, sprocket) is not None
     return sound and isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0
 
 
 def plane_rules(drive: Any) -> Iterator[Problem]:
-    """Chains that have sprockets on one shaft are not in one plane."""
+    """Problems of chains in one plane that have sprockets on one shaft."""
     seen: dict[tuple[str, str], Any] = {}
     chains = {name: c for c, chain in enumerate(elements(drive, "chains")) if is_name(name := get(chain, "name"))}
     for sprocket in elements(drive, "sprockets"):
@@ -174,11 +173,11 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
         if not is_name(get(sprocket, "shaft")) or not is_name(name) or name not in chains:
             continue
         plane = get(elements(drive, "chains")[chains[name]], "plane")
-        other = seen.setdefault((shaft_of(sprocket), plane), name) if isinstance(plane, str) else name
+        other = seen.setdefault((shaft_of_sprocket(sprocket), plane), name) if isinstance(plane, str) else name
         if other != name:
             text = f'must be another than of the chain "{other}", which has a sprocket on the same shaft'
             yield Problem(("chains", chains[name], "plane"), plane, text)
 
 
-SEVERAL = (chain_rules, shaft_group_rules, ratio_rules, plane_rules)
-"""The rules, in the order in which errors are listed."""
+CHAIN_RULES = (chain_rules, shaft_group_rules, ratio_rules, plane_rules)
+"""Rules of the chains of a drive, in the order in which errors are listed."""

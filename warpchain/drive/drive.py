@@ -22,7 +22,8 @@ from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
 from warpchain.drive.chain import Chain, NamedChain
-from warpchain.drive.chain_rules import OF_CHAINS, SEVERAL, shaft_group_rules
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.chain_rules import CHAIN_RULES, PARTS_NAMING_CHAINS, shaft_group_rules
 from warpchain.drive.contact_settings import (
     Contact,
     GuideContact,
@@ -51,7 +52,6 @@ from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.paths import changed, lookup, settable
-from warpchain.drive.rings import rings_of
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import (
     Allowed,
@@ -68,9 +68,9 @@ from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.thermal import Expansions, Temperature, clearance_rules, grown, heated, oil_rules
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.drive.train_rules import train_rules
-from warpchain.drive.train_speeds import top_speed
+from warpchain.drive.train_speeds import driver_top_speed
 from warpchain.drive.trains import driving_sprocket
-from warpchain.drive.transmission import with_shafts
+from warpchain.drive.transmission import sprockets_with_shafts
 from warpchain.drive.valves import Valves, valve_rules
 from warpchain.errors import DriveError, drive_error, warn_caller
 from warpchain.files import read_text_file, refusal_reason, write_text_file
@@ -78,7 +78,7 @@ from warpchain.notebook_renderer import rendered_html
 
 RULES = (
     count_rules,
-    *SEVERAL,
+    *CHAIN_RULES,
     sprocket_rules,
     name_rules,
     place_rules,
@@ -234,20 +234,20 @@ class Drive(Part):
     @property
     def driver(self) -> int:
         """Index of the sprocket that drives: the first prescribed one, or the nearest to the shaft that drives."""
-        prescribed = (s for s, sprocket in enumerate(with_shafts(self)) if sprocket.prescribed is not None)
+        prescribed = (s for s, sprocket in enumerate(sprockets_with_shafts(self)) if sprocket.prescribed is not None)
         first = next(prescribed, None)
         return driving_sprocket(self) if first is None else first
 
     @property
     def driver_speed(self) -> float:
         """Top speed of the driver [rad/s], its harmonics aside; of a motor's about where it comes to."""
-        prescribed = with_shafts(self)[self.driver].prescribed
+        prescribed = sprockets_with_shafts(self)[self.driver].prescribed
         if prescribed is None and self.chains:
             driver = self.driver
-            ring, s = next((r.drive, r.places["sprockets"].index(driver)) for r in rings_of(self)
+            chain, s = next((r.drive, r.places["sprockets"].index(driver)) for r in chain_drives(self)
                            if driver in r.places["sprockets"])  # fmt: skip
-            return ring.driver_speed * ring.sprockets[ring.driver].teeth / ring.sprockets[s].teeth
-        return top_speed(self) if prescribed is None else prescribed.top_speed
+            return chain.driver_speed * chain.sprockets[chain.driver].teeth / chain.sprockets[s].teeth
+        return driver_top_speed(self) if prescribed is None else prescribed.top_speed
 
     @property
     def chain_speed(self) -> float:
@@ -263,8 +263,8 @@ class Drive(Part):
     def strand_names(self) -> tuple[str, ...]:
         """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next; of several chains, "CHAIN.FROM->TO"."""
         if self.chains:
-            rings = rings_of(self)
-            return tuple(f"{ring.name}.{name}" for ring in rings for name in ring.drive.strand_names)
+            chains = chain_drives(self)
+            return tuple(f"{chain.name}.{name}" for chain in chains for name in chain.drive.strand_names)
         names = [sprocket.name for sprocket in self.sprockets]
         return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
 
@@ -562,7 +562,7 @@ class Drive(Part):
         alone = dict(chains[0])
         name, _ = alone.pop("name", None), alone.pop("plane", None)
         whole = {key: value for key, value in values.items() if key != "chains"} | {"chain": alone}
-        for kind in OF_CHAINS:
+        for kind in PARTS_NAMING_CHAINS:
             whole[kind] = [_without(part, "chain", name) for part in elements(values, kind)]
         return _without_names(whole)
 
@@ -575,16 +575,16 @@ class Drive(Part):
         if drive.chains:
             del drive.__dict__["chain"]
         drive.grow()
-        for ring in rings_of(drive):
-            links, of = ring.drive.chain.links, f"chains.{ring.name}" if ring.name else "chain"
+        for chain in chain_drives(drive):
+            links, of = chain.drive.chain.links, f"chains.{chain.name}" if chain.name else "chain"
             if links % 2:
                 warn_caller(f"{of}.links = {links}: an odd number needs an offset link")
         for arm in drive.arms:
             least = arm.mass * arm.center_radius**2
             if arm.inertia < least:
                 warn_caller(f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}")
-        for ring in rings_of(drive):
-            _warn_of_catching(ring.drive)
+        for chain in chain_drives(drive):
+            _warn_of_catching(chain.drive)
         return drive
 
 

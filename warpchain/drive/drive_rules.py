@@ -12,9 +12,9 @@ from typing import Any
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.chain import Chain, NamedChain
-from warpchain.drive.chain_parts import chain_of
 from warpchain.drive.contact_settings import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
 from warpchain.drive.guides import guide_profile
+from warpchain.drive.parts_by_chain import chain_of_part
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, numbers, too_far, valid
 from warpchain.drive.sprocket import SliderMount, Sprocket
 from warpchain.drive.stiffness import largest_load
@@ -72,7 +72,7 @@ def rolling_rules(drive: Any) -> Iterator[Problem]:
     if chains:
         places.append((("contact", "guide"), get(get(drive, "contact"), "guide")))
     for i, guide in enumerate(elements(drive, "guides")):
-        if chain_of(drive, guide) in chains:
+        if chain_of_part(drive, guide) in chains:
             places.append((("guides", i, "contact"), get(guide, "contact")))
     for keys, contact in places:
         if get(contact, "rolling") is True:
@@ -190,7 +190,7 @@ def face_rules(drive: Any) -> Iterator[Problem]:
     if len(guides) > MOST_PARTS:
         return
     for g, guide in enumerate(guides):
-        chain = chain_of(drive, guide)
+        chain = chain_of_part(drive, guide)
         profile = None if chain is None else guide_profile(guide, chain.pitch)
         if chain is None or profile is None:
             continue
@@ -209,7 +209,7 @@ def face_rules(drive: Any) -> Iterator[Problem]:
 def profile_rules(drive: Any) -> Iterator[Problem]:
     """No face bends within a pitch: links cannot follow it."""
     for g, guide in enumerate(elements(drive, "guides")):
-        chain = chain_of(drive, guide)
+        chain = chain_of_part(drive, guide)
         if chain is None:
             continue
         pitch, offset = chain.pitch, get(guide, "offset")
@@ -221,7 +221,7 @@ def profile_rules(drive: Any) -> Iterator[Problem]:
 def tooth_rules(drive: Any) -> Iterator[Problem]:
     """Rollers go into the gaps of sprockets that have their own, and teeth reach beyond the pitch circle."""
     for s, sprocket in enumerate(elements(drive, "sprockets")):
-        chain, tooth, teeth = chain_of(drive, sprocket), get(sprocket, "tooth"), get(sprocket, "teeth")
+        chain, tooth, teeth = chain_of_part(drive, sprocket), get(sprocket, "tooth"), get(sprocket, "teeth")
         seat, tip = get(tooth, "seat_radius"), get(tooth, "tip_radius")
         if chain is None or not numbers(seat, tip, teeth) or teeth < 2:
             continue
@@ -371,7 +371,7 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
         return
     nodes = [guide for guide in elements(drive, "guides") if get(guide, "arm") == arm.name]
     carried = [part for part in elements(drive, "sprockets") if get(get(part, "mount"), "arm") == arm.name]
-    chain = next((chain_of(drive, part) for part in (*nodes, *carried)), None)
+    chain = next((chain_of_part(drive, part) for part in (*nodes, *carried)), None)
     if chain is None:
         return
     profiles = [profile for guide in nodes if (profile := guide_profile(guide, chain.pitch)) is not None]
@@ -415,7 +415,7 @@ def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:
     place, parts = s, elements(drive, "sprockets")
     along_chain = [k for k, part in enumerate(parts) if get(part, "chain") == get(parts[s], "chain")]
     s, sprockets = along_chain.index(place), [valid(Sprocket, parts[k]) for k in along_chain]
-    tensioner, chain = valid(Tensioner, node), chain_of(drive, parts[place])
+    tensioner, chain = valid(Tensioner, node), chain_of_part(drive, parts[place])
     own = sprockets[s]
     if own is None or tensioner is None or not isinstance(own.mount, SliderMount):
         return

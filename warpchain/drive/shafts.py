@@ -139,18 +139,18 @@ class Shaft(Part):
                 yield Problem((key,), None, "not together with prescribed", BARE)
 
 
-class Beside(Shaft):
-    """A sprocket of another chain, as a shaft beside a chain that is a drive of its own (`warpchain.drive.geared`).
+class SprocketShaft(Shaft):
+    """A sprocket of another chain, as a shaft of a chain's own drive (`warpchain.drive.geared_chain_drives`).
 
     Attributes:
         shaft: that it turns with.
-        asks: what it asks of the shaft in all: its load, and those that its chain turns.
-        beyond: inertia that its chain turns, with that of the chain [kg m^2].
+        demand: its load and those that its chain turns, together.
+        driven_inertia: inertia that its chain turns, with that of the chain [kg m^2].
     """
 
     shaft: Name | None = None
-    asks: Load | None = None
-    beyond: NonNegative = 0.0
+    demand: Load | None = None
+    driven_inertia: NonNegative = 0.0
 
 
 class Gear(Part):

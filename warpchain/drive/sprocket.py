@@ -309,11 +309,11 @@ class Sprocket(Part):
             yield Problem(("bearing",), None, "not together with prescribed, whose motion nothing disturbs", BARE)
 
 
-class Led(Sprocket):
-    """The sprocket that leads a chain of which none is prescribed: its shaft is turned by another chain.
+class LedSprocket(Sprocket):
+    """The sprocket that leads a chain of which none is prescribed, as another chain turns its shaft.
 
     Before a run, and where runs are looked at, it counts as prescribed at the speed that the ratios give; in the run
-    its angle is free (`warpchain.drive.trains.is_free`).
+    its angle is free (`warpchain.drive.trains.is_free_body`).
 
     Attributes:
         driver: motion of the drive's driver, as it begins.

@@ -6,11 +6,19 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from warpchain.drive.geared import DRIVING
+from warpchain.drive.geared_chain_drives import DRIVING_KEYS
 from warpchain.drive.schema import BARE, Problem, allowed, elements, get, is_name, nearest, numbers
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import Ratios, Tie, has_trains, names_of, rigid, ties, with_chain
+from warpchain.drive.trains import (
+    BodyTie,
+    TiedRatios,
+    body_names,
+    body_ties,
+    has_trains,
+    ratios_with_chains,
+    rigid_ratios,
+)
 from warpchain.drive.transmission import is_geared
 
 MOST_BODIES = 60
@@ -27,14 +35,14 @@ def train_rules(drive: Any) -> Iterator[Problem]:
         return  # `chain_rules`
     if not has_trains(drive) and all(get(of, "shaft") is None for of in elements(drive, "sprockets")):
         return
-    names = names_of(drive)
+    names = body_names(drive)
     yield from _known(drive, [name for name in names if is_name(name)])
     for h, shaft in enumerate(elements(drive, "shafts") if not several else ()):
         if get(shaft, "inertia") is None and get(shaft, "prescribed") is None:
             text = f"missing; {allowed(Shaft, 'inertia')}; needed unless the shaft is prescribed"
             yield Problem(("shafts", h, "inertia"), None, text, BARE)
     yield from _on_shafts(drive, several)
-    found = ties(drive)
+    found = body_ties(drive)
     if len(names) > MOST_BODIES:
         text = f"with sprockets must be at most {MOST_BODIES}; there are {len(names)}"
         yield Problem(("shafts",), None, text, BARE)
@@ -69,7 +77,7 @@ def _known(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 def _inertias(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     """Something of each train has an inertia, of drives with several chains, unless it is prescribed."""
-    tied, parts = rigid(drive), [*elements(drive, "sprockets"), *elements(drive, "shafts")]
+    tied, parts = rigid_ratios(drive), [*elements(drive, "sprockets"), *elements(drive, "shafts")]
     sound = {tied.root[b] for b, of in enumerate(parts) if get(of, "inertia") or get(of, "prescribed")}
     count = len(elements(drive, "sprockets"))
     for b, root in enumerate(tied.root):
@@ -83,7 +91,7 @@ def _on_shafts(drive: Any, several: bool) -> Iterator[Problem]:
     """Sprockets on shafts have no motion of their own, and one center and mount a shaft; of `several` chains the first
     sprocket may have the motion, and `chain_rules` has the rest.
     """
-    rigidly = {tie.b for tie in ties(drive) if tie.kind == "shaft"}
+    rigidly = {tie.b for tie in body_ties(drive) if tie.kind == "shaft"}
     first: dict[str, Any] = {}
     shafts = [get(shaft, "name") for shaft in elements(drive, "shafts")]
     for s, sprocket in enumerate(elements(drive, "sprockets")):
@@ -102,7 +110,7 @@ def _on_shafts(drive: Any, several: bool) -> Iterator[Problem]:
             if _plain(get(other, key)) != _plain(get(sprocket, key)):
                 text = f'must be that of "{get(other, "name")}", which is on the same shaft: {_plain(get(other, key))}'
                 yield Problem(("sprockets", s, key), _plain(get(sprocket, key)), text)
-    tied = {b for tie in ties(drive) for b in (tie.a, tie.b)}
+    tied = {b for tie in body_ties(drive) for b in (tie.a, tie.b)}
     for s, sprocket in enumerate(elements(drive, "sprockets")):
         if get(sprocket, "balance_wheel") is not None and s in tied:
             text = "not on a sprocket that a shaft, a gear or a coupling turns"
@@ -128,11 +136,11 @@ def _gearboxes(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
         if get(coupling, "ratios") is not None and between in on_shaft:
             text = "not between a shaft and a sprocket on it; must be between two shafts"
             yield Problem(("couplings", c, "ratios"), None, text, BARE)
-    for tie in ties(drive):
+    for tie in body_ties(drive):
         if tie.kind == "couplings":
             ratios = get(elements(drive, "couplings")[int(tie.path[1])], "ratios")
             several = {value for value in elements(ratios, "ratio") if numbers(value) and value != 0.0}
-            others, _ = with_chain(drive, without=tie)
+            others, _ = ratios_with_chains(drive, without=tie)
             if len(several) > 1 and others.root[tie.a] == others.root[tie.b]:
                 text = f'"{names[tie.a]}" and "{names[tie.b]}" turn in one ratio by the rest of the drive; must be one'
                 yield Problem((*tie.path, "ratios", "ratio"), None, text, BARE)
@@ -140,12 +148,12 @@ def _gearboxes(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 def _contradictions(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     """Gears, shafts and couplings that turn two bodies unlike the others do, and gears between two motions."""
-    _, wrong = with_chain(drive)
+    _, wrong = ratios_with_chains(drive)
     for tie, known in wrong:
         yield _contradiction(drive, names, tie, known)
     if wrong:
         return
-    tied, kept = rigid(drive), dict[int, int]()
+    tied, kept = rigid_ratios(drive), dict[int, int]()
     parts = [*elements(drive, "sprockets"), *elements(drive, "shafts")]
     count = len(elements(drive, "sprockets"))
     for b, part in enumerate(parts):
@@ -155,7 +163,7 @@ def _contradictions(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
                 kind, place = ("sprockets", b) if b < count else ("shafts", b - count)
                 text = f'not together with that of "{names[other]}", with which it turns as one; give one of the two'
                 yield Problem((kind, place, "prescribed"), None, text, BARE)
-    for tie in ties(drive):
+    for tie in body_ties(drive):
         if tie.kind == "couplings" and tied.root[tie.a] == tied.root[tie.b]:
             text = f'"{names[tie.a]}" and "{names[tie.b]}" turn as one already; must be two that do not'
             yield Problem((*tie.path, "between"), [names[tie.a], names[tie.b]], text)
@@ -163,7 +171,7 @@ def _contradictions(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 def _carried(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     """Bearings rub on what turns freely, and gears have axes that stand still."""
-    sprockets, tied = elements(drive, "sprockets"), rigid(drive)
+    sprockets, tied = elements(drive, "sprockets"), rigid_ratios(drive)
     parts = [*sprockets, *elements(drive, "shafts")]
     led = {tied.root[b]: names[b] for b, part in enumerate(parts) if get(part, "prescribed") is not None}
     for s, sprocket in enumerate(sprockets):
@@ -187,7 +195,7 @@ def _times(ratio: Fraction) -> str:
     return size if ratio > 0 else f"{size}, the other way round,"
 
 
-def _contradiction(drive: Any, names: Sequence[str], tie: Tie, known: Fraction) -> Problem:
+def _contradiction(drive: Any, names: Sequence[str], tie: BodyTie, known: Fraction) -> Problem:
     a, b = names[tie.a], names[tie.b]
     has = f'the rest of the drive turns "{b}" {_times(known)} as "{a}"'
     if tie.kind == "gears":
@@ -205,7 +213,7 @@ def _contradiction(drive: Any, names: Sequence[str], tie: Tie, known: Fraction) 
     return Problem((*tie.path, "between"), [a, b], f"{has}; a coupling needs two that turn alike")
 
 
-def _whole(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> bool:
+def _whole(drive: Any, names: Sequence[str], found: Sequence[BodyTie]) -> bool:
     """Whether all that ties bodies is known, so that what nothing turns is no consequence of another fault."""
     paths, parts = {tie.path for tie in found}, elements(drive, "sprockets")
     for kind in ("gears", "couplings"):
@@ -216,7 +224,7 @@ def _whole(drive: Any, names: Sequence[str], found: Sequence[Tie]) -> bool:
     return all(get(of, "shaft") in [None, *names] and get(of, "chain") in chains for of in parts)
 
 
-def _led_alike(parts: Sequence[Any], names: Sequence[str], tied: Ratios, count: int) -> Iterator[Problem]:
+def _led_alike(parts: Sequence[Any], names: Sequence[str], tied: TiedRatios, count: int) -> Iterator[Problem]:
     """Constant speeds that are prescribed at two places fit each other by gears, shafts and chains."""
     first: dict[int, int] = {}
     for b, part in enumerate(parts):
@@ -236,13 +244,15 @@ def _driven(drive: Any, names: Sequence[str], whole: bool) -> Iterator[Problem]:
     """Something turns every shaft, where all that ties bodies is known, and speeds at the start fit each other."""
     count = len(elements(drive, "sprockets"))
     parts = [*elements(drive, "sprockets"), *elements(drive, "shafts")]
-    all_of, _ = with_chain(drive)
+    all_of, _ = ratios_with_chains(drive)
     keys = ("prescribed", "load", "motor", "initial_speed")
     moved = {root for root, part in zip(all_of.root, parts, strict=False) if any(get(part, key) for key in keys)}
     chains = elements(drive, "chains")
     if not chains:
         moved.add(all_of.root[-1])
-    turned = {root for root, part in zip(all_of.root, parts, strict=False) if any(get(part, key) for key in DRIVING)}
+    turned = {
+        root for root, part in zip(all_of.root, parts, strict=False) if any(get(part, key) for key in DRIVING_KEYS)
+    }
     whole = whole and bool(turned)
     on = [get(sprocket, "chain") for sprocket in elements(drive, "sprockets")]
     for c, chain in enumerate(chains if whole else ()):
@@ -253,7 +263,7 @@ def _driven(drive: Any, names: Sequence[str], whole: bool) -> Iterator[Problem]:
         if all_of.root[b] not in moved:
             text = "nothing turns it: neither a sprocket on it, a gear or a coupling, nor a motor, load or prescribed"
             yield Problem(("shafts", b - count), None, text, BARE)
-    tied, _ = with_chain(drive, couplings=False)
+    tied, _ = ratios_with_chains(drive, couplings=False)
     yield from _led_alike(parts, names, tied, count)
     begun: dict[int, int] = {}
     for key in ("prescribed", "initial_speed"):

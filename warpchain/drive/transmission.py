@@ -1,4 +1,4 @@
-"""The order in which motion goes through the chains of a drive, and the speeds of shafts.
+"""The order in which motion goes through the chains of a drive, and the speed ratios of shafts.
 
 With z_c teeth of the sprocket by which chain c is led, and z_d of the driver, a shaft turns
 
@@ -14,42 +14,45 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from warpchain.drive.chain_parts import shaft_of
+from warpchain.drive.parts_by_chain import shaft_of_sprocket
 from warpchain.drive.schema import elements, get
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import names_of, ties
+from warpchain.drive.trains import body_names, body_ties
 
-OF_GROUPS = ("gears", "couplings", "valves")
-"""Lists of parts that are of one group of bodies each."""
+GROUP_PARTS = ("gears", "couplings", "valves")
+"""Lists of a drive whose parts each belong to one group of tied bodies."""
 
 
 def is_geared(drive: Any) -> bool:
-    """Whether a drive of several chains has more than sprockets on shafts. Takes a mapping, too."""
+    """Whether a drive of several chains, or a mapping of one, has more than sprockets on shafts."""
     shafts = elements(drive, "shafts")
     if not elements(drive, "chains"):
         return False
     on = [get(sprocket, "shaft") for sprocket in elements(drive, "sprockets")]
     bare = any(get(shaft, "name") not in on for shaft in shafts)
     driven = any(get(shaft, key) is not None for shaft in shafts for key in ("motor", "initial_speed"))
-    return bare or driven or any(elements(drive, kind) for kind in OF_GROUPS)
+    return bare or driven or any(elements(drive, kind) for kind in GROUP_PARTS)
 
 
-def turn_alike(drive: Any) -> dict[str, str]:
-    """Names of sprockets that turn as another part, with the part's: their shaft, or the first sprocket on it where
-    shafts are not recorded (`warpchain.results.channels`)."""
-    names, first, found = names_of(drive), dict[str, str](), dict[str, str]()
+def rotation_owners(drive: Any) -> dict[str, str]:
+    """Names of sprockets that turn as another part, with that part's name: their shaft, or the first sprocket on it.
+
+    It is the first sprocket where shafts are not recorded (`warpchain.results.channels`).
+    """
+    names, first, found = body_names(drive), dict[str, str](), dict[str, str]()
     recorded = not drive.chains or is_geared(drive)
-    for tie in ties(drive):
+    for tie in body_ties(drive):
         if tie.kind == "shaft":
             shaft, sprocket = names[tie.a], names[tie.b]
             found[sprocket] = shaft if recorded else first.setdefault(shaft, sprocket)
     return {sprocket: part for sprocket, part in found.items() if sprocket != part}
 
 
-def with_shafts(drive: Any) -> list[Any]:
-    """The sprockets of a drive; of several chains the first on each shaft has what that has: its motion or load, and
-    its inertia on top. Drives may be mappings, as for rules.
+def sprockets_with_shafts(drive: Any) -> list[Any]:
+    """The sprockets of a drive or mapping; the first on each shaft has the shaft's motion, load and inertia.
+
+    Of a drive with one chain they are as they stand.
     """
     sprockets = list(elements(drive, "sprockets"))
     of_several = elements(drive, "shafts") if elements(drive, "chains") else ()
@@ -57,12 +60,12 @@ def with_shafts(drive: Any) -> list[Any]:
         named = (s for s, sprocket in enumerate(sprockets) if get(sprocket, "shaft") == get(shaft, "name"))
         first = next(named, None)
         if first is not None:
-            sprockets[first] = _with_shaft(sprockets[first], shaft)
+            sprockets[first] = _sprocket_with_shaft(sprockets[first], shaft)
     return sprockets
 
 
-def _with_shaft(sprocket: Any, shaft: Any) -> Any:
-    """A sprocket with what its shaft has."""
+def _sprocket_with_shaft(sprocket: Any, shaft: Any) -> Any:
+    """A sprocket with the motion and load of its shaft, and its inertia on top."""
     own = {key: value for key in ("prescribed", "load", "inertia") if (value := get(shaft, key)) is not None}
     if not isinstance(sprocket, Sprocket):
         return {**sprocket, **own} if isinstance(sprocket, Mapping) else sprocket
@@ -71,17 +74,17 @@ def _with_shaft(sprocket: Any, shaft: Any) -> Any:
     return sprocket.model_copy(update=own) if own else sprocket
 
 
-def shafts_given(drive: Any) -> Any:
-    """A drive of several chains with `with_shafts`, after which shafts are names; of one chain, itself."""
+def drive_with_bare_shafts(drive: Any) -> Any:
+    """A drive of several chains whose shafts are names, what they have on their first sprockets; of one, itself."""
     if not drive.chains:
         return drive
     shafts = tuple(Shaft.model_construct(name=shaft.name) for shaft in drive.shafts)
-    return drive.model_copy(update={"sprockets": tuple(with_shafts(drive)), "shafts": shafts})
+    return drive.model_copy(update={"sprockets": tuple(sprockets_with_shafts(drive)), "shafts": shafts})
 
 
 @dataclass(frozen=True)
-class Contradiction:
-    """Two ways from a shaft to another with unlike ratios.
+class RatioContradiction:
+    """Two ways from a shaft to another with unlike speed ratios.
 
     Attributes:
         chains: the names of those that go both ways directly, one where the other way is longer.
@@ -98,7 +101,7 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class Transmission:
-    """Order in which motion goes through the chains.
+    """The order in which motion goes through the chains of a drive.
 
     Attributes:
         speeds: of each shaft that the driver turns, over the driver's, (a).
@@ -108,44 +111,47 @@ class Transmission:
 
     speeds: dict[str, Fraction]
     leaders: dict[str, int]
-    contradictions: tuple[Contradiction, ...]
+    contradictions: tuple[RatioContradiction, ...]
 
 
-def transmission_of(sprockets: Sequence[Any]) -> Transmission:
+def transmission_of_sprockets(sprockets: Sequence[Any]) -> Transmission:
     """The transmission of sprockets whose chains, shafts and teeth are sound, from the first that is prescribed."""
     chains = dict.fromkeys(get(sprocket, "chain") for sprocket in sprockets)
-    moved = {shaft_of(s) for s in sprockets if get(s, "prescribed") is not None}
+    moved = {shaft_of_sprocket(s) for s in sprockets if get(s, "prescribed") is not None}
     first = next(s for s in sprockets if get(s, "prescribed") is not None)
-    speeds, leaders, wrong = {shaft_of(first): Fraction(1)}, dict[str, int](), list[Contradiction]()
+    speeds, leaders, wrong = {shaft_of_sprocket(first): Fraction(1)}, dict[str, int](), list[RatioContradiction]()
     while len(leaders) < len(chains):
-        led = _next(sprockets, [chain for chain in chains if chain not in leaders], (moved, set(speeds)))
+        led = _next_turned_chain(sprockets, [chain for chain in chains if chain not in leaders], (moved, set(speeds)))
         if led is None:
             break
         chain, leader = led
         leaders[chain] = leader
-        begin, teeth = shaft_of(sprockets[leader]), get(sprockets[leader], "teeth")
+        begin, teeth = shaft_of_sprocket(sprockets[leader]), get(sprockets[leader], "teeth")
         speeds.setdefault(begin, Fraction(1))
-        for sprocket in (s for s in sprockets if get(s, "chain") == chain and shaft_of(s) != begin):
-            end, ratio = shaft_of(sprocket), Fraction(teeth, get(sprocket, "teeth"))
+        for sprocket in (s for s in sprockets if get(s, "chain") == chain and shaft_of_sprocket(s) != begin):
+            end, ratio = shaft_of_sprocket(sprocket), Fraction(teeth, get(sprocket, "teeth"))
             if end in speeds and speeds[end] != speeds[begin] * ratio and end not in moved:
                 known = speeds[end] / speeds[begin]
-                pair = _shafts(sprockets, chain) & {begin, end}
-                before = [c for c in leaders if c != chain and pair <= _shafts(sprockets, c)]
+                pair = _shafts_of_chain(sprockets, chain) & {begin, end}
+                before = [c for c in leaders if c != chain and pair <= _shafts_of_chain(sprockets, c)]
                 names = (*before[:1], chain)
-                wrong.append(Contradiction(names, (begin, end), (known, ratio), Fraction(teeth) / known))
+                wrong.append(RatioContradiction(names, (begin, end), (known, ratio), Fraction(teeth) / known))
             speeds.setdefault(end, speeds[begin] * ratio)
     return Transmission(speeds, leaders, tuple(wrong))
 
 
-def _shafts(sprockets: Sequence[Any], chain: str) -> set[str]:
-    return {shaft_of(s) for s in sprockets if get(s, "chain") == chain}
+def _shafts_of_chain(sprockets: Sequence[Any], chain: str) -> set[str]:
+    """The shafts of a chain's sprockets."""
+    return {shaft_of_sprocket(s) for s in sprockets if get(s, "chain") == chain}
 
 
-def _next(sprockets: Sequence[Any], todo: Sequence[str], ways: Sequence[set[str]]) -> tuple[str, int] | None:
-    """The next chain that is turned, and by which sprocket; shafts of the first of `ways` come first."""
+def _next_turned_chain(
+    sprockets: Sequence[Any], todo: Sequence[str], ways: Sequence[set[str]]
+) -> tuple[str, int] | None:
+    """The next chain that is turned, and the sprocket that leads it; shafts of the first of `ways` come first."""
     for turning in ways:
         for chain in todo:
             for s, sprocket in enumerate(sprockets):
-                if get(sprocket, "chain") == chain and shaft_of(sprocket) in turning:
+                if get(sprocket, "chain") == chain and shaft_of_sprocket(sprocket) in turning:
                     return chain, s
     return None

@@ -21,7 +21,7 @@ from warpchain.assembly import Assembly
 from warpchain.drive import Drive
 from warpchain.drive.batch_math import power
 from warpchain.drive.mounts import moving_mass, on_springs
-from warpchain.drive.trains import is_free, seen_inertia, train_of
+from warpchain.drive.trains import is_free_body, train_inertia, train_of_body
 from warpchain.engine.fill_bodies import lever_squares
 from warpchain.engine.packed import Packed
 
@@ -33,7 +33,7 @@ def fill_answers(packed: Packed, rows: NDArray[np.integer], drive: Drive, assemb
     turning = [_turning(drive, s) * n for s, n in enumerate(seated)]
     double = 2.0 * drive.chain.mass
     for s, sprocket in enumerate(drive.sprockets):
-        answer = sum(turning[o] for o in train_of(drive, s).bodies if o < len(seated))
+        answer = sum(turning[o] for o in train_of_body(drive, s).bodies if o < len(seated))
         if on_springs(sprocket):
             answer = answer + seated[s] / moving_mass(sprocket)
         if (arm := drive.carrier(s)) is not None:
@@ -54,6 +54,6 @@ def share_answers(packed: Packed, owners: NDArray[np.int64], places: NDArray[np.
 
 def _turning(drive: Drive, s: int) -> Any:
     """(R + b)^2 / J of sprocket s, 0 of one that is led [1/kg]."""
-    if not is_free(drive, s):
+    if not is_free_body(drive, s):
         return 0.0
-    return power(drive.pitch_radius(s) + drive.engagement(s), 2) / seen_inertia(drive, s)
+    return power(drive.pitch_radius(s) + drive.engagement(s), 2) / train_inertia(drive, s)

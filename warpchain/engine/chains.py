@@ -1,7 +1,8 @@
 """Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
-A chain is packed, settled and looked at as a drive of its own (`warpchain.drive.rings`). What couples the chains of a
-variant while they are stepped is in `structs.Motion`: bodies of one shaft or train, which each have the inertia of all.
+A chain is packed, settled and looked at as a drive of its own (`warpchain.drive.chain_drives`). What couples the chains
+of a variant while they are stepped is in `structs.Motion`: bodies of one shaft or train, which each have the inertia of
+all.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.crossings import check_planes
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, stacks_of
-from warpchain.drive.chain_parts import Ring, shaft_of
-from warpchain.drive.geared import joined
-from warpchain.drive.rings import loaded_rings, rings_of
-from warpchain.drive.trains import own_inertia
-from warpchain.drive.transmission import is_geared, shafts_given
+from warpchain.drive.chain_drives import chain_drives, loaded_chain_drives
+from warpchain.drive.geared_chain_drives import shared_bodies
+from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
+from warpchain.drive.trains import inertia_of_body
+from warpchain.drive.transmission import drive_with_bare_shafts, is_geared
 from warpchain.engine.answers import share_answers
 from warpchain.engine.pack import fill_steps
 from warpchain.engine.packed import Packed
@@ -50,8 +51,8 @@ class Rows:
         if self.alone:
             self.first, self.drives, self.stacks = np.arange(len(drives) + 1), drives, stacks
             return
-        rings = [rings_of(drive) for drive in drives]
-        self.rings: list[Ring] = [ring for of in rings for ring in of]
+        rings = [chain_drives(drive) for drive in drives]
+        self.rings: list[ChainDrive] = [ring for of in rings for ring in of]
         self.first = np.append(0, np.cumsum([len(of) for of in rings]))
         self.drives = [ring.drive for ring in self.rings]
         self.stacks = stacks_of(self.drives)
@@ -113,7 +114,7 @@ class Rows:
     def _couple(self, packed: Packed, v: int, a: int, b: int) -> None:
         """Ties the bodies of variant v, whose rows are `a` to `b` - 1."""
         geared = is_geared(self.variants[v])
-        drive, rows = self.variants[v] if geared else shafts_given(self.variants[v]), packed.drives
+        drive, rows = self.variants[v] if geared else drive_with_bare_shafts(self.variants[v]), packed.drives
         rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin = int(rows["first_body"][a])
         _number_trains(packed, range(a, b), begin)
@@ -122,20 +123,20 @@ class Rows:
             for k, s in enumerate(self.rings[r].places["sprockets"]):
                 member = (r, int(rows["first_body"][r]) + k, int(rows["first_sprocket"][r]) + k)
                 members_of.append((member, drive.sprockets[s]))
-                packed.motions["own_inertia"][member[1]] = own_inertia(drive, s)
+                packed.motions["own_inertia"][member[1]] = inertia_of_body(drive, s)
         if geared:
-            for (one, shaft), (other, k) in joined(drive, self.rings[a:b]):
+            for (one, shaft), (other, k) in shared_bodies(drive, self.rings[a:b]):
                 _turn_as(packed, int(rows["first_body"][a + one]) + shaft, int(rows["first_body"][a + other]) + k)
         groups: dict[str, list[Member]] = {}
         for member, sprocket in members_of:
-            key = str(packed.motions["train"][member[1]]) if geared else shaft_of(sprocket)
+            key = str(packed.motions["train"][member[1]]) if geared else shaft_of_sprocket(sprocket)
             groups.setdefault(key, []).append(member)
         for members in groups.values():
             if len({row for row, *_ in members}) > 1:
                 if not geared:
                     _tie(packed, members, begin)
                 _share_contacts(packed, members)
-        for r, ring in zip(range(a, b), loaded_rings(drive), strict=True):
+        for r, ring in zip(range(a, b), loaded_chain_drives(drive), strict=True):
             rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
 
 
@@ -161,7 +162,7 @@ OF_A_TRAIN = ("train", "ratio", "prescribed", "inverse_inertia", "speed", "ramp_
 
 
 def _turn_as(packed: Packed, home: int, body: int) -> None:
-    """Makes a body turn as another chain's, a shaft that stands for it there (`warpchain.drive.geared`)."""
+    """Makes a body turn as another chain's, a shaft that stands for it there (`drive.geared_chain_drives`)."""
     motions = packed.motions
     motions["apart"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in OF_A_TRAIN:

@@ -28,9 +28,9 @@ from warpchain.drive.mounts import (
     wheel_inertia,
     wheel_mass,
 )
+from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.drive.stiffness import contact_damping
-from warpchain.drive.trains import is_free, leader_of, seen_inertia, turned_part, turning_sign
-from warpchain.drive.turned import turned_on
+from warpchain.drive.trains import body_turning_sign, is_free_body, part_of_body, prescribed_leader, train_inertia
 from warpchain.engine.fill_bodies import fill_counts, fill_places, piece_count
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
@@ -116,13 +116,13 @@ def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArr
 
 def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
     """Fills the motion or load of sprocket or shaft s of the bodies; one that another leads turns as that."""
-    turned, led_by = turned_part(drive, s), leader_of(drive, s)
-    row["sign"] = turning_sign(drive, s)
+    turned, led_by = part_of_body(drive, s), prescribed_leader(drive, s)
+    row["sign"] = body_turning_sign(drive, s)
     row["start_angle"] = angle
     if led_by is not None:
         leader, ratio = led_by
-        motion = turned_on(drive, turned_part(drive, leader), turned_part(drive, leader).prescribed)
-        row["sign"] = turning_sign(drive, leader) * ratio
+        motion = motion_from_start_phase(drive, part_of_body(drive, leader), part_of_body(drive, leader).prescribed)
+        row["sign"] = body_turning_sign(drive, leader) * ratio
         row["prescribed"] = 1
         row["speed"] = motion.top_speed
         row["ramp_time"] = motion.ramp_time
@@ -130,9 +130,9 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, 
         rows = _harmonic_rows(drive, leader, motion.harmonics)
         _refer(row["drive_harmonics"], rows, harmonics)
         return
-    row["inverse_inertia"] = 1.0 / seen_inertia(drive, s)
+    row["inverse_inertia"] = 1.0 / train_inertia(drive, s)
     if turned.load is not None:
-        load = turned_on(drive, turned, turned.load)
+        load = motion_from_start_phase(drive, turned, turned.load)
         row["load"] = joined((load.torque, load.viscous, load.quadratic))
         row["load_ramp_time"] = load.ramp_time
         fill_table(row["load_table"], drive, s, load.table, tables)
@@ -208,11 +208,11 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
     moment = wheel_mass(sprocket) * wheel.radius if wheel is not None else 0.0
-    inertia = seen_inertia(drive, s)
+    inertia = train_inertia(drive, s)
     if on_springs(sprocket):
         mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
         inertia = inertia - moment * offset
-    if is_free(drive, s):
+    if is_free_body(drive, s):
         mobility = mobility + power(drive.pitch_radius(s) + drive.engagement(s) + offset, 2) / inertia
     arm = drive.carrier(s)
     if arm is not None:
@@ -276,7 +276,7 @@ def fill_hub(row: Any, drive: Drive, s: int) -> None:
         row["lever"] = joined(sprocket.center) - joined(drive.arms[arm].pivot)
     if sprocket.bearing is not None:
         row["bearing"] = sprocket.bearing.friction * sprocket.bearing.radius
-        mobility = 1.0 / seen_inertia(drive, s)
+        mobility = 1.0 / train_inertia(drive, s)
         if arm is not None:
             mobility = mobility + len(drive.sprockets_on(arm)) / drive.arm_inertia(arm)
         row["inertia"] = 1.0 / mobility
@@ -304,7 +304,7 @@ def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
     row["home"] = joined(sprocket.center)
     row["mass"] = mass
     row["gravity"] = joined(gravity)
-    row["inertia"] = seen_inertia(drive, s) if is_free(drive, s) else wheel_inertia(sprocket)
+    row["inertia"] = train_inertia(drive, s) if is_free_body(drive, s) else wheel_inertia(sprocket)
     if sprocket.balance_wheel is not None:
         phase = sprocket.balance_wheel.phase
         arm = wheel_mass(sprocket) * sprocket.balance_wheel.radius

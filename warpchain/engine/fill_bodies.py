@@ -18,19 +18,19 @@ from warpchain.drive.face_profile import Profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.mounts import start_velocity
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
+from warpchain.drive.start_phase import motion_from_start_phase, start_phase_angle
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
 from warpchain.drive.trains import (
-    PRESSURE_ANGLE,
-    gear_side,
+    GEAR_PRESSURE_ANGLE,
+    bodies_beyond_gear,
+    body_names,
+    body_speed_ratio,
+    body_turning_sign,
+    coupling_rest_angle,
     has_trains,
-    names_of,
-    own_inertia,
-    speed_ratio,
-    train_of,
-    turning_sign,
-    untwisted,
+    inertia_of_body,
+    train_of_body,
 )
-from warpchain.drive.turned import turned_by, turned_on
 from warpchain.kernels.physics.mount import PRESCRIBED
 from warpchain.kernels.physics.tensioner import SERIES
 from warpchain.kernels.physics.train import OVER_SPEED
@@ -179,7 +179,7 @@ def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
     fill_element(row, drive, tensioner)
     table = None if tensioner.oil is None else tensioner.oil.supply_table
     if table is not None:
-        row["pump"] = drive.driver if table.shaft is None else names_of(drive).index(table.shaft)
+        row["pump"] = drive.driver if table.shaft is None else body_names(drive).index(table.shaft)
         tables.add(row["supply_table"], table, 1.0)
         if table.speed is not None:
             row["supply_table"]["over_angle"] = OVER_SPEED
@@ -268,8 +268,8 @@ def fill_train(row: Any, drive: Drive, b: int) -> None:
     if b >= drive.first_arm_body:
         row["train"] = -1
         return
-    bodies, ratios = train_of(drive, b)
-    row["train"], row["ratio"], row["own_inertia"] = bodies[0], 1.0 / ratios[0], own_inertia(drive, b)
+    bodies, ratios = train_of_body(drive, b)
+    row["train"], row["ratio"], row["own_inertia"] = bodies[0], 1.0 / ratios[0], inertia_of_body(drive, b)
 
 
 def fill_shaft(row: Any, h: int, assembly: Assembly) -> None:
@@ -287,17 +287,17 @@ def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
     row["torque"] = 0.0 if motor.torque is None else motor.torque
     row["power"] = 0.0 if motor.power is None else motor.power
     row["ramp_time"] = motor.ramp_time
-    table = turned_on(drive, drive.shafts[h], motor).table
+    table = motion_from_start_phase(drive, drive.shafts[h], motor).table
     if table is not None:
-        shaft = b if table.shaft is None else names_of(drive).index(table.shaft)
-        tables.add(row["table"], table, speed_ratio(drive, b, shaft))
+        shaft = b if table.shaft is None else body_names(drive).index(table.shaft)
+        tables.add(row["table"], table, body_speed_ratio(drive, b, shaft))
         if table.speed is not None:
             row["table"]["over_angle"] = OVER_SPEED
 
 
 def fill_coupling(row: Any, drive: Drive, c: int, tables: TableList) -> None:
     """Fills coupling c."""
-    coupling, names = drive.couplings[c], names_of(drive)
+    coupling, names = drive.couplings[c], body_names(drive)
     row["first"], row["second"] = (names.index(name) for name in coupling.between)
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
     ratios, clutch = coupling.ratios, coupling.clutch
@@ -315,18 +315,18 @@ def fill_engaged(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
     """Fills the state of coupling c, which is not twisted where the chain has been laid."""
     ratios = drive.couplings[c].ratios
     row["ratio"], row["capacity"] = 1.0 if ratios is None else ratios.ratio[0], math.inf
-    row["rest"] = untwisted(drive, c, row["ratio"], assembly.sprocket_angle)[2]
+    row["rest"] = coupling_rest_angle(drive, c, row["ratio"], assembly.sprocket_angle)[2]
 
 
 def fill_valve(row: Any, drive: Drive, v: int, tables: TableList) -> None:
     """Fills group v of valves."""
     valves = drive.valves[v]
-    body = names_of(drive).index(valves.on)
+    body = body_names(drive).index(valves.on)
     phases = [math.radians(phase) for phase in valves.phases]
     row["body"], row["phases"], row["first_phase"] = body, len(phases), tables.add_rows((tuple(phases),))
     row["first_cam"] = sum(len(group.phases) for group in drive.valves[:v])
-    row["sign"], row["count"] = turning_sign(drive, body), valves.number
-    row["turned"] = radians(valves.phase) - turned_by(drive, valves.on)
+    row["sign"], row["count"] = body_turning_sign(drive, body), valves.number
+    row["turned"] = radians(valves.phase) - start_phase_angle(drive, valves.on)
     row["height"], row["mass"] = valves.height, valves.mass
     row["preload"], row["stiffness"] = valves.spring.preload, valves.spring.stiffness
     tables.add(row["lift"], valves.curve, 1.0)
@@ -334,10 +334,10 @@ def fill_valve(row: Any, drive: Drive, v: int, tables: TableList) -> None:
 
 def fill_gear(row: Any, drive: Drive, g: int) -> None:
     """Fills gear pair g."""
-    gear, side = drive.gears[g], gear_side(drive, g)
-    body = names_of(drive).index(gear.between[1])
-    bodies, ratios = train_of(drive, body)
+    gear, side = drive.gears[g], bodies_beyond_gear(drive, g)
+    body = body_names(drive).index(gear.between[1])
+    bodies, ratios = train_of_body(drive, body)
     beside = dict(zip(bodies, ratios, strict=True))
     row["body"], row["side"] = body, sum(1 << b for b in side)
-    row["inertia"] = sum(beside[b] ** 2 * own_inertia(drive, b) for b in side)
-    row["lever"] = 0.5 * gear.teeth[1] * gear.module * math.cos(math.radians(PRESSURE_ANGLE))
+    row["inertia"] = sum(beside[b] ** 2 * inertia_of_body(drive, b) for b in side)
+    row["lever"] = 0.5 * gear.teeth[1] * gear.module * math.cos(math.radians(GEAR_PRESSURE_ANGLE))

@@ -14,10 +14,10 @@ from warpchain.assembly import tooth_hold
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.reversing import reverse
-from warpchain.drive.rings import loaded_rings, rings_of
-from warpchain.drive.trains import loads_of, nearest_sprocket, speed_ratio
-from warpchain.drive.transmission import is_geared, with_shafts
+from warpchain.drive.chain_drives import chain_drives, loaded_chain_drives
+from warpchain.drive.reversed_drive import reversed_drive
+from warpchain.drive.trains import body_speed_ratio, free_body_loads, nearest_sprocket
+from warpchain.drive.transmission import is_geared, sprockets_with_shafts
 from warpchain.engine.simulation import simulate
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.results.judgement import Limits
@@ -42,7 +42,7 @@ class Jump:
     """A drive's tooth jump in one direction.
 
     Attributes:
-        direction: "forward", or "reverse" (`warpchain.drive.reversing`).
+        direction: "forward", or "reverse" (`warpchain.drive.reversed_drive`).
         on: what carries the torque, or the chain that wears, "" for the only one.
         own: the drive's own torque [N m] or wear [-].
         holds: the largest value that was run without a jump below the first with one.
@@ -119,7 +119,7 @@ def find_jumps(
     most = limit if most is None else most
     first = [most / 2.0**k for k in reversed(range(values))] if by == "torque" else _even(own, most, values)
     searches = [
-        _Search(d, drive if d == "forward" else reverse(drive), 0.0 if by == "torque" else own, first)
+        _Search(d, drive if d == "forward" else reversed_drive(drive), 0.0 if by == "torque" else own, first)
         for d in directions
     ]
     scale = 0.0 if by == "torque" else abs(most - own)
@@ -140,8 +140,8 @@ def _even(low: float, high: float, count: int) -> list[float]:
 
 def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
     """Name of what carries the load, its own torque, and the one that the chain breaks at [N m]."""
-    bodies = [*(drive.sprockets if is_geared(drive) else with_shafts(drive)), *drive.shafts]
-    loads = {bodies[b].name: (b, load) for b, load in loads_of(drive)}
+    bodies = [*(drive.sprockets if is_geared(drive) else sprockets_with_shafts(drive)), *drive.shafts]
+    loads = {bodies[b].name: (b, load) for b, load in free_body_loads(drive)}
     if on is not None and on not in loads:
         raise DriveError(f"{on}: has no load; allowed is one of {', '.join(loads) or 'none, as the drive has no load'}")
     if not loads:
@@ -153,31 +153,35 @@ def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
     b, load = loads[on]
     s = nearest_sprocket(drive, b)
     assert s is not None  # every load is tied to a chain
-    ring, k = _place(drive, s)
-    chain = ring.drive.chain
+    chain_drive, k = _place(drive, s)
+    chain = chain_drive.drive.chain
     breaking = chain.breaking_load or chain.stiffness * chain.pitch * ELONGATION_AT_BREAKING_LOAD
-    return on, load.torque, breaking * ring.drive.pitch_radius(k) / (1.0 if b == s else abs(speed_ratio(drive, b, s)))
+    return (
+        on,
+        load.torque,
+        breaking * chain_drive.drive.pitch_radius(k) / (1.0 if b == s else abs(body_speed_ratio(drive, b, s))),
+    )
 
 
 def _ratio(drive: Drive, b: int) -> float:
     """Speed of a body over the driver's, by the teeth of chains."""
     s = nearest_sprocket(drive, b)
     if is_geared(drive):
-        return speed_ratio(drive, b, drive.driver)
+        return body_speed_ratio(drive, b, drive.driver)
     if drive.chains or s is None:
         return 1.0
-    beside = 1.0 if b == s else speed_ratio(drive, b, s)
+    beside = 1.0 if b == s else body_speed_ratio(drive, b, s)
     return beside * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
 
 
 def _place(drive: Drive, s: int) -> tuple[Any, int]:
     """The chain of sprocket s, and its place on it."""
-    return next((ring, k) for ring in rings_of(drive) for k, i in enumerate(ring.places["sprockets"]) if i == s)
+    return next((chain, k) for chain in chain_drives(drive) for k, i in enumerate(chain.places["sprockets"]) if i == s)
 
 
 def _wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
     """Name of the chain, its own elongation, and the largest that it still goes around with."""
-    chains = {ring.name: ring.drive for ring in rings_of(drive)}
+    chains = {chain.name: chain.drive for chain in chain_drives(drive)}
     if on is None:
         on = next(iter(chains))
     if on not in chains:
@@ -193,8 +197,8 @@ def _wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
 
 def _goes_around(drive: Drive) -> bool:
     try:
-        for ring in rings_of(drive):
-            assemble(ring.drive)
+        for chain in chain_drives(drive):
+            assemble(chain.drive)
     except DriveError:
         return False
     return True
@@ -271,9 +275,9 @@ def _found(search: _Search, by: str, on: str, own: float, most: float) -> Jump:
 
 def _beside(drive: Drive, name: str) -> list[str]:
     """The two strands beside a sprocket."""
-    ring, k = _place(drive, [sprocket.name for sprocket in drive.sprockets].index(name))
-    before = f"{ring.name}." if ring.name else ""
-    return [f"{before}{ring.drive.strand_names[i]}" for i in (k - 1, k)]
+    chain, k = _place(drive, [sprocket.name for sprocket in drive.sprockets].index(name))
+    before = f"{chain.name}." if chain.name else ""
+    return [f"{before}{chain.drive.strand_names[i]}" for i in (k - 1, k)]
 
 
 def _estimate(search: _Search, by: str, on: str, own: float, most: float) -> float | None:
@@ -281,10 +285,10 @@ def _estimate(search: _Search, by: str, on: str, own: float, most: float) -> flo
     name = search.sprocket
 
     def jumps(value: float) -> bool:
-        for ring in loaded_rings(_changed(search.drive, by, on, value)):
-            names = [sprocket.name for sprocket in ring.drive.sprockets]
+        for chain in loaded_chain_drives(_changed(search.drive, by, on, value)):
+            names = [sprocket.name for sprocket in chain.drive.sprockets]
             if name in names:
-                return tooth_hold.jumps(ring.drive, names.index(name))
+                return tooth_hold.jumps(chain.drive, names.index(name))
         return False
 
     begin = 0.0 if by == "torque" else own

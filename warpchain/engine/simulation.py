@@ -23,8 +23,8 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
 from warpchain.drive.batch_math import largest
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.replicates import WAYS, Copies, Replicates, each_copy
-from warpchain.drive.rings import rings_of
 from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
@@ -258,7 +258,7 @@ def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np
         drive: one, or a stack; where the driver stands still nothing is known of how the chain moves.
         step: of it, or (V,) of each variant.
     """
-    chains = [ring.drive for ring in rings_of(drive)]
+    chains = [chain.drive for chain in chain_drives(drive)]
     moved = np.asarray(largest(*(of.chain_speed * step / of.chain.pitch for of in chains)))
     return np.where((moved > 0.0) & (OF_A_PITCH * FURTHER * moved <= 1.0), FURTHER, LOOK_EVERY)
 

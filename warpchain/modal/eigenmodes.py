@@ -27,8 +27,8 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.argument_checks import Count, Index, NonNegativeNumber, Workers, check_arguments
 from warpchain.drive import Drive
-from warpchain.drive.geared import bodies_of
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.geared_chain_drives import bodies_of_chain_drive
 from warpchain.drive.transmission import is_geared
 from warpchain.engine.processes import each
 from warpchain.engine.simulation import available_cores
@@ -183,12 +183,12 @@ class Modes:
         if not self.drive.chains:
             return (self,)
         found, first = [], 0
-        for ring in rings_of(self.drive):
-            rollers = slice(first, first + ring.drive.chain.links)
-            bodies, pushed = bodies_of(self.drive, ring), list(ring.places["tensioners"])
+        for chain in chain_drives(self.drive):
+            rollers = slice(first, first + chain.drive.chain.links)
+            bodies, pushed = bodies_of_chain_drive(self.drive, chain), list(chain.places["tensioners"])
             own: dict[str, Any] = {name: getattr(self, name)[:, pushed] for name in TENSIONER_FIELDS}
             own |= {"position": self.position[rollers], "tension": self.tension[rollers], "placed": self.placed[bodies]}
-            own |= {"shape": self.shape[:, rollers], "bodies": self.bodies[:, bodies], "drive": ring.drive}
+            own |= {"shape": self.shape[:, rollers], "bodies": self.bodies[:, bodies], "drive": chain.drive}
             found.append(replace(self, **own))
             first = rollers.stop
         return tuple(found)
@@ -350,16 +350,16 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
     kinds = zip(TENSIONER_FIELDS, (np.complex128, np.complex128, np.float64, np.float64), strict=True)
     pushed: dict[str, Any] = {name: np.zeros((vector.shape[1], len(drive.tensioners)), kind) for name, kind in kinds}
-    for ring, (part, own, plunger) in zip(found.rings, _chain_motions(found, vector), strict=True):
+    for chain, (part, own, plunger) in zip(found.rings, _chain_motions(found, vector), strict=True):
         shape, turned = part.at.roller_and_body_parts(own.T)
         _move_carried_bodies(part, turned)
         shapes.append(shape)
-        mine = [*range(len(ring.drive.sprockets) + len(ring.places["shafts"]))]
-        mine += range(ring.drive.first_arm_body, ring.drive.first_arm_body + len(ring.places["arms"]))
-        at = np.array(bodies_of(drive, ring))[mine]
+        mine = [*range(len(chain.drive.sprockets) + len(chain.places["shafts"]))]
+        mine += range(chain.drive.first_arm_body, chain.drive.first_arm_body + len(chain.places["arms"]))
+        at = np.array(bodies_of_chain_drive(drive, chain))[mine]
         bodies[:, at], placed[at] = turned[:, mine], part.state.bodies[0][mine]
         for name, values in pushed.items():
-            values[:, list(ring.places["tensioners"])] = getattr(plunger, name)
+            values[:, list(chain.places["tensioners"])] = getattr(plunger, name)
     several = drive.chains and not is_geared(drive)
     for b, shaft in enumerate(drive.shafts if several else (), len(drive.sprockets)):
         on = next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.shaft == shaft.name)

@@ -248,8 +248,8 @@ def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool
     i = np.flatnonzero(links)
     j = (i + 1) % rollers
     value = np.full(len(i), mass * rate)
-    ring = sp.coo_array((np.append(value, -value), (np.append(i, j), np.append(j, i))), shape=(rollers, rollers))
-    both = sp.kron(ring.tocsc(), sp.eye_array(2))
+    chain = sp.coo_array((np.append(value, -value), (np.append(i, j), np.append(j, i))), shape=(rollers, rollers))
+    both = sp.kron(chain.tocsc(), sp.eye_array(2))
     return sp.csc_array(sp.block_diag([both, sp.csc_array((count - 2 * rollers,) * 2)]))
 
 
@@ -262,8 +262,8 @@ def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp
     j = (i + 1) % rollers
     value = np.full(rollers, mass * rate * rate)
     at = np.concatenate([i, i, j]), np.concatenate([i, j, i])
-    ring = sp.coo_array((np.concatenate([2.0 * value, -value, -value]), at), shape=(rollers, rollers))
-    both = sp.kron(ring.tocsc(), sp.eye_array(2))
+    chain = sp.coo_array((np.concatenate([2.0 * value, -value, -value]), at), shape=(rollers, rollers))
+    both = sp.kron(chain.tocsc(), sp.eye_array(2))
     return sp.csc_array(sp.block_diag([both, sp.csc_array((count - 2 * rollers,) * 2)]))
 
 

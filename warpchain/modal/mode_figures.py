@@ -88,7 +88,7 @@ def mode_shapes_figure(modes: Modes) -> Figure:
 
 def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
     """Draws mode k of a drive into a panel."""
-    ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
+    chain = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
     for own in modes.of_chains():
         for line in fixed_part_lines(own.drive):
             axis.plot(*line.T, color="peru", lw=1.2)
@@ -100,7 +100,7 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
                 x, y, _ = bodies[s]
                 radius, angle = 0.82 * own.drive.pitch_radius(s), bodies[s, 2] - own.placed[s, 2]
                 if phase == 0.0:
-                    axis.plot(x + radius * ring.real, y + radius * ring.imag, color="0.6", lw=0.8)
+                    axis.plot(x + radius * chain.real, y + radius * chain.imag, color="0.6", lw=0.8)
                 axis.plot([x, x + radius * np.cos(angle)], [y, y + radius * np.sin(angle)], color=color, lw=1.1)
             for line in carried_part_lines(own.drive, bodies):
                 axis.plot(*line.T, color=color, lw=0.8)

@@ -108,11 +108,11 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
 
 def _sprocket_rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
     """Rims of a chain's sprockets with a spoke as Rerun's lines, where bodies (B, 3) stand."""
-    strips, ring = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
+    strips, chain = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
     for s in range(len(modes.drive.sprockets)):
         x, y, angle = bodies[s]
         radius = 0.82 * modes.drive.pitch_radius(s)
-        turned = ring * np.exp(1j * (angle - modes.placed[s, 2]))
+        turned = chain * np.exp(1j * (angle - modes.placed[s, 2]))
         rim = np.stack([x + radius * turned.real, y + radius * turned.imag], axis=1)
         strips += [flipped_points(rim), flipped_points(np.array([[x, y], rim[0]]))]
     return strips

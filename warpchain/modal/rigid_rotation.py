@@ -17,9 +17,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from warpchain.drive.geared import bodies_of
+from warpchain.drive.geared_chain_drives import bodies_of_chain_drive
 from warpchain.drive.schema import get
-from warpchain.drive.trains import is_free, turned_part, with_chain
+from warpchain.drive.trains import is_free_body, part_of_body, ratios_with_chains
 from warpchain.modal.matrices import Array
 from warpchain.modal.small_motion import DriveMotion
 
@@ -30,11 +30,11 @@ def free_rotations(found: DriveMotion) -> list[list[float]]:
     Groups with balance wheels do not turn freely.
     """
     drive = found.drive
-    tied, _ = with_chain(drive)
+    tied, _ = ratios_with_chains(drive)
     held = {
         tied.root[b]
         for b in range(len(drive.sprockets) + len(drive.shafts))
-        if not is_free(drive, b) or get(turned_part(drive, b), "balance_wheel") is not None
+        if not is_free_body(drive, b) or get(part_of_body(drive, b), "balance_wheel") is not None
     }
     return [
         [float(ratio) * (root == free) for ratio, root in zip(tied.ratio, tied.root, strict=True)]
@@ -70,12 +70,12 @@ def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Arr
     drive, size = found.drive, found.mass.shape[0]
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
     passing = turns[len(drive.sprockets) + len(drive.shafts) :]
-    for part, tie, ring, passed in zip(found.parts, found.ties, found.rings, passing, strict=True):
+    for part, tie, chain, passed in zip(found.parts, found.ties, found.rings, passing, strict=True):
         place = part.state.position[0]
         along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
         straight = passed * part.drive.chain.pitch * along / np.hypot(*along.T)[:, None]
         turned = np.zeros_like(part.state.bodies[0])
-        for k, b in enumerate(bodies_of(drive, ring)):
+        for k, b in enumerate(bodies_of_chain_drive(drive, chain)):
             place_of = part.at.turning_coordinate(k)
             if b < drive.first_arm_body and turns[b] and place_of is not None:
                 turned[k, 2] = math.tau * turns[b]

@@ -20,11 +20,11 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
-from warpchain.drive.chain_parts import Ring, shaft_of
-from warpchain.drive.geared import joined
+from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives
+from warpchain.drive.geared_chain_drives import shared_bodies
 from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
-from warpchain.drive.rings import driver_ratios, rings_of
-from warpchain.drive.trains import is_free, loads_of, speed_ratio, turning_sign
+from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
+from warpchain.drive.trains import body_speed_ratio, body_turning_sign, free_body_loads, is_free_body
 from warpchain.drive.transmission import is_geared
 from warpchain.engine.pack import lay_to_rest, pack
 from warpchain.engine.packed import Packed
@@ -162,7 +162,7 @@ class DriveMotion:
 
     drive: Drive
     speed: float
-    rings: tuple[Ring, ...]
+    rings: tuple[ChainDrive, ...]
     parts: tuple[ChainMotion, ...]
     ties: tuple[sp.csc_array, ...]
     mass: sp.csc_array
@@ -171,20 +171,20 @@ class DriveMotion:
     travel: sp.csc_array
 
 
-def common_shafts(rings: Sequence[Ring], drive: Drive) -> list[list[tuple[int, int]]]:
+def common_shafts(chains: Sequence[ChainDrive], drive: Drive) -> list[list[tuple[int, int]]]:
     """Groups of sprockets and shafts of several chains, as (chain, body), that turn as one."""
     if is_geared(drive):
-        return [list(pair) for pair in joined(drive, rings)]
+        return [list(pair) for pair in shared_bodies(drive, chains)]
     groups: dict[str, list[tuple[int, int]]] = {}
-    for r, ring in enumerate(rings if drive.chains else ()):
-        for k, s in enumerate(ring.places["sprockets"]):
-            groups.setdefault(shaft_of(drive.sprockets[s]), []).append((r, k))
+    for r, chain in enumerate(chains if drive.chains else ()):
+        for k, s in enumerate(chain.places["sprockets"]):
+            groups.setdefault(shaft_of_sprocket(drive.sprockets[s]), []).append((r, k))
     return [members for members in groups.values() if len(members) > 1]
 
 
 def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[Packed] | None = None
-) -> list[tuple[Ring, float, Packed, Array]]:
+) -> list[tuple[ChainDrive, float, Packed, Array]]:
     """Each chain of a drive in static equilibrium at a speed of its driver [rad/s], and its link tensions (N,) [N].
 
     Motions stand, loads have their mean, valves no springs, nothing rubs, couplings have taken up their lash, motors
@@ -198,18 +198,18 @@ def standing_chains(
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
-    rings, speeds = rings_of(drive), [speed * ratio for ratio in driver_ratios(drive)]
-    drives = [ring.drive for ring in rings]
+    chains, speeds = chain_drives(drive), [speed * ratio for ratio in chain_driver_ratios(drive)]
+    drives = [chain.drive for chain in chains]
     still = [pack([own], [Schedule(1.0, 1, 2, 2, 0)]) for own in drives]
     near = None
     if start is not None:
         near = [_standing_coordinates(own, packed) for own, packed in zip(drives, start, strict=True)]
     assemblies = [packed.assemblies[0] for packed in still]
-    states = zip(*equilibrium(drives, speeds, assemblies, near, common_shafts(rings, drive)), strict=True)
+    states = zip(*equilibrium(drives, speeds, assemblies, near, common_shafts(chains, drive)), strict=True)
     found = []
-    for ring, own, packed, (potential, x) in zip(rings, speeds, still, states, strict=True):
+    for chain, own, packed, (potential, x) in zip(chains, speeds, still, states, strict=True):
         _lay_in_equilibrium(packed, potential, x, own)
-        found.append((ring, own, packed, potential.tensions(x)))
+        found.append((chain, own, packed, potential.tensions(x)))
     return found
 
 
@@ -245,13 +245,13 @@ def _lay_in_equilibrium(still: Packed, potential: Potential, x: Array, speed: fl
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
     still.valves["preload"] = still.valves["stiffness"] = 0.0
     still.couplings["lash"], still.couplings["capacity"], still.motors["present"] = 0.0, 0.0, 0
-    for b, load in loads_of(drive):
-        turning = speed * speed_ratio(drive, b, drive.driver)
-        moment = turning_sign(drive, b) * potential.moments[b]
+    for b, load in free_body_loads(drive):
+        turning = speed * body_speed_ratio(drive, b, drive.driver)
+        moment = body_turning_sign(drive, b) * potential.moments[b]
         still.motions[b]["load"] = (moment, load.viscous + 2.0 * load.quadratic * turning, 0.0)
     for b, shaft in enumerate(drive.shafts, sprockets):
-        if shaft.motor is not None and is_free(drive, b):
-            turning = speed * speed_ratio(drive, b, drive.driver)
+        if shaft.motor is not None and is_free_body(drive, b):
+            turning = speed * body_speed_ratio(drive, b, drive.driver)
             near_by = max(1e-6 * turning, 1e-9)
             fall = shaft.motor.at(turning - near_by) - shaft.motor.at(turning + near_by)
             still.motions[b]["load"][1] += float(fall) / (2.0 * near_by)
@@ -275,14 +275,14 @@ def drive_motion(
     drained = [t.name for t in drive.tensioners if t.drained]
     drive = drive.with_values({f"tensioners.{name}.chamber.drained": 0.0 for name in drained}) if drained else drive
     found = standing_chains(drive, speed, begun)
-    parts = [_chain_motion(ring.drive, own, packed, tension, valve) for ring, own, packed, tension in found]
-    shafts = common_shafts([ring for ring, *_ in found], drive)
+    parts = [_chain_motion(chain.drive, own, packed, tension, valve) for chain, own, packed, tension in found]
+    shafts = common_shafts([chain for chain, *_ in found], drive)
     parts, ties = _tie_chains(parts, shafts)
     joined = [
         _sum_over_chains(ties, [getattr(part, name) for part in parts])
         for name in ("mass", "damping", "stiffness", "travel")
     ]
-    return DriveMotion(drive, speed, tuple(ring for ring, *_ in found), tuple(parts), tuple(ties), *joined)
+    return DriveMotion(drive, speed, tuple(chain for chain, *_ in found), tuple(parts), tuple(ties), *joined)
 
 
 def _sum_over_chains(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:

@@ -9,27 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.chain_parts import Ring
-from warpchain.drive.rings import rings_of
-from warpchain.drive.shafts import Beside
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.parts_by_chain import ChainDrive
+from warpchain.drive.shafts import SprocketShaft
 from warpchain.results.channels import CHANNEL_BY_NAME, PartKind
 from warpchain.results.run import Trajectory
 
 
-def _channel_places(drive: Drive, rings: Sequence[Ring], kind: PartKind) -> list[NDArray[np.int64]]:
+def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) -> list[NDArray[np.int64]]:
     """Places of each chain's parts of a kind in the whole drive's channels."""
     if kind in ("roller", "link"):
-        ends = np.cumsum([ring.drive.chain.links for ring in rings])
-        return [np.arange(end - ring.drive.chain.links, end) for end, ring in zip(ends, rings, strict=True)]
-    return [np.array(ring.places[f"{kind}s"], dtype=np.int64) for ring in rings]
+        ends = np.cumsum([chain.drive.chain.links for chain in chains])
+        return [np.arange(end - chain.drive.chain.links, end) for end, chain in zip(ends, chains, strict=True)]
+    return [np.array(chain.places[f"{kind}s"], dtype=np.int64) for chain in chains]
 
 
 def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
     """Trajectory of a drive from those of its chains, over the same frames."""
-    rings = rings_of(drive)
+    chains = chain_drives(drive)
     channels: dict[str, Any] = {}
     for name in dict.fromkeys(name for part in parts for name in part.channels()):
-        places = _channel_places(drive, rings, CHANNEL_BY_NAME[name].per)
+        places = _channel_places(drive, chains, CHANNEL_BY_NAME[name].per)
         held = [part.channels().get(name) for part in parts]
         like = next(values for values in held if values is not None)
         whole = np.zeros((len(like), sum(map(len, places)), *like.shape[2:]), dtype=like.dtype)
@@ -45,21 +45,21 @@ def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
     drive = trajectory.drive
     if not drive.chains:
         return {"": trajectory}
-    rings = rings_of(drive)
+    chains = chain_drives(drive)
     found = {}
-    for k, ring in enumerate(rings):
-        held = {name: values[:, _channel_places(drive, rings, CHANNEL_BY_NAME[name].per)[k]]
+    for k, chain in enumerate(chains):
+        held = {name: values[:, _channel_places(drive, chains, CHANNEL_BY_NAME[name].per)[k]]
                 for name, values in trajectory.channels().items()}  # fmt: skip
-        held |= _shaft_channels(trajectory, ring, held)
+        held |= _shaft_channels(trajectory, chain, held)
         held = {name: values for name, values in held.items() if values.shape[1]}
-        found[ring.name] = Trajectory(ring.drive, trajectory.time, **held, window=trajectory.window)
+        found[chain.name] = Trajectory(chain.drive, trajectory.time, **held, window=trajectory.window)
     return found
 
 
-def _shaft_channels(trajectory: Trajectory, ring: Ring, held: Mapping[str, Any]) -> dict[str, Any]:
+def _shaft_channels(trajectory: Trajectory, chain: ChainDrive, held: Mapping[str, Any]) -> dict[str, Any]:
     """Channels of a chain's shafts, other chains' sprockets among them."""
     names = [sprocket.name for sprocket in trajectory.drive.sprockets]
-    others = [names.index(shaft.name) for shaft in ring.drive.shafts if isinstance(shaft, Beside)]
+    others = [names.index(shaft.name) for shaft in chain.drive.shafts if isinstance(shaft, SprocketShaft)]
     angle, speed = trajectory.sprocket_angle, trajectory.sprocket_speed
     found = {}
     if others and angle is not None and "shaft_angle" in held:

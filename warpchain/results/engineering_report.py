@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.argument_checks import PositiveNumber, check_arguments
-from warpchain.drive.transmission import turn_alike
+from warpchain.drive.transmission import rotation_owners
 from warpchain.errors import SimulationError
 from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_loads, recorded_guide_contacts
 from warpchain.results.joint_wear import WEAR_COEFFICIENT, JointWear, elongation_rate, joint_wear
@@ -83,7 +83,7 @@ class EngineeringReport:
         self.whole = replace(trajectory, window=(self.start, self.end))
         self.part = trajectory_in_window(trajectory, self.start, self.end)
         self.drive = trajectory.drive
-        self.alike = turn_alike(self.drive) if alike is None else alike
+        self.alike = rotation_owners(self.drive) if alike is None else alike
 
     @cached_property
     def guide_contacts(self) -> list[GuideContacts]:

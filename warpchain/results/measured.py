@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.frequencies import orders, tooth_orders
 from warpchain.drive import Drive
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_UNITS, PartCounts
@@ -98,14 +98,14 @@ def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
 def signal_units(drive: Drive) -> dict[str, str]:
     """SI units of a drive's `signal_sources`, by name."""
     units: dict[str, str] = {}
-    for ring in rings_of(drive):
-        before = f"{ring.name}." if ring.name else ""
-        strands = {f"{before}{name}.{kind}": unit for name in ring.drive.strand_names
+    for chain in chain_drives(drive):
+        before = f"{chain.name}." if chain.name else ""
+        strands = {f"{before}{name}.{kind}": unit for name in chain.drive.strand_names
                    for kind, unit in (("tension", "N"), ("displacement", "m"))}  # fmt: skip
-        parts = [*(s.name for s in ring.drive.sprockets), *(g.name for g in ring.drive.guides)]
-        sprockets = {f"{s.name}.{kind}": unit for s in ring.drive.sprockets
+        parts = [*(s.name for s in chain.drive.sprockets), *(g.name for g in chain.drive.guides)]
+        sprockets = {f"{s.name}.{kind}": unit for s in chain.drive.sprockets
                      for kind, unit in (("speed", "rad/s"), ("moment", "N m"))}  # fmt: skip
-        links = {f"{before}link {i}.tension": "N" for i in range(ring.drive.chain.links)}
+        links = {f"{before}link {i}.tension": "N" for i in range(chain.drive.chain.links)}
         units |= strands | {f"{name}.contact": "N" for name in parts} | sprockets | links
     sizes = PartCounts.of_drive(drive)
     recorded = [of for of in part_signals(drive) if sizes.count_of(CHANNEL_BY_NAME[of[2]].per)]
@@ -164,7 +164,7 @@ def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
     )
     found = signal_sources(trajectory)
     if name not in found:
-        chains = {ring.name: ring.drive.chain.links for ring in rings_of(trajectory.drive)}
+        chains = {chain_drive.name: chain_drive.drive.chain.links for chain_drive in chain_drives(trajectory.drive)}
         befores = {f"{chain}." if chain else "": links for chain, links in chains.items()}
         shown = [word for word in found if not any(word.startswith(f"{before}link ") for before in befores)]
         more = ", ".join(f'"{before}link I.tension" with I from 0 to {links - 1}' for before, links in befores.items())

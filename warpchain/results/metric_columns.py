@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.batch import Stack, stacks_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
-from warpchain.drive.rings import rings_of
-from warpchain.drive.trains import is_free
+from warpchain.drive.trains import is_free_body
 from warpchain.results.metric_formulas import (
     PART_PREFIXES,
     VariantValues,
@@ -637,14 +637,14 @@ CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups i
 def _columns_key(drive: Drive) -> Hashable:
     """Key of a drive's columns, its energy balance's terms and its driver."""
     if drive.chains:
-        return tuple((ring.name, _columns_key(ring.drive)) for ring in rings_of(drive))
+        return tuple((chain.name, _columns_key(chain.drive)) for chain in chain_drives(drive))
     has = (
         group.applies_to(drive, i)
         for group in CONDITIONAL_GROUPS
         for i in range(len(PART_PREFIXES[group.part](drive)))
         if group.applies_to
     )
-    sprockets = ((sprocket.name, is_free(drive, s)) for s, sprocket in enumerate(drive.sprockets))
+    sprockets = ((sprocket.name, is_free_body(drive, s)) for s, sprocket in enumerate(drive.sprockets))
     trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears, drive.valves) for part in parts)
     bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
     names = (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *trains)
@@ -674,9 +674,9 @@ def metric_table_names(drive: Drive) -> list[str]:
 def _metric_names_of_chains(drive: Drive) -> list[str]:
     """Names of the metrics of a drive with several chains."""
     found = []
-    for ring in rings_of(drive):
-        for prefix, _, group in groups_of_drive(ring.drive):
-            before = f"{ring.name}.{prefix}" if group.part in CHAIN_PARTS else prefix
+    for chain in chain_drives(drive):
+        for prefix, _, group in groups_of_drive(chain.drive):
+            before = f"{chain.name}.{prefix}" if group.part in CHAIN_PARTS else prefix
             columns = [c for c in group.columns if group is not BALANCE_METRICS or c.name in CHAIN_BALANCE_NAMES]
             found += [before + column.name for column in columns]
     return [*found, *(column.name for column in BALANCE_METRICS.columns), "steady"]

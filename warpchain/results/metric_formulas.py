@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive.batch import Stack
-from warpchain.drive.geared import own_shafts
+from warpchain.drive.geared_chain_drives import shafts_of_own_chain
 from warpchain.results.window_statistics import (
     cumulative_counts,
     histogram_quantile,
@@ -89,7 +89,7 @@ PART_PREFIXES: dict[str, Callable[[Drive], list[str]]] = {
     "partner": lambda drive: [f"{name}." for name in partner_names(drive)],
     "arm": lambda drive: [f"{arm.name}." for arm in drive.arms],
     "tensioner": lambda drive: [f"{tensioner.name}." for tensioner in drive.tensioners],
-    "shaft": lambda drive: [f"{shaft.name}." for shaft in own_shafts(drive)],
+    "shaft": lambda drive: [f"{shaft.name}." for shaft in shafts_of_own_chain(drive)],
     "coupling": lambda drive: [f"{coupling.name}." for coupling in drive.couplings],
     "gear": lambda drive: [f"{gear.name}." for gear in drive.gears],
     "valve": lambda drive: [f"{valves.name}." for valves in drive.valves],

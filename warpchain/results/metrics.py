@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.batch import LARGEST, Stack, picked
-from warpchain.drive.trains import is_free
+from warpchain.drive.trains import is_free_body
 from warpchain.results.arrow_tables import table_with_units
 from warpchain.results.judgement import Limits, judge_variants
 from warpchain.results.metric_columns import (
@@ -248,7 +248,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
     What prescribes angles and centers, and what supplies oil, does the input work.
     """
     chain, sprockets, mounts = sums["chain"], sums["sprocket"], sums["mount"]
-    driven = np.array([not is_free(drive, s) for s in range(len(drive.sprockets))])
+    driven = np.array([not is_free_body(drive, s) for s in range(len(drive.sprockets))])
     contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
     load_work = np.compress(~driven, sprockets["load_work"], axis=1)
     dissipated = chain["dissipated"] + chain["friction"] + sums["contact"]["dissipated"].sum(axis=1)

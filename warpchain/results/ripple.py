@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive.batch_math import smallest, some
 from warpchain.drive.sprocket import PrescribedMount
-from warpchain.drive.trains import names_of, speed_ratio
+from warpchain.drive.trains import body_names, body_speed_ratio
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -29,7 +29,7 @@ def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: An
     def periods_in_window(b: int, order: Any) -> Any:
         """Periods in the window of an order of a body's revolution."""
         led = b if b < count else drive.driver
-        return order * turns[led] * (1.0 if b < count else speed_ratio(drive, b, led))
+        return order * turns[led] * (1.0 if b < count else body_speed_ratio(drive, b, led))
 
     mounts = (sprocket.mount for sprocket in drive.sprockets)
     swings = [mount.frequency for mount in mounts if isinstance(mount, PrescribedMount) and some(mount.frequency)]
@@ -52,8 +52,8 @@ def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
             if table is not None and table.slowest_order is not None:
                 ripples.append((table.shaft, table.slowest_order))
             for shaft, order in ripples:
-                names = names or (names_of(drive) if shaft is not None else [])
+                names = names or (body_names(drive) if shaft is not None else [])
                 yield names.index(shaft) if shaft in names else b, order
     for valves in drive.valves:
-        names = names or names_of(drive)
+        names = names or body_names(drive)
         yield names.index(valves.on), valves.slowest_order

@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from warpchain.drive import Drive
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import WarpchainError
 from warpchain.results.channels import CHANNEL_BY_NAME
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
@@ -87,7 +87,9 @@ def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
 def _drive_html(drive: Drive) -> str:
     """A drive as HTML: picture, sprockets, chain and run settings."""
     if drive.chains:
-        return "".join(f"<p>{escape(ring.name)}</p>{_drive_html(ring.drive)}" for ring in rings_of(drive))
+        return "".join(
+            f"<p>{escape(chain_drive.name)}</p>{_drive_html(chain_drive.drive)}" for chain_drive in chain_drives(drive)
+        )
     chain = drive.chain
     size = f"{chain.size}, " if chain.size else ""
     about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_with_unit(chain.mass, 'kg')} a roller)"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
-from warpchain.drive.rings import rings_of
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import DriveError
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.nearest_parts import contact_force_vectors
@@ -68,7 +68,7 @@ def drive_figure(
     largest = 0.0
     if isinstance(of, Drive):
         title = "Layout at t = 0"
-        chains = [_chain_at_start(ring.drive) for ring in rings_of(of)]
+        chains = [_chain_at_start(chain_drive.drive) for chain_drive in chain_drives(of)]
     else:
         require_channels(of, "position")
         f = range(len(of.time))[len(of.time) * 3 // 4 if frame is None else frame]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.rings import rings_of
-from warpchain.drive.trains import driving_body, turned_part
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.trains import driving_body, part_of_body
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, whole_file
 from warpchain.results.run import Trajectory
@@ -40,8 +40,8 @@ def strand_label(name: str) -> str:
 def run_line(of: Drive | Trajectory) -> str:
     """Title line of a drive or run: links, pitch, the driver's speed, temperature."""
     drive = of if isinstance(of, Drive) else of.drive
-    rings = rings_of(drive.as_read)
-    pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(ring.drive.chain.pitch for ring in rings))
+    chains = chain_drives(drive.as_read)
+    pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(chain.drive.chain.pitch for chain in chains))
     several = f" in {len(drive.chains)} chains" if drive.chains else ""
     return f"{drive.links} links of {pitches} mm{several}, {driver_speed_text(of)}" + (
         "" if drive.temperature is None else f", {drive.temperature:g} \N{DEGREE SIGN}C"
@@ -53,7 +53,7 @@ def driver_speed_text(of: Drive | Trajectory) -> str:
     drive = of if isinstance(of, Drive) else of.drive
     name, top = drive.sprockets[drive.driver].name, drive.driver_speed
     if isinstance(of, Drive):
-        led = turned_part(drive, driving_body(drive)).prescribed is not None
+        led = part_of_body(drive, driving_body(drive)).prescribed is not None
         return f"{name} {'at' if led else 'up to about'} {rpm_of_speed(top):.4g} rpm"
     found = driver_speed_and_window(of)
     if found is None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.argument_checks import check_arguments
 from warpchain.assembly.frequencies import excited_orders
-from warpchain.drive.transmission import turn_alike
+from warpchain.drive.transmission import rotation_owners
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, write_text_file
 from warpchain.results.chains import chain_metrics_row, chain_trajectories
@@ -308,7 +308,7 @@ def run_report_html(
     chosen = recorded_variant(source, variant)
     row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
     made: list[html.PageSection] = []
-    chains, alike = chain_trajectories(chosen.trajectory), turn_alike(chosen.trajectory.drive)
+    chains, alike = chain_trajectories(chosen.trajectory), rotation_owners(chosen.trajectory.drive)
     for name, trajectory in chains.items():
         found = EngineeringReport(trajectory, *metrics_window(row, trajectory), wear, alike)
         own = list(run_sections(found, chain_metrics_row(row, name), chosen.run))

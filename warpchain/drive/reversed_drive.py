@@ -18,11 +18,11 @@ from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Load, Prescribed, Sprocket
 from warpchain.errors import DriveError
 
-Part = TypeVar("Part", Sprocket, Shaft)
-Motion = TypeVar("Motion", Load, Prescribed)
+TurningPart = TypeVar("TurningPart", Sprocket, Shaft)
+HarmonicMotion = TypeVar("HarmonicMotion", Load, Prescribed)
 
 
-def reverse(drive: Drive) -> Drive:
+def reversed_drive(drive: Drive) -> Drive:
     """The drive as it runs backward.
 
     Raises:
@@ -32,25 +32,27 @@ def reverse(drive: Drive) -> Drive:
     bare = next((shaft.name for shaft in drive.shafts if shaft.name not in on), None)
     if bare is not None:
         raise DriveError(f"shafts.{bare}: has no sprocket; only drives whose shafts all have one can run in reverse")
-    first, *rest = (_backward(sprocket, _turned(sprocket)) for sprocket in drive.sprockets)
-    shafts = tuple(_backward(shaft, {}) for shaft in drive.shafts)
+    first, *rest = (_reversed_part(sprocket, _opposite_wrap(sprocket)) for sprocket in drive.sprockets)
+    shafts = tuple(_reversed_part(shaft, {}) for shaft in drive.shafts)
     return drive.model_copy(update={"sprockets": (first, *reversed(rest)), "shafts": shafts})
 
 
-def _turned(sprocket: Sprocket) -> dict[str, Any]:
+def _opposite_wrap(sprocket: Sprocket) -> dict[str, Any]:
+    """The key `wrap` of a sprocket that turns the other way."""
     return {"wrap": "cw" if sprocket.wrap == "ccw" else "ccw"}
 
 
-def _backward(part: Part, changes: dict[str, Any]) -> Part:
-    """A sprocket or a shaft with the harmonics of its motion and load mirrored, (a), and with changes."""
+def _reversed_part(part: TurningPart, changes: dict[str, Any]) -> TurningPart:
+    """A sprocket or a shaft with other values and the harmonics of its motion and load mirrored, (a)."""
     found: dict[str, Any] = dict(changes)
     if part.load is not None:
-        found["load"] = _mirrored(part.load, math.pi)
+        found["load"] = _mirrored_motion(part.load, math.pi)
     if part.prescribed is not None:
-        found["prescribed"] = _mirrored(part.prescribed, 0.0)
+        found["prescribed"] = _mirrored_motion(part.prescribed, 0.0)
     return part.model_copy(update=found)
 
 
-def _mirrored(motion: Motion, shift: float) -> Motion:
+def _mirrored_motion(motion: HarmonicMotion, shift: float) -> HarmonicMotion:
+    """A motion or load whose harmonics have the phase `shift` less their own."""
     harmonics = tuple(h.model_copy(update={"phase": shift - h.phase}) for h in motion.harmonics)
     return motion.model_copy(update={"harmonics": harmonics})

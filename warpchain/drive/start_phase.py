@@ -1,4 +1,4 @@
-"""Motions, loads and motors of drives that begin turned on by `run.phase` teeth."""
+"""Angles, motions, loads and motors of drives that begin turned on by `run.phase` teeth."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ from warpchain.drive.batch_math import some
 from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Motor, Shaft
 from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
-from warpchain.drive.trains import signed_turns
+from warpchain.drive.trains import turns_a_roller
 
-Motion = TypeVar("Motion", Prescribed, Load, Motor)
+TurningMotion = TypeVar("TurningMotion", Prescribed, Load, Motor)
 
 
-def turned_by(drive: Any, name: str) -> Any:
-    """Forward angle [rad] by which a sprocket or shaft of a name has turned on where the drive begins."""
+def start_phase_angle(drive: Any, name: str) -> Any:
+    """Forward angle [rad] by which a named sprocket or shaft has turned on where `run.phase` begins the drive."""
     phase = drive.run.phase
     if phase is None or not some(phase):
         return 0.0
     teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
     if drive.shafts and not drive.chains:
-        turns = signed_turns(drive)[len(drive.sprockets) :]
+        turns = turns_a_roller(drive)[len(drive.sprockets) :]
         teeth |= {shaft.name: 1.0 / abs(each) for shaft, each in zip(drive.shafts, turns, strict=True)}
     return phase * 2.0 * math.pi / teeth[name]
 
 
-def turned_on(drive: Any, turned: Sprocket | Shaft, motion: Motion) -> Motion:
-    """A sprocket's or a shaft's motion, load or motor as it goes on where the drive has turned on by `run.phase` teeth.
+def motion_from_start_phase(drive: Any, turned: Sprocket | Shaft, motion: TurningMotion) -> TurningMotion:
+    """A motion, load or motor of a sprocket or shaft as it goes on from where `run.phase` begins the drive.
 
-    Every shaft of z teeth has then turned on by phase 2 pi / z: the phases of harmonics of its order h grow by h times
-    that, and tables over its angle move back by it.
+    Every shaft of z teeth has turned on by phase 2 pi / z: the phases of harmonics of its order h grow by h times that,
+    and tables over its angle move back by it.
     """
     phase = drive.run.phase
     if phase is None or not some(phase):
         return motion
 
     def angle(part: Harmonic | Table) -> Any:
-        return turned_by(drive, turned.name if part.shaft is None else part.shaft)
+        return start_phase_angle(drive, turned.name if part.shaft is None else part.shaft)
 
     changes: dict[str, Any] = {}
     if not isinstance(motion, Motor):

@@ -1,4 +1,4 @@
-"""Parts of each chain of a drive, and the chain as a drive of its own."""
+"""The parts of a drive that belong to each of its chains."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from warpchain.drive.chain import Chain, NamedChain
 from warpchain.drive.schema import elements, get, valid
 from warpchain.drive.sprocket import ArmMount
 
-PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
-"""Lists of a drive whose parts are of one chain each."""
+CHAIN_PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
+"""Lists of a drive whose parts each belong to one chain."""
 TRAIN_PARTS = ("shafts", "gears", "couplings", "valves")
-"""Those that turn what is on them, too, or are turned by it."""
+"""Lists of a drive whose parts turn sprockets, or are turned by them."""
 
 
 @dataclass(frozen=True)
-class Ring:
-    """One chain of a drive, with what it runs over.
+class ChainDrive:
+    """One chain of a drive as a drive of its own, and the places of its parts in the whole drive.
 
     Attributes:
         name: of the chain, "" where it is the only one.
         drive: the chain as a drive of its own; its first sprocket that is prescribed leads it. Where none is, the one
-            that another chain turns counts as prescribed (`warpchain.drive.sprocket.Led`).
-        places: by list, `PARTS` and `TRAIN_PARTS`, the places of its parts in the whole drive.
+            that another chain turns counts as prescribed (`warpchain.drive.sprocket.LedSprocket`).
+        places: by list, `CHAIN_PARTS` and `TRAIN_PARTS`, the places of its parts in the whole drive.
     """
 
     name: str
@@ -33,8 +33,8 @@ class Ring:
     places: dict[str, tuple[int, ...]]
 
 
-def chain_of(drive: Any, part: Any) -> Chain | None:
-    """The chain of a sprocket, guide or probe; None where it is not sound. Drives may be mappings, as for rules."""
+def chain_of_part(drive: Any, part: Any) -> Chain | None:
+    """The chain of a sprocket, guide or probe of a drive or of a mapping; None where it is not sound."""
     chains = elements(drive, "chains")
     if not chains:
         return valid(Chain, get(drive, "chain"))
@@ -42,26 +42,27 @@ def chain_of(drive: Any, part: Any) -> Chain | None:
     return None if own is None else valid(NamedChain, own)
 
 
-def shaft_of(sprocket: Any) -> str:
-    """The shaft that a sprocket turns with: by name, or of its own (by a text that no name is)."""
+def shaft_of_sprocket(sprocket: Any) -> str:
+    """Name of the shaft that a sprocket turns with; of its own, a text that no name is."""
     shaft = get(sprocket, "shaft")
     return shaft if shaft is not None else f"{get(sprocket, 'name')}="
 
 
-def places_of(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
-    """Places of a chain's parts; an arm is of the chain of what it carries, else of the first, a tensioner of its
-    body's.
+def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
+    """Places of a chain's parts in the lists `CHAIN_PARTS` of the whole drive, by list.
+
+    A tensioner is of the chain of the body that it pushes.
     """
     naming = ("sprockets", "guides", "probes")
     own = {kind: {i for i, part in enumerate(getattr(drive, kind)) if part.chain == name} for kind in naming}
-    own["arms"] = {a for a, arm in enumerate(drive.arms) if arm_chain(drive, arm) == name}
+    own["arms"] = {a for a, arm in enumerate(drive.arms) if chain_of_arm(drive, arm) == name}
     bodies = {drive.sprockets[s].name for s in own["sprockets"]} | {drive.arms[a].name for a in own["arms"]}
     own["tensioners"] = {t for t, tensioner in enumerate(drive.tensioners) if tensioner.on in bodies}
-    return {kind: tuple(sorted(own[kind])) for kind in PARTS}
+    return {kind: tuple(sorted(own[kind])) for kind in CHAIN_PARTS}
 
 
-def arm_chain(drive: Any, arm: Arm) -> str | None:
-    """Name of the chain that an arm is of, with those that it carries or that carry it."""
+def chain_of_arm(drive: Any, arm: Arm) -> str | None:
+    """Name of the chain of an arm: that of what it carries, of the arms on it or below it; else the first."""
     first = arm.arm or arm.name
     row = {first} | {other.name for other in drive.arms if other.arm == first}
     guides = [guide.chain for guide in drive.guides if guide.arm in row]
@@ -69,8 +70,8 @@ def arm_chain(drive: Any, arm: Arm) -> str | None:
     return next(iter(guides + carried), drive.chains[0].name)
 
 
-def by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], float]) -> Any:
-    """A motion, load or motor whose harmonics and tables go by shafts of its own chain, or by its own.
+def motion_by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], float]) -> Any:
+    """A motion, load or motor whose harmonics and tables count the angle of shafts of its own chain, or its own.
 
     Args:
         names: of the shafts of its own chain.
