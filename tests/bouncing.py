@@ -3,7 +3,7 @@
 import warp as wp
 from own_kernels import kernel
 
-from warpchain.kernels.physics.contact import respond, stored
+from warpchain.kernels.physics.contact import contact_energy, normal_force_vector
 from warpchain.kernels.structs import types
 
 KINDS = types(wp.float64)
@@ -29,14 +29,18 @@ def bounce(
     open = int(0)
     while open == 0:
         # midpoint rule (second order): half step, evaluate, full step
-        f0, p0, k0, s0, m0, u0 = respond(penetration, normal, v * normal, wp.vec2d(), impact_speed, none, law)
+        f0, p0, k0, s0, m0, u0 = normal_force_vector(
+            penetration, normal, v * normal, wp.vec2d(), impact_speed, none, law
+        )
         half_v = v - wp.float64(0.5) * h * s0 / mass
         half_pen = penetration + wp.float64(0.5) * h * v
-        f1, p1, k1, s1, m1, u1 = respond(half_pen, normal, half_v * normal, wp.vec2d(), impact_speed, none, law)
+        f1, p1, k1, s1, m1, u1 = normal_force_vector(
+            half_pen, normal, half_v * normal, wp.vec2d(), impact_speed, none, law
+        )
         v = v - h * s1 / mass
         penetration = penetration + h * half_v
         dissipated = dissipated + h * (s1 - k1) * half_v
-        peak = wp.max(peak, stored(p1, k1, law))
+        peak = wp.max(peak, contact_energy(p1, k1, law))
         if penetration <= wp.float64(0.0):
             open = int(1)
     out[0] = -v
@@ -64,7 +68,7 @@ def leap(
     normal = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
     more = wp.vec2d(pull / mass, wp.float64(0.0))
     for i in range(out.shape[0]):
-        force, mean, elastic, size, first, speed_before = respond(
+        force, mean, elastic, size, first, speed_before = normal_force_vector(
             penetration, normal, v * normal, more, impact_speed, speed_before, law
         )
         impact_speed = wp.where(mean > wp.float64(0.0), first, wp.float64(0.0))
@@ -83,7 +87,7 @@ def response(
 ):
     """A contact at a speed along its normal; out = length of the force, its size, damper's part."""
     normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
-    force, mean, elastic, size, first, damper_speed = respond(
+    force, mean, elastic, size, first, damper_speed = normal_force_vector(
         penetration, normal, speed * normal, wp.vec2d(), impact_speed, wp.float64(0.0), law
     )
     out[0] = wp.length(force)

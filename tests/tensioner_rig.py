@@ -11,14 +11,14 @@ from warpchain import loads_drive
 from warpchain.drive.examples import FOLDER
 from warpchain.engine.fill_bodies import oil_energies
 from warpchain.kernels.physics.tensioner import (
+    advance_tensioner,
+    chamber_pressure,
     compression,
-    pressure_of,
+    pressure_root,
     resting_state,
-    root_of,
     specific_energy,
     tensioner_energy,
     tensioner_force,
-    tensioner_step,
     valve_flow,
     valve_lift,
 )
@@ -128,13 +128,13 @@ def noted(x: wp.float64, rate: wp.float64, state: TensionerState, t: Tensioner, 
 def flowed(state: TensionerState, x: wp.float64, rate: wp.float64, h: wp.float64, t: Tensioner,
            out: wp.array2d[wp.float64], i: int):  # fmt: skip
     """A step's flows."""
-    state, flows = tensioner_step(x, rate, h, True, state, t)
+    state, flows = advance_tensioner(x, rate, h, True, state, t)
     out[i, 4] = flows.leaked
     out[i, 5] = flows.supplied
     out[i, 6] = flows.leak_loss
     out[i, 7] = flows.valve_loss
     out[i, 8] = flows.supply_work
-    out[i, 9] = valve_lift(t.supply - pressure_of(x, True, state, t), t.check)
+    out[i, 9] = valve_lift(t.supply - chamber_pressure(x, True, state, t), t.check)
     out[i, 11] = flows.relieved
     out[i, 12] = flows.vented
     out[i, 13] = flows.filling
@@ -173,20 +173,20 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     """Functions of the pressure, and the pressure again from the content at x = 0, from other ones to begin at."""
     i = wp.tid()
     pressure = pressures[i]
-    z = root_of(pressure, t)
+    z = pressure_root(pressure, t)
     phi, slope = compression(z, t)
     flow, flow_slope = valve_flow(t.supply - pressure, t.check, t)
     state = TensionerState()
     state.content = phi
-    state.root = root_of(near[i], t)
+    state.root = pressure_root(near[i], t)
     out[i, 0] = phi
-    energy, volume = specific_energy(root_of(pressure, t), t)
+    energy, volume = specific_energy(pressure_root(pressure, t), t)
     out[i, 1] = energy
     out[i, 2] = wp.float64(7.0) * pressure / (z * slope)  # E = dP/dphi with P = P_0 z^7
     out[i, 3] = flow
     out[i, 4] = -flow_slope
     out[i, 5] = valve_lift(t.supply - pressure, t.check)
-    out[i, 6] = pressure_of(wp.float64(0.0), False, state, t)
+    out[i, 6] = chamber_pressure(wp.float64(0.0), False, state, t)
 
 
 def array(values):

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..native import accessors, whole_lanes
 from ..physics.body import pose_of
-from ..physics.guide import carried
+from ..physics.guide import carried_guide
 from ..structs import GROUND, Drive, Now, Pose, Totals, Wrench, types
 from .contacts import contact_forces, contact_friction, contact_rows, contact_sums
 from .guides import guide_passes
@@ -52,7 +52,7 @@ def partners(Real: type) -> SimpleNamespace:
         if bar.body != GROUND:
             partner.pose = state.poses[drive.first_body + bar.body]
             if bar.pieces == 0:
-                now = carried(bar, partner.pose)
+                now = carried_guide(bar, partner.pose)
                 bar.start = now.start
                 bar.direction = now.direction
         bar.first_piece = drive.first_piece + bar.first_piece

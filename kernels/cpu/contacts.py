@@ -13,16 +13,16 @@ import warp as wp
 
 from ..native import accessors
 from ..physics.contact import (
-    gained,
+    contact_energy,
     is_changing,
-    power_taken,
-    pressed,
-    reaction,
+    normal_force,
+    power_of_force,
+    reaction_moment,
+    relative_acceleration,
     sliding_speed,
     steady_force,
-    stored,
 )
-from ..physics.friction import coefficient, held_back
+from ..physics.friction import bristle_friction, friction_coefficient
 from ..physics.impact import elastic_force
 from ..structs import Drive, Now, Totals, types
 from .neighbor_list import Group, is_near
@@ -127,7 +127,9 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
     def gaining(w: wp.array[Real], i: int, memory: Memory):
         """Acceleration of the relative velocity of roller i's contact [m/s^2], by the forces so far."""
         arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
-        return gained(memory.straight, memory.angular, arm, acceleration(w, i, memory.inverse_mass, memory.gravity))
+        return relative_acceleration(
+            memory.straight, memory.angular, arm, acceleration(w, i, memory.inverse_mass, memory.gravity)
+        )
 
     @wp.func
     def approach(w: wp.array[Real], i: int, memory: Memory):
@@ -171,7 +173,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
             speed, growth = approach(w, i, memory)
             if is_changing(penetration, speed, growth, before, law) != 0:
                 speed_before = load_row(w, memory.dampers + i)
-                mean, elastic, size, first, damper = pressed(penetration, speed, growth, before, speed_before, law)
+                mean, elastic, size, first, damper = normal_force(penetration, speed, growth, before, speed_before, law)
                 store_row(w, row.penetration + i, mean)
                 kept = wp.where(mean > Real(0.0), first, load_row(w, row.open + i))
                 store_press(w, i, size, kept, damper)
@@ -185,7 +187,7 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
         arm = vec2(load_row(w, row.arm_x + i), load_row(w, row.arm_y + i))
         store_row(w, row.fx + i, load_row(w, row.fx + i) + force[0])
         store_row(w, row.fy + i, load_row(w, row.fy + i) + force[1])
-        store_row(w, row.moment_of + i, where_touching(w, i, reaction(arm, force)))
+        store_row(w, row.moment_of + i, where_touching(w, i, reaction_moment(arm, force)))
 
     @wp.func
     def copy_row(w: wp.array[Real], group: Group, source: int, to: int):
@@ -214,11 +216,11 @@ def contact_forces(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory):
-        """Power that a force on roller i takes, as `contact.dissipated`."""
+        """Power that a force on roller i takes, as `contact.dissipated_power`."""
         more = gaining(w, i, memory)
         speed_x = load_row(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = load_row(w, row.relative_y + i) + memory.lag * more[1]
-        return where_touching(w, i, power_taken(x, y, speed_x, speed_y))
+        return where_touching(w, i, power_of_force(x, y, speed_x, speed_y))
 
     @wp.func
     def lose_one(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
@@ -331,12 +333,14 @@ def contact_friction(Real: type, capacity: int) -> SimpleNamespace:
             i = group.low
             while i < group.high:
                 if load_row(w, row.size + i) > Real(0.0):
-                    store_row(w, row.mu + i, coefficient(wp.abs(slides(w, i)), friction))
+                    store_row(w, row.mu + i, friction_coefficient(wp.abs(slides(w, i)), friction))
                 i = i + 1
         i = group.low
         while i < group.high:
             size, mu, held = load_row(w, row.size + i), load_row(w, row.mu + i), load_row(w, row.hold + i)
-            drag, holds = held_back(mu * size, slides(w, i), held, friction.spring, friction.damper, memory.stretched)
+            drag, holds = bristle_friction(
+                mu * size, slides(w, i), held, friction.spring, friction.damper, memory.stretched
+            )
             add_drag(w, i, drag, holds)
             i = i + 1
         if memory.stage == 0:
@@ -400,7 +404,7 @@ def contact_sums(Real: type, capacity: int) -> SimpleNamespace:
             penetration = load_row(w, row.penetration + i)
             if penetration > Real(0.0):
                 elastic = elastic_force(penetration, law.stiffness, law.exponent)
-                energy += wp.float64(stored(penetration, elastic, law))
+                energy += wp.float64(contact_energy(penetration, elastic, law))
             i = i + 1
         totals[slot].energy = energy
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, load_constant
-from ..physics.contact import AWAY, MISSED, UNTOUCHED, misses, surface_velocity, turned
-from ..physics.guide import at_face, in_frame, near_profile, on_guide, on_piece, tracked_piece
+from ..physics.contact import AWAY, MISSED, UNTOUCHED, has_missed_face, rotated_vector, surface_velocity
+from ..physics.guide import bar_contact, frame_vector, is_at_face, is_near_profile, piece_contact, tracked_piece
 from ..structs import Piece, Pose, Totals, types
 from .contacts import contact_rows
 from .neighbor_list import Group, is_near, lowest_bit, neighbor_list, next_bits
@@ -37,7 +37,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             along = wp.dot(p, bar.direction)
             across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
             near = Real(0.0)
-            if along > -reach and along < end and at_face(across, bar):
+            if along > -reach and along < end and is_at_face(across, bar):
                 near = Real(1.0)
             store_row(w, row.near + i, near)
             i = i + 1
@@ -54,7 +54,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     def came_in(w: wp.array[Real], i: int, penetration: Real, guide: Guide):
         """Penetration of roller i in a guide, away if it did not come in through the face; notes which is so."""
         kept = Real(UNTOUCHED)
-        if penetration > -guide.law.ahead and misses(penetration, load_row(w, row.before + i), guide):
+        if penetration > -guide.law.ahead and has_missed_face(penetration, load_row(w, row.before + i), guide):
             kept = Real(MISSED)
             penetration = Real(AWAY)
         store_row(w, row.open + i, kept)
@@ -69,7 +69,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
             surface = surface_velocity(body, arm)
             v = vec2(load_row(w, row.vx + i), load_row(w, row.vy + i))
             moving = vec2(Real(surface[0]), Real(surface[1]))
-            penetration, normal, relative = on_guide(place(w, i) - bar.start, v, moving, bar)
+            penetration, normal, relative = bar_contact(place(w, i) - bar.start, v, moving, bar)
             recall(w, i, group, memory)
             depth = wp.where(is_near(group, i), penetration, Real(AWAY))
             place_arm(w, i, Real(arm[0]), Real(arm[1]))
@@ -95,7 +95,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
         i = first
         while i < end:
             near = Real(0.0)
-            if near_profile(in_frame(place(w, i) - body.center, body), guide) != 0:
+            if is_near_profile(frame_vector(place(w, i) - body.center, body), guide) != 0:
                 near = Real(1.0)
             store_row(w, row.near + i, near)
             i = i + 1
@@ -127,7 +127,7 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
         bits = rollers
         while bits != wp.uint64(0):
             i = first + lowest_bit(bits)
-            q = in_frame(place(w, i) - body.center, body)
+            q = frame_vector(place(w, i) - body.center, body)
             number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
             store_piece(memory.seat, memory.first + i, number)
             store_row(w, row.piece + i, Real(number))
@@ -137,8 +137,8 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
     def touch_piece(w: wp.array[Real], i: int, guide: Guide, body: Pose, piece: Piece, following: Piece):
         """Stores the contact of roller i with a piece of a profile; +1 where it is past that, -1 before, else 0."""
         arm = place(w, i) - body.center
-        penetration, facing, beyond = on_piece(in_frame(arm, body), piece, following, guide)
-        facing = turned(facing, body.cosine, body.sine)
+        penetration, facing, beyond = piece_contact(frame_vector(arm, body), piece, following, guide)
+        facing = rotated_vector(facing, body.cosine, body.sine)
         surface = surface_velocity(body, arm)
         speed_x, speed_y = Real(surface[0]) - load_row(w, row.vx + i), Real(surface[1]) - load_row(w, row.vy + i)
         place_arm(w, i, Real(arm[0]), Real(arm[1]))

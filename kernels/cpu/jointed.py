@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.body import heading_of, joint_moment, mass_moment_now, pose_of
-from ..physics.guide import from_frame
-from ..physics.hub import against, eliminated, hanging_on, joint_terms
-from ..physics.hub import joint_energy as energy_of
+from ..physics.body import arm_mass_moment, arm_spring_moment, heading_of, pose_of
+from ..physics.guide import world_vector
+from ..physics.hub import carried_arm_acceleration, carried_arm_terms, eliminate_carried_arm, relative_body
+from ..physics.hub import carried_arm_energy as energy_of
 from ..structs import Arm, BodyState, Drive, types
 
 
@@ -21,8 +21,8 @@ def carrier_of(drive: Drive, on: int):
 @wp.func
 def joint_energy(body: BodyState, carrier: BodyState, arm: Arm):
     """Kinetic energy [J] that an arm has as its pivot goes along with the arm that carries it."""
-    lever = from_frame(arm.lever, pose_of(carrier))
-    return energy_of(body.speed, mass_moment_now(heading_of(body), arm), lever, carrier)
+    lever = world_vector(arm.lever, pose_of(carrier))
+    return energy_of(body.speed, arm_mass_moment(heading_of(body), arm), lever, carrier)
 
 
 @cache
@@ -36,7 +36,7 @@ def jointed(Real: type) -> SimpleNamespace:
         """Arm `a` of the drive, at `body`, as its spring sees it turn."""
         on = carrier_of(drive, ensemble.arms[drive.first_arm + a].on)
         if on >= 0:
-            body = against(body, state.bodies[on])
+            body = relative_body(body, state.bodies[on])
         return body
 
     @wp.func
@@ -47,7 +47,7 @@ def jointed(Real: type) -> SimpleNamespace:
             arm = ensemble.arms[drive.first_arm + k]
             if arm.on == a + 1:
                 body = state.bodies[drive.first_body + drive.bodies - drive.arms + k]
-                moment = moment - joint_moment(turned(ensemble, state, drive, k, body), arm)
+                moment = moment - arm_spring_moment(turned(ensemble, state, drive, k, body), arm)
         return moment
 
     @wp.func
@@ -56,11 +56,11 @@ def jointed(Real: type) -> SimpleNamespace:
         arm = ensemble.arms[drive.first_arm + k]
         b, on = drive.first_body + drive.bodies - drive.arms + k, carrier_of(drive, arm.on)
         own, carrier = state.bodies[b], state.bodies[on]
-        lever, s = from_frame(arm.lever, pose_of(carrier)), mass_moment_now(heading_of(own), arm)
+        lever, s = world_vector(arm.lever, pose_of(carrier)), arm_mass_moment(heading_of(own), arm)
         w1, w2 = carrier.speed + lag * carrier.angular, own.speed + lag * own.angular
         led = wp.vec2d(state.rates[on][0], state.rates[on][1])
         inverse = wp.float64(ensemble.motions[b].inverse_inertia)
-        return joint_terms(lever, s, w1, w2, led, state.rates[b][2] / inverse), inverse
+        return carried_arm_terms(lever, s, w1, w2, led, state.rates[b][2] / inverse), inverse
 
     @wp.func
     def couple(ensemble: Ensemble, state: State, drive: Drive, a: int, lag: wp.float64):
@@ -72,13 +72,13 @@ def jointed(Real: type) -> SimpleNamespace:
         for k in range(drive.arms):
             if ensemble.arms[drive.first_arm + k].on == a + 1:
                 terms, inverse = of_joint(ensemble, state, drive, k, lag)
-                moment, inertia = eliminated(moment, inertia, terms, inverse)
+                moment, inertia = eliminate_carried_arm(moment, inertia, terms, inverse)
         rates[2] = moment / inertia
         for m in range(drive.arms):
             if ensemble.arms[drive.first_arm + m].on == a + 1:
                 of, over = of_joint(ensemble, state, drive, m, lag)
                 turning = state.rates[first + m]
-                turning[2] = hanging_on(rates[2], of, over)
+                turning[2] = carried_arm_acceleration(rates[2], of, over)
                 state.rates[first + m] = turning
                 state.rates[first + a] = rates
 

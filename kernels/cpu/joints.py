@@ -9,8 +9,14 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, whole_lanes
-from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
-from ..physics.link import are_uneven, link_force, played_force
+from ..physics.friction import (
+    couple_force,
+    joint_friction_coefficient,
+    joint_friction_moment,
+    joint_friction_power,
+    link_turning,
+)
+from ..physics.link import has_uneven_links, link_force, uneven_link_force
 from ..structs import types
 from ..sums import after, before
 from .rollers import passes, rows
@@ -31,7 +37,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def store_turning(w: wp.array[Real], i: int, d: vec2, v: vec2):
         """Stores the rate at which link i turns."""
-        lever, turn = turning(d, v)
+        lever, turn = link_turning(d, v)
         store_row(w, row.turn + i, turn)
         store_row(w, row.bend_x + i + 1, lever[0])
         store_row(w, row.bend_y + i + 1, lever[1])
@@ -43,7 +49,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         """
         close(w, n)
         i = int(0)
-        if not are_uneven(chain):
+        if not has_uneven_links(chain):
             while i < whole(n):
                 d, v = apart(w, i), parting(w, i)
                 tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain)
@@ -52,7 +58,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
                 i = i + 1
         while i < whole(n):
             d, v = apart(w, i), parting(w, i)
-            tension, rate, u = played_force(d, v, load_row(w, row.length + i), i, chain)
+            tension, rate, u = uneven_link_force(d, v, load_row(w, row.length + i), i, chain)
             store_link(w, i, tension, rate, u)
             store_turning(w, i, d, v)
             i = i + 1
@@ -65,7 +71,9 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
         tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
         held = load_row(w, row.joint_hold + i + 1)
-        moment, holds = rubbing_moment(mu, tension, turn, tension_after, turn_after, held, chain, memory.stretched)
+        moment, holds = joint_friction_moment(
+            mu, tension, turn, tension_after, turn_after, held, chain, memory.stretched
+        )
         store_row(w, row.moment + i + 1, moment)
         store_row(w, row.joint_hold + i + 1, wp.where(memory.stage == 0, holds, held))
 
@@ -81,7 +89,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
                 rub_joint(w, i, mu, chain, memory)
                 i = i + 1
         while i < n:
-            mu = joint_coefficient(load_row(w, row.turn + i), load_row(w, row.turn + i + 1), chain)
+            mu = joint_friction_coefficient(load_row(w, row.turn + i), load_row(w, row.turn + i + 1), chain)
             rub_joint(w, i, mu, chain, memory)
             i = i + 1
         store_row(w, row.moment, load_row(w, row.moment + n))
@@ -124,7 +132,7 @@ def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
         """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
         mine = acceleration(w, i, chain.inverse_mass, chain.gravity)
         of_next = acceleration(w, after(i, n), chain.inverse_mass, chain.gravity)
-        lever, turn = turning(apart(w, i), parting(w, i) + lag * (of_next - mine))
+        lever, turn = link_turning(apart(w, i), parting(w, i) + lag * (of_next - mine))
         return turn
 
     @wp.func

@@ -15,20 +15,20 @@ from ..native import accessors
 from ..physics.body import (
     arm_dissipation,
     arm_energy,
+    arm_mass_moment,
+    body_accelerations,
     body_energy,
-    body_rates,
     heading_of,
-    held_by,
+    holding_force_and_power,
     late_power,
-    mass_moment_now,
     pivot_power,
     pose_of,
 )
-from ..physics.hub import against, turning_force
+from ..physics.hub import pivot_force, relative_body
 from ..physics.motion import load_moment_at_speed
-from ..physics.mount import CARRIED, off_home
-from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
-from ..physics.train import coupling_energy, coupling_loss, on_side, own_energy
+from ..physics.mount import CARRIED, displacement_from_home
+from ..physics.tensioner import extension_and_rate, plunger_losses, tensioner_energy
+from ..physics.train import coupling_energy, coupling_loss, is_on_gear_side, own_body_energy
 from ..physics.valve import cam_energy
 from ..structs import Drive, Now, Sums, Wrench, types
 from ..sums import (
@@ -114,12 +114,12 @@ def measuring_trains(Real: type) -> SimpleNamespace:
         mine = ensemble.motions[at]
         moment = gear.inertia * bodies.angular_now(ensemble, state, at, now.time)
         for b in range(drive.sprockets + drive.shafts):
-            if on_side(gear, b):
+            if is_on_gear_side(gear, b):
                 other = drive.first_body + b
                 moment = moment - ensemble.motions[other].ratio / mine.ratio * state.passed[other]
         for v in range(drive.first_valve, drive.first_valve + drive.valves):
             valve = ensemble.valves[v]
-            if on_side(gear, valve.body):
+            if is_on_gear_side(gear, valve.body):
                 torque, force = bodies.lifted(ensemble, state, drive, v, now.time, now.lag)
                 beside = ensemble.motions[drive.first_body + valve.body].ratio / mine.ratio
                 moment = moment + beside * valve.sign * torque
@@ -164,18 +164,18 @@ def measuring(Real: type, capacity: int) -> SimpleNamespace:
             body = body_now(ensemble, state, b, now.time, now.lag)
             heading = heading_of(body)
             mount = ensemble.mounts[b]
-            energy = body_energy(off_home(body.center, mount), body, heading, ensemble.motions[b], mount)
+            energy = body_energy(displacement_from_home(body.center, mount), body, heading, ensemble.motions[b], mount)
             arm = arm_of(drive, b)
             if arm >= 0:
                 of, turned = ensemble.arms[arm], body
                 on = carrier_of(drive, of.on)
                 if on >= 0:
                     carrier = body_now(ensemble, state, on, now.time, now.lag)
-                    turned = against(body, carrier)
+                    turned = relative_body(body, carrier)
                     energy += joint_energy(body, carrier, of)
                 energy = arm_energy(energy, turned, heading, of)
             if arm < 0 and (drive.tied != 0 or drive.rings != 1):
-                energy = own_energy(energy, body.speed, ensemble.motions[b])
+                energy = own_body_energy(energy, body.speed, ensemble.motions[b])
             if drive.valves > 0:
                 energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])
             total += energy
@@ -203,10 +203,10 @@ def measuring(Real: type, capacity: int) -> SimpleNamespace:
         if mount.active == 1:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = load + whole.bearing
-            off = off_home(body.center, mount)
+            off = displacement_from_home(body.center, mount)
             heading = heading_of(body)
-            rates = body_rates(now.time, off, body, heading, whole, motion, mount, ensemble)
-            held, power = held_by(off, body, heading, whole, rates, motion, mount)
+            rates = body_accelerations(now.time, off, body, heading, whole, motion, mount, ensemble)
+            held, power = holding_force_and_power(off, body, heading, whole, rates, motion, mount)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
         late = late_power(wrench, body, state.poses[b], now.lag, mount.moves == CARRIED)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, late, now.weight)
@@ -222,7 +222,7 @@ def measuring(Real: type, capacity: int) -> SimpleNamespace:
             if arm.on == a + 1:
                 b = drive.first_body + drive.bodies - drive.arms + k
                 body = body_now(ensemble, state, b, now.time, now.lag)
-                force = turning_force(body.speed, state.rates[b][2], mass_moment_now(heading_of(body), arm))
+                force = pivot_force(body.speed, state.rates[b][2], arm_mass_moment(heading_of(body), arm))
                 wrench = with_reaction(wrench, force, wp.float64(0.0))
                 rates[2] = state.rates[carrier_of(drive, arm.on)][2]
         return wrench, rates
@@ -235,17 +235,17 @@ def measuring(Real: type, capacity: int) -> SimpleNamespace:
         body = body_now(ensemble, state, b, now.time, now.lag)
         turned, on = body, carrier_of(drive, ensemble.arms[i].on)
         if on >= 0:
-            turned = against(body, body_now(ensemble, state, on, now.time, now.lag))
+            turned = relative_body(body, body_now(ensemble, state, on, now.time, now.lag))
         power = arm_dissipation(turned, ensemble.arms[i])
         led = wp.float64(0.0)
         mount = ensemble.mounts[b]
         if mount.active == 1:
             whole = bodies.wrench_on(ensemble, state, drive, b)
             whole.load = bodies.load_on(ensemble, state, drive, body, b, now.time) + whole.bearing
-            off, motion, heading = off_home(body.center, mount), ensemble.motions[b], heading_of(body)
-            rates = body_rates(now.time, off, body, heading, whole, motion, mount, ensemble)
+            off, motion, heading = displacement_from_home(body.center, mount), ensemble.motions[b], heading_of(body)
+            rates = body_accelerations(now.time, off, body, heading, whole, motion, mount, ensemble)
             whole, rates = with_turning(ensemble, state, drive, a, whole, rates, now)
-            held, led = held_by(off, body, heading, whole, rates, motion, mount)
+            held, led = holding_force_and_power(off, body, heading, whole, rates, motion, mount)
             led = pivot_power(led, body, ensemble.arms[i])
         late = late_power(state.wrenches[b], body, state.poses[b], now.lag, ensemble.mounts[b].moves == CARRIED)
         sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, late, now.weight)
@@ -256,8 +256,8 @@ def measuring(Real: type, capacity: int) -> SimpleNamespace:
         tensioner = ensemble.tensioners[t]
         push = state.pushes[t]
         body = body_now(ensemble, state, drive.first_body + tensioner.body, now.time, now.lag)
-        x, rate = stroke_of(pose_of(body), tensioner)
-        power, suction = lost_power(push, rate, state.tensioners[t], tensioner)
+        x, rate = extension_and_rate(pose_of(body), tensioner)
+        power, suction = plunger_losses(push, rate, state.tensioners[t], tensioner)
         added = add_tensioner(sums.tensioner[t], push, power, suction, now.weight)
         starts, ends = now.step == drive.window_start, now.step == drive.window_end
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..modules import own_module
 from ..native import accessors
-from ..physics.body import relaxed_arm
+from ..physics.body import relax_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import Drive, types
 from .contact_pairs import nearness
@@ -65,7 +65,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
             b = drive.first_body + drive.bodies - drive.arms + a
             rates = rates_of(ensemble, state, drive, b, wp.float64(0.0))
             body = state.bodies[b]
-            state.bodies[b] = relaxed_arm(body, rates[2], kick, h)
+            state.bodies[b] = relax_arm(body, rates[2], kick, h)
         if drive.hubs != 0:
             carry(ensemble, state, drive)
 

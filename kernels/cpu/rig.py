@@ -9,12 +9,12 @@ import math
 import warp as wp
 
 from ..physics.tensioner import (
-    damper_power,
-    pressure_at,
+    advance_tensioner,
+    plunger_losses_at_extension,
+    pressure_of_root,
     resting_state,
     tensioner_energy,
     tensioner_force,
-    tensioner_step,
     valve_lift,
 )
 from ..structs import Tensioner, TensionerFlows
@@ -100,12 +100,12 @@ def lead(
             total.pressure_max = pressure
             total.gained = -tensioner_energy(x, pressure, state, tensioner)
         if i < steps:
-            lost, suction = damper_power(x, rate, state, tensioner)
+            lost, suction = plunger_losses_at_extension(x, rate, state, tensioner)
             before = x
             pushed = force
             opened = lift
             x, rate = place_at(i + 1, ride)
-            state, flows = tensioner_step(x, (x - before) / ride.step, ride.step, True, state, tensioner)
+            state, flows = advance_tensioner(x, (x - before) / ride.step, ride.step, True, state, tensioner)
             force, pressure = tensioner_force(x, rate, True, state, tensioner)
             if tensioner.hydraulic == 1:
                 lift = valve_lift(tensioner.supply - pressure, tensioner.check)
@@ -121,10 +121,10 @@ def lead(
                     total.openings += 1
                 total.flows = add_flows(total.flows, flows)
                 total.work -= half * (pushed + force) * (x - before)
-                after, drawn = damper_power(x, rate, state, tensioner)
+                after, drawn = plunger_losses_at_extension(x, rate, state, tensioner)
                 total.damper_loss += half * ride.step * (lost + after)
                 total.suction_work += half * ride.step * (suction + drawn)
-                if tensioner.hydraulic == 1 and pressure <= pressure_at(tensioner.floor, tensioner) * wp.float64(
+                if tensioner.hydraulic == 1 and pressure <= pressure_of_root(tensioner.floor, tensioner) * wp.float64(
                     1.000001
                 ):
                     total.vapor += wp.float64(1.0) / wp.float64(ride.cycle)

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import STATE_ROWS, accessors, whole_lanes
-from ..physics.link import acceleration_along, link_force, two_sum
+from ..physics.link import acceleration_component, compensated_sum, link_force
 from ..structs import types
 
 
@@ -66,7 +66,7 @@ class Rows:
     outward_y: int
     arm_x: int  # the roller from the center of the partner's body [m]
     arm_y: int
-    penetration: int  # [m], at the instant and then in the mean of the step (`contact.pressed`)
+    penetration: int  # [m], at the instant and then in the mean of the step (`contact.normal_force`)
     normal_x: int  # towards the roller
     normal_y: int
     relative_x: int  # velocity of the partner's material point less the roller's [m/s]
@@ -197,8 +197,8 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
     def move(w: wp.array[Real], i: int, dx: Real, dy: Real):
         """Roller i by (dx, dy) [m]; what float32 rounds off is kept in the low part."""
         if wp.static(compensated):
-            x, x_low = two_sum(load_row(w, row.x + i), load_row(w, row.x_low + i), dx)
-            y, y_low = two_sum(load_row(w, row.y + i), load_row(w, row.y_low + i), dy)
+            x, x_low = compensated_sum(load_row(w, row.x + i), load_row(w, row.x_low + i), dx)
+            y, y_low = compensated_sum(load_row(w, row.y + i), load_row(w, row.y_low + i), dy)
             store_row(w, row.x + i, x)
             store_row(w, row.y + i, y)
             store_row(w, row.x_low + i, x_low)
@@ -236,7 +236,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         """Acceleration of roller i [m/s^2] in x and y: its two links, its contacts and gravity."""
         x = load_row(w, row.link_x + i + 1) - load_row(w, row.link_x + i) + load_row(w, row.fx + i)
         y = load_row(w, row.link_y + i + 1) - load_row(w, row.link_y + i) + load_row(w, row.fy + i)
-        return acceleration_along(x, inverse_mass, gravity[0]), acceleration_along(y, inverse_mass, gravity[1])
+        return acceleration_component(x, inverse_mass, gravity[0]), acceleration_component(y, inverse_mass, gravity[1])
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.valve import valves_share
+from ..physics.valve import valve_inertia_share
 from ..structs import types
 from .steps import loading
 
@@ -39,7 +39,7 @@ def shafts(Real: type) -> SimpleNamespace:
         mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
         if lifting:
             cam = cam_on(ensemble, state, begin, count, first)
-            share = valves_share(state.bodies[first].speed, kick, cam, mine)
+            share = valve_inertia_share(state.bodies[first].speed, kick, cam, mine)
             more = more / (wp.float64(1.0) + share)
         state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
         if ensemble.motions[b].prescribed == 0:

@@ -8,25 +8,25 @@ import warp as wp
 from ..integrate import Stage
 from ..native import accessors
 from ..physics.body import (
-    body_at,
-    body_rates,
+    arm_own_moment,
+    body_accelerations,
+    body_at_time,
+    body_with_accelerations,
+    has_finite_rotation,
     heading_of,
-    in_box,
+    is_in_box,
     leapfrog_body,
-    led_center,
-    own_moment,
+    move_prescribed_center,
     pose_of,
     stage_body,
-    turns_soundly,
-    with_accelerations,
 )
-from ..physics.hub import bearing_moment, carried_by, moment_of
-from ..physics.link import are_uneven
-from ..physics.motion import load_moment, prescribed_acceleration, prescribed_at
-from ..physics.mount import off_home
-from ..physics.tensioner import push_by, stroke_of, supply_at, tensioner_step
-from ..physics.train import coupling_moment, engaged_at, motor_moment, twist_of
-from ..physics.valve import constant_moment, geared, lift_at, unloaded, with_load, with_valves
+from ..physics.hub import bearing_moment, carried_body, moment_about_pivot
+from ..physics.link import has_uneven_links
+from ..physics.motion import load_moment, prescribed_acceleration, prescribed_rotation
+from ..physics.mount import displacement_from_home
+from ..physics.tensioner import advance_tensioner, extension_and_rate, supply_pressure, tensioner_push
+from ..physics.train import coupling_moment, coupling_state, coupling_twist, motor_moment
+from ..physics.valve import add_cam, add_cam_load, add_geared_cam, cam_lift, constant_inertia_moment, zero_valve_load
 from ..structs import GROUND, BodyState, Cam, Drive, Wrench, types
 from ..sums import add_flows
 from .contact_pairs import contact_pairs, nearness, with_reaction
@@ -60,7 +60,7 @@ def hanging(Real: type) -> SimpleNamespace:
             force = state.wrenches[b].force
             if hub.arm != GROUND:
                 lever = state.poses[b].center - state.poses[arm].center
-                state.wrenches[arm] = with_reaction(state.wrenches[arm], force, moment_of(lever, force))
+                state.wrenches[arm] = with_reaction(state.wrenches[arm], force, moment_about_pivot(lever, force))
                 turning = turning - state.poses[arm].speed
             if hub.bearing > wp.float64(0.0):
                 held = state.hub_hold[drive.first_sprocket + s]
@@ -76,7 +76,7 @@ def hanging(Real: type) -> SimpleNamespace:
                 on = carrier_of(drive, ensemble.arms[drive.first_arm + a].on)
                 if on >= 0:
                     force = state.wrenches[b].force
-                    moment = moment_of(state.poses[b].center - state.poses[on].center, force)
+                    moment = moment_about_pivot(state.poses[b].center - state.poses[on].center, force)
                     state.wrenches[on] = with_reaction(state.wrenches[on], force, moment)
 
     @wp.func
@@ -88,13 +88,13 @@ def hanging(Real: type) -> SimpleNamespace:
                 on = carrier_of(drive, joint.on)
                 if on >= 0:
                     mine = drive.first_body + drive.bodies - drive.arms + a
-                    state.bodies[mine] = carried_by(state.bodies[mine], pose_of(state.bodies[on]), joint)
+                    state.bodies[mine] = carried_body(state.bodies[mine], pose_of(state.bodies[on]), joint)
         for s in range(drive.sprockets):
             hub = ensemble.hubs[drive.first_sprocket + s]
             if hub.arm != GROUND:
                 b = drive.first_body + s
                 arm = pose_of(state.bodies[drive.first_body + hub.arm])
-                state.bodies[b] = carried_by(state.bodies[b], arm, hub)
+                state.bodies[b] = carried_body(state.bodies[b], arm, hub)
 
     return SimpleNamespace(**locals())
 
@@ -121,11 +121,11 @@ def loading(Real: type) -> SimpleNamespace:
         load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
         arm = arm_of(drive, b)
         if arm >= 0:
-            load = own_moment(body, heading_of(body), ensemble.arms[arm])
+            load = arm_own_moment(body, heading_of(body), ensemble.arms[arm])
             if drive.jointed != 0:
                 a = arm - drive.first_arm
                 seen = turned(ensemble, state, drive, a, body)
-                load = own_moment(seen, heading_of(body), ensemble.arms[arm])
+                load = arm_own_moment(seen, heading_of(body), ensemble.arms[arm])
                 load = load + joints_on(ensemble, state, drive, a)
         return load
 
@@ -147,7 +147,7 @@ def loading(Real: type) -> SimpleNamespace:
             state.bodies[drive.first_body + coupling.first],
             state.bodies[drive.first_body + coupling.second],
         )
-        twist, rate = twist_of(first, second, engaged)
+        twist, rate = coupling_twist(first, second, engaged)
         return twist, coupling_moment(twist, rate, coupling, engaged)
 
     @wp.func
@@ -158,7 +158,7 @@ def loading(Real: type) -> SimpleNamespace:
             first = state.bodies[drive.first_body + coupling.first]
             second = state.bodies[drive.first_body + coupling.second]
             tables = ensemble.tables
-            state.couplings[c] = engaged_at(time, first, second, state.couplings[c], coupling, tables)
+            state.couplings[c] = coupling_state(time, first, second, state.couplings[c], coupling, tables)
 
     @wp.func
     def pass_on(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
@@ -187,8 +187,8 @@ def loading(Real: type) -> SimpleNamespace:
             valve = ensemble.valves[v]
             b = drive.first_body + valve.body
             for k in range(valve.phases):
-                at = lift_at(state.bodies[b].angle, k, valve, ensemble.motions[b], ensemble.tables)
-                state.cams[b] = with_valves(state.cams[b], at, valve)
+                at = cam_lift(state.bodies[b].angle, k, valve, ensemble.motions[b], ensemble.tables)
+                state.cams[b] = add_cam(state.cams[b], at, valve)
 
     @wp.func
     def cam_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
@@ -197,7 +197,7 @@ def loading(Real: type) -> SimpleNamespace:
         for other in range(begin, begin + count):
             motion = ensemble.motions[other]
             if motion.train == mine.train:
-                cam = geared(cam, state.cams[other], motion.ratio / mine.ratio)
+                cam = add_geared_cam(cam, state.cams[other], motion.ratio / mine.ratio)
         return cam
 
     @wp.func
@@ -209,7 +209,7 @@ def loading(Real: type) -> SimpleNamespace:
     def against_valves(ensemble: Ensemble, state: State, drive: Drive, b: int, moment: wp.float64, time: wp.float64):
         """The moment that turns body `b` of all, of its constant inertia, from that of all but valves."""
         cam = cam_on(ensemble, state, drive.first_body, drive.sprockets + drive.shafts, b)
-        return constant_moment(moment, state.bodies[b].speed, kick_of(drive, time), cam, ensemble.motions[b])
+        return constant_inertia_moment(moment, state.bodies[b].speed, kick_of(drive, time), cam, ensemble.motions[b])
 
     @wp.func
     def gathered(ensemble: Ensemble, state: State, drive: Drive, b: int):
@@ -250,8 +250,8 @@ def moving(Real: type) -> SimpleNamespace:
             wrench.load = wp.float64(0.0)
             if drive.valves > 0:
                 wrench.moment = against_valves(ensemble, state, drive, b, wrench.moment, time)
-        off = off_home(body.center, mount)
-        return body_rates(time, off, body, heading, wrench, motion, mount, ensemble)
+        off = displacement_from_home(body.center, mount)
+        return body_accelerations(time, off, body, heading, wrench, motion, mount, ensemble)
 
     @wp.func
     def find_rates(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
@@ -284,17 +284,17 @@ def moving(Real: type) -> SimpleNamespace:
             if tensioner.supply_table.cells > 0:
                 pump = drive.first_body + tensioner.pump
                 forward = ensemble.motions[pump].sign * state.poses[pump].speed
-                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.tables)
+                state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
 
     @wp.func
     def flow(ensemble: Ensemble, state: State, drive: Drive):
         """Takes all tensioners a step on, once the bodies have moved; the meters count their flows."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
-            x, rate = stroke_of(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)
+            x, rate = extension_and_rate(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)
             if tensioner.supply_table.cells > 0:
                 tensioner.supply = state.tensioners[t].supply
-            after, flows = tensioner_step(x, rate, drive.step, True, state.tensioners[t], tensioner)
+            after, flows = advance_tensioner(x, rate, drive.step, True, state.tensioners[t], tensioner)
             state.tensioners[t] = after
             state.meters[t] = add_flows(state.meters[t], flows)
 
@@ -306,10 +306,10 @@ def moving(Real: type) -> SimpleNamespace:
             motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
-                ahead, speed = prescribed_at(time + drive.step, motion, ensemble)
+                ahead, speed = prescribed_rotation(time + drive.step, motion, ensemble)
             moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
-            moved = led_center(time + drive.step, drive.step, moved, mount, ensemble)
-            state.bodies[b] = with_accelerations(body, moved, rates, kick, motion, mount)
+            moved = move_prescribed_center(time + drive.step, drive.step, moved, mount, ensemble)
+            state.bodies[b] = body_with_accelerations(body, moved, rates, kick, motion, mount)
         if drive.hubs != 0:
             carry(ensemble, state, drive)
         flow(ensemble, state, drive)
@@ -344,9 +344,9 @@ def moving(Real: type) -> SimpleNamespace:
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
-            angle, driven = prescribed_at(time, motion, ensemble)
+            angle, driven = prescribed_rotation(time, motion, ensemble)
         body, rates, mount = state.bodies[b], state.rates[b], ensemble.mounts[b]
-        return body_at(time, lag, body, rates, driven, motion, mount, ensemble)
+        return body_at_time(time, lag, body, rates, driven, motion, mount, ensemble)
 
     @wp.func
     def coupled_now(ensemble: Ensemble, state: State, drive: Drive, c: int, time: wp.float64, lag: wp.float64):
@@ -354,7 +354,7 @@ def moving(Real: type) -> SimpleNamespace:
         coupling, engaged = ensemble.couplings[c], state.couplings[c]
         first = body_now(ensemble, state, drive.first_body + coupling.first, time, lag)
         second = body_now(ensemble, state, drive.first_body + coupling.second, time, lag)
-        twist, rate = twist_of(first, second, engaged)
+        twist, rate = coupling_twist(first, second, engaged)
         return twist, rate, coupling_moment(twist, rate, coupling, engaged)
 
     @wp.func
@@ -371,10 +371,10 @@ def moving(Real: type) -> SimpleNamespace:
         valve = ensemble.valves[v]
         b = drive.first_body + valve.body
         body, angular = body_now(ensemble, state, b, time, lag), angular_now(ensemble, state, b, time)
-        load = unloaded(valve)
+        load = zero_valve_load(valve)
         for k in range(valve.phases):
-            at = lift_at(body.angle, k, valve, ensemble.motions[b], ensemble.tables)
-            load = with_load(load, at, body.speed, angular, valve)
+            at = cam_lift(body.angle, k, valve, ensemble.motions[b], ensemble.tables)
+            load = add_cam_load(load, at, body.speed, angular, valve)
         return load[0], load[1]
 
     @wp.func
@@ -383,7 +383,7 @@ def moving(Real: type) -> SimpleNamespace:
         good = int(1)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             body = state.bodies[b]
-            if not (in_box(drive.low, drive.high, body.center) and turns_soundly(body.angle, body.speed)):
+            if not (is_in_box(drive.low, drive.high, body.center) and has_finite_rotation(body.angle, body.speed)):
                 good = int(0)
         return good
 
@@ -413,7 +413,7 @@ def evaluating(Real: type, capacity: int) -> SimpleNamespace:
         n = drive.rollers
         see_bodies(state, drive)
         rubs = chain.joint.inertia > Real(0.0)
-        if are_uneven(chain) or rubs:
+        if has_uneven_links(chain) or rubs:
             joints.pull_links(w, n, chain)
         else:
             link_pass(w, n, chain)
@@ -425,7 +425,7 @@ def evaluating(Real: type, capacity: int) -> SimpleNamespace:
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             pushed = state.poses[drive.first_body + tensioner.body]
-            state.pushes[t] = push_by(pushed, memory.stage == 0, state.tensioners[t], tensioner)
+            state.pushes[t] = tensioner_push(pushed, memory.stage == 0, state.tensioners[t], tensioner)
 
     @wp.func
     def push(

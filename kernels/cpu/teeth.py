@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors, load_constant
-from ..physics.contact import AWAY, UNTOUCHED, after_teeth, turned_by
-from ..physics.tooth import beyond_tip, endless_gap, in_gap, nearest_seat, on_tip, seat_step, tracked_seat
+from ..physics.contact import AWAY, UNTOUCHED, memory_after_teeth, rotated_components
+from ..physics.tooth import gap_coordinates, is_beyond_tip, nearest_seat, seat_step, tip_gap, tipless_gap, tracked_seat
 from ..structs import Pose, types
 from .contacts import contact_rows
 from .neighbor_list import Group, bit_of, lowest_bit, next_bits
@@ -126,7 +126,7 @@ def seat_passes(Real: type, capacity: int) -> SimpleNamespace:
             p = place(w, i) - body.center
             direction_x = load_half(w, row.direction_x + i, row.direction_x_low + i)
             direction_y = load_half(w, row.direction_y + i, row.direction_y_low + i)
-            outward, radial, xi, lateral = in_gap(p, wp.vec2d(direction_x, direction_y), body, sprocket)
+            outward, radial, xi, lateral = gap_coordinates(p, wp.vec2d(direction_x, direction_y), body, sprocket)
             moved = moved | wp.where(near and seat_step(radial, lateral, tangent) != 0, bit_of(i - first), wp.uint64(0))
             store_row(w, row.radial + i, Real(xi))
             store_row(w, row.lateral + i, Real(lateral))
@@ -189,7 +189,7 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def stand(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores the rollers' contacts in their gaps, as `tooth.in_teeth` but for tips; 1 if any is at a tip."""
+        """Stores the rollers' contacts in their gaps, as `tooth.tooth_contact` but for tips; 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
@@ -200,21 +200,21 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         while i < end:
             xi = load_row(w, row.radial + i)
             lateral = load_row(w, row.lateral + i)
-            penetration, along, across = endless_gap(xi, lateral, sprocket)
+            penetration, along, across = tipless_gap(xi, lateral, sprocket)
             seated = load_row(w, row.direction_of + i) == Real(number)
             depth = wp.where(seated, penetration, Real(AWAY))
-            tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
+            tipped = tipped | wp.where(is_beyond_tip(depth, xi, lateral, sprocket), 1, 0)
             p = place(w, i) - body.center
             relative_x = -omega * Real(p[1]) - (load_row(w, row.vx + i) - center_vx)
             relative_y = omega * Real(p[0]) - (load_row(w, row.vy + i) - center_vy)
-            normal_x, normal_y = turned_by(
+            normal_x, normal_y = rotated_components(
                 load_row(w, row.outward_x + i), load_row(w, row.outward_y + i), along, across
             )
             before = wp.where(seated, load_row(w, row.held + i), Real(0.0))
             place_arm(w, i, load_row(w, row.x + i) - center_x, load_row(w, row.y + i) - center_y)
             touch(w, i, depth, normal_x, normal_y, relative_x, relative_y)
             store_row(w, row.before + i, before)
-            store_row(w, row.open + i, after_teeth(before))
+            store_row(w, row.open + i, memory_after_teeth(before))
             i = i + 1
         return tipped
 
@@ -235,9 +235,9 @@ def teeth_passes(Real: type, capacity: int) -> SimpleNamespace:
         while i < end:
             xi = load_row(w, row.radial + i)
             lateral = load_row(w, row.lateral + i)
-            if beyond_tip(load_row(w, row.penetration + i), xi, lateral, sprocket):
-                penetration, along, across = on_tip(xi, lateral, sprocket)
-                normal_x, normal_y = turned_by(
+            if is_beyond_tip(load_row(w, row.penetration + i), xi, lateral, sprocket):
+                penetration, along, across = tip_gap(xi, lateral, sprocket)
+                normal_x, normal_y = rotated_components(
                     load_row(w, row.outward_x + i), load_row(w, row.outward_y + i), along, across
                 )
                 store_row(w, row.penetration + i, penetration)

@@ -10,25 +10,31 @@ from ..integrate import leapfrog_kick, leapfrog_lag, stage_at
 from ..native import accessors, quotient
 from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
-    aligned,
-    body_at,
-    body_rates,
-    in_box,
-    in_plain,
+    aligned_pose,
+    arm_own_moment,
+    body_accelerations,
+    body_at_time,
+    body_with_accelerations,
+    has_finite_rotation,
+    is_in_box,
     leapfrog_body,
-    led_center,
-    own_moment,
-    posed,
+    move_prescribed_center,
+    plain_body,
+    pose_with_coordinates,
     stage_body,
-    swung,
-    turns_soundly,
-    with_accelerations,
+    turned_pose,
 )
-from ..physics.hub import bearing_moment, carried_by
-from ..physics.motion import free_load, prescribed_acceleration, prescribed_at, tabulated_over, value_at
-from ..physics.mount import off_home
-from ..physics.tooth import grid_of
-from ..physics.valve import constant_moment, geared
+from ..physics.hub import bearing_moment, carried_body
+from ..physics.motion import (
+    free_load_moment,
+    load_table_argument,
+    prescribed_acceleration,
+    prescribed_rotation,
+    table_value,
+)
+from ..physics.mount import displacement_from_home
+from ..physics.tooth import grid_magic
+from ..physics.valve import add_geared_cam, constant_inertia_moment
 from ..structs import GROUND, Drive
 from ..sums import add_bearing, gathered_powers
 from .geometry import contact_geometry
@@ -72,7 +78,7 @@ def prescribed_motion(kind: BlockKind) -> SimpleNamespace:
         motion = shared.motions[b]
         if wp.static(kind.parts.tabulated == 0):
             motion.drive_table.cells = 0  # so that the compiler knows
-        return prescribed_at(counted(step, step_number(mine)), motion, ensemble)
+        return prescribed_rotation(counted(step, step_number(mine)), motion, ensemble)
 
     @wp.func
     def step_number(mine: Mine):
@@ -136,8 +142,8 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
             if b < drive.sprockets:
                 pose.radius = ensemble.sprockets[drive.first_sprocket + b].exact_radius
                 pose.inverse_radius = 1.0 / pose.radius.high
-                pose.grid = grid_of(pose.radius.high)
-        return aligned(posed(pose, state.bodies[drive.first_body + b]))
+                pose.grid = grid_magic(pose.radius.high)
+        return aligned_pose(pose_with_coordinates(pose, state.bodies[drive.first_body + b]))
 
     @wp.func
     def share_hub(ensemble: Ensemble, shared: Shared, variant: int, row: int, b: int):
@@ -155,7 +161,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
             if b >= 0 and b < wp.static(sprockets):
                 hub = shared.hubs[b]
                 if hub.arm != GROUND:
-                    of.put_pose(shared, b, carried_by(shared.poses[b], shared.poses[hub.arm], hub))
+                    of.put_pose(shared, b, carried_body(shared.poses[b], shared.poses[hub.arm], hub))
 
     @wp.func
     def of_joints(shared: Shared, a: int, k: int):
@@ -209,15 +215,15 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
     def body_gone(shared: Shared, mine: Mine):
         """1 where the thread's body does not turn soundly, or its center has left the drive's box."""
         pose, box = shared.poses[mine.body], 2 * (mine.row - mine.variant)
-        gone = int(not turns_soundly(pose.angle, pose.speed))
+        gone = int(not has_finite_rotation(pose.angle, pose.speed))
         if wp.static(moving):
-            gone = wp.max(gone, int(not in_box(shared.box[box], shared.box[box + 1], leading(pose.center))))
+            gone = wp.max(gone, int(not is_in_box(shared.box[box], shared.box[box + 1], leading(pose.center))))
         return gone
 
     @wp.func
     def align(shared: Shared, b: int):
         """Makes body b head where its angle says."""
-        of.put_pose(shared, b, aligned(shared.poses[b]))
+        of.put_pose(shared, b, aligned_pose(shared.poses[b]))
 
     return SimpleNamespace(**locals())
 
@@ -236,10 +242,10 @@ def gathering(kind: BlockKind) -> SimpleNamespace:
         for other in range(wp.static(kind.parts.mounted)):
             motion = shared.motions[other]
             if motion.train == own.train:
-                cam = geared(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
+                cam = add_geared_cam(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
         if wp.static(not kind.staged):
             kick = Real(2.0) * leapfrog_lag(now.step, leading(step_number(mine)))
-        return constant_moment(moment, leading(shared.poses[b].speed), kick, cam, own)
+        return constant_inertia_moment(moment, leading(shared.poses[b].speed), kick, cam, own)
 
     @wp.func
     def gathered(shared: Shared, mine: Mine, now: Now, b: int):
@@ -300,7 +306,7 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
     def off(pose: Pose, mount: kinds.Mount):
         """A body's center from where it is at home [m], where that is asked."""
         if wp.static(moving):
-            return off_home(pose.center, mount)
+            return displacement_from_home(pose.center, mount)
         else:
             return vec2()
 
@@ -324,13 +330,13 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         tabulated = Real(0.0)
         if wp.static(kind.parts.tabulated > 0):
             if motion.load_table.cells > 0:
-                x = tabulated_over(time, pose.angle, motion)
-                tabulated = value_at(x, motion.load_table, ensemble.tables)
-        load = free_load(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
+                x = load_table_argument(time, pose.angle, motion)
+                tabulated = table_value(x, motion.load_table, ensemble.tables)
+        load = free_load_moment(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
-                load = own_moment(in_plain(state_of(pose)), heading(pose), arm)
+                load = arm_own_moment(plain_body(state_of(pose)), heading(pose), arm)
                 if wp.static(kind.parts.jointed):
                     if ensemble.drives[mine.row].jointed != 0:
                         load = pose.load  # as `jointed.couple` has found it
@@ -381,22 +387,22 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         if wp.static(not loading_ahead and not kind.parts.tied):
             wrench.load = load_on(ensemble, shared, mine, rounded_time(mine, now), time, pose)
         body = state_of(pose)
-        plain = in_plain(body)
+        plain = plain_body(body)
         if wp.static(moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
         moved_by = turning(shared, mine, now, with_bearing(wrench))
-        rates = body_rates(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble)
+        rates = body_accelerations(time, off(pose, mount), plain, heading(pose), moved_by, motion, mount, ensemble)
         rates = joined(shared, mine, rates)
         lag = leapfrog_lag(now.step, h)
-        seen = body_at(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble)
+        seen = body_at_time(time, lag, body, rates, pose.exact_speed, motion, mount, ensemble)
         if now.going != 0:
             ahead = plan_at(mine.course, now.step + 1)  # not used where the angle is free
             kick, angle = leapfrog_kick(now.step, h), shared.led_angle[ahead]
             moved = leapfrog_body(kick, h, body, rates, angle, motion, mount)
-            moved = led_center(time + step_number(mine), h, moved, mount, ensemble)
-            moved = with_accelerations(body, moved, rates, kick, motion, mount)
+            moved = move_prescribed_center(time + step_number(mine), h, moved, mount, ensemble)
+            moved = body_with_accelerations(body, moved, rates, kick, motion, mount)
             pose.exact_speed = shared.led_speed[ahead]
-            of.put_pose(shared, b, swung(posed(pose, moved), difference(moved.angle, body.angle)))
+            of.put_pose(shared, b, turned_pose(pose_with_coordinates(pose, moved), difference(moved.angle, body.angle)))
         return seen, wrench
 
     @wp.func
@@ -408,18 +414,18 @@ def body_steps(kind: BlockKind) -> SimpleNamespace:
         motion, mount = shared.motions[b], mount_of(shared, b)
         at = stage_at(wp.static(kind.integrator), now.stage, time_of(mine, now), step_number(mine))
         body = state_of(pose)
-        plain = in_plain(body)
+        plain = plain_body(body)
         wrench.load = load_on(ensemble, shared, mine, leading(at.time), at.time, pose)
         if now.going != 0:
             place = 2 * (ensemble.drives[mine.row].first_body + mine.number)
             by, to = turning(shared, mine, now, with_bearing(wrench)), heading(pose)
-            rates = body_rates(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble)
+            rates = body_accelerations(at.time, off(pose, mount), plain, to, by, motion, mount, ensemble)
             rates = joined(shared, mine, rates)
             start, summed = state.body_stages[place], state.body_stages[place + 1]
             moved, base, slopes = stage_body(at, body, start, summed, rates, motion, mount, ensemble)
             state.body_stages[place] = base
             state.body_stages[place + 1] = slopes
-            of.put_pose(shared, b, aligned(posed(pose, moved)))
+            of.put_pose(shared, b, aligned_pose(pose_with_coordinates(pose, moved)))
         return plain, wrench
 
     @wp.func

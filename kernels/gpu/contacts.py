@@ -8,7 +8,16 @@ import warp as wp
 
 from ..native import accessors
 from ..number import difference, leading
-from ..physics.contact import UNTOUCHED, dissipated, gained, reaction, respond, rub, rub_evenly, stored
+from ..physics.contact import (
+    UNTOUCHED,
+    contact_energy,
+    dissipated_power,
+    even_friction_force,
+    friction_force,
+    normal_force_vector,
+    reaction_moment,
+    relative_acceleration,
+)
 from ..structs import GROUND, Tallies
 from .kind import BY_SPEED, ENDS, EXTRA, START, WARP, BlockKind, Mine
 from .near import near_mask
@@ -58,7 +67,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         straight = vec2()
         if wp.static(kind.moving):
             straight = body.straight
-        return gained(straight, body.angular, arm, row.acceleration(shared, j))
+        return relative_acceleration(straight, body.angular, arm, row.acceleration(shared, j))
 
     @wp.func
     def remembering(state: State, touch: Touch, at: int):
@@ -71,13 +80,13 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
 
     @wp.func
     def drag_of(now: Now, size: Real, normal: vec2, relative: vec2, touch: Touch, what: Friction):
-        """Friction on a roller [N], as `rub`, and what the contact then holds."""
+        """Friction on a roller [N], as `friction_force`, and what the contact then holds."""
         held = wp.where(touch.before > Real(0.0), touch.held, Real(0.0))
         stretched = row.stretched(now)
         if wp.static(sliding == BY_SPEED):
-            return rub(size, normal, relative, held, what, stretched)
+            return friction_force(size, normal, relative, held, what, stretched)
         else:
-            return rub_evenly(size, normal, relative, held, what, stretched)
+            return even_friction_force(size, normal, relative, held, what, stretched)
 
     @wp.func
     def as_known(law: Any):
@@ -108,7 +117,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     @wp.func
     def powers(mine: Mine, force: vec2, drag: vec2, relative: vec2, more: vec2):
         """Powers [W] that a closed contact's force and friction take; `more` is `gaining` with all forces [m/s^2]."""
-        return dissipated(force, relative, more, lag(mine)), dissipated(drag, relative, more, lag(mine))
+        return dissipated_power(force, relative, more, lag(mine)), dissipated_power(drag, relative, more, lag(mine))
 
     @wp.func
     def in_full(value: Real):
@@ -171,7 +180,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         p, before, normal, relative, more = touch.partner, touch.before, touch.normal, touch.relative, touch.gaining
         at = memory_of(shared, mine, j, p)
         known = as_known(law)
-        pushes, mean, elastic, size, first, damper_speed = respond(
+        pushes, mean, elastic, size, first, damper_speed = normal_force_vector(
             touch.penetration, normal, relative, more, before, touch.damper_speed, known
         )
         force = pushes
@@ -179,7 +188,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
         if closed:
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
-                state.extra[extra].energy = state.extra[extra].energy + stored(mean, elastic, known)
+                state.extra[extra].energy = state.extra[extra].energy + contact_energy(mean, elastic, known)
                 if p < wp.static(sprockets):
                     state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
                 else:
@@ -197,7 +206,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
                 after = more - chain_at(shared, j).inverse_mass * force
                 taken, rubbed = powers(mine, taking(pushes, size - elastic, normal), drag, relative, after)
                 measure_powers(tallies, now, at, taken, rubbed)
-                measure_energy(tallies, now, at, stored(mean, elastic, known))
+                measure_energy(tallies, now, at, contact_energy(mean, elastic, known))
                 measure_force(tallies, now, at, before, size, p < wp.static(sprockets))
         return closed, force
 
@@ -263,7 +272,7 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
             arm = shared.hubs[s].arm
             if arm != GROUND:
                 lever = leading(difference(shared.poses[s].center, shared.poses[arm].center))
-                add_wrench(shared, mine, arm, j, reaction(lever, force), force, now.measured)
+                add_wrench(shared, mine, arm, j, reaction_moment(lever, force), force, now.measured)
 
     @wp.func
     def part(shared: Shared, s: int, k: int, i: int):

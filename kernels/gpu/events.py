@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..frames import frame_writers
-from ..physics.body import in_box
+from ..physics.body import is_in_box
 from ..structs import DIVERGENCE_CHECK, Drive, Tallies
 from ..sums import MERGE_EVERY, add_energy, gathered_powers, is_look
 from .bodies import body_access, prescribed_motion
@@ -112,7 +112,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SimpleNamespace:
         j = int(mine.thread)
         while j < mine.rollers:
             box = 2 * ring_of(shared, j)
-            gone = wp.max(gone, int(not in_box(shared.box[box], shared.box[box + 1], position(shared.rows, j))))
+            gone = wp.max(gone, int(not is_in_box(shared.box[box], shared.box[box + 1], position(shared.rows, j))))
             j = j + wp.static(threads)
         if mine.body >= 0:
             gone = wp.max(gone, body_gone(shared, mine))

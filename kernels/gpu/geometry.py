@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..number import difference, leading, number_of
-from ..physics.guide import carried, in_frame
+from ..physics.guide import carried_guide, frame_vector
 from ..structs import GROUND, Drive
 from .kind import BlockKind
 from .rings import block_rings
@@ -79,7 +79,7 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         bar = shared.bars[g]
         if wp.static(profiles):
             if bar.pieces == 0 and bar.body < wp.static(bodies):
-                bar = carried(bar, shared.poses[bar.body])
+                bar = carried_guide(bar, shared.poses[bar.body])
         return bar
 
     @wp.func
@@ -94,7 +94,7 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         arm = difference(point(shared.rows, j), carrier.center)
         q = arm
         if b < wp.static(bodies):  # the ground has not turned
-            q = in_frame(arm, carrier)
+            q = frame_vector(arm, carrier)
         return arm, q
 
     return SimpleNamespace(**locals())

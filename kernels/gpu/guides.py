@@ -7,8 +7,8 @@ import warp as wp
 
 from ..native import accessors, aligned
 from ..number import difference, leading
-from ..physics.contact import MISSED, UNTOUCHED, misses, reaction, surface_velocity, turned
-from ..physics.guide import on_guide, on_profile, tracked_piece
+from ..physics.contact import MISSED, UNTOUCHED, has_missed_face, reaction_moment, rotated_vector, surface_velocity
+from ..physics.guide import bar_contact, profile_contact, tracked_piece
 from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
 from .geometry import contact_geometry
@@ -47,15 +47,15 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         number = int(kept)
         if kept < 0:
             number = tracked_piece(q, kept, bar, pieces)
-        penetration, facing, beyond = on_profile(q, number, bar, pieces)
+        penetration, facing, beyond = profile_contact(q, number, bar, pieces)
         if beyond != 0 and kept >= 0:
             number = wp.clamp(kept + beyond, 0, bar.pieces - 1)
-            penetration, facing, beyond = on_profile(q, number, bar, pieces)
+            penetration, facing, beyond = profile_contact(q, number, bar, pieces)
         if number != kept:
             store_whole(state.seat, at, number)
         pose = shared.poses[bar.body]
         relative = surface_velocity(pose, leading(arm)) - velocity(shared.rows, j)
-        return penetration, turned(facing, leading(pose.cosine), leading(pose.sine)), relative
+        return penetration, rotated_vector(facing, leading(pose.cosine), leading(pose.sine)), relative
 
     @wp.func
     def on_straight(shared: Shared, j: int, bar: Guide):
@@ -64,7 +64,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         surface = vec2(Real(0.0), Real(0.0))
         if wp.static(profiles):
             surface = surface_velocity(shared.poses[bar.body], arm_on(shared, j, bar.body))
-        return on_guide(p, velocity(shared.rows, j), surface, bar)
+        return bar_contact(p, velocity(shared.rows, j), surface, bar)
 
     @wp.func
     def on_bar(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
@@ -96,7 +96,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
         closed = bool(False)
         kept = Real(UNTOUCHED)
         if penetration > -bar.law.ahead:
-            if misses(penetration, before, bar):
+            if has_missed_face(penetration, before, bar):
                 kept = Real(MISSED)
                 if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
                     add_to(tallies.missed, at, 1)
@@ -111,7 +111,7 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
                 closed, force = press(state, tallies, shared, mine, now, j, touch, bar.law)
                 if wp.static(profiles):
                     if closed and bar.body < wp.static(bodies):
-                        moment = reaction(arm, force)
+                        moment = reaction_moment(arm, force)
                         add_wrench(shared, mine, bar.body, j, moment, force, now.measured)
         if not closed:
             keep(state, now, at, before, kept)

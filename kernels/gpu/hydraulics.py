@@ -15,14 +15,14 @@ from ..integrate import stages_of
 from ..native import by_device
 from ..number import leading
 from ..physics.tensioner import (
-    lost_power,
-    push_by,
-    stroke_of,
-    stroke_rate,
-    supply_at,
+    advance_tensioner,
+    extension_and_rate,
+    extension_rate,
+    plunger_arm,
+    plunger_losses,
+    supply_pressure,
     tensioner_energy,
-    tensioner_step,
-    touch_arm,
+    tensioner_push,
 )
 from ..sums import add_energy, add_flows, add_meter, add_tensioner
 from .kind import END, ENDS, START, BlockKind, Mine, mine_of
@@ -135,7 +135,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
         for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
             tensioner = tensioner_at(ensemble, t)
             if tensioner.body == mine.number:
-                push = push_by(pose, kept, state.tensioners[t], tensioner)
+                push = tensioner_push(pose, kept, state.tensioners[t], tensioner)
                 state.pushes[t] = push
                 wrench.force = wrench.force + push.thrust
                 wrench.moment = wrench.moment + push.moment
@@ -160,8 +160,8 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             tensioner = tensioner_at(ensemble, t)
             if tensioner.body == mine.number:
                 push = state.pushes[t]
-                rate = stroke_rate(leading(touch_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
-                power, suction = lost_power(push, rate, state.tensioners[t], tensioner)
+                rate = extension_rate(leading(plunger_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
+                power, suction = plunger_losses(push, rate, state.tensioners[t], tensioner)
                 sums = out.sums.tensioner[t]
                 out.sums.tensioner[t] = add_tensioner(sums, push, power, suction, now.weight)
                 if now.flags & ENDS != 0:
@@ -183,7 +183,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             if tensioner.body == mine.number and tensioner.supply_table.cells > 0:
                 pump = body_of(ensemble, shared, mine.row, mine.row - mine.variant, tensioner.pump)
                 forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
-                state.tensioners[t].supply = supply_at(time, forward, tensioner, ensemble.tables)
+                state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
 
     @wp.func
     def take_along(
@@ -194,7 +194,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
         if wp.static(kind.parts.fed > 0):
             if tensioner.supply_table.cells > 0:
                 tensioner.supply = state.tensioners[t].supply
-        after, flows = tensioner_step(x, rate, h, metered, state.tensioners[t], tensioner)
+        after, flows = advance_tensioner(x, rate, h, metered, state.tensioners[t], tensioner)
         state.tensioners[t] = after
         state.meters[t] = add_flows(state.meters[t], flows)
 
@@ -206,7 +206,7 @@ def block_tensioners(kind: BlockKind) -> SimpleNamespace:
             for t in range(drive.first_tensioner, drive.first_tensioner + tensioners_of(drive)):
                 tensioner = ensemble.tensioners[t]
                 if tensioner.body == mine.number:
-                    x, rate = stroke_of(shared.poses[mine.body], tensioner)
+                    x, rate = extension_and_rate(shared.poses[mine.body], tensioner)
                     metered = wp.static(kind.measuring) and now.window != 0
                     if wp.static(kind.shape.oil_warp):
                         k = t - ensemble.drives[mine.variant].first_tensioner

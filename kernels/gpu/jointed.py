@@ -12,17 +12,24 @@ import warp as wp
 from ..integrate import leapfrog_lag, stage_at
 from ..native import accessors
 from ..number import difference, leading
-from ..physics.body import body_at, body_rates, in_plain, joint_moment, mass_moment_now, own_moment
-from ..physics.guide import from_frame
+from ..physics.body import (
+    arm_mass_moment,
+    arm_own_moment,
+    arm_spring_moment,
+    body_accelerations,
+    body_at_time,
+    plain_body,
+)
+from ..physics.guide import world_vector
 from ..physics.hub import (
-    against,
-    carried_by,
-    eliminated,
-    hanging_on,
-    joint_energy,
-    joint_terms,
-    moment_of,
-    turning_force,
+    carried_arm_acceleration,
+    carried_arm_energy,
+    carried_arm_terms,
+    carried_body,
+    eliminate_carried_arm,
+    moment_about_pivot,
+    pivot_force,
+    relative_body,
 )
 from ..structs import Drive
 from .bodies import body_access, body_steps, prescribed_motion
@@ -82,7 +89,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
             if ensemble.arms[drive.first_arm + k].on == mine.body - first + 1:
                 force = vec2(got(shared, first + k, FORCE), got(shared, first + k, FORCE + 1))
                 lever = leading(difference(shared.poses[first + k].center, shared.poses[mine.body].center))
-                acting = acting + of_three(moment_of(lever, force), force[0], force[1])
+                acting = acting + of_three(moment_about_pivot(lever, force), force[0], force[1])
         return acting
 
     @wp.func
@@ -114,8 +121,8 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         """Arm `k` of a chain, whose first is body `first`, as its spring sees it turn."""
         body, on = state_of(shared.poses[first + k]), ensemble.arms[drive.first_arm + k].on
         if on > 0:
-            body = against(body, shared.poses[first + on - 1])
-        return in_plain(body)
+            body = relative_body(body, shared.poses[first + on - 1])
+        return plain_body(body)
 
     @wp.func
     def joints_on(ensemble: Ensemble, shared: Shared, mine: Mine):
@@ -125,7 +132,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         for k in range(drive.arms):
             arm = ensemble.arms[drive.first_arm + k]
             if arm.on == mine.body - first + 1:
-                moment = moment - joint_moment(turned(ensemble, shared, drive, first, k), arm)
+                moment = moment - arm_spring_moment(turned(ensemble, shared, drive, first, k), arm)
         return moment
 
     @wp.func
@@ -134,7 +141,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         drive = ensemble.drives[mine.row]
         first = first_arm(drive, mine)
         seen, to = turned(ensemble, shared, drive, first, mine.body - first), heading(shared.poses[mine.body])
-        return own_moment(seen, to, ensemble.arms[drive.first_arm + mine.body - first])
+        return arm_own_moment(seen, to, ensemble.arms[drive.first_arm + mine.body - first])
 
     @wp.func
     def of_joint(ensemble: Ensemble, shared: Shared, drive: Drive, first: int, k: int, lag: Real):
@@ -142,11 +149,11 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         arm = ensemble.arms[drive.first_arm + k]
         b, on = first + k, first + arm.on - 1
         own, carrier = shared.poses[b], shared.poses[on]
-        lever, s = leading(from_frame(arm.lever, carrier)), mass_moment_now(heading(own), arm)
+        lever, s = leading(world_vector(arm.lever, carrier)), arm_mass_moment(heading(own), arm)
         w1, w2 = leading(carrier.speed) + lag * carrier.angular, leading(own.speed) + lag * own.angular
         led = vec2(got(shared, on, RATES), got(shared, on, RATES + 1))
         inverse = Real(shared.motions[b].inverse_inertia)
-        return joint_terms(lever, s, w1, w2, led, got(shared, b, RATES + 2) / inverse), inverse
+        return carried_arm_terms(lever, s, w1, w2, led, got(shared, b, RATES + 2) / inverse), inverse
 
     @wp.func
     def together(ensemble: Ensemble, shared: Shared, drive: Drive, first: int, a: int, lag: Real):
@@ -156,7 +163,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         for k in range(drive.arms):
             if ensemble.arms[drive.first_arm + k].on == a + 1:
                 terms, inverse = of_joint(ensemble, shared, drive, first, k, lag)
-                moment, inertia = eliminated(moment, inertia, terms, inverse)
+                moment, inertia = eliminate_carried_arm(moment, inertia, terms, inverse)
         return moment / inertia
 
     @wp.func
@@ -164,7 +171,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         """Body b, an arm that has this acceleration, with its rates at `time`, `lag` after their instant."""
         rates = of_three(got(shared, b, RATES), got(shared, b, RATES + 1), angular)
         body, mount = state_of(shared.poses[b]), steps.mount_of(shared, b)
-        return body_at(time, lag, body, rates, Real(0.0), shared.motions[b], mount, ensemble)
+        return body_at_time(time, lag, body, rates, Real(0.0), shared.motions[b], mount, ensemble)
 
     @wp.func
     def accelerate(ensemble: Ensemble, shared: Shared, mine: Mine, time: Any, lag: Real):
@@ -177,13 +184,13 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
         if on >= 0:
             led = together(ensemble, shared, drive, first, on - first, lag)
             terms, inverse = of_joint(ensemble, shared, drive, first, mine.body - first, lag)
-            angular = hanging_on(led, terms, inverse)
+            angular = carried_arm_acceleration(led, terms, inverse)
             seen = now_of(ensemble, shared, mine.body, angular, time, lag)
             carrier = now_of(ensemble, shared, on, led, time, lag)
-            lever = leading(from_frame(arm.lever, shared.poses[on]))
-            s = mass_moment_now(heading(shared.poses[mine.body]), arm)
-            energy = joint_energy(seen.speed, s, lever, carrier)
-            put_force(shared, mine.body, turning_force(seen.speed, angular, s))
+            lever = leading(world_vector(arm.lever, shared.poses[on]))
+            s = arm_mass_moment(heading(shared.poses[mine.body]), arm)
+            energy = carried_arm_energy(seen.speed, s, lever, carrier)
+            put_force(shared, mine.body, pivot_force(seen.speed, angular, s))
             put(shared, mine.body, TURNED + 1, seen.speed - carrier.speed)
         else:
             angular = together(ensemble, shared, drive, first, mine.body - first, lag)
@@ -210,8 +217,8 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
             load = own_on(ensemble, shared, mine) + others
             shared.poses[mine.body].load = load
             wrench.load = load
-            by, body, off = steps.with_bearing(wrench), in_plain(state_of(pose)), steps.off(pose, mount)
-            rates = body_rates(time, off, body, heading(pose), by, shared.motions[mine.body], mount, ensemble)
+            by, body, off = steps.with_bearing(wrench), plain_body(state_of(pose)), steps.off(pose, mount)
+            rates = body_accelerations(time, off, body, heading(pose), by, shared.motions[mine.body], mount, ensemble)
             for k in range(3):
                 put(shared, mine.body, RATES + k, rates[k])
             put(shared, mine.body, MOMENT, others)
@@ -227,6 +234,6 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
             on = carrier_of(ensemble, mine)
             if on >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
-                put_pose(shared, mine.body, carried_by(shared.poses[mine.body], shared.poses[on], arm))
+                put_pose(shared, mine.body, carried_body(shared.poses[mine.body], shared.poses[on], arm))
 
     return SimpleNamespace(**locals())

@@ -72,7 +72,7 @@ def block_types(Real: type) -> SimpleNamespace:
         motions: wp.array[kinds.Motion]  # (B,)
         passed: wp.array[Real]  # (B,) of tied drives: moment on each with what couplings pass on to it [N m]
         cams: wp.array[kinds.Cam]  # (B,) with valves
-        lifts: wp.array[wp.types.vector(3, Real)]  # (cams,) of valves: lift, slope, bend (`valve.lift_at`)
+        lifts: wp.array[wp.types.vector(3, Real)]  # (cams,) of valves: lift, slope, bend (`valve.cam_lift`)
         mounts: wp.array[kinds.Mount]  # (B,), where centers move
         hubs: wp.array[kinds.Hub]  # (S,) where arms carry sprockets, or bearings rub, as the next two
         bearings: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]

@@ -6,8 +6,14 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import accessors
-from ..physics.friction import couple_force, joint_coefficient, joint_friction_power, rubbing_moment, turning
-from ..physics.link import link_force, played_force
+from ..physics.friction import (
+    couple_force,
+    joint_friction_coefficient,
+    joint_friction_moment,
+    joint_friction_power,
+    link_turning,
+)
+from ..physics.link import link_force, uneven_link_force
 from .kind import BY_SPEED, WARP, BlockKind, Mine
 from .rings import block_rings
 from .rollers import roller_rows
@@ -52,7 +58,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
         """
         if wp.static(kind.links == "varied"):
             first, count = span_of(shared, j, n)
-            tension, rate, u = played_force(d, v, length, j - first, chain_at(shared, j))
+            tension, rate, u = uneven_link_force(d, v, length, j - first, chain_at(shared, j))
             return tension, rate, tension * u
         else:
             chain = chain_at(shared, j)
@@ -153,8 +159,8 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         """
         mu = chain.joint.mu_dynamic
         if wp.static(kind.friction.joints == BY_SPEED):
-            mu = joint_coefficient(before[1], after[1], chain)
-        return rubbing_moment(mu, before[0], before[1], after[0], after[1], held, chain, stretched)
+            mu = joint_friction_coefficient(before[1], after[1], chain)
+        return joint_friction_moment(mu, before[0], before[1], after[0], after[1], held, chain, stretched)
 
     @wp.func
     def bent(rows: wp.array[Real], j: int):
@@ -237,7 +243,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
                 hold[k] = hold_of(state, mine, j)
             d, w = across(shared, j, n)
             tension_k, rate_k, force = link_between(shared, j, n, d, w, length_of(shared, lengths, j))
-            lever, turn = turning(d, w)
+            lever, turn = link_turning(d, w)
             store_row(rows, TENSION + j, tension_k)
             store_row(rows, TURN + j, turn)
             tension[k] = tension_k
@@ -303,7 +309,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
         tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
         d, w = across(shared, j, n)
         next = next_to(shared, j, n)
-        lever, turn = turning(d, w)
+        lever, turn = link_turning(d, w)
         later = turn + lag * wp.dot(lever, acceleration(shared, next) - acceleration(shared, j))
         return tension, turn, later
 

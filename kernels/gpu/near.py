@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..native import inside, products
-from ..physics.guide import near_bar, near_frame, near_profile
+from ..physics.guide import coarse_frame_vector, is_near_bar, is_near_profile
 from .geometry import contact_geometry
 from .kind import BITS, BlockKind, Mine
 from .rings import block_rings
@@ -115,8 +115,8 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
         """1 where roller j is in the box about the chord of a guide, a profile."""
         q = arm_on(shared, j, bar.body)
         if bar.body < wp.static(kind.parts.bodies):  # the ground has not turned
-            q = near_frame(q, shared.poses[bar.body])
-        return near_profile(q, bar)
+            q = coarse_frame_vector(q, shared.poses[bar.body])
+        return is_near_profile(q, bar)
 
     @wp.func
     def near(shared: Shared, mine: Mine):
@@ -142,7 +142,7 @@ def near_partners(kind: BlockKind) -> SimpleNamespace:
                 if by_profile(bar):
                     found[k] = found[k] | (in_box_of(shared, j, bar) << (wp.static(sprockets) + g))
                 else:
-                    found[k] = found[k] | (near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
+                    found[k] = found[k] | (is_near_bar(point(shared.rows, j), bar) << (wp.static(sprockets) + g))
             g = g + 1
         return found
 

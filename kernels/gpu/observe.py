@@ -16,19 +16,19 @@ from ..number import leading
 from ..physics.body import (
     arm_dissipation,
     arm_energy,
+    arm_own_moment,
+    body_accelerations,
     body_energy,
-    body_rates,
     heading_of,
-    held_by,
+    holding_force_and_power,
     late_power,
-    own_moment,
     pivot_power,
-    whole_speed,
+    speed_as_float64,
 )
 from ..physics.link import link_spring, roller_energy
 from ..physics.motion import load_moment_at_speed
 from ..physics.mount import CARRIED
-from ..physics.train import own_energy
+from ..physics.train import own_body_energy
 from ..physics.valve import cam_energy
 from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
 from ..sums import (
@@ -334,8 +334,8 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
                 by = steps.with_bearing(whole)
-                rates = body_rates(steps.time_of(mine, now), off, seen, to, by, motion, mount, ensemble)
-                held, power = held_by(off, seen, to, by, rates, motion, mount)
+                rates = body_accelerations(steps.time_of(mine, now), off, seen, to, by, motion, mount, ensemble)
+                held, power = holding_force_and_power(off, seen, to, by, rates, motion, mount)
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
         late = late_on(shared, mine, now, before, seen, acting)
@@ -354,14 +354,14 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
             mount = steps.mount_of(shared, mine.body)
             if mount.active != 0:
                 off, to = steps.off(before, mount), heading_seen(before, seen)
-                whole.load = own_moment(seen, to, arm)
+                whole.load = arm_own_moment(seen, to, arm)
                 if wp.static(kind.parts.jointed):
                     whole.load = whole.load + of_joints(shared, mine.arm, MOMENT)
                 acting, time = steps.with_bearing(whole), steps.time_of(mine, now)
-                rates = body_rates(time, off, seen, to, acting, motion, mount, ensemble)
+                rates = body_accelerations(time, off, seen, to, acting, motion, mount, ensemble)
                 if wp.static(kind.parts.jointed):
                     acting, rates = joints.with_turning(ensemble, shared, mine, acting, rates)
-                held, power = held_by(off, seen, to, acting, rates, motion, mount)
+                held, power = holding_force_and_power(off, seen, to, acting, rates, motion, mount)
                 led = pivot_power(power, seen, arm)
         return led
 
@@ -408,7 +408,7 @@ def body_observing(kind: BlockKind) -> SimpleNamespace:
                 energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
         if wp.static(kind.parts.tied > 0):
             if mine.arm < 0:
-                energy = own_energy(energy, whole_speed(seen), motion)
+                energy = own_body_energy(energy, speed_as_float64(seen), motion)
                 if wp.static(kind.parts.valves > 0):
                     energy = energy + wp.float64(cam_energy(seen.speed, shared.cams[mine.body], motion))
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..modules import own_module, uncontracted
 from ..native import moved
-from ..physics.body import aligned, posed, relaxed_arm
+from ..physics.body import aligned_pose, pose_with_coordinates, relax_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import Tallies
 from .bodies import body_access, body_steps
@@ -65,7 +65,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     def turn_arm(shared: Shared, mine: Mine, angular: wp.float64, kick: wp.float64, h: wp.float64):
         """A step of the thread's arm."""
         pose = shared.poses[mine.body]
-        of.put_pose(shared, mine.body, aligned(posed(pose, relaxed_arm(bodies.state_of(pose), angular, kick, h))))
+        arm = relax_arm(bodies.state_of(pose), angular, kick, h)
+        of.put_pose(shared, mine.body, aligned_pose(pose_with_coordinates(pose, arm)))
 
     @wp.func
     def rest_arm(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, wrench: kinds.Wrench):

@@ -8,7 +8,7 @@ import warp as wp
 from ..integrate import stage_reach, stage_weight, stages_of, stretching
 from ..native import STATE_ROWS, accessors, moved, multiply_add
 from ..number import pair_vector
-from ..physics.link import roller_acceleration, two_sum
+from ..physics.link import compensated_sum, roller_acceleration
 from .kind import BlockKind, Mine
 from .rings import block_rings
 from .shared_memory import room
@@ -92,8 +92,8 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
         x = load_row(rows, X + j)
         y = load_row(rows, Y + j)
         if wp.static(compensated):
-            new_x, low_x = two_sum(x, load_row(rows, X_LOW + j), h * v[0])
-            new_y, low_y = two_sum(y, load_row(rows, Y_LOW + j), h * v[1])
+            new_x, low_x = compensated_sum(x, load_row(rows, X_LOW + j), h * v[0])
+            new_y, low_y = compensated_sum(y, load_row(rows, Y_LOW + j), h * v[1])
             store_row(rows, X + j, new_x)
             store_row(rows, Y + j, new_y)
             store_row(rows, X_LOW + j, low_x)

@@ -33,7 +33,7 @@ RATES = wp.constant(2)  # accelerations of its pivot (x, y) [m/s^2] and of its a
 ANGULAR = wp.constant(5)  # that of its angle [rad/s^2],
 MOMENT = wp.constant(6)  # of springs, dampers and stops of arms on it [N m],
 TURNED = wp.constant(7)  # angle [rad] and angular velocity [rad/s] at the step's instant, as its own spring sees them,
-ENERGY = wp.constant(9)  # and `hub.joint_energy` [J]
+ENERGY = wp.constant(9)  # and `hub.carried_arm_energy` [J]
 
 STRAND_WORD = 32
 """Bits of the numbers that say on which strands links are."""

@@ -7,8 +7,15 @@ import warp as wp
 
 from ..native import accessors, load_constant, products
 from ..number import difference, leading
-from ..physics.contact import after_teeth, pressed, reaction, sized, turned
-from ..physics.tooth import in_gap, in_teeth, nearest_seat, seat_from, straight_flank_gap, turning_velocity
+from ..physics.contact import force_vector, memory_after_teeth, normal_force, reaction_moment, rotated_vector
+from ..physics.tooth import (
+    gap_coordinates,
+    nearest_seat,
+    relative_tooth_velocity,
+    straight_flank_gap,
+    tooth_contact,
+    tracked_seat_from,
+)
 from ..structs import Tallies
 from .contacts import contact_sums, wrench_parts
 from .kind import BlockKind, Mine
@@ -77,10 +84,10 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
             number = nearest_seat(arm, leading(body.cosine), leading(body.sine), teeth.teeth)
             direction = seat_at(ensemble, teeth.first_seat + number)
         v = velocity_from(shared, j, s)
-        found, e, xi, lateral = seat_from(p, number, direction, body, teeth, ensemble.seats)
+        found, e, xi, lateral = tracked_seat_from(p, number, direction, body, teeth, ensemble.seats)
         if found != touch.seat:
             store_whole(state.seat, at, found)
-        penetration, normal, relative = in_teeth(arm, v, leading(body.speed), e, xi, lateral, teeth)
+        penetration, normal, relative = tooth_contact(arm, v, leading(body.speed), e, xi, lateral, teeth)
         return placed(touch, penetration, normal, relative), arm
 
     @wp.func
@@ -88,12 +95,12 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
         """As `in_gap_of`, and whether `straight_flank_gap` applies to the roller (1, else 0)."""
         body = shared.poses[touch.partner]
         p = difference(point(shared.rows, j), body.center)
-        e, radial, xi, lateral = in_gap(p, touch.direction, body, teeth)
+        e, radial, xi, lateral = gap_coordinates(p, touch.direction, body, teeth)
         arm = leading(p)
         off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
         penetration, along, across, applies = straight_flank_gap(xi, lateral, teeth)
-        relative = turning_velocity(leading(body.speed), arm, velocity_from(shared, j, touch.partner))
-        return placed(touch, penetration, turned(e, along, across), relative), arm, wp.where(off, 0, applies)
+        relative = relative_tooth_velocity(leading(body.speed), arm, velocity_from(shared, j, touch.partner))
+        return placed(touch, penetration, rotated_vector(e, along, across), relative), arm, wp.where(off, 0, applies)
 
     return SimpleNamespace(**locals())
 
@@ -144,10 +151,10 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             closed, force = press(state, tallies, shared, mine, now, j, closer, shared.teeth[s].law)
             if closed:
                 if is_summed(now, s):
-                    add_wrench(shared, mine, s, j, reaction(arm, force), force, now.measured)
+                    add_wrench(shared, mine, s, j, reaction_moment(arm, force), force, now.measured)
                 pass_on(shared, mine, now, s, j, force)
         if not closed:
-            keep(state, now, at, touch.before, after_teeth(touch.before))
+            keep(state, now, at, touch.before, memory_after_teeth(touch.before))
 
     @wp.func
     def on_straight_flank(state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, j: int, touch: Touch):
@@ -165,8 +172,10 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
         more = gaining(shared, shared.poses[s], arm, j)
         growth = products(more[0], normal[0], more[1], normal[1])
         law = as_known(teeth.law)
-        mean, elastic, size, first, damper_speed = pressed(penetration, speed, growth, before, touch.damper_speed, law)
-        pushes = sized(normal, size)
+        mean, elastic, size, first, damper_speed = normal_force(
+            penetration, speed, growth, before, touch.damper_speed, law
+        )
+        pushes = force_vector(normal, size)
         force = pushes
         closed = mean > Real(0.0)
         applies = wp.where(touch.seat < 0, 0, applies)
@@ -177,13 +186,15 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
             if applies != 0 and closed and now.stage == 0:
                 store_row(state.contact_hold, at, holds)
         if applies != 0:
-            add_moment(shared, mine, s, j, wp.where(closed and is_summed(now, s), reaction(arm, force), Real(0.0)))
+            add_moment(
+                shared, mine, s, j, wp.where(closed and is_summed(now, s), reaction_moment(arm, force), Real(0.0))
+            )
             if wp.static(moving):
                 if closed:
                     add_push(shared, mine, s, j, force)
                     pass_on(shared, mine, now, s, j, force)
             set_force(shared, j, force_on(shared, j) + wp.where(closed, force, vec2()))
-            keep(state, now, at, before, wp.where(closed, first, after_teeth(before)))
+            keep(state, now, at, before, wp.where(closed, first, memory_after_teeth(before)))
             if closed:
                 remember(state, now, at, teeth.law.answer, damper_speed)
             if wp.static(kind.measuring) and now.measured != 0:

@@ -12,8 +12,16 @@ import warp as wp
 from ..integrate import stage_at
 from ..number import add, difference, leading, rounded  # noqa: F401
 from ..physics.motion import load_moment_at_speed
-from ..physics.train import coupling_energy, coupling_loss, coupling_moment, engaged_at, motor_moment, on_side, twist_of
-from ..physics.valve import lift_at, unloaded, with_load, with_valves
+from ..physics.train import (
+    coupling_energy,
+    coupling_loss,
+    coupling_moment,
+    coupling_state,
+    coupling_twist,
+    is_on_gear_side,
+    motor_moment,
+)
+from ..physics.valve import add_cam, add_cam_load, cam_lift, zero_valve_load
 from ..structs import Drive
 from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
 from .bodies import body_steps, gathering
@@ -57,7 +65,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
         coupling, one, other = coupled(ensemble, shared, mine, c)
         first, second = shared.poses[one], shared.poses[other]
-        return engaged_at(time, first, second, state.couplings[c], coupling, ensemble.tables)
+        return coupling_state(time, first, second, state.couplings[c], coupling, ensemble.tables)
 
     @wp.func
     def pass_on(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -81,7 +89,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 engaged = state.couplings[c]
                 if now.stage == 0:
                     engaged = engage(ensemble, state, shared, mine, c, time)
-                twist, rate = twist_of(shared.poses[one], shared.poses[other], engaged)
+                twist, rate = coupling_twist(shared.poses[one], shared.poses[other], engaged)
                 passed = coupling_moment(twist, rate, coupling, engaged)
                 moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
@@ -105,7 +113,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """One step of a coupling, whose second body is the thread's, for the sums of the window and the frame."""
         drive, engaged = ensemble.drives[mine.row], state.couplings[c]
         coupling, one, other = coupled(ensemble, shared, mine, c)
-        twist, before = twist_of(shared.poses[one], shared.poses[other], engaged)
+        twist, before = coupling_twist(shared.poses[one], shared.poses[other], engaged)
         first, angular = rates_now(ensemble, shared, mine, now, one)
         second, angular = rates_now(ensemble, shared, mine, now, other)
         rate = wp.where(engaged.ratio == Real(0.0), Real(0.0), first - engaged.ratio * second)
@@ -139,12 +147,12 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
             # of the body that it turns as, of this chain or another
             number = place_of(shared, first, b) + other.apart - drive.first_body
             if number >= 0 and number < drive.bodies:
-                if on_side(gear, number):
+                if is_on_gear_side(gear, number):
                     moment = moment - other.ratio / own.ratio * shared.passed[b]
         if wp.static(kind.parts.valves > 0):
             for v in range(drive.first_valve, drive.first_valve + drive.valves):
                 valve = ensemble.valves[v]
-                if on_side(gear, valve.body):
+                if is_on_gear_side(gear, valve.body):
                     torque, force = cams.lifted(ensemble, shared, mine, now, v)
                     beside = ensemble.motions[drive.first_body + valve.body].ratio / own.ratio
                     moment = moment + beside * valve.sign * torque
@@ -211,7 +219,7 @@ def block_cams(kind: BlockKind, frame: Any) -> SimpleNamespace:
                     if v >= ensemble.drives[mine.variant + r].first_valve:
                         ring = r
                 b = body_of(ensemble, shared, mine.variant + ring, ring, valve.body)
-                at = lift_at(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.tables)
+                at = cam_lift(shared.poses[b].angle, k, valve, shared.motions[b], ensemble.tables)
                 shared.lifts[cam] = at
             cam = cam + wp.static(kind.shape.threads)
 
@@ -245,7 +253,7 @@ def block_cams(kind: BlockKind, frame: Any) -> SimpleNamespace:
         while v < drive.first_valve + drive.valves:
             valve, first = ensemble.valves[v], first_cam(ensemble, mine, v)
             for k in range(valve.phases):
-                cam = with_valves(cam, shared.lifts[first + k], valve)
+                cam = add_cam(cam, shared.lifts[first + k], valve)
             v = group_on(ensemble, drive, mine.number, v + 1)
         shared.cams[mine.body] = cam
 
@@ -255,9 +263,9 @@ def block_cams(kind: BlockKind, frame: Any) -> SimpleNamespace:
         valve, first = ensemble.valves[v], first_cam(ensemble, mine, v)
         b = body_of(ensemble, shared, mine.row, mine.row - mine.variant, valve.body)
         speed, angular = rates_now(ensemble, shared, mine, now, b)
-        load = unloaded(valve)
+        load = zero_valve_load(valve)
         for k in range(valve.phases):
-            load = with_load(load, shared.lifts[first + k], speed, angular, valve)
+            load = add_cam_load(load, shared.lifts[first + k], speed, angular, valve)
         return load[0], load[1]
 
     @wp.func

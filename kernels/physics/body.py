@@ -1,16 +1,15 @@
-"""Bodies: what carries teeth and guides and is moved by the chain's wrench on it.
+"""Bodies, which carry teeth and guides: how the chain's wrench moves them, and their energies.
 
 A body has three coordinates, its center (x, y) and its angle; each is free, held, or prescribed. A sprocket whose
 center is fixed and that has no balance wheel, or an arm about a fixed pivot, only turns (`Mount.active` = 0); the
-others follow `mount`. What is prescribed takes its mean speed over a leapfrog step, which leads it exactly from place
-to place.
+others follow `mount`. A prescribed coordinate takes its mean speed over a leapfrog step, which brings it exactly from
+position to position.
 
-`body_rates` has the accelerations of all coordinates, `leapfrog_body` and `stage_body` take a body on by an
-integrator, `body_at` observes it. A new kind of body adds its own moment to the load on its angle.
+A new kind of body adds its own moment to the load on its angle.
 
-Coordinates and rates are numbers (`number`); forces, moments and accelerations are rounded. Between two looks at its
-angle a heading may be turned by the small angle of a step, by the series of sine and cosine to the fifth order, whose
-next terms are below 1e-14 for steps of a hundredth of a radian.
+Coordinates and rates are numbers (`number`); forces, moments and accelerations are rounded. Between two evaluations of
+its angle a heading may be turned by the small angle of a step, by the series of sine and cosine to the fifth order,
+whose next terms are below 1e-14 for steps of a hundredth of a radian.
 """
 
 from typing import Any
@@ -32,41 +31,41 @@ from ..number import (  # noqa: F401
     trimmed,
 )
 from ..structs import BodyState, Pose, types
-from .motion import prescribed_acceleration, prescribed_at
-from .mount import PRESCRIBED, accelerations, holding_force, mounted_energy, prescribed_center, prescribing_power
-from .tooth import reach_of
+from .motion import prescribed_acceleration, prescribed_rotation
+from .mount import PRESCRIBED, holding_force, mount_accelerations, mount_energy, prescribed_center, prescribing_power
+from .tooth import grid_product
 
 BLOCKS = types(wp.float32, blocks=True)
 
 
 @wp.func
 def heading_of(body: BodyState):
-    """Cosine and sine of a body's angle."""
+    """(cos theta, sin theta) of a body's angle."""
     sine, cosine = sine_cosine(body.angle)
     return wp.vec2d(cosine, sine)
 
 
 @wp.func
-def faced(pose: Pose, cosine: wp.float64, sine: wp.float64):
-    """A body that heads where cosine and sine say."""
+def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
+    """A float64 pose that heads along (cosine, sine)."""
     pose.cosine = cosine
     pose.sine = sine
     return pose
 
 
 @wp.func
-def faced(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
-    """The same at float32."""
+def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
+    """A pose in pairs that heads along (cosine, sine), with R cos theta and R sin theta on their grid (`tooth`)."""
     pose.cosine = cosine
     pose.sine = sine
-    pose.reach_cosine = reach_of(cosine, pose.radius, pose.grid)
-    pose.reach_sine = reach_of(sine, pose.radius, pose.grid)
+    pose.reach_cosine = grid_product(cosine, pose.radius, pose.grid)
+    pose.reach_sine = grid_product(sine, pose.radius, pose.grid)
     return pose
 
 
 @wp.func
-def swung(pose: Pose, turn: wp.float64):
-    """A body whose heading is turned by a small angle [rad], and back to length one."""
+def turned_pose(pose: Pose, turn: wp.float64):
+    """A float64 pose turned by a small angle [rad], its heading back at length one."""
     square = turn * turn
     one = wp.float64(1.0)
     fourth = multiply_add(-square, wp.static(wp.float64(1.0 / 24.0)), wp.float64(0.5))
@@ -76,35 +75,35 @@ def swung(pose: Pose, turn: wp.float64):
     x = products(pose.cosine, less, -pose.sine, sine)
     y = products(pose.cosine, sine, pose.sine, less)
     scale = multiply_add(wp.float64(-0.5), products(x, x, y, y), wp.float64(1.5))
-    return faced(pose, x * scale, y * scale)
+    return pose_with_heading(pose, x * scale, y * scale)
 
 
 @wp.func
-def swung(pose: BLOCKS.Pose, turn: wp.float32):
-    """The same at float32, by what is added to cosine and sine."""
+def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
+    """A pose in pairs turned by a small angle [rad], by what is added to cosine and sine."""
     square = turn * turn
     less = -0.5 * square * (1.0 - square * wp.static(1.0 / 12.0))
     sine = turn * (1.0 - square * wp.static(1.0 / 6.0) * (1.0 - square * wp.static(1.0 / 20.0)))
     c = pose.cosine
     s = pose.sine
     x = settled(c.high, c.low + products(less, c.high, -sine, s.high))
-    return faced(pose, x, settled(s.high, s.low + products(less, s.high, sine, c.high)))
+    return pose_with_heading(pose, x, settled(s.high, s.low + products(less, s.high, sine, c.high)))
 
 
 @wp.func
-def aligned(pose: Any):
-    """A body that heads where its angle says, all of it such as float64 can hold."""
+def aligned_pose(pose: Any):
+    """A pose that heads along its angle, its coordinates and rates trimmed to what float64 can hold."""
     pose.angle = trimmed(pose.angle)
     pose.speed = trimmed(pose.speed)
     pose.center = trimmed(pose.center)
     pose.velocity = trimmed(pose.velocity)
     sine, cosine = sine_cosine(pose.angle)
-    return faced(pose, cosine, sine)
+    return pose_with_heading(pose, cosine, sine)
 
 
 @wp.func
-def posed(pose: Any, body: Any):
-    """A pose with a body's coordinates and rates; it heads where it did."""
+def pose_with_coordinates(pose: Any, body: Any):
+    """A pose with a body's coordinates, rates and accelerations; its heading stays."""
     pose.angle = body.angle
     pose.speed = body.speed
     pose.center = body.center
@@ -116,19 +115,19 @@ def posed(pose: Any, body: Any):
 
 @wp.func
 def pose_of(body: BodyState):
-    """A body as contacts see it."""
-    return aligned(posed(Pose(), body))
+    """The pose of a body, as contacts see it."""
+    return aligned_pose(pose_with_coordinates(Pose(), body))
 
 
 @wp.func
-def in_plain(body: BodyState):
-    """A body's state in plain numbers."""
+def plain_body(body: BodyState):
+    """A body's float64 state, unchanged: it is in plain numbers."""
     return body
 
 
 @wp.func
-def in_plain(body: BLOCKS.BodyState):
-    """The same at float32."""
+def plain_body(body: BLOCKS.BodyState):
+    """A body's state in pairs as plain float32 numbers, with the low part of its speed in `rest`."""
     plain = BLOCKS.Instant()
     plain.angle = rounded(body.angle)
     plain.speed = leading(body.speed)
@@ -139,15 +138,15 @@ def in_plain(body: BLOCKS.BodyState):
 
 
 @wp.func
-def hastened(body: BodyState, change: wp.float64):
-    """A body in plain numbers that turns faster by `change` [rad/s]."""
+def add_speed(body: BodyState, change: wp.float64):
+    """A float64 body that turns faster by `change` [rad/s]."""
     body.speed = body.speed + change
     return body
 
 
 @wp.func
-def hastened(body: BLOCKS.Instant, change: wp.float32):
-    """The same at float32."""
+def add_speed(body: BLOCKS.Instant, change: wp.float32):
+    """A body in plain float32 that turns faster by `change` [rad/s]; what that rounds off goes to `rest`."""
     speed = body.speed + change
     body.rest = ((body.speed - speed) + change) + body.rest
     body.speed = speed
@@ -155,29 +154,30 @@ def hastened(body: BLOCKS.Instant, change: wp.float32):
 
 
 @wp.func
-def whole_speed(body: BodyState):
-    """Angular velocity of a body in plain numbers [rad/s], as float64."""
+def speed_as_float64(body: BodyState):
+    """Angular velocity of a float64 body [rad/s]."""
     return body.speed
 
 
 @wp.func
-def whole_speed(body: BLOCKS.Instant):
-    """The same at float32, which its energy is too large for."""
+def speed_as_float64(body: BLOCKS.Instant):
+    """Angular velocity of a body in plain float32 [rad/s], as float64: its energy is too large for float32."""
     return wp.float64(body.speed) + wp.float64(body.rest)
 
 
 @wp.func
-def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any):
-    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4); 0 for a prescribed angle that
-    nothing else hangs on.
+def body_accelerations(
+    time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any
+):
+    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4); 0 of a prescribed fixed angle.
 
     Args:
         time: for what is prescribed [s].
-        off: the body's center from where it is at home [m] (`mount.off_home`).
+        off: the body's center from its home [m] (`mount.displacement_from_home`).
         body: its coordinates and rates in plain numbers; its speed must be that of `time`.
         heading: cosine and sine of its angle.
-        wrench: of the chain and of tensioners on it, and its load, if its angle is free.
-        motion, mount, ensemble: how it is turned and held.
+        wrench: of chain and tensioners on it, and its load, if its angle is free.
+        motion, mount, ensemble: how it turns and is held.
     """
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
@@ -186,19 +186,28 @@ def body_rates(time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion
     else:
         turning = wp.vector(zero, zero, wrench.load)
         if motion.prescribed == 1:
-            angle, speed = prescribed_at(time, motion, ensemble)
+            angle, speed = prescribed_rotation(time, motion, ensemble)
             body.speed = speed
             turning = wp.vector(type(zero)(1.0), prescribed_acceleration(time, motion, ensemble), zero)
         driven = type(heading)(zero, zero)
         if mount.moves == PRESCRIBED:
             place, velocity, driven = prescribed_center(time, mount, ensemble)
-        rates = accelerations(driven, off, body, heading, wrench, turning, mount)
+        rates = mount_accelerations(driven, off, body, heading, wrench, turning, mount)
     return rates
 
 
 @wp.func
 def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
-    """A body a step `h` on; `kick` as `leapfrog_kick`, `ahead` its angle then if that is prescribed."""
+    """A body one leapfrog step `h` [s] later, except for a prescribed center.
+
+    Args:
+        kick: time over which its rates are accelerated (`integrate.leapfrog_kick`) [s].
+        h: the step [s].
+        body: in numbers.
+        rates: accelerations of center [m/s^2] and angle [rad/s^2].
+        ahead: its angle after the step, if that is prescribed [rad].
+        motion, mount: how it turns and is held.
+    """
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
     body.angle = wp.where(led, ahead, body.angle + h * speed)
@@ -210,8 +219,10 @@ def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: 
 
 
 @wp.func
-def led_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
-    """A body with its center where it is led at `after` [s], a leapfrog step `h` on; at its mean velocity there."""
+def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
+    """A body with its center, if prescribed, where it is at `after` [s], moving at its mean velocity over the step `h`
+    [s].
+    """
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(after, mount, ensemble)
         body.velocity = (center - body.center) * reciprocal(h)
@@ -220,14 +231,14 @@ def led_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
 
 
 @wp.func
-def with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
-    """A body after a leapfrog step, with the accelerations that it had in it, for contacts in the next one.
+def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
+    """A body after a leapfrog step with the accelerations of that step, which contacts of the next one use.
 
     Args:
         before, after: the body at this step and the next.
         rates: its accelerations in this step.
-        kick: as `leapfrog_kick` [s].
-        motion, mount: what is led has gained its speeds.
+        kick: time over which its rates were accelerated [s].
+        motion, mount: prescribed coordinates take the change of their speeds.
     """
     after.angular = rates[2]
     if motion.prescribed == 1:
@@ -240,8 +251,9 @@ def with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: A
 
 @wp.func
 def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body where the next stage of a step evaluates it, after the last at the step's end; and what is kept of it: its
-    state at the step's start, and the sum of its stages' weighted slopes.
+    """A body where the next Runge-Kutta stage evaluates it; after the last stage, at the step's end.
+
+    Returned with the body at the step's start and the sum of its weighted slopes so far.
     """
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
@@ -264,7 +276,7 @@ def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: A
         body.center = base.center + at.reach * moving
         body.velocity = base.velocity + at.reach * straight
     if motion.prescribed == 1:
-        angle, speed = prescribed_at(at.after, motion, ensemble)
+        angle, speed = prescribed_rotation(at.after, motion, ensemble)
         body.angle = angle
         body.speed = number_of(speed)
     if mount.moves == PRESCRIBED:
@@ -275,15 +287,16 @@ def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: A
 
 
 @wp.func
-def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body in plain numbers with its rates at `time`, `lag` after their instant; `driven` is the speed of a
-    prescribed angle.
+def body_at_time(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, ensemble: Any):
+    """A body in plain numbers with its rates at `time` [s], `lag` after their own instant.
+
+    `driven` is the speed of a prescribed angle [rad/s].
     """
-    seen = in_plain(body)
+    seen = plain_body(body)
     if motion.prescribed == 1:
         seen.speed = driven
     else:
-        seen = hastened(seen, lag * rates[2])
+        seen = add_speed(seen, lag * rates[2])
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time, mount, ensemble)
         seen.velocity = velocity
@@ -294,21 +307,21 @@ def body_at(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any
 
 @wp.func
 def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
-    """Kinetic and potential energy of a body with its rates at one instant [J]; 0 of one that is led."""
+    """Kinetic and potential energy of a body with its rates at one instant [J]; 0 where its motion is prescribed."""
     energy = wp.float64(0.0)
     if mount.active != 0:
-        energy = wp.float64(mounted_energy(off, body, heading, mount))
+        energy = wp.float64(mount_energy(off, body, heading, mount))
     elif motion.prescribed == 0:
-        speed = whole_speed(body)
+        speed = speed_as_float64(body)
         energy = wp.float64(0.5) * speed * speed / wp.float64(motion.inverse_inertia)
     return energy
 
 
 @wp.func
-def held_by(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: Any, mount: Any):
-    """Force [N] of what holds a body's center on an active mount, and power [W] of what prescribes center and angle.
+def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: Any, mount: Any):
+    """Force [N] that holds a body's center on an active mount, and power [W] of what prescribes center and angle.
 
-    Arguments as of `body_rates`, with the body's rates at the instant and the accelerations `rates`.
+    Arguments as of `body_accelerations`, with the body's rates at the instant and the accelerations `rates`.
     """
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
@@ -316,14 +329,14 @@ def held_by(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: 
 
 @wp.func
 def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
-    """Power [W] of contacts on a body by which its rates `now` differ from those that contacts took it to have.
-
-    They know its accelerations of the step before; of a center that is `carried` the carrier has that power.
+    """Power [W] of contacts on a body that they miss, since they take its rates from its acceleration of the step
+    before.
 
     Args:
         wrench: of contacts [N, N m].
         now: the body in plain numbers, with its rates at the forces' instant.
         pose: as contacts saw it, `lag` before that [s].
+        carried: another body carries its center, which then has the center's power.
     """
     power = wrench.moment * (now.speed - leading(pose.speed) - lag * pose.angular)
     if not carried:
@@ -332,13 +345,13 @@ def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
 
 
 @wp.func
-def in_box(low: Any, high: Any, p: Any):
-    """Whether `p` is finite and in the box that rollers and bodies' centers of a drive stay in."""
+def is_in_box(low: Any, high: Any, p: Any):
+    """Whether point `p` is finite and in a drive's box, which holds rollers and bodies' centers."""
     return p[0] > low[0] and p[0] < high[0] and p[1] > low[1] and p[1] < high[1]
 
 
 @wp.func
-def turns_soundly(angle: Any, speed: Any):
+def has_finite_rotation(angle: Any, speed: Any):
     """Whether a body's angle and angular velocity are finite."""
     return wp.isfinite(rounded(angle)) and wp.isfinite(rounded(speed))
 
@@ -359,13 +372,13 @@ def stop_moment(angle: Any, speed: Any, arm: Any):
 
 
 @wp.func
-def own_moment(body: Any, heading: Any, arm: Any):
-    """Moment [N m] on an arm of all but contacts and tensioners: weight, spring, damper, stops, as in (a).
+def arm_own_moment(body: Any, heading: Any, arm: Any):
+    """Moment [N m] on an arm of its weight, spring, damper and stops.
 
     Args:
         body: its angle and speed.
         heading: cosine and sine of its angle.
-        arm: its data.
+        arm: `structs.Arm`.
     """
     x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
     y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
@@ -375,15 +388,15 @@ def own_moment(body: Any, heading: Any, arm: Any):
 
 
 @wp.func
-def joint_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of its spring, damper and stops alone; `turned` as these see it."""
+def arm_spring_moment(turned: Any, arm: Any):
+    """Moment [N m] on an arm of its spring, damper and stops; `turned` has its angle and speed as these see it."""
     stop, elastic = stop_moment(turned.angle, turned.speed, arm)
     return stop - arm.stiffness * (turned.angle - arm.free_angle) - arm.damping * turned.speed
 
 
 @wp.func
-def mass_moment_now(heading: Any, arm: Any):
-    """Mass of an arm times its center from its pivot, as it heads [kg m]."""
+def arm_mass_moment(heading: Any, arm: Any):
+    """Mass of an arm times its center of mass from its pivot, at its heading [kg m]."""
     return type(heading)(
         arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1],
         arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0],
@@ -391,7 +404,7 @@ def mass_moment_now(heading: Any, arm: Any):
 
 
 @wp.func
-def relaxed_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
+def relax_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
     """An arm after a step of relaxation, omega += kick alpha, theta += h omega; from rest where `kick` < `h`."""
     body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular
     body.angle = body.angle + h * body.speed
@@ -400,7 +413,7 @@ def relaxed_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64)
 
 @wp.func
 def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
-    """Energy of an arm [J]: what it has as a body, `kinetic`, and that of its springs and its weight."""
+    """Energy of an arm [J]: `kinetic`, that of its springs and stops, and that of its weight."""
     half = type(body.speed)(0.5)
     turned = body.angle - arm.free_angle
     energy = kinetic + wp.float64(half * arm.stiffness * turned * turned)
@@ -413,7 +426,7 @@ def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
 
 @wp.func
 def pivot_power(power: Any, body: Any, arm: Any):
-    """Power [W] of what leads an arm's pivot, with what it lifts; `power` is that without weight (`held_by`)."""
+    """Power [W] of what moves an arm's pivot: `power` without weight (`holding_force_and_power`), and what it lifts."""
     return power - arm.mass * wp.dot(arm.gravity, body.velocity)
 
 

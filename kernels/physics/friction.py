@@ -6,9 +6,9 @@ mu(v) N. What sticks is held by a bristle (Dahl): over a step of length h it is 
     b <- clamp(b + k h v, -mu N, mu N),    Q = clamp(b + c v, -mu N, mu N)   against the sliding,
 
 c = t sqrt(k m_e / s), s = 0.2, t = 0.5, m_e the mass that friction has to stop. The bristle's stiffness k is that of
-the contact along its surface, s m_e / h^2 at most, which the step can follow: so results do not hang on the step where
-that is short. There is no creep at rest, at any step. A contact that opens forgets b. Of what friction takes, Q v, the
-bristle stores b^2 / (2 k).
+the contact along its surface, s m_e / h^2 at most, which the step can follow: so results do not depend on the step
+where that is short. There is no creep at rest, at any step. A contact that opens forgets b. Of the power Q v that
+friction takes, the bristle stores the energy b^2 / (2 k).
 
 The joints' pins turn in bushes as neighboring links turn against each other. Joint i lies at roller i, between the
 links i - 1 and i, of lengths L and unit vectors u, n being u turned by +90 degrees. Link i turns at dphi_i = (v_{i+1} -
@@ -39,7 +39,7 @@ DAMPER = 0.5
 
 
 @wp.func
-def coefficient(speed: Any, friction: Any):
+def friction_coefficient(speed: Any, friction: Any):
     """mu(v) [-] at a sliding speed v >= 0.
 
     Args:
@@ -54,24 +54,24 @@ def coefficient(speed: Any, friction: Any):
 
 
 @wp.func
-def held_back(most: Any, speed: Any, held: Any, spring: Any, damper: Any, stretched: Any):
-    """Friction [N] against a sliding speed, at most mu N either way, and the bristle's part of it.
+def bristle_friction(most: Any, speed: Any, bristle: Any, spring: Any, damper: Any, stretch_part: Any):
+    """Friction [N] against a sliding speed, at most mu N either way, and the force that its bristle then holds [N].
 
     Args:
         most: mu N [N].
         speed: v [m/s].
-        held: the bristle's force b until now [N].
+        bristle: force b that the bristle has held until now [N].
         spring: k h [N s/m].
         damper: c [N s/m].
-        stretched: part of a step over which the bristle is stretched (`integrate.stretching`).
+        stretch_part: part of a step over which the bristle is stretched (`integrate.stretching`).
     """
-    holds = wp.clamp(multiply_add(stretched * spring, speed, held), -most, most)
-    return wp.clamp(multiply_add(damper, speed, holds), -most, most), holds
+    bristle_after = wp.clamp(multiply_add(stretch_part * spring, speed, bristle), -most, most)
+    return wp.clamp(multiply_add(damper, speed, bristle_after), -most, most), bristle_after
 
 
 @wp.func
-def turning(d: Any, w: Any):
-    """n / L [1/m] and rate of turning dphi [rad/s] of one link.
+def link_turning(d: Any, w: Any):
+    """n / L (vector) [1/m] and rate of turning dphi [rad/s] of one link.
 
     Args:
         d: vector from roller i to roller i + 1 [m].
@@ -84,35 +84,37 @@ def turning(d: Any, w: Any):
 
 
 @wp.func
-def rubbing_moment(
+def joint_friction_moment(
     mu: Any,
     tension_before: Any,
     turn_before: Any,
     tension_after: Any,
     turn_after: Any,
-    held: Any,
+    bristle: Any,
     chain: Any,
-    stretched: Any,
+    stretch_part: Any,
 ):
-    """Moment M_i [N m] of a joint on the link after it, of a given coefficient, and what its bristle holds of -M_i.
+    """Moment M_i [N m] of a joint's friction on the link after it, and what its bristle then holds of -M_i [N m].
 
     Args:
         mu: [-].
         tension_before, tension_after: of the links before and after the joint [N].
         turn_before, turn_after: rates at which they turn [rad/s].
-        held: what the bristle has held until now [N m].
+        bristle: moment that it has held until now [N m].
         chain: whose joint it is (`structs.Chain`).
-        stretched: as in `held_back`.
+        stretch_part: as in `bristle_friction`.
     """
     most = mu * chain.joint_arm * wp.max(wp.abs(tension_before), wp.abs(tension_after))
-    drag, holds = held_back(most, turn_after - turn_before, held, chain.joint.spring, chain.joint.damper, stretched)
-    return -drag, holds
+    drag, bristle_after = bristle_friction(
+        most, turn_after - turn_before, bristle, chain.joint.spring, chain.joint.damper, stretch_part
+    )
+    return -drag, bristle_after
 
 
 @wp.func
-def joint_coefficient(turn_before: Any, turn_after: Any, chain: Any):
+def joint_friction_coefficient(turn_before: Any, turn_after: Any, chain: Any):
     """mu [-] at the speed at which a joint's pin slides."""
-    return coefficient(wp.abs(turn_after - turn_before) * chain.pin_radius, chain.joint)
+    return friction_coefficient(wp.abs(turn_after - turn_before) * chain.pin_radius, chain.joint)
 
 
 @wp.func

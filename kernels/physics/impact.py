@@ -32,8 +32,8 @@ step could not follow, by an error of fourth order:
 
     c / (1 + (c h / (2 m))^4)^(1/4).
 
-To add a law: write its function with the arguments of `hysteretic`, put it at the end of `FORCES`, and name it in the
-package's table.
+To add a law: write its function with the arguments of `hysteretic_damper`, put it at the end of `FORCES`, and name it
+in the package's table.
 """
 
 from typing import Any
@@ -54,7 +54,7 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 
 
 @wp.func
-def hysteretic(elastic: Any, impact_speed: Any, damping: Any):
+def hysteretic_damper(elastic: Any, impact_speed: Any, damping: Any):
     """Damper c [N s/m] after eq. (15), (18), (19), and the speeds [m/s] below and above which it grows no more.
 
     Args:
@@ -66,22 +66,22 @@ def hysteretic(elastic: Any, impact_speed: Any, damping: Any):
 
 
 @wp.func
-def kelvin_voigt(elastic: Any, impact_speed: Any, damping: Any):
-    """The same of a damper beside the spring; `damping` is c [N s/m]."""
+def kelvin_voigt_damper(elastic: Any, impact_speed: Any, damping: Any):
+    """Damper c [N s/m] beside the spring, which is `damping` itself, and speeds [m/s] that do not bound it."""
     return damping, type(elastic)(-UNBOUNDED), type(elastic)(UNBOUNDED)
 
 
-FORCES = (hysteretic, kelvin_voigt)
+FORCES = (hysteretic_damper, kelvin_voigt_damper)
 """The laws' functions; a law's number (`structs.ContactLaw.form`) is its place here."""
 
 
 @wp.func
-def damper_of(elastic: Any, impact_speed: Any, law: Any):
-    """Damper c [N s/m] of the contact law that `law` names, and the speeds [m/s] that bound it, as `hysteretic`.
+def law_damper(elastic: Any, impact_speed: Any, law: Any):
+    """Damper c [N s/m] of the contact law that `law` names, and the speeds [m/s] that bound it.
 
     Arguments as of `contact_force`.
     """
-    damper, slowest, fastest = hysteretic(elastic, impact_speed, law.damping)
+    damper, slowest, fastest = hysteretic_damper(elastic, impact_speed, law.damping)
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
             damper, slowest, fastest = wp.static(FORCES[form])(elastic, impact_speed, law.damping)
@@ -106,7 +106,7 @@ def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, spee
     Returns:
         The force [N], and the speed u at which the damper acts [m/s].
     """
-    damper, slowest, fastest = damper_of(elastic, impact_speed, law)
+    damper, slowest, fastest = law_damper(elastic, impact_speed, law)
     one = type(elastic)(1.0)
     led = multiply_add(-law.yielding, elastic, multiply_add(law.lag, growth, speed))
     give = law.yielding * damper

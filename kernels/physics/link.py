@@ -17,7 +17,7 @@ from ..native import dot, inverse_root, multiply_add, products, root
 
 @wp.func
 def link_force(d: Any, w: Any, length: Any, chain: Any):
-    """Tension [N], rate of elongation [m/s] and direction of a link of a chain whose links are alike, eq. (2), (3).
+    """Tension [N], rate of elongation [m/s] and direction of a link, eq. (2), (3), where the chain's links are alike.
 
     Args:
         d: vector from roller i to roller i + 1 [m].
@@ -34,10 +34,10 @@ def link_force(d: Any, w: Any, length: Any, chain: Any):
 
 
 @wp.func
-def played_force(d: Any, w: Any, length: Any, i: int, chain: Any):
-    """Tension [N], rate of elongation [m/s] and direction of link i of a chain whose links differ or have play.
+def uneven_link_force(d: Any, w: Any, length: Any, i: int, chain: Any):
+    """Tension [N], rate of elongation [m/s] and direction of link i, where the chain's links differ or have play.
 
-    The arguments are those of `link_force`.
+    Other arguments as of `link_force`.
     """
     stiffness, damping = link_spring(i, chain)
     square = dot(d, d)
@@ -50,7 +50,7 @@ def played_force(d: Any, w: Any, length: Any, i: int, chain: Any):
 
 
 @wp.func
-def are_uneven(chain: Any):
+def has_uneven_links(chain: Any):
     """Whether a chain's links differ in more than their length, or have play."""
     like = chain.outer_stiffness == chain.stiffness and chain.outer_damping == chain.damping
     return not like or chain.play != type(chain.play)(0.0)
@@ -67,18 +67,19 @@ def link_spring(i: int, chain: Any):
 def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
     """Acceleration [m/s^2] of a roller, eq. (1), from the force of its two links and its contacts [N]."""
     return type(gravity)(
-        acceleration_along(force[0], inverse_mass, gravity[0]), acceleration_along(force[1], inverse_mass, gravity[1])
+        acceleration_component(force[0], inverse_mass, gravity[0]),
+        acceleration_component(force[1], inverse_mass, gravity[1]),
     )
 
 
 @wp.func
-def acceleration_along(force: Any, inverse_mass: Any, gravity: Any):
-    """A component of `roller_acceleration`."""
+def acceleration_component(force: Any, inverse_mass: Any, gravity: Any):
+    """A component of a roller's acceleration [m/s^2], eq. (1), from those of force [N] and gravity [m/s^2]."""
     return multiply_add(inverse_mass, force, gravity)
 
 
 @wp.func
-def two_sum(high: Any, low: Any, change: Any):
+def compensated_sum(high: Any, low: Any, change: Any):
     """A coordinate, kept as a value and what the value rounds off, plus a small `change` (fast two-sum)."""
     rest = low + change
     moved = high + rest

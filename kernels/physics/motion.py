@@ -9,7 +9,7 @@ oppose the actual speed:
 
     M = -{w [T0 + sum_h T_h cos(h phi_f + psi_h)] + b omega + q omega |omega|} S(t / t_load)
 
-Times and angles are numbers (`number`): they are a few a step, and seats hang on them. Speeds, moments and
+Times and angles are numbers (`number`): they are few a step, and seats depend on them. Speeds, moments and
 accelerations are rounded.
 """
 
@@ -24,8 +24,8 @@ CELL_VALUES = wp.constant(5)
 
 
 @wp.func
-def cell_at(x: Any, table: Any):
-    """Where `x` is in a table: cell, place in it from 0 to 1, cells beyond the ends, and how often it began anew."""
+def table_cell(x: Any, table: Any):
+    """Cell of a table at `x`, place in it from 0 to 1, cells beyond the ends, and how often the table began anew."""
     u = div(x - table.start, table.spacing)
     place = rounded(u)
     cells = type(place)(table.cells)
@@ -43,24 +43,24 @@ def cell_at(x: Any, table: Any):
 
 
 @wp.func
-def cubic(w: Any, c0: Any, c1: Any, c2: Any, c3: Any):
+def cubic_value(w: Any, c0: Any, c1: Any, c2: Any, c3: Any):
     """c_0 + c_1 w + c_2 w^2 + c_3 w^3."""
     return c0 + w * (c1 + w * (c2 + w * c3))
 
 
 @wp.func
-def value_at(x: Any, table: Any, values: Any):
+def table_value(x: Any, table: Any, values: Any):
     """Value of a table at `x`, rounded."""
-    cell, place, beyond, rounds = cell_at(x, table)
+    cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     c2, c3 = leading(values[at + 2]), leading(values[at + 3])
-    return cubic(rounded(place), leading(values[at]), leading(values[at + 1]), c2, c3)
+    return cubic_value(rounded(place), leading(values[at]), leading(values[at + 1]), c2, c3)
 
 
 @wp.func
-def slope_at(x: Any, table: Any, values: Any):
+def table_slope(x: Any, table: Any, values: Any):
     """Slope of a table at `x`, rounded; 0 beyond its ends."""
-    cell, place, beyond, rounds = cell_at(x, table)
+    cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     w = rounded(place)
     c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
@@ -69,16 +69,16 @@ def slope_at(x: Any, table: Any, values: Any):
 
 
 @wp.func
-def track_at(x: Any, table: Any, values: Any):
-    """Value of a table at `x`, a number, with its first and second derivatives, rounded; all 0 without a table."""
+def table_derivatives(x: Any, table: Any, values: Any):
+    """Value of a table at `x`, a number, and its first and second derivatives, rounded; all 0 without a table."""
     w = rounded(x)
     value = number_of(type(w)(0.0))
     slope = type(w)(0.0)
     bend = type(w)(0.0)
     if table.cells > 0:
-        cell, place, beyond, rounds = cell_at(x, table)
+        cell, place, beyond, rounds = table_cell(x, table)
         at = table.first + CELL_VALUES * cell
-        value = cubic(place, values[at], values[at + 1], values[at + 2], values[at + 3])
+        value = cubic_value(place, values[at], values[at + 1], values[at + 2], values[at + 3])
         if rounded(beyond) == type(w)(0.0):
             w = rounded(place)
             c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
@@ -89,13 +89,13 @@ def track_at(x: Any, table: Any, values: Any):
 
 
 @wp.func
-def integral_at(x: Any, table: Any, values: Any):
+def table_integral(x: Any, table: Any, values: Any):
     """Value of a table at `x`, and its integral from x = 0."""
-    cell, w, beyond, rounds = cell_at(x, table)
+    cell, w, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     c0, c1, c2, c3 = values[at], values[at + 1], values[at + 2], values[at + 3]
-    value = cubic(w, c0, c1, c2, c3)
-    integral = values[at + 4] + table.spacing * w * cubic(w, c0, c1 / 2.0, c2 / 3.0, c3 / 4.0)
+    value = cubic_value(w, c0, c1, c2, c3)
+    integral = values[at + 4] + table.spacing * w * cubic_value(w, c0, c1 / 2.0, c2 / 3.0, c3 / 4.0)
     integral = integral + rounds * values[table.first + CELL_VALUES * table.cells]
     return value, integral + beyond * table.spacing * value
 
@@ -128,36 +128,36 @@ def ramp_integral(time: Any, duration: Any):
 
 
 @wp.func
-def course_at(time: Any, motion: Any, ensemble: Any):
+def prescribed_course(time: Any, motion: Any, ensemble: Any):
     """phi, phi' and phi'' of a prescribed body, before its harmonics."""
     phi = motion.speed * ramp_integral(time, motion.ramp_time)
     rate = rounded(motion.speed) * ramp(rounded(time), rounded(motion.ramp_time))
     growth = rounded(motion.speed) * ramp_slope(rounded(time), rounded(motion.ramp_time))
     if motion.drive_table.cells > 0:
-        value, integral = integral_at(time, motion.drive_table, ensemble.tables)
+        value, integral = table_integral(time, motion.drive_table, ensemble.tables)
         phi = integral
         rate = rounded(value)
-        growth = slope_at(time, motion.drive_table, ensemble.tables)
+        growth = table_slope(time, motion.drive_table, ensemble.tables)
     return phi, rate, growth
 
 
 @wp.func
 def phase_sine(harmonic: wp.vec3d):
-    """Sine of a harmonic's phase."""
+    """Sine of a float64 harmonic's phase."""
     sine, cosine = sine_cosine(harmonic[2])
     return sine
 
 
 @wp.func
 def phase_sine(harmonic: wp.vec4f):
-    """The same at float32, where it stands with the harmonic."""
+    """Sine of a float32 harmonic's phase, which is kept with the harmonic."""
     return harmonic[3]
 
 
 @wp.func
-def prescribed_at(time: Any, motion: Any, ensemble: Any):
+def prescribed_rotation(time: Any, motion: Any, ensemble: Any):
     """Angle [rad] and angular velocity [rad/s] of a prescribed body."""
-    phi, rate, growth = course_at(time, motion, ensemble)
+    phi, rate, growth = prescribed_course(time, motion, ensemble)
     angle = phi
     factor = type(rate)(1.0)
     rows = motion.drive_harmonics
@@ -172,7 +172,7 @@ def prescribed_at(time: Any, motion: Any, ensemble: Any):
 @wp.func
 def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
     """Angular acceleration [rad/s^2] of a prescribed body."""
-    phi, rate, growth = course_at(time, motion, ensemble)
+    phi, rate, growth = prescribed_course(time, motion, ensemble)
     factor = type(rate)(1.0)
     slope = type(rate)(0.0)
     rows = motion.drive_harmonics
@@ -185,20 +185,20 @@ def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
 
 
 @wp.func
-def resisted(torque: Any, speed: Any, sign: Any, load: Any):
+def resisting_moment(torque: Any, speed: Any, sign: Any, load: Any):
     """Load moment [N m] at full ramp, from the torque against forward motion [N m]; `load` as in `Motion`."""
     return -(sign * torque + load[1] * speed + load[2] * speed * wp.abs(speed))
 
 
 @wp.func
 def forward_angle(angle: Any, motion: Any):
-    """phi_f [rad] of a body at an angle."""
+    """phi_f [rad] of a body at an angle [rad]."""
     return motion.sign * (angle - motion.start_angle)
 
 
 @wp.func
-def tabulated_over(time: Any, angle: Any, motion: Any):
-    """Time [s] or forward angle [rad], over whichever a load is tabulated."""
+def load_table_argument(time: Any, angle: Any, motion: Any):
+    """Time [s] or forward angle [rad], whichever a load is tabulated over."""
     x = time
     if motion.load_table.over_angle == 1:
         x = forward_angle(angle, motion)
@@ -206,12 +206,12 @@ def tabulated_over(time: Any, angle: Any, motion: Any):
 
 
 @wp.func
-def free_load(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m] of a body that is free to turn, counter-clockwise.
+def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
+    """Load moment [N m], counter-clockwise, of a body that is free to turn.
 
     Args:
         time: rounded [s].
-        tabulated: what of T0 is [N m].
+        tabulated: the table's part of T0 [N m].
         angle, speed: of the body.
         motion, ensemble: its load.
     """
@@ -220,23 +220,23 @@ def free_load(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, en
     for j in range(rows.first, rows.first + rows.count):
         harmonic = ensemble.harmonics[j]
         torque = torque + harmonic[1] * cosine_of(harmonic[0] * forward_angle(angle, motion) + harmonic[2])
-    return resisted(torque, leading(speed), motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
+    return resisting_moment(torque, leading(speed), motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
 
 
 @wp.func
 def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """The load moment [N m] at a time [s]; 0 of a body whose angle is prescribed."""
+    """Load moment [N m], counter-clockwise, at a time [s]; 0 of a body whose angle is prescribed."""
     load = type(motion.inverse_inertia)(0.0)
     if motion.prescribed == 0:
         tabulated = type(load)(0.0)
         if motion.load_table.cells > 0:
-            tabulated = value_at(tabulated_over(time, angle, motion), motion.load_table, ensemble.tables)
-        load = free_load(leading(time), tabulated, angle, speed, motion, ensemble)
+            tabulated = table_value(load_table_argument(time, angle, motion), motion.load_table, ensemble.tables)
+        load = free_load_moment(leading(time), tabulated, angle, speed, motion, ensemble)
     return load
 
 
 @wp.func
 def load_moment_at_speed(time: Any, load: Any, before: Any, speed: Any, motion: Any):
-    """The load moment [N m] at another angular velocity than `before`, where it is `load`."""
+    """Load moment [N m] at an angular velocity `speed`, from the moment `load` at the velocity `before` [rad/s]."""
     change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
     return load - change * ramp(time, motion.load_ramp_time)

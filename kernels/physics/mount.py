@@ -21,7 +21,7 @@ import warp as wp
 
 from ..native import quotient
 from ..number import Pair, add, difference, leading, mul, rounded, sine_cosine, sub, vector  # noqa: F401
-from .motion import track_at
+from .motion import table_derivatives
 
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
@@ -30,26 +30,26 @@ CARRIED = wp.constant(3)
 
 
 @wp.func
-def sine_cosine_of(argument: wp.float64):
-    """Sine and cosine of where a prescribed center is in its motion."""
+def phase_sine_cosine(argument: wp.float64):
+    """Sine and cosine of the phase of a prescribed center's motion, in float64."""
     return wp.sin(argument), wp.cos(argument)
 
 
 @wp.func
-def sine_cosine_of(argument: Pair):
-    """The same at float32."""
+def phase_sine_cosine(argument: Pair):
+    """Sine and cosine of the phase of a prescribed center's motion, in pairs."""
     sine, cosine = sine_cosine(argument)
     return sine, cosine
 
 
 @wp.func
 def prescribed_center(time: Any, mount: Any, ensemble: Any):
-    """Place [m], velocity and acceleration of a prescribed center."""
+    """Position [m], velocity [m/s] and acceleration [m/s^2] of a prescribed center."""
     if mount.x_table.cells + mount.y_table.cells > 0:
-        x, x_rate, x_growth = track_at(time, mount.x_table, ensemble.tables)
-        y, y_rate, y_growth = track_at(time, mount.y_table, ensemble.tables)
+        x, x_rate, x_growth = table_derivatives(time, mount.x_table, ensemble.tables)
+        y, y_rate, y_growth = table_derivatives(time, mount.y_table, ensemble.tables)
         return mount.home + vector(x, y), wp.vector(x_rate, y_rate), wp.vector(x_growth, y_growth)
-    sine, cosine = sine_cosine_of(mount.frequency * time + mount.phase)
+    sine, cosine = phase_sine_cosine(mount.frequency * time + mount.phase)
     along = mount.offset + mount.amplitude * sine
     amplitude, frequency = leading(mount.amplitude), leading(mount.frequency)
     rate = amplitude * frequency * rounded(cosine)
@@ -58,47 +58,47 @@ def prescribed_center(time: Any, mount: Any, ensemble: Any):
 
 
 @wp.func
-def off_home(center: Any, mount: Any):
-    """A body's center from where it is at home [m]."""
+def displacement_from_home(center: Any, mount: Any):
+    """A body's center from its stated center r_0 [m]."""
     return rounded(difference(center, mount.home))
 
 
 @wp.func
-def eccentric(heading: Any, mount: Any):
+def wheel_arm(heading: Any, mount: Any):
     """m_b r_b e [kg m], the wheel's arm from the center; `heading` is (cos theta, sin theta)."""
     w = mount.wheel
     return type(heading)(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
 
 @wp.func
-def left(v: Any):
-    """`v` turned by +90 degrees."""
+def left_normal(v: Any):
+    """A vector turned by +90 degrees."""
     return type(v)(-v[1], v[0])
 
 
 @wp.func
-def spring_force(apart: Any, velocity: Any, mount: Any):
-    """Force of preload, spring and damper on the center [N], which is `apart` from where it is at home [m]."""
-    return mount.preload - mount.stiffness * apart - mount.damping * velocity
+def mount_spring_force(displacement: Any, velocity: Any, mount: Any):
+    """Force of preload, spring and damper on a center [N] that is `displacement` from its home [m]."""
+    return mount.preload - mount.stiffness * displacement - mount.damping * velocity
 
 
 @wp.func
-def accelerations(driven: Any, apart: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
+def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
     """Acceleration of a sprocket's center (x, y) [m/s^2] and of its angle [rad/s^2]; (a) to (c) above.
 
     Args:
         driven: acceleration of a prescribed center, else 0 [m/s^2].
-        apart: its center from where it is at home [m].
+        displacement: its center from where it is at home [m].
         body: its angular velocity and its center's velocity; the first must be that of the instant.
         heading: cosine and sine of its angle.
         wrench: the chain's force and moment on it.
         turning: (1 if the angle is prescribed else 0, its angular acceleration [rad/s^2], load moment [N m]).
         mount: how it is held.
     """
-    arm = eccentric(heading, mount)
-    q = left(arm)
+    arm = wheel_arm(heading, mount)
+    q = left_normal(arm)
     outward = body.speed * body.speed * arm
-    force = wrench.force + mount.mass * mount.gravity + outward + spring_force(apart, body.velocity, mount)
+    force = wrench.force + mount.mass * mount.gravity + outward + mount_spring_force(displacement, body.velocity, mount)
     straight = driven + mount.inverse_mass * force
     angular = turning[1]
     if turning[0] == type(turning[0])(0.0):
@@ -109,37 +109,37 @@ def accelerations(driven: Any, apart: Any, body: Any, heading: Any, wrench: Any,
 
 
 @wp.func
-def mounted_energy(apart: Any, body: Any, heading: Any, mount: Any):
+def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
     """Kinetic and potential energy of a sprocket on its mount, with its wheel and its preload [J]."""
     half = type(body.speed)(0.5)
-    arm = eccentric(heading, mount)
+    arm = wheel_arm(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed
-    energy += body.speed * wp.dot(left(arm), body.velocity)
+    energy += body.speed * wp.dot(left_normal(arm), body.velocity)
     energy -= wp.dot(mount.gravity, mount.mass * body.center + arm)
-    return energy + half * wp.dot(apart, mount.stiffness * apart) - wp.dot(mount.preload, apart)
+    return energy + half * wp.dot(displacement, mount.stiffness * displacement) - wp.dot(mount.preload, displacement)
 
 
 @wp.func
-def holding_force(apart: Any, body: Any, heading: Any, wrench: Any, rates: Any, mount: Any):
-    """Force on the center of what holds it [N]: spring, damper and preload, or whatever prescribes or fixes it."""
-    held = spring_force(apart, body.velocity, mount)
+def holding_force(displacement: Any, body: Any, heading: Any, wrench: Any, rates: Any, mount: Any):
+    """Force [N] that holds the center: spring, damper and preload, or whatever prescribes or fixes it."""
+    held = mount_spring_force(displacement, body.velocity, mount)
     if mount.moves != FREE:
-        arm = eccentric(heading, mount)
+        arm = wheel_arm(heading, mount)
         straight = type(heading)(rates[0], rates[1]) - mount.gravity
-        held = mount.mass * straight + rates[2] * left(arm) - body.speed * body.speed * arm - wrench.force
+        held = mount.mass * straight + rates[2] * left_normal(arm) - body.speed * body.speed * arm - wrench.force
     return held
 
 
 @wp.func
-def prescribing_power(body: Any, heading: Any, held: Any, rates: Any, turned: int, mount: Any):
-    """Power that keeps a prescribed center moving, and a wheel turning at a prescribed angle (`turned` = 1) [W].
+def prescribing_power(body: Any, heading: Any, holding: Any, rates: Any, prescribed: int, mount: Any):
+    """Power [W] that keeps a prescribed center moving, and a wheel turning at a prescribed angle (`prescribed` = 1).
 
     The chain's moment against a prescribed angle is not in it; it is counted with the contacts' work.
     """
     power = type(rates[2])(0.0)
     if mount.moves == PRESCRIBED:
-        power += wp.dot(held, body.velocity)
-    if turned == 1:
+        power += wp.dot(holding, body.velocity)
+    if prescribed == 1:
         straight = type(heading)(rates[0], rates[1]) - mount.gravity
-        power += body.speed * (mount.inertia * rates[2] + wp.dot(left(eccentric(heading, mount)), straight))
+        power += body.speed * (mount.inertia * rates[2] + wp.dot(left_normal(wheel_arm(heading, mount)), straight))
     return power

@@ -93,24 +93,24 @@ from ..number import (  # noqa: F401
 )
 from ..precision import at_float32
 from ..structs import Push, Tensioner, TensionerFlows, TensionerState, types
-from .guide import from_frame
-from .motion import value_at
+from .guide import world_vector
+from .motion import table_value
 from .train import OVER_SPEED
 
 BLOCKS = types(wp.float32, blocks=True)
 BlockFlows = at_float32(TensionerFlows, {})
 """Of one step, without pairs."""
 
-ROUNDS = wp.constant(60)
+MOST_ROUNDS = wp.constant(60)
 """Newton's steps at most; from where z has been heading, one or two do."""
 
-LARGEST = 8.0
+LARGEST_ROOT = 8.0
 """z above any pressure: 8^7 is two million times the ambient one."""
 
-SMALL = 0.03
+SMALL_EXPONENT = 0.03
 """Up to here exp is a polynomial, to 1e-16."""
 
-DREGS = 1e-6
+LEAST_OIL_SHARE = 1e-6
 """Least share of oil in a drained chamber."""
 
 DEGREES = (12, 4, 2, 1, 0, 0, 0)
@@ -126,52 +126,52 @@ SERIES = [
 
 
 @wp.func
-def touch_arm(body: Any, tensioner: Any):
+def plunger_arm(body: Any, tensioner: Any):
     """The point of a body that the plunger touches, from the body's center [m].
 
     Args:
         body: with cosine and sine of its angle.
         tensioner: with the point in the body's own frame.
     """
-    return from_frame(tensioner.point, body)
+    return world_vector(tensioner.point, body)
 
 
 @wp.func
-def extension(center: Any, arm: Any, tensioner: Any):
-    """x [m] of the point `arm` from a body's center, eq. (1)."""
+def plunger_extension(center: Any, arm: Any, tensioner: Any):
+    """x [m] of a plunger at the point `arm` [m] from a body's center, eq. (1)."""
     q = center + arm - tensioner.home
     d = tensioner.direction
     return component(q, 0) * component(d, 0) + component(q, 1) * component(d, 1)
 
 
 @wp.func
-def stroke_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
+def extension_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
     """x' [m/s] of a body that turns at `speed` [rad/s] and whose center moves at `velocity` [m/s], eq. (1)."""
     return wp.dot(velocity + speed * type(velocity)(-arm[1], arm[0]), leading(tensioner.direction))
 
 
 @wp.func
-def stroke_of(body: Any, tensioner: Any):
+def extension_and_rate(body: Any, tensioner: Any):
     """Extension x [m] of a tensioner and its rate [m/s], from the pose of the body that it touches."""
-    arm = touch_arm(body, tensioner)
-    rate = stroke_rate(leading(arm), leading(body.speed), leading(body.velocity), tensioner)
-    return extension(body.center, arm, tensioner), rate
+    arm = plunger_arm(body, tensioner)
+    rate = extension_rate(leading(arm), leading(body.speed), leading(body.velocity), tensioner)
+    return plunger_extension(body.center, arm, tensioner), rate
 
 
 @wp.func
 def chamber_volume(x: Any, tensioner: Any):
-    """V [m^3]; what is left at the bottom where x is below that."""
+    """V [m^3] at an extension; below the bottom, what is left there."""
     return tensioner.volume + tensioner.area * wp.max(rounded(x), tensioner.bottom)
 
 
 @wp.func
-def root_of(pressure: Any, tensioner: Any):
-    """z = (P / P_0)^(1/7)."""
+def pressure_root(pressure: Any, tensioner: Any):
+    """z = (P / P_0)^(1/7) [-] of a pressure P [Pa]."""
     return wp.pow(pressure / tensioner.ambient, type(pressure)(wp.static(1.0 / 7.0)))
 
 
 @wp.func
-def pressure_at(z: Any, tensioner: Any):
+def pressure_of_root(z: Any, tensioner: Any):
     """P = P_0 z^7 [Pa]."""
     square = z * z
     return tensioner.ambient * square * square * square * z
@@ -188,7 +188,7 @@ def compression(z: Any, tensioner: Any):
 
 
 @wp.func
-def supply_at(time: Any, forward: Any, tensioner: Any, tables: Any):
+def supply_pressure(time: Any, forward: Any, tensioner: Any, tables: Any):
     """P_s [Pa] of a tensioner whose supply is tabulated.
 
     Args:
@@ -198,7 +198,7 @@ def supply_at(time: Any, forward: Any, tensioner: Any, tables: Any):
     x = time
     if tensioner.supply_table.over_angle == OVER_SPEED:
         x = number_of(forward)
-    return value_at(x, tensioner.supply_table, tables)
+    return table_value(x, tensioner.supply_table, tables)
 
 
 @wp.func
@@ -237,7 +237,7 @@ def valve_flow(drop: Any, valve: Any, tensioner: Any):
 
 
 @wp.func
-def flows_at(pressure: Any, rate: Any, tensioner: Any):
+def chamber_flows(pressure: Any, rate: Any, tensioner: Any):
     """Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] and their derivatives by P, eq. (7), (8)."""
     supplied, slope = valve_flow(tensioner.supply - pressure, tensioner.check, tensioner)
     drop = pressure - tensioner.ambient
@@ -249,21 +249,21 @@ def flows_at(pressure: Any, rate: Any, tensioner: Any):
 
 
 @wp.func
-def inflow(flows: Any):
+def net_inflow(flows: Any):
     """Q [m^3/s] into the chamber of the flows through gap and valves, eq. (7)."""
     return flows[0] - (flows[1] + flows[2] + flows[3])
 
 
 @wp.func
-def filling(x: wp.float64, state: Any, tensioner: Any):
+def chamber_filling(x: wp.float64, state: Any, tensioner: Any):
     """The chamber's volume V [m^3], and mu - ln(V/V_0) of the oil in it, which is phi where nothing flows, eq. (6)."""
     volume = chamber_volume(x, tensioner)
     return volume, state.content - wp.log(quotient(volume, tensioner.volume))
 
 
 @wp.func
-def filling(x: Pair, state: Any, tensioner: Any):
-    """The same at float32; what is small is held to 2e-9."""
+def chamber_filling(x: Pair, state: Any, tensioner: Any):
+    """The chamber's volume V [m^3] and mu - ln(V/V_0) of the oil in it, from pairs, within 2e-9 where small."""
     reach = x
     if x.high < tensioner.bottom:
         reach = number_of(tensioner.bottom)
@@ -276,7 +276,7 @@ def exponential(x: Any):
     """exp(x), quick where x is small."""
     one = type(x)(1.0)
     value = one
-    if wp.abs(x) < type(x)(wp.static(SMALL)):
+    if wp.abs(x) < type(x)(wp.static(SMALL_EXPONENT)):
         for k in range(8):
             value = one + x * type(x)(wp.static(1.0 / (8 - k))) * value
     else:
@@ -285,7 +285,7 @@ def exponential(x: Any):
 
 
 @wp.func
-def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
+def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
     """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6). Both times a number above 0.
 
     Returned with flows and their derivatives by z.
@@ -303,37 +303,37 @@ def imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
     flows = wp.vector(zero, zero, zero, zero)
     changes = flows
     if per_volume > zero:
-        pressure = pressure_at(z, t)
-        flows, changes = flows_at(pressure, rate, t)
-        part = wp.max(-per_volume * inflow(flows), type(z)(-0.99))
+        pressure = pressure_of_root(z, t)
+        flows, changes = chamber_flows(pressure, rate, t)
+        part = wp.max(-per_volume * net_inflow(flows), type(z)(-0.99))
         steep = type(z)(7.0) * pressure
         whole = z * (type(z)(1.0) + part)
         rest = whole * (rest + log_of_sum(part))
-        slope = whole * slope - per_volume * inflow(changes) * steep
+        slope = whole * slope - per_volume * net_inflow(changes) * steep
         changes = changes * quotient(steep, z)
     return rest, slope, flows, changes
 
 
 @wp.func
-def close_to(z: wp.float64):
-    """A step of Newton's that is smaller than this is the last (the error is then about its square)."""
+def newton_tolerance(z: wp.float64):
+    """A Newton step below this is the last in float64 (the error is then about its square)."""
     return wp.float64(1e-6) * z
 
 
 @wp.func
-def close_to(z: wp.float32):
-    """The same at float32."""
+def newton_tolerance(z: wp.float32):
+    """A Newton step below this is the last in float32."""
     return 1.0e-4 * z
 
 
 @wp.func
-def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
-    """z of eq. (9), or of eq. (6) where h = 0, or the lowest z where that is below it; by Newton's method in a bracket.
+def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
+    """z of eq. (9), of eq. (6) where h = 0, or the lowest z where that is above it; by Newton's method in a bracket.
 
-    Returned with the flows there, from those of the last evaluation and their derivatives.
+    Returned with the flows there [m^3/s], from those of the last evaluation and their derivatives.
 
     Args:
-        content: mu - ln(V/V_0) of the oil, as `filling` gives it.
+        content: mu - ln(V/V_0) of the oil (`chamber_filling`).
         per_volume: h / V [s/m^3].
         rate: x' [m/s].
         near: a z to begin at.
@@ -341,14 +341,14 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any,
         tensioner: its data.
     """
     low = type(near)(0.0)
-    high = type(near)(wp.static(LARGEST))
+    high = type(near)(wp.static(LARGEST_ROOT))
     z = near
     change = high
     zero = type(near)(0.0)
     flows = wp.vector(zero, zero, zero, zero)
     rounds = int(0)
-    while rounds < ROUNDS and wp.abs(change) > close_to(z):
-        rest, slope, there, changes = imbalance(z, content, per_volume, rate, tensioner)
+    while rounds < MOST_ROUNDS and wp.abs(change) > newton_tolerance(z):
+        rest, slope, there, changes = flow_imbalance(z, content, per_volume, rate, tensioner)
         if rest > type(near)(0.0):
             high = z
         else:
@@ -364,8 +364,8 @@ def solved_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any,
 
 
 @wp.func
-def lowest(state: Any, tensioner: Any):
-    """z below which none falls: that of P_0 while there is air in a drained chamber, then that of P_v."""
+def lowest_root(state: Any, tensioner: Any):
+    """The least z that oil can have: that of P_0 while there is air in a drained chamber, then that of P_v."""
     z = tensioner.floor
     if state.unfilled > type(z)(0.0):
         z = type(z)(1.0)
@@ -377,12 +377,12 @@ def root_before(state: Any, tensioner: Any):
     """z at the last step's end, or of the pressure at rest where that is not known."""
     z = state.root
     if z <= type(z)(0.0):
-        z = root_of(tensioner.rest, tensioner)
+        z = pressure_root(tensioner.rest, tensioner)
     return z
 
 
 @wp.func
-def pressure_of(x: Any, kept: bool, state: Any, tensioner: Any):
+def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
     """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring.
 
     Args:
@@ -395,17 +395,17 @@ def pressure_of(x: Any, kept: bool, state: Any, tensioner: Any):
     if tensioner.hydraulic == 1:
         z = state.root
         if not kept or z <= type(z)(0.0):
-            volume, content = filling(x, state, tensioner)
+            volume, content = chamber_filling(x, state, tensioner)
             zero = type(z)(0.0)
             before = root_before(state, tensioner)
-            z, flows = solved_root(content, zero, zero, before, lowest(state, tensioner), tensioner)
-        pressure = pressure_at(z, tensioner)
+            z, flows = solve_root(content, zero, zero, before, lowest_root(state, tensioner), tensioner)
+        pressure = pressure_of_root(z, tensioner)
     return pressure
 
 
 @wp.func
-def elastic_push(x: Any, pressure: Any, tensioner: Any):
-    """(P - P_0) A + f_0 - k x [N], the spring pushing only where there is no oil, eq. (2), (3)."""
+def elastic_plunger_force(x: Any, pressure: Any, tensioner: Any):
+    """(P - P_0) A + f_0 - k x [N], not below 0 without oil, eq. (2), (3)."""
     push = tensioner.preload - tensioner.stiffness * rounded(x)
     if tensioner.hydraulic == 0:
         push = wp.max(push, type(pressure)(0.0))
@@ -414,7 +414,7 @@ def elastic_push(x: Any, pressure: Any, tensioner: Any):
 
 @wp.func
 def stop_place(state: Any, tensioner: Any):
-    """x_s [m] below which the stop pushes out, eq. (12)."""
+    """x_s [m], the extension below which the stop pushes out, eq. (12)."""
     place = tensioner.bottom
     pitch = tensioner.ratchet_pitch
     if pitch > type(pitch)(0.0):
@@ -424,7 +424,7 @@ def stop_place(state: Any, tensioner: Any):
 
 @wp.func
 def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
-    """F_s [N], eq. (12)."""
+    """F_s [N] of ratchet or bottom, eq. (12)."""
     force = type(rate)(0.0)
     depth = stop_place(state, tensioner) - rounded(x)
     if depth > force:
@@ -439,35 +439,35 @@ def tensioner_force(x: Any, rate: Any, kept: bool, state: Any, tensioner: Any):
     Args:
         x: extension [m].
         rate: x' [m/s].
-        kept: as in `pressure_of`.
+        kept: as in `chamber_pressure`.
         state: of oil and ratchet.
         tensioner: its data.
     """
-    pressure = pressure_of(x, kept, state, tensioner)
-    push = elastic_push(x, pressure, tensioner) - tensioner.damping * rate
+    pressure = chamber_pressure(x, kept, state, tensioner)
+    push = elastic_plunger_force(x, pressure, tensioner) - tensioner.damping * rate
     return wp.max(push, type(rate)(0.0)) + stop_force(x, rate, state, tensioner), pressure
 
 
 @wp.func
-def no_push(tensioner: Tensioner):
-    """A push of nothing."""
+def zero_push(tensioner: Tensioner):
+    """No push, in float64."""
     return Push()
 
 
 @wp.func
-def no_push(tensioner: BLOCKS.Tensioner):
-    """The same at float32."""
+def zero_push(tensioner: BLOCKS.Tensioner):
+    """No push, as blocks at float32 have it."""
     return BLOCKS.Push()
 
 
 @wp.func
-def push_by(body: Any, kept: bool, remembered: Any, tensioner: Any):
-    """The force of a tensioner on its body, and its moment there; `kept` as in `pressure_of`."""
-    arm = touch_arm(body, tensioner)
+def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
+    """Force of a tensioner on its body and its moment there (`structs.Push`); `kept` as in `chamber_pressure`."""
+    arm = plunger_arm(body, tensioner)
     lever = leading(arm)
-    push = no_push(tensioner)
-    push.extension = extension(body.center, arm, tensioner)
-    rate = stroke_rate(lever, leading(body.speed), leading(body.velocity), tensioner)
+    push = zero_push(tensioner)
+    push.extension = plunger_extension(body.center, arm, tensioner)
+    rate = extension_rate(lever, leading(body.speed), leading(body.velocity), tensioner)
     force, pressure = tensioner_force(push.extension, rate, kept, remembered, tensioner)
     push.force = force
     push.pressure = pressure
@@ -477,14 +477,14 @@ def push_by(body: Any, kept: bool, remembered: Any, tensioner: Any):
 
 
 @wp.func
-def lost_power(push: Any, rate: Any, state: Any, tensioner: Any):
-    """Power [W] that the dampers of spring and stop take, eq. (13), and that of suction, eq. (14).
+def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
+    """Power [W] that the dampers of spring and stop take, eq. (13), and power of suction, eq. (14).
 
     `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog: what dampers take at
     one speed is never below 0.
     """
     zero = type(rate)(0.0)
-    elastic = elastic_push(push.extension, push.pressure, tensioner)
+    elastic = elastic_plunger_force(push.extension, push.pressure, tensioner)
     pushed = wp.max(elastic - tensioner.damping * rate, zero)
     lost = (elastic - pushed) * rate
     suction = zero
@@ -497,8 +497,8 @@ def lost_power(push: Any, rate: Any, state: Any, tensioner: Any):
 
 
 @wp.func
-def expanded(z: Any, tensioner: Any):
-    """K [Pa], eq. (10a), and phi."""
+def energy_series(z: Any, tensioner: Any):
+    """K [Pa], eq. (10a), and phi of oil at z."""
     square = z * z
     q = tensioner.oil_share * square * square * square * z
     b = quotient(tensioner.air_share, square * square * z)
@@ -508,13 +508,13 @@ def expanded(z: Any, tensioner: Any):
         for j in range(wp.static(DEGREES[len(SERIES) - 1 - i] + 1)):
             row = row * b + type(z)(wp.static(SERIES[len(SERIES) - 1 - i][DEGREES[len(SERIES) - 1 - i] - j]))
         total = total * q + row
-    return pressure_at(z, tensioner) * total, q - b
+    return pressure_of_root(z, tensioner) * total, q - b
 
 
 @wp.func
 def specific_energy(z: Any, tensioner: Any):
     """u [Pa] of the oil, eq. (10), (10a), and its volume exp(-phi) a unit of M."""
-    energy, phi = expanded(z, tensioner)
+    energy, phi = energy_series(z, tensioner)
     volume = exponential(-phi)
     return energy + tensioner.ambient * volume - tensioner.still, volume
 
@@ -523,13 +523,13 @@ def specific_energy(z: Any, tensioner: Any):
 def enthalpy(z: Any, tensioner: Any):
     """H [Pa] of the oil, eq. (10)."""
     energy, volume = specific_energy(z, tensioner)
-    return energy + (pressure_at(z, tensioner) - tensioner.ambient) * volume
+    return energy + (pressure_of_root(z, tensioner) - tensioner.ambient) * volume
 
 
 @wp.func
 def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
     """U [J], eq. (11); 0 at the ambient pressure."""
-    energy, volume = specific_energy(root_of(pressure, tensioner), tensioner)
+    energy, volume = specific_energy(pressure_root(pressure, tensioner), tensioner)
     mass = tensioner.volume * wp.exp(rounded(state.content))
     vapor = chamber_volume(x, tensioner) - mass * volume
     return mass * energy - (pressure - tensioner.ambient) * vapor
@@ -537,7 +537,7 @@ def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
-    """Stored in spring, stop and oil [J] at a pressure [Pa]; the spring's is 0 at x = 0."""
+    """Energy of spring, stop and oil [J] at a pressure [Pa]; the spring's is 0 at x = 0."""
     half = type(tensioner.volume)(0.5)
     zero = type(tensioner.volume)(0.0)
     reach = rounded(x)
@@ -552,46 +552,46 @@ def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 
 @wp.func
-def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Powers [W] as of `lost_power` at an extension [m] that changes at `rate` [m/s]."""
+def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """Powers [W] of dampers, eq. (13), and of suction, eq. (14), at an extension [m] that changes at `rate` [m/s]."""
     push = Push()
     push.extension = x
-    push.pressure = pressure_of(x, True, state, tensioner)
-    lost, suction = lost_power(push, rate, state, tensioner)
+    push.pressure = chamber_pressure(x, True, state, tensioner)
+    lost, suction = plunger_losses(push, rate, state, tensioner)
     return lost, suction
 
 
 @wp.func
 def resting_state(x: wp.float64, tensioner: Tensioner):
-    """The state at rest at an extension: the check valve brings in what goes out, Q = 0; the ratchet latched there."""
+    """The state at rest at an extension: what flows out comes in by the check valve; the ratchet is latched."""
     state = TensionerState()
     state.farthest = x
     if tensioner.hydraulic == 1:
-        state.root = root_of(tensioner.rest, tensioner)
+        state.root = pressure_root(tensioner.rest, tensioner)
         phi, slope = compression(state.root, tensioner)
         state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
         if tensioner.drained > wp.float64(0.0):
-            state.content += wp.log(wp.max(wp.float64(1.0) - tensioner.drained, wp.float64(wp.static(DREGS))))
+            state.content += wp.log(wp.max(wp.float64(1.0) - tensioner.drained, wp.float64(wp.static(LEAST_OIL_SHARE))))
             state.unfilled = wp.float64(1.0)
             state.root = wp.float64(0.0)
     return state
 
 
 @wp.func
-def no_flows(h: wp.float64):
-    """Where nothing has flowed yet."""
+def zero_flows(h: wp.float64):
+    """No flows, in float64."""
     return TensionerFlows()
 
 
 @wp.func
-def no_flows(h: wp.float32):
-    """The same at float32."""
+def zero_flows(h: wp.float32):
+    """No flows of a step, in float32."""
     return BlockFlows()
 
 
 @wp.func
-def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
-    """Adds to the flows of a step their energies; `before` and `z` are its ends'.
+def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
+    """Flows of a step with their energies [J]; `before` and `z` are at its start and its end.
 
     What flows has the enthalpy at the mean z of both: with it, work on the plunger by the mean of the forces at both
     ends and what is stored, lost and supplied differ by O(h^2).
@@ -603,58 +603,58 @@ def flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
     if flows.supplied > type(z)(0.0):
         supplied = tensioner.supplied
         if tensioner.supply_table.cells > 0:
-            supplied = enthalpy(root_of(tensioner.supply, tensioner), tensioner)
+            supplied = enthalpy(pressure_root(tensioner.supply, tensioner), tensioner)
         flows.supply_work = supplied * density * flows.supplied
         flows.valve_loss = flows.supply_work - middle * density * flows.supplied
     return flows
 
 
 @wp.func
-def oil_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """The oil after a step, and what flowed, eq. (9); with energies where it is metered."""
+def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
+    """The oil after a step and what flowed in it, eq. (9); with energies where it is `metered`."""
     before = root_before(state, tensioner)
     if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
-    volume, content = filling(x, state, tensioner)
+    volume, content = chamber_filling(x, state, tensioner)
     per_volume = quotient(h, volume)
-    floor = lowest(state, tensioner)
+    floor = lowest_root(state, tensioner)
     near = wp.max(before + state.growth + state.bend, floor)  # so that one evaluation does as a rule
-    z, rates = solved_root(content, per_volume, rate, near, floor, tensioner)
-    flows = no_flows(h)
+    z, rates = solve_root(content, per_volume, rate, near, floor, tensioner)
+    flows = zero_flows(h)
     flows.supplied = h * rates[0]
     flows.leaked = h * rates[1]
     flows.relieved = h * rates[2]
     flows.vented = h * rates[3]
     phi, slope = compression(z, tensioner)
-    gain = per_volume * inflow(rates)
+    gain = per_volume * net_inflow(rates)
     state.content = trimmed(state.content + log_of_sum(exponential(phi - content) * gain))
     state.root = z
     growth = z - before
     state.bend = growth - state.growth
     state.growth = growth
     if metered:
-        flows = flow_energies(flows, before, z, tensioner)
+        flows = add_flow_energies(flows, before, z, tensioner)
     if state.unfilled > type(h)(0.0):
         flows.filling = h
-        state.unfilled = wp.where(pressure_at(z, tensioner) > tensioner.ambient, type(h)(0.0), type(h)(1.0))
+        state.unfilled = wp.where(pressure_of_root(z, tensioner) > tensioner.ambient, type(h)(0.0), type(h)(1.0))
     flows.unfilled = state.unfilled
     return state, flows
 
 
 @wp.func
-def tensioner_step(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """The state after a step of `h` [s], once the body has moved, and what flowed in it.
+def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
+    """A tensioner's state after a step, once its body has moved, and what flowed in it.
 
     Args:
         x: extension after the step [m].
         rate: x' over the step [m/s].
-        h: [s].
+        h: the step [s].
         metered: whether the energies of what flowed are wanted.
         state: before the step.
         tensioner: its data.
     """
-    flows = no_flows(h)
+    flows = zero_flows(h)
     if tensioner.hydraulic == 1:
-        state, flows = oil_step(x, rate, h, metered, state, tensioner)
+        state, flows = advance_oil(x, rate, h, metered, state, tensioner)
     state.farthest = wp.max(state.farthest, rounded(x))
     return state, flows

@@ -35,12 +35,12 @@ import warp as wp
 
 from ..native import dot, inverse_root, larger, load_constant, multiply_add, products, reciprocal, root
 from ..number import Pair, PairVector, fused, leading, pair
-from .contact import turned
+from .contact import rotated_vector
 
 
 @wp.func
 def wrapped_seat(seat: int, teeth: int):
-    """The seat from 0 to teeth - 1 that `seat`, at most a revolution off, is."""
+    """A seat's number, at most a revolution off, brought to the range from 0 to teeth - 1."""
     if seat < 0:
         seat = seat + teeth
     if seat >= teeth:
@@ -76,8 +76,11 @@ def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
 
 
 @wp.func
-def endless_gap(xi: Any, lateral: Any, gap: Any):
-    """As `tooth_gap`, of a gap whose flanks have no tips."""
+def tipless_gap(xi: Any, lateral: Any, gap: Any):
+    """Penetration [m] and the normal's components along e and tau in a gap whose flanks have no tips.
+
+    Arguments as of `tooth_gap`.
+    """
     zero = type(xi)(0.0)
     one = type(xi)(1.0)
     eta = wp.abs(lateral)
@@ -108,7 +111,10 @@ def endless_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
-    """As `tooth_gap` without branches, of straight flanks and no tip; and whether the roller is there (1, else 0)."""
+    """Penetration [m] and normal in a gap of straight flanks without tips, without branches.
+
+    Returned with 1 where that applies to the roller, else 0. Arguments as of `tooth_gap`.
+    """
     zero = type(xi)(0.0)
     eta = wp.abs(lateral)
     side = wp.where(lateral >= zero, type(xi)(1.0), type(xi)(-1.0))
@@ -129,7 +135,7 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
 
 
 @wp.func
-def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
+def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
     """Whether a roller, `penetration` deep in a gap without tips or about to touch it, is less deep in the tip."""
     if penetration > -gap.law.ahead:
         radial = gap.pitch_radius + xi
@@ -139,8 +145,11 @@ def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
 
 
 @wp.func
-def on_tip(xi: Any, lateral: Any, gap: Any):
-    """As `tooth_gap`, of a tip."""
+def tip_gap(xi: Any, lateral: Any, gap: Any):
+    """Penetration [m] in a tip and the normal's components along e and tau.
+
+    Arguments as of `tooth_gap`.
+    """
     radial = gap.pitch_radius + xi
     square = products(radial, radial, lateral, lateral)
     inverse = inverse_root(square)
@@ -156,10 +165,10 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
         lateral: q . tau [m].
         gap: the sprocket's tooth gap (`structs.Sprocket`).
     """
-    penetration, along, across = endless_gap(xi, lateral, gap)
+    penetration, along, across = tipless_gap(xi, lateral, gap)
     at = wp.vector(penetration, along, across)
-    if beyond_tip(penetration, xi, lateral, gap):
-        penetration_of_tip, along_of_tip, across_of_tip = on_tip(xi, lateral, gap)
+    if is_beyond_tip(penetration, xi, lateral, gap):
+        penetration_of_tip, along_of_tip, across_of_tip = tip_gap(xi, lateral, gap)
         at[0] = penetration_of_tip
         at[1] = along_of_tip
         at[2] = across_of_tip
@@ -167,28 +176,28 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
 
 
 @wp.func
-def gridded(value: wp.float32, magic: wp.float32):
-    """`value` on the grid of spacing `magic` / 1.5 / 2^23."""
+def grid_value(value: wp.float32, magic: wp.float32):
+    """`value` rounded to the grid of spacing `magic` / 1.5 / 2^23."""
     return (value + magic) - magic
 
 
 @wp.func
-def reach_of(part: Pair, radius: Pair, magic: wp.float32):
-    """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_of`) [m]."""
-    high = gridded(radius.high * part.high, magic)
+def grid_product(part: Pair, radius: Pair, magic: wp.float32):
+    """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_magic`) [m]."""
+    high = grid_value(radius.high * part.high, magic)
     low = fused(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
     return pair(high, low)
 
 
 @wp.func
-def grid_of(radius: wp.float32):
-    """The `magic` of `gridded` for a grid of 2^-12 of the power of two above `radius`."""
+def grid_magic(radius: wp.float32):
+    """The `magic` of `grid_value` for a grid of 2^-12 of the power of two above `radius`."""
     return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
 
 
 @wp.func
-def in_gap(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
-    """A roller in the gap of a seat.
+def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
+    """Where a roller is in the gap of a seat, in float64.
 
     Args:
         p: roller from the sprocket's center [m].
@@ -199,14 +208,17 @@ def in_gap(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
     Returns:
         Direction e in which the seat is now, the roller's place along e from the center, xi and eta [m].
     """
-    e = turned(direction, body.cosine, body.sine)
+    e = rotated_vector(direction, body.cosine, body.sine)
     radial = dot(p, e)
     return e, radial, radial - sprocket.exact_radius, products(p[1], e[0], -p[0], e[1])
 
 
 @wp.func
-def in_gap(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
-    """The same from pairs, (a); `direction` has high parts (x, y) and low parts (x, y)."""
+def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
+    """Where a roller is in the gap of a seat, from pairs, (a): e, its place along e, xi and eta [m].
+
+    `direction` has high parts (x, y) and low parts (x, y).
+    """
     c = body.reach_cosine
     s = body.reach_sine
     x = direction[0] + direction[2]
@@ -222,14 +234,23 @@ def in_gap(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
 
 
 @wp.func
-def seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: Any, seats: Any):
-    """As `tracked_seat`, from seat `number`, which points to `direction` at angle zero."""
-    e, radial, xi, lateral = in_gap(p, direction, body, sprocket)
+def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: Any, seats: Any):
+    """The seat of a roller and its place there: its number, direction e, xi and eta [m].
+
+    Args:
+        p: roller from the sprocket's center [m].
+        number: a seat at most two from the roller's.
+        direction: of that seat, at angle zero.
+        body: where the sprocket is.
+        sprocket: its teeth (`structs.Sprocket`).
+        seats: directions of the seats at angle zero.
+    """
+    e, radial, xi, lateral = gap_coordinates(p, direction, body, sprocket)
     step = seat_step(radial, lateral, type(radial)(sprocket.half_pitch_tangent))
     tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
     while step != 0 and tries > 0:
         number = wrapped_seat(number + step, sprocket.teeth)
-        next_e, radial, next_xi, next_lateral = in_gap(
+        next_e, radial, next_xi, next_lateral = gap_coordinates(
             p, load_constant(seats, sprocket.first_seat + number), body, sprocket
         )
         e = next_e
@@ -257,25 +278,31 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
     number = kept
     if number < 0:
         number = nearest_seat(leading(p), leading(body.cosine), leading(body.sine), sprocket.teeth)
-    return seat_from(p, number, load_constant(seats, sprocket.first_seat + number), body, sprocket, seats)
+    return tracked_seat_from(p, number, load_constant(seats, sprocket.first_seat + number), body, sprocket, seats)
 
 
 @wp.func
-def turning_velocity(omega: Any, arm: Any, v: Any):
-    """Velocity [m/s] of a sprocket's point, `arm` from its center, relative to one that moves off at `v`."""
+def relative_tooth_velocity(omega: Any, arm: Any, v: Any):
+    """Velocity [m/s] of a sprocket's point, `arm` [m] from its center, less that of a roller.
+
+    Args:
+        omega: the sprocket's angular velocity [rad/s].
+        arm: [m].
+        v: the roller's velocity less the center's [m/s].
+    """
     return type(arm)(multiply_add(-omega, arm[1], -v[0]), multiply_add(omega, arm[0], -v[1]))
 
 
 @wp.func
-def in_teeth(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprocket: Any):
+def tooth_contact(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprocket: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
 
     Args:
         arm: roller from the sprocket's center [m].
         v: roller's velocity relative to the center's [m/s].
         omega: sprocket's angular velocity [rad/s].
-        e, xi, lateral: of the roller in its gap (`in_gap`) [m].
+        e, xi, lateral: of the roller in its gap (`gap_coordinates`) [m].
         sprocket: its teeth (`structs.Sprocket`).
     """
     penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
-    return penetration, turned(e, normal_radial, normal_lateral), turning_velocity(omega, arm, v)
+    return penetration, rotated_vector(e, normal_radial, normal_lateral), relative_tooth_velocity(omega, arm, v)

@@ -1,4 +1,4 @@
-r"""Shafts, gears, couplings and motors: moments that bodies pass on to each other, and what drives them.
+r"""Shafts, gears, couplings and motors: the moments between bodies that turn together, and those that drive them.
 
 Bodies that a shaft or gears tie are a train, of which body b turns rho_b times as fast as the first. With M_b the
 moment of contacts, load, motor and couplings on body b,
@@ -29,7 +29,7 @@ from typing import Any
 import warp as wp
 
 from ..number import add, difference, leading, mul, number_of, rounded, sub  # noqa: F401
-from .motion import forward_angle, ramp, value_at
+from .motion import forward_angle, ramp, table_value
 
 OVER_SPEED = wp.constant(2)
 """`Tabulated.over_angle` of a motor's table over speed."""
@@ -56,14 +56,14 @@ def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tab
             x = forward_angle(angle, motion)
         elif motor.table.over_angle == OVER_SPEED:
             x = number_of(forward)
-        torque = torque + value_at(x, motor.table, tables)
+        torque = torque + table_value(x, motor.table, tables)
     if motor.power > type(torque)(0.0) and torque * forward > motor.power:
         torque = motor.power / forward
     return motion.sign * torque * ramp(rounded(time), motor.ramp_time)
 
 
 @wp.func
-def twist_of(first: Any, second: Any, engaged: Any):
+def coupling_twist(first: Any, second: Any, engaged: Any):
     """Twist [rad] of a coupling and its rate [rad/s], from the states of its bodies; both 0 while it is open."""
     ratio = engaged.ratio
     twist = difference(first.angle - ratio * second.angle, engaged.rest)
@@ -74,21 +74,21 @@ def twist_of(first: Any, second: Any, engaged: Any):
 
 
 @wp.func
-def twisted(twist: Any, coupling: Any):
-    """d of (c) [rad]."""
+def twist_beyond_lash(twist: Any, coupling: Any):
+    """d of (c): a coupling's twist beyond its lash [rad]."""
     zero = type(twist)(0.0)
     return wp.max(twist - coupling.lash, zero) + wp.min(twist + coupling.lash, zero)
 
 
 @wp.func
 def unbounded_moment(twist: Any, rate: Any, coupling: Any):
-    """Moment [N m] of (c), whatever the capacity."""
-    return coupling.stiffness * twisted(twist, coupling) + damping_at(twist, coupling) * rate
+    """Moment [N m] of a coupling (c), whatever its capacity."""
+    return coupling.stiffness * twist_beyond_lash(twist, coupling) + coupling_damping(twist, coupling) * rate
 
 
 @wp.func
-def damping_at(twist: Any, coupling: Any):
-    """c [N m s/rad] beyond the lash, 0 within."""
+def coupling_damping(twist: Any, coupling: Any):
+    """Damping c of a coupling beyond its lash [N m s/rad], 0 within."""
     return wp.where(wp.abs(twist) >= coupling.lash, coupling.damping, type(twist)(0.0))
 
 
@@ -101,7 +101,7 @@ def coupling_moment(twist: Any, rate: Any, coupling: Any, engaged: Any):
 @wp.func
 def coupling_energy(twist: Any, coupling: Any):
     """Energy [J] of a coupling's spring."""
-    beyond = twisted(twist, coupling)
+    beyond = twist_beyond_lash(twist, coupling)
     return type(twist)(0.5) * coupling.stiffness * beyond * beyond
 
 
@@ -109,12 +109,12 @@ def coupling_energy(twist: Any, coupling: Any):
 def coupling_loss(twist: Any, rate: Any, coupling: Any, engaged: Any):
     """Power [W] that a coupling's damper takes."""
     over = coupling_moment(twist, rate, coupling, engaged) - unbounded_moment(twist, rate, coupling)
-    return damping_at(twist, coupling) * rate * rate + over * rate
+    return coupling_damping(twist, coupling) * rate * rate + over * rate
 
 
 @wp.func
-def ratio_at(time: Any, before: Any, coupling: Any, tables: Any):
-    """Ratio of the last row of a coupling's ratios that has begun; `before` where it has none."""
+def coupling_ratio(time: Any, before: Any, coupling: Any, tables: Any):
+    """A coupling's ratio of the last of its rows (time, ratio) that has begun; `before` without rows."""
     ratio = type(before)(before)
     for at in range(coupling.first_ratio, coupling.first_ratio + 2 * coupling.ratios, 2):
         if difference(time, tables[at]) >= type(ratio)(0.0):
@@ -123,29 +123,30 @@ def ratio_at(time: Any, before: Any, coupling: Any, tables: Any):
 
 
 @wp.func
-def engaged_at(time: Any, first: Any, second: Any, before: Any, coupling: Any, tables: Any):
-    """State of a coupling from a step's start on: its ratio in use, and slipped as far as its capacity asks (d).
+def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: Any, tables: Any):
+    """State of a coupling from a step's start on: its ratio in use, its slip as far as its capacity asks (d).
 
     Args:
         time: a number [s].
         first, second: states of its bodies.
         before: its state in the step before.
+        coupling: `structs.Coupling`.
         tables: values of all tables.
     """
     now = before
-    twist, rate = twist_of(first, second, before)
+    twist, rate = coupling_twist(first, second, before)
     zero = type(twist)(0.0)
     now.lost = zero
-    now.ratio = ratio_at(time, before.ratio, coupling, tables)
+    now.ratio = coupling_ratio(time, before.ratio, coupling, tables)
     if coupling.capacity > zero:
         now.capacity = coupling.capacity
         if coupling.engagement.cells > 0:
-            now.capacity = coupling.capacity * value_at(time, coupling.engagement, tables)
+            now.capacity = coupling.capacity * table_value(time, coupling.engagement, tables)
     if now.ratio != before.ratio:
         now.rest = first.angle - now.ratio * second.angle
         now.lost = coupling_energy(twist, coupling)
     elif coupling.capacity > zero:
-        beyond, most = twisted(twist, coupling), now.capacity / coupling.stiffness
+        beyond, most = twist_beyond_lash(twist, coupling), now.capacity / coupling.stiffness
         slip = beyond - wp.clamp(beyond, -most, most)
         now.rest = before.rest + slip
         now.lost = now.capacity * wp.abs(slip)
@@ -153,8 +154,8 @@ def engaged_at(time: Any, first: Any, second: Any, before: Any, coupling: Any, t
 
 
 @wp.func
-def own_energy(energy: wp.float64, speed: wp.float64, motion: Any):
-    """Energy [J] of a body of a train without that of the others, whose inertia it sees and `energy` has."""
+def own_body_energy(energy: wp.float64, speed: wp.float64, motion: Any):
+    """Energy [J] of a body of a train by its own inertia, from `energy` by the inertia of the whole train."""
     if motion.prescribed == 0:
         others = wp.float64(motion.own_inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
         energy = energy + wp.float64(0.5) * speed * speed * others
@@ -162,6 +163,6 @@ def own_energy(energy: wp.float64, speed: wp.float64, motion: Any):
 
 
 @wp.func
-def on_side(gear: Any, b: int):
+def is_on_gear_side(gear: Any, b: int):
     """Whether body `b` of the drive is beyond a pair of gears, on the side of its second."""
     return (gear.side >> wp.int64(b)) & wp.int64(1) != wp.int64(0)

@@ -22,7 +22,7 @@ import warp as wp
 
 from ..native import quotient
 from ..number import add, leading, mul, number_of, rounded, sub  # noqa: F401
-from .motion import track_at
+from .motion import table_derivatives
 
 
 @wp.func
@@ -32,16 +32,16 @@ def cam_angle(angle: Any, phase: Any, valve: Any, motion: Any):
 
 
 @wp.func
-def lift_at(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
-    """Lift of a group's k-th cam and its first and second derivative by the forward angle, as a vector [m], rounded."""
+def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
+    """Lift of a group's k-th cam and its two derivatives by the forward angle, a vector [m], rounded."""
     turned = cam_angle(angle, tables[valve.first_phase + k], valve, motion)
-    lift, slope, bend = track_at(turned, valve.lift, tables)
+    lift, slope, bend = table_derivatives(turned, valve.lift, tables)
     return wp.vector(valve.height * leading(lift), valve.height * slope, valve.height * bend)
 
 
 @wp.func
-def with_valves(cam: Any, at: Any, valve: Any):
-    """Inertia and moment of the valves on a body, with those of one cam of a group more, `at` its `lift_at`."""
+def add_cam(cam: Any, at: Any, valve: Any):
+    """Inertia and moment of the valves on a body with those of one more cam, whose `cam_lift` is `at`."""
     half = type(valve.mass)(0.5)
     lift, slope, bend = at[0], at[1], at[2]
     cam.inertia = cam.inertia + valve.count * valve.mass * slope * slope
@@ -52,8 +52,8 @@ def with_valves(cam: Any, at: Any, valve: Any):
 
 
 @wp.func
-def geared(total: Any, cam: Any, ratio: Any):
-    """Inertia and moment of valves as a body has them, with those on another that turns `ratio` times as fast."""
+def add_geared_cam(total: Any, cam: Any, ratio: Any):
+    """Inertia and moment of valves seen by a body, with those on another that turns `ratio` times as fast."""
     total.inertia = total.inertia + ratio * ratio * cam.inertia
     total.growth = total.growth + ratio * ratio * ratio * cam.growth
     total.moment = total.moment + ratio * cam.moment
@@ -61,25 +61,25 @@ def geared(total: Any, cam: Any, ratio: Any):
 
 
 @wp.func
-def valves_share(speed: Any, kick: Any, cam: Any, motion: Any):
-    """Inertia of the valves of a train over a step (c), over that of the train without them."""
+def valve_inertia_share(speed: Any, kick: Any, cam: Any, motion: Any):
+    """Inertia of a train's valves over a step (c), divided by that of the train without them."""
     return motion.inverse_inertia * (cam.inertia + kick * cam.growth * speed)
 
 
 @wp.func
-def constant_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
-    """The moment [N m] that would turn a body of the inertia without valves as `moment` does with them (c).
+def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
+    """Moment [N m] that turns a body without its valves' inertia as `moment` turns it with them (c).
 
     Args:
-        moment: of all else [N m].
-        speed: of the body, with leapfrog that of half a step before [rad/s].
+        moment: of all but valves [N m].
+        speed: of the body, with leapfrog half a step before [rad/s].
         kick: step of leapfrog, 0 where the speed is that of the instant [s].
         cam: what the valves of its train do to it.
         motion: with 1 / J.
     """
     if motion.prescribed == 1:
         return moment
-    share = valves_share(speed, kick, cam, motion)
+    share = valve_inertia_share(speed, kick, cam, motion)
     return quotient(moment + cam.moment - cam.growth * speed * speed, type(share)(1.0) + share)
 
 
@@ -91,20 +91,20 @@ def cam_energy(speed: Any, cam: Any, motion: Any):
 
 
 @wp.func
-def unloaded(valve: Any):
-    """A group of valves' load, before any of its cams."""
+def zero_valve_load(valve: Any):
+    """A group's load before any of its cams is added: torque 0 [N m], force infinite [N]."""
     return wp.vector(type(valve.mass)(0.0), type(valve.mass)(wp.inf))
 
 
 @wp.func
-def with_load(load: Any, at: Any, speed: Any, angular: Any, valve: Any):
-    """Torque [N m] of a group of valves against forward rotation and the least force [N] on a follower (b), with one
-    cam more.
+def add_cam_load(load: Any, at: Any, speed: Any, angular: Any, valve: Any):
+    """Torque [N m] of a group of valves against rotation and least force [N] on a follower (b), with one more cam.
 
     Args:
         load: of the cams before.
-        at: the cam's `lift_at`.
+        at: the cam's `cam_lift`.
         speed, angular: the body's angular velocity and acceleration at that instant.
+        valve: `structs.ValveGroup`.
     """
     lift, slope, bend = at[0], at[1], at[2]
     force = valve.preload + valve.stiffness * lift

@@ -12,7 +12,7 @@ from warpchain.assembly.table_cells import Cells, cells_of, hermite, slopes_of
 from warpchain.drive import SpeedTable, TorqueTable, dumps_drive
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
-from warpchain.kernels.physics.motion import integral_at, slope_at
+from warpchain.kernels.physics.motion import table_integral, table_slope
 
 TURN = 2 * np.pi
 
@@ -25,8 +25,8 @@ def look(
     out: wp.array[wp.vec3d],
 ):
     i = wp.tid()
-    value, integral = integral_at(x[i], table, values)
-    slope = slope_at(x[i], table, values)
+    value, integral = table_integral(x[i], table, values)
+    slope = table_slope(x[i], table, values)
     out[i] = wp.vec3d(value, integral, slope)
 
 

@@ -10,7 +10,7 @@ from own_kernels import kernel
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
 from warpchain.engine.pack import pack
-from warpchain.kernels.physics.motion import integral_at
+from warpchain.kernels.physics.motion import table_integral
 from warpchain.kernels.physics.tooth import nearest_seat
 from warpchain.kernels.structs import Tabulated
 from warpchain.results.schedule import Schedule
@@ -26,7 +26,7 @@ def seats(points: wp.array[wp.vec2d], heading: wp.vec2d, teeth: int, out: wp.arr
 
 @kernel
 def cells(at: wp.array[wp.float64], table: Tabulated, values: wp.array[wp.float64], out: wp.array[wp.float64]):
-    value, integral = integral_at(at[wp.tid()], table, values)
+    value, integral = table_integral(at[wp.tid()], table, values)
     out[wp.tid()] = value
 
 

@@ -56,7 +56,7 @@ def straight(*, center=(0.225, 0.0), above=0.0, velocity=(0.0, 0.0), gravity=0.0
     """A straight chain, its last link as long as all others, `above` a bar that is fixed to a body's center."""
     x = PITCH * np.arange(LINKS)
     position = np.stack([x, np.full(LINKS, ROLLER_RADIUS + above)], axis=1)
-    viscous = {"form": FORMS["kelvin_voigt"], "damping": np.sqrt(CONTACT * MASS)} if damped else {}
+    viscous = {"form": FORMS["kelvin_voigt_damper"], "damping": np.sqrt(CONTACT * MASS)} if damped else {}
     bar = {"start": np.subtract((-PITCH, 0.0), center), "end": np.subtract((LINKS * PITCH, 0.0), center)}
     bar |= {"roller_radius": ROLLER_RADIUS, "stiffness": CONTACT, "body": 0} | viscous
     packed = raw.chain(

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from own_kernels import kernel
 
-from warpchain.kernels.physics.friction import DAMPER, SPRING, coefficient, held_back
+from warpchain.kernels.physics.friction import DAMPER, SPRING, bristle_friction, friction_coefficient
 from warpchain.kernels.structs import types
 
 KINDS = types(wp.float64)
@@ -19,8 +19,8 @@ def slide(law: KINDS.Friction, pull: wp.float64, speed: wp.float64, h: wp.float6
     held = wp.float64(0.0)
     work = wp.float64(0.0)
     for i in range(out.shape[0]):
-        most = coefficient(wp.abs(v), law) * wp.float64(10.0)
-        drag, held = held_back(most, v, held, wp.float64(SPRING) / h, wp.float64(DAMPER) / h, wp.float64(1.0))
+        most = friction_coefficient(wp.abs(v), law) * wp.float64(10.0)
+        drag, held = bristle_friction(most, v, held, wp.float64(SPRING) / h, wp.float64(DAMPER) / h, wp.float64(1.0))
         before = v
         v += h * (pull - drag)
         x += h * v

@@ -75,7 +75,7 @@ def test_whatever_a_kernel_is_made_for_tells_it_apart():
 
 def test_a_law_that_is_added_while_running_tells_it_apart(monkeypatch):
     before = digest("advance", wp.float64)
-    monkeypatch.setattr(impact, "FORCES", (*impact.FORCES, impact.hysteretic))
+    monkeypatch.setattr(impact, "FORCES", (*impact.FORCES, impact.hysteretic_damper))
     assert digest("advance", wp.float64) != before
 
 

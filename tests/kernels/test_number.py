@@ -43,17 +43,17 @@ from warpchain.kernels.number import (  # noqa: F401  (the signs between pairs)
     whole,
 )
 from warpchain.kernels.physics.body import (
-    aligned,
-    body_at,
+    aligned_pose,
+    body_at_time,
     body_energy,
     leapfrog_body,
     pose_of,
-    posed,
-    swung,
+    pose_with_coordinates,
+    turned_pose,
 )
-from warpchain.kernels.physics.guide import in_frame, on_guide, on_profile, tracked_piece
-from warpchain.kernels.physics.motion import integral_at, load_moment, prescribed_at, value_at
-from warpchain.kernels.physics.tooth import grid_of, in_teeth, tracked_seat
+from warpchain.kernels.physics.guide import bar_contact, frame_vector, profile_contact, tracked_piece
+from warpchain.kernels.physics.motion import load_moment, prescribed_rotation, table_integral, table_value
+from warpchain.kernels.physics.tooth import grid_magic, tooth_contact, tracked_seat
 from warpchain.kernels.precision import as_float32
 from warpchain.kernels.structs import BodyState, Ensemble, Guide, Motion, Piece, Sprocket, Tabulated
 from warpchain.kernels.sums import add_powers, gathered_powers
@@ -74,8 +74,8 @@ def blocks_pose(body: BodyState, radius: wp.float64):
     pose.radius = pair_of(radius)
     if radius > wp.float64(0.0):
         pose.inverse_radius = 1.0 / pose.radius.high
-        pose.grid = grid_of(pose.radius.high)
-    return aligned(posed(pose, state))
+        pose.grid = grid_magic(pose.radius.high)
+    return aligned_pose(pose_with_coordinates(pose, state))
 
 
 @kernel
@@ -204,10 +204,10 @@ def gaps(
     pose = blocks_pose(body, exact[0].exact_radius)
     p = wp.vec2d(whole(x), whole(y)) - center
     number, e, xi, lateral = tracked_seat(p, -1, pose_of(body), exact[0], seats)
-    penetration, normal, relative = in_teeth(p, wp.vec2d(), wp.float64(7.0), e, xi, lateral, exact[0])
+    penetration, normal, relative = tooth_contact(p, wp.vec2d(), wp.float64(7.0), e, xi, lateral, exact[0])
     at = difference(vector(x, y), pose.center)
     found, e_found, xi_found, lateral_found = tracked_seat(at, -1, pose, gear[0], split)
-    ours, facing, moving = in_teeth(leading(at), wp.vec2f(), 7.0, e_found, xi_found, lateral_found, gear[0])
+    ours, facing, moving = tooth_contact(leading(at), wp.vec2f(), 7.0, e_found, xi_found, lateral_found, gear[0])
     out[i, 0] = wp.float64(wp.abs(found - number))
     out[i, 1] = wp.float64(ours) - penetration
     out[i, 2] = wp.float64(facing[0]) - normal[0]
@@ -245,9 +245,9 @@ def bars(points: wp.array[wp.vec2d], exact: wp.array[Guide], bar: wp.array[BLOCK
     x, y = pair_of(points[i][0]), pair_of(points[i][1])
     p = wp.vec2d(whole(x), whole(y)) - exact[0].start
     still = wp.vec2d()
-    penetration, normal, relative = on_guide(p, still, still, exact[0])
+    penetration, normal, relative = bar_contact(p, still, still, exact[0])
     at = difference(vector(x, y), bar[0].start)
-    ours, facing, moving = on_guide(at, wp.vec2f(), wp.vec2f(), bar[0])
+    ours, facing, moving = bar_contact(at, wp.vec2f(), wp.vec2f(), bar[0])
     out[i, 0] = wp.float64(ours) - penetration
     out[i, 1] = wp.float64(facing[0]) - normal[0]
     out[i, 2] = wp.float64(facing[1]) - normal[1]
@@ -286,12 +286,12 @@ def faces(
     x, y = pair_of(points[i][0]), pair_of(points[i][1])
     pose = pose_of(body)
     carrier = blocks_pose(body, wp.float64(0.0))
-    q = in_frame(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
+    q = frame_vector(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
     number = tracked_piece(q, -1, exact[0], pieces)
-    penetration, normal, beyond = on_profile(q, number, exact[0], pieces)
-    p = in_frame(difference(vector(x, y), carrier.center), carrier)
+    penetration, normal, beyond = profile_contact(q, number, exact[0], pieces)
+    p = frame_vector(difference(vector(x, y), carrier.center), carrier)
     ours = tracked_piece(p, -1, guide[0], rows)
-    deep, facing, past = on_profile(p, ours, guide[0], rows)
+    deep, facing, past = profile_contact(p, ours, guide[0], rows)
     out[i, 0] = wp.float64(wp.abs(tracked_piece(p, wp.max(ours - 1, 0), guide[0], rows) - ours))
     out[i, 1] = wp.float64(wp.abs(ours - number))
     out[i, 2] = wp.float64(deep) - penetration
@@ -341,8 +341,8 @@ def led(
 ):
     i = wp.tid()
     time = counted(i * every, h)
-    angle, speed = prescribed_at(time, motions[0], curves)
-    angle_found, speed_found = prescribed_at(counted(i * every, pair_of(h)), ours[0], rows)
+    angle, speed = prescribed_rotation(time, motions[0], curves)
+    angle_found, speed_found = prescribed_rotation(counted(i * every, pair_of(h)), ours[0], rows)
     out[i, 0] = whole(angle_found) - angle
     out[i, 1] = wp.float64(speed_found) - speed
     load = load_moment(time, angle, speed, motions[1], curves)
@@ -379,10 +379,10 @@ def tabled(
     out: wp.array2d[wp.float64],
 ):
     i = wp.tid()
-    value, integral = integral_at(points[i], table[0], values)
-    found, way = integral_at(pair_of(points[i]), ours[0], pairs)
+    value, integral = table_integral(points[i], table[0], values)
+    found, way = table_integral(pair_of(points[i]), ours[0], pairs)
     out[i, 0] = whole(found) - value
-    out[i, 1] = wp.float64(value_at(pair_of(points[i]), ours[0], pairs)) - value
+    out[i, 1] = wp.float64(table_value(pair_of(points[i]), ours[0], pairs)) - value
     out[i, 2] = whole(way) - integral
 
 
@@ -422,7 +422,7 @@ def turning(moment: wp.float64, inverse_inertia: wp.float64, h: wp.float64, step
         body.angle = pose.angle
         body.speed = pose.speed
         moved = leapfrog_body(step, step, body, rates, nowhere, motion, BLOCKS.Mount())
-        pose = swung(posed(pose, moved), difference(moved.angle, body.angle))
+        pose = turned_pose(pose_with_coordinates(pose, moved), difference(moved.angle, body.angle))
     out[0, 0] = whole(pose.angle)
     out[0, 1] = whole(pose.speed)
     sine, cosine = sine_cosine(whole(pose.angle))
@@ -453,7 +453,7 @@ def spinning(speed: wp.float64, rate: wp.float64, lag: wp.float64, inertia: wp.f
     motion, mount = BLOCKS.Motion(), BLOCKS.Mount()
     motion.inverse_inertia = wp.float32(wp.float64(1.0) / inertia)
     rates, now = wp.vec3f(0.0, 0.0, wp.float32(rate)), number_of(float(0.0))
-    seen = body_at(now, wp.float32(lag), body, rates, float(0.0), motion, mount, BLOCKS.Ensemble())
+    seen = body_at_time(now, wp.float32(lag), body, rates, float(0.0), motion, mount, BLOCKS.Ensemble())
     out[0, 0] = body_energy(wp.vec2f(), seen, wp.vec2f(), motion, mount)
 
 

@@ -10,13 +10,13 @@ from tensioner_rig import RELIEF, VENT, moved, tensioner
 from warpchain.kernels.number import leading, pair_of, vector, whole
 from warpchain.kernels.physics.body import pose_of
 from warpchain.kernels.physics.tensioner import (
-    extension,
+    advance_tensioner,
+    extension_rate,
+    plunger_arm,
+    plunger_extension,
     resting_state,
-    stroke_rate,
     tensioner_energy,
     tensioner_force,
-    tensioner_step,
-    touch_arm,
 )
 from warpchain.kernels.structs import BodyState, Tensioner, Valve
 from warpchain.kernels.sums import add_flows
@@ -58,7 +58,7 @@ def lead(
     for i in range(1, places.shape[0]):
         x = pair_of(places[i])
         rate = wp.float32((places[i] - places[i - 1]) / h)
-        after, flows = tensioner_step(x, rate, wp.float32(h), True, state, t)
+        after, flows = advance_tensioner(x, rate, wp.float32(h), True, state, t)
         state = after
         meter = add_flows(meter, flows)
         force, pressure = tensioner_force(x, rate, True, state, t)
@@ -109,15 +109,15 @@ def touch(
     body = BodyState()
     body.angle = angles[i]
     pose = pose_of(body)
-    arm = touch_arm(pose, exact[0])
+    arm = plunger_arm(pose, exact[0])
     found = BLOCKS.Pose()
     found.cosine = pair_of(pose.cosine)
     found.sine = pair_of(pose.sine)
-    arm_found = touch_arm(found, ours[0])
-    x = extension(vector(pair_of(center[0]), pair_of(center[1])), arm_found, ours[0])
-    out[i, 0] = whole(x) - extension(center, arm, exact[0])
-    rate = stroke_rate(leading(arm_found), float(1.0), wp.vec2f(), ours[0])
-    out[i, 1] = wp.float64(rate) - stroke_rate(arm, wp.float64(1.0), wp.vec2d(), exact[0])
+    arm_found = plunger_arm(found, ours[0])
+    x = plunger_extension(vector(pair_of(center[0]), pair_of(center[1])), arm_found, ours[0])
+    out[i, 0] = whole(x) - plunger_extension(center, arm, exact[0])
+    rate = extension_rate(leading(arm_found), float(1.0), wp.vec2f(), ours[0])
+    out[i, 1] = wp.float64(rate) - extension_rate(arm, wp.float64(1.0), wp.vec2d(), exact[0])
 
 
 def test_the_extension_in_pairs_is_that_of_float64():

@@ -19,7 +19,7 @@ from warpchain import load_drive
 wp.config.enable_cpu_blocks = True
 new = {"contact.sprocket.law": "anagnostopoulos", "contact.sprocket.restitution_means": "rebound", "run.step": 1e-5}
 new |= {"chain.joint": {"friction": 0.1, "pin_radius": 0.02, "seal": 0.5}, "run.integrator": "heun3"}
-new |= {"chain.pulled": 1e6}
+new |= {"chain.pull_stiffness": 1e6}
 assert_steps_of_the_cpu(lambda: [load_drive(path).with_values(new) for path in sys.argv[2:]], True, sys.argv[1])
 """
 DRIVE = """
@@ -68,7 +68,7 @@ from warpchain.assembly.statics import at_rest, running
 from warpchain.assembly.timestep import step_limit
 
 base = load_drive(sys.argv[1])
-new = base.with_values({"chain.stiffness": 3e7, "chain.pulled": 2e7})
+new = base.with_values({"chain.stiffness": 3e7, "chain.pull_stiffness": 2e7})
 old, stiff = base.with_values({"chain.stiffness": 3e7}), base.with_values({"chain.stiffness": 5e7})
 assert step_limit(new) == step_limit(stiff)
 for steady in (at_rest, running):  # links that are all pulled: of a chain as stiff as both together, and not of one

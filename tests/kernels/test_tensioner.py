@@ -9,8 +9,8 @@ from own_kernels import kernel
 from scipy.integrate import quad
 from tensioner_rig import MODULUS, RELIEF, VENT, loaded, looked, moved, still, tensioner
 
-from warpchain.kernels.physics.body import faced
-from warpchain.kernels.physics.tensioner import push_by, stroke_of, touch_arm
+from warpchain.kernels.physics.body import pose_with_heading
+from warpchain.kernels.physics.tensioner import extension_and_rate, plunger_arm, tensioner_push
 from warpchain.kernels.structs import Pose, Tensioner, TensionerState
 
 PRESSURES = np.geomspace(1e3, 1e8, 40)
@@ -387,10 +387,10 @@ def touch(t: Tensioner, angle: wp.float64, out: wp.array[wp.vec2d]):
     body.center = wp.vec2d(wp.float64(1.0), wp.float64(2.0))
     body.velocity = wp.vec2d(wp.float64(0.1), wp.float64(0.2))
     body.speed = wp.float64(3.0)
-    body = faced(body, wp.cos(angle), wp.sin(angle))
-    push = push_by(body, True, TensionerState(), t)
-    out[0] = touch_arm(body, t)
-    x, rate = stroke_of(body, t)
+    body = pose_with_heading(body, wp.cos(angle), wp.sin(angle))
+    push = tensioner_push(body, True, TensionerState(), t)
+    out[0] = plunger_arm(body, t)
+    x, rate = extension_and_rate(body, t)
     out[1] = push.thrust
     out[2] = wp.vec2d(push.moment, rate)
     out[3] = wp.vec2d(push.extension, x)

@@ -9,7 +9,7 @@ import warp as wp
 from own_kernels import kernel
 
 from warpchain.kernels.number import sine_cosine
-from warpchain.kernels.physics.body import faced, swung
+from warpchain.kernels.physics.body import pose_with_heading, turned_pose
 from warpchain.kernels.structs import Pose
 
 KERNELS = sorted((Path(__file__).resolve().parents[2] / "kernels").rglob("*.py"))
@@ -26,7 +26,7 @@ def both(angle: wp.array[wp.float64], sine: wp.array[wp.float64], cosine: wp.arr
 @kernel
 def turn(start: wp.float64, angle: wp.array[wp.float64], out: wp.array[wp.vec2d]):
     i = wp.tid()
-    turned = swung(faced(Pose(), wp.cos(start), wp.sin(start)), angle[i])
+    turned = turned_pose(pose_with_heading(Pose(), wp.cos(start), wp.sin(start)), angle[i])
     out[i] = wp.vec2d(turned.cosine, turned.sine)
 
 

@@ -80,14 +80,14 @@ class Law:
 
 LAWS = {
     "lankarani-nikravesh": Law(
-        "hysteretic",
+        "hysteretic_damper",
         lambda e: 0.75 * (1.0 - e * e),
         hysteretic_rebound,
     ),
-    "flores": Law("hysteretic", lambda e: 1.6 * (1.0 - e) / e, hysteretic_rebound),
-    "hunt-crossley": Law("hysteretic", lambda e: 1.5 * (1.0 - e), hysteretic_rebound),
+    "flores": Law("hysteretic_damper", lambda e: 1.6 * (1.0 - e) / e, hysteretic_rebound),
+    "hunt-crossley": Law("hysteretic_damper", lambda e: 1.5 * (1.0 - e), hysteretic_rebound),
     "kelvin-voigt": Law(
-        "kelvin_voigt",
+        "kelvin_voigt_damper",
         _kelvin_voigt_zeta,
         kelvin_voigt_rebound,
         unit=lambda stiffness, mass: 2.0 * sqrt(stiffness * mass),

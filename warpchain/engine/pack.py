@@ -62,7 +62,7 @@ from warpchain.kernels import structs
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.physics.friction import DAMPER, SPRING
 from warpchain.kernels.physics.mount import CARRIED
-from warpchain.kernels.physics.tensioner import DREGS
+from warpchain.kernels.physics.tensioner import LEAST_OIL_SHARE
 from warpchain.results.schedule import Schedule, schedule_columns
 
 
@@ -288,7 +288,7 @@ def lay_to_rest(packed: Packed) -> None:
     oil["content"][wet] = compression(of["rest"][wet], of[wet]) + np.log(volume)
     oil["unfilled"] = of["drained"] > 0.0
     oil["root"][of["drained"] > 0.0] = 0.0  # found from the content
-    oil["content"] += np.log(np.maximum(1.0 - of["drained"], DREGS))
+    oil["content"] += np.log(np.maximum(1.0 - of["drained"], LEAST_OIL_SHARE))
 
 
 def springs(tensioners: NDArray[Any]) -> NDArray[Any]:

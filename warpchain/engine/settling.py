@@ -76,7 +76,7 @@ def cushion(still: Packed) -> None:
     for laws, count in ((still.sprockets["law"], "sprockets"), (still.guides["law"], "guides")):
         owner = np.repeat(np.arange(still.variants), drives[count])
         armed = np.flatnonzero(drives["arms"][owner] > 0)
-        laws["form"][armed] = FORMS["kelvin_voigt"]
+        laws["form"][armed] = FORMS["kelvin_voigt_damper"]
         laws["damping"][armed] = damping[owner[armed]]
 
 

@@ -224,7 +224,7 @@ def velocity_step(probe: Probe) -> float:
     for parts, count in ((probe.base.sprockets, counts["sprockets"]), (probe.base.guides, counts["guides"])):
         law = parts["law"][:count]
         limit = 0.5 * law["speed_floor"] / np.maximum(law["damping"], 1.0)
-        step = min(step, float(limit[law["form"] == FORMS["hysteretic"]].min(initial=MOST_VELOCITY_STEP)))
+        step = min(step, float(limit[law["form"] == FORMS["hysteretic_damper"]].min(initial=MOST_VELOCITY_STEP)))
     return step
 
 
