@@ -20,7 +20,7 @@ from common.cases import ROOT, SCRIPTS, Line, case, case_option
 from pages import reference
 
 GROUPS = {
-    "Your drive": ("drive-file", "check", "fit", "catalogue", "examples", "glossary"),
+    "Your drive": ("drive-file", "check", "fit", "catalogue", "selection", "examples", "glossary"),
     "Parts of a drive": (
         "shafts",
         "valve-trains",

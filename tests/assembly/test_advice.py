@@ -109,7 +109,7 @@ def test_tension_against_the_breaking_load_at_speed():
     (line,) = advice(drive, tensions=[100.0, 17.8e3 / 5.0])
     assert "chain: 3.56 kN at work is a safety of 5 against the breaking load of 17.8 kN, where 7 is the least" in line
     heavy = drive.with_values({"sprockets.wheel.load.torque": 4.0 * drive.sprockets[1].load.torque})
-    (line,) = derive(heavy)["advice"]
+    (line,) = [line for line in derive(heavy)["advice"] if "breaking load" in line]
     assert line.startswith("chain: ")
 
 

@@ -12,6 +12,7 @@ from warpchain import load_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.json_schema import drive_schema, file_schema, schema_text
+from warpchain.drive.power_rating import rated_power
 
 TWO = ["--teeth", 19, 57, "--centers", 0, 0, 1.0, 0]
 TIMING = ["--size", "06B", "--teeth", 19, 38, 38, "--centers", 0, 0, 0.062, 0.3, -0.062, 0.3]
@@ -84,6 +85,9 @@ def test_the_drive_runs(capsys, tmp_path):
     assert command(capsys, "new", path, "--size", "06B", "--teeth", 15, 21, "--centers", 0, 0, 0.1, 0)[0] == 0
     metrics = simulate(load_drive(path), duration=0.05).metrics.to_pylist()[0]
     assert not metrics["diverged"] and 0.0 < metrics["tension_max"] < 8900.0
+    # power of the driver over the rated power of its 15 teeth at that speed
+    moment, speed = metrics["driver.moment_mean"], metrics["driver.speed_mean"]
+    assert metrics["rated_use"] == pytest.approx(-moment * speed / rated_power("06B", 15, speed).least, rel=1e-12)
 
 
 @pytest.mark.parametrize(

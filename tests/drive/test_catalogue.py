@@ -222,9 +222,9 @@ def test_strands_share_the_bearing_load(values):
 def test_check_says_that_the_stiffness_is_an_estimate(values):
     drive = Drive(**sized(values))
     text = report(derive(drive))
-    assert "size: 72B (ISO 606), breaking load 1400 kN" in text and "an ESTIMATE" in text
+    assert "size: 72B (ISO 606), breaking load 1400 kN" in text and "N/m, an ESTIMATE" in text
     measured = report(derive(drive.with_values({"chain.stiffness": 1.5e9})))
-    assert "size: 72B" in measured and "ESTIMATE" not in measured
+    assert "size: 72B" in measured and "N/m, an ESTIMATE" not in measured
 
 
 def test_chains_command_lists_every_size(capsys):

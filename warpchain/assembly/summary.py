@@ -15,6 +15,7 @@ from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import advice, findings, stretched
 from warpchain.assembly.path import ChainPath, path_at
+from warpchain.assembly.rating import critical_speeds, rating, rating_advice, rating_lines, sag, strand_lines
 from warpchain.assembly.run_up import Passed
 from warpchain.assembly.statics import Steady
 from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, Hardest, strength
@@ -109,6 +110,8 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
     strands = _strands(drive, assembly, preload, resting, running, moments[:, -1])
     hardest = _hardest(drive, assembly, preload, passed, moments)
     working = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else path
+    mean_speed = drive.chain.pitch * speed * driver.teeth / math.tau
+    rated, hung = rating(drive, strands, mean_speed), sag(drive, assembly, strands, resting)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -122,11 +125,14 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
         **_links_and_joints(drive),
         "chain_speed": speed * drive.pitch_radius(drive.driver),
-        "mean_chain_speed": drive.chain.pitch * speed * driver.teeth / math.tau,
+        "mean_chain_speed": mean_speed,
+        "rating": rated,
+        "sag": hung,
+        "critical_speeds": critical_speeds(drive, path, strands, speed, beyond),
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        **_findings(drive, assembly, strands, working, hardest),
+        **_findings(drive, assembly, strands, working, hardest, rating_advice(rated, hung)),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -259,9 +265,14 @@ def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], runnin
 
 
 def _findings(
-    drive: Drive, assembly: Assembly, strands: list[dict[str, Any]], working: ChainPath, hardest: Hardest | None
+    drive: Drive,
+    assembly: Assembly,
+    strands: list[dict[str, Any]],
+    working: ChainPath,
+    hardest: Hardest | None,
+    rated: list[str],
 ) -> dict[str, list[str]]:
-    """Faults of the layout, and advice."""
+    """Faults of the layout, and advice, with that on the chain's rating."""
     path, strain = assembly.path, assembly.strain
     rules = advice(drive, path, [strand["working_tension"] for strand in strands], working, hardest)
     return {
@@ -269,6 +280,7 @@ def _findings(
         "advice": [
             *stretched(drive, strain),
             *rules,
+            *rated,
             *_step_advice(drive),
             *train_report.advice(drive),
             *train_report.tie_advice(drive),
@@ -320,7 +332,7 @@ def _strands(
     ]
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+def table_lines(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
     """Lines of a table: the first column to the left, the others to the right."""
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     return [
@@ -339,7 +351,7 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     lines = [f"size: {values['size']}{standard}, breaking load {1e-3 * values['breaking_load']:.4g} kN"]
     if chain.estimate:
         lines.append(f"  an ESTIMATE of the catalogue, {chain.estimate}")
-    lines += _strength_lines(values["strength"])
+    lines += [*_strength_lines(values["strength"]), *rating_lines(values["rating"])]
     if values["stiffness_is_estimate"]:
         lines.append(
             f"stiffness: {values['stiffness']:.4g} N/m, an ESTIMATE good to a factor of three: "
@@ -413,7 +425,7 @@ def _joint_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _sprocket_lines(values: dict[str, Any]) -> list[str]:
-    table = _table(
+    table = table_lines(
         ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
         [
             (
@@ -434,7 +446,7 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _strand_lines(values: dict[str, Any]) -> list[str]:
-    table = _table(
+    table = table_lines(
         ("strand", "length", "links", "standing", "", "at work", "of it m v^2/p", "", "off its line"),
         [
             (
@@ -470,7 +482,7 @@ def _guide_lines(values: dict[str, Any]) -> list[str]:
     if any(g["friction"] for g in values["guides"]):
         head = (*head, "friction")
         rows = [(*row, f"{g['friction']:g}") for row, g in zip(rows, values["guides"], strict=True)]
-    return ["", *_table(head, rows)]
+    return ["", *table_lines(head, rows)]
 
 
 def _touch_lines(values: dict[str, Any]) -> list[str]:
@@ -490,7 +502,7 @@ def _touch_lines(values: dict[str, Any]) -> list[str]:
     if not rows:
         return []
     title = "what the chain lies on at work, and how it loads it (T - m v^2/p over the radius; in all):"
-    return ["", title, *_table(("guide", "strand", "touched", "wrapped", "load", "force"), rows)]
+    return ["", title, *table_lines(("guide", "strand", "touched", "wrapped", "load", "force"), rows)]
 
 
 def _cells(values: list[float | None], text: str) -> tuple[str, ...]:
@@ -510,7 +522,7 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
             )
             for a in values["arms"]
         ]
-        lines += ["", *_table(("arm", "at assembly", "standing", "at work", "stops", "on its stop"), rows)]
+        lines += ["", *table_lines(("arm", "at assembly", "standing", "at work", "stops", "on its stop"), rows)]
     if values["tensioners"]:
         rows = [
             (
@@ -525,7 +537,7 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
             for t in values["tensioners"]
         ]
         head = ("tensioner", "on", "at assembly", "standing", "at work", "static pressure", "static force")
-        lines += ["", *_table(head, rows)]
+        lines += ["", *table_lines(head, rows)]
     return lines
 
 
@@ -547,13 +559,16 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
             )
             for s in values["shafts"]
         ]
-        lines += ["", *_table(("shaft", "as one with", "at work", "inertia seen", "motor at rest", "at work"), rows)]
+        lines += [
+            "",
+            *table_lines(("shaft", "as one with", "at work", "inertia seen", "motor at rest", "at work"), rows),
+        ]
     if "gears" in values:
         rows = [
             (g["name"], " and ".join(g["between"]), "{} to {}".format(*g["teeth"]), f"{g['ratio']:+.6g}")
             for g in values["gears"]
         ]
-        lines += ["", *_table(("gears", "between", "teeth", "second over first"), rows)]
+        lines += ["", *table_lines(("gears", "between", "teeth", "second over first"), rows)]
     if "couplings" in values:
         rows = [
             (
@@ -571,7 +586,7 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
         ]
         head = ("coupling", "between", "own frequency", "damping ratio", "lash", "ratio", "clutch",
                 "twist at work", "torque at work")  # fmt: skip
-        lines += ["", *_table(head, rows)]
+        lines += ["", *table_lines(head, rows)]
     lines += _valve_lines(values)
     return lines
 
@@ -590,13 +605,13 @@ def _valve_lines(values: dict[str, Any]) -> list[str]:
         for v in values.get("valves", ())
     ]
     head = ("valves", "on", "count", "lift", "spring at most", "lift off above", "of the driver")
-    return ["", *_table(head, rows)] if rows else []
+    return ["", *table_lines(head, rows)] if rows else []
 
 
 def _mount_lines(values: dict[str, Any]) -> list[str]:
     if not values["mounts"]:
         return []
-    table = _table(
+    table = table_lines(
         ("sprocket", "mount", "moving mass", "own frequency", "at work, x and y", "wheel's centrifugal force"),
         [
             (
@@ -641,7 +656,7 @@ def _report_several(values: dict[str, Any]) -> list[str]:
         (s["name"], ", ".join(s["sprockets"]) or "-", f"{s['ratio']:.6g}", f"{s['speed']:.5g} rad/s")
         for s in values["shafts"]
     ]
-    lines += ["=== all chains", *_table(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
+    lines += ["=== all chains", *table_lines(("shaft", "sprockets", "over the driver", "speed"), rows)] if rows else []
     return [*lines, *_valve_lines(values), *_step_lines(values)]
 
 
@@ -671,6 +686,7 @@ def _chain_lines(values: dict[str, Any]) -> list[str]:
         *fit_and_findings(values),
         *_sprocket_lines(values),
         *_strand_lines(values),
+        *strand_lines(values["sag"], values["critical_speeds"]),
         *_guide_lines(values),
         *_touch_lines(values),
         *_arm_lines(values),

@@ -114,6 +114,13 @@ def new_command(arguments: argparse.Namespace) -> int:
     return _print_lines(new_drive_file(arguments))
 
 
+def select_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain select`: lists sizes for a power, writes the drive file of one."""
+    from warpchain.cli.select_command import select_chain
+
+    return _print_lines(select_chain(arguments))
+
+
 def metrics_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain metrics`: lists the metrics of a drive's runs."""
     from warpchain.results.metric_columns import column_of_metric, metric_table_names
@@ -400,8 +407,8 @@ def plot_command(arguments: argparse.Namespace) -> int:
 
 def report_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain report`: writes a run's engineering report."""
+    from warpchain.drive.power_rating import WEAR_COEFFICIENT
     from warpchain.results.engineering_report import Wear
-    from warpchain.results.joint_wear import WEAR_COEFFICIENT
     from warpchain.view.report import report
 
     given = arguments.wear_coefficient

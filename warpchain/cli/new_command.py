@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,12 +79,19 @@ def new_drive_file(arguments: Namespace) -> list[str]:
     Raises:
         DriveError: an unknown size, too few sprockets or centers, a chain without a path, or a file that is there.
     """
-    path = arguments.output
-    if path.exists() and not arguments.overwrite:
+    return write_drive_request(_drive_request(arguments), arguments.output, arguments.overwrite, arguments.keep_centers)
+
+
+def write_drive_request(asked: DriveRequest, path: Path, overwrite: bool, keep_centers: bool = False) -> list[str]:
+    """Writes the drive file of a request, with links and last center that fit, and its schema; returns lines to print.
+
+    Raises:
+        DriveError: a chain without a path, or a file that is there.
+    """
+    if path.exists() and not overwrite:
         raise DriveError(f"{path}: exists; --overwrite replaces it")
-    asked = _drive_request(arguments)
     drive = fit_links(loads_drive(_drive_file_text(asked)))
-    if not arguments.keep_centers:
+    if not keep_centers:
         (ax, ay), (bx, by) = asked.centers[0], asked.centers[-1]
         drive = fit_position(drive, asked.sprocket_names[-1], (bx - ax, by - ay), strain=0.0)
     centers = tuple(sprocket.center for sprocket in drive.sprockets)
@@ -91,7 +99,7 @@ def new_drive_file(arguments: Namespace) -> list[str]:
     text = _drive_file_text(replace(asked, links=drive.chain.links, centers=centers, moved=moved))
     lines = fit_and_findings(derive(loads_drive(text)))
     write_drive_text(text, path)
-    if arguments.overwrite or not (path.parent / SCHEMA).exists():
+    if overwrite or not (path.parent / SCHEMA).exists():
         write_drive_text(schema_text(drive_schema()), path.parent / SCHEMA)
     written = f"written: {path}, {SCHEMA} for editors; next: warpchain draw {path} -o {path.stem}.svg"
     return [*_choice_lines(asked, drive, moved), *lines, written]

@@ -27,10 +27,13 @@ from warpchain.cli.shared_options import (
     archive_path_from_word,
     bytes_from_gibibytes,
     bytes_from_mebibytes,
+    length_from_word,
     message_with_options,
     number_from_word,
     number_or_auto_from_word,
     page_path_from_word,
+    power_from_word,
+    service_factor_from_word,
     whole_number_from_word,
 )
 from warpchain.cli.study_commands import add_play_command, add_report_commands, add_study_commands
@@ -84,6 +87,32 @@ def _add_new_command(commands: Any) -> None:
     parser.add_argument("--torque", type=number_from_word, metavar="N_M", help="moment that brakes the last [N m]")
     text = "leave the last sprocket where it is, however the even number of links fits"
     parser.add_argument("--keep-centers", action="store_true", help=text)
+    parser.add_argument("--overwrite", action="store_true", help="replace a file of that name")
+
+
+def _add_select_command(commands: Any) -> None:
+    """Adds `warpchain select` to the command line."""
+    parser = _add_function_command(
+        commands,
+        do.select_command,
+        "list the sizes and strands that standards rate for a power, and write the drive file of one",
+        "warpchain select --power 7.5kW --speed 300rpm --ratio 3 --service moderate -o drive.toml",
+    )
+    parser.add_argument("--power", required=True, type=power_from_word, metavar="POWER", help="[W], or as 7.5kW, 10hp")
+    parser.add_argument(
+        "--speed", required=True, type=angular_speed_from_word, metavar="SPEED", help="of the driver [rad/s], or 300rpm"
+    )
+    text = "speed of the driver over that of the driven (default 1)"
+    parser.add_argument("--ratio", type=number_from_word, default=1.0, metavar="X", help=text)
+    text = "distance of the centers [m], or as 800mm (default 40 pitches)"
+    parser.add_argument("--centers", type=length_from_word, metavar="LENGTH", help=text)
+    text = "factor on the power; or smooth, moderate or heavy, with ,hydraulic or ,engine where no motor drives"
+    parser.add_argument("--service", type=service_factor_from_word, default=1.0, metavar="FACTOR", help=text)
+    text = "of the smaller sprocket (default 19)"
+    parser.add_argument("--teeth", type=whole_number_from_word, default=19, metavar="N", help=text)
+    parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write the drive file of one")
+    text = "which one's, such as 16B-2 (default the first with one strand)"
+    parser.add_argument("--size", metavar="SIZE", help=text)
     parser.add_argument("--overwrite", action="store_true", help="replace a file of that name")
 
 
@@ -498,6 +527,7 @@ def _add_study_command(commands: Any) -> None:
 
 
 COMMAND_ADDERS = (
+    _add_select_command,
     _add_new_command,
     _add_check_command,
     _add_draw_command,

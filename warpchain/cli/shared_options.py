@@ -47,18 +47,48 @@ def number_from_word(word: str) -> float:
         raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
 
 
-def angular_speed_from_word(word: str) -> float:
-    """An angular speed [rad/s] from a number, or a quantity such as 3000rpm."""
+def _quantity_from_word(word: str, unit: str, units: str) -> float:
+    """A number of a unit, or a quantity such as 3000rpm; `units` are named where it is neither."""
     from warpchain.drive.quantities import converted
 
-    speed = converted(word, "rad/s")
+    value = converted(word, unit)
     try:
-        found = float(word) if speed is None else speed
+        found = float(word) if value is None else value
     except ValueError:
         found = math.nan
     if not math.isfinite(found):
-        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number of rad/s, or one with rad/s or rpm")
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number of {unit}, or one with {units}")
     return found
+
+
+def angular_speed_from_word(word: str) -> float:
+    """An angular speed [rad/s] from a number, or a quantity such as 3000rpm."""
+    return _quantity_from_word(word, "rad/s", "rad/s or rpm")
+
+
+def power_from_word(word: str) -> float:
+    """A power [W] from a number, or a quantity such as 7.5kW."""
+    return _quantity_from_word(word, "W", "W, kW or hp")
+
+
+def length_from_word(word: str) -> float:
+    """A length [m] from a number, or a quantity such as 800mm."""
+    return _quantity_from_word(word, "m", "m, mm or in")
+
+
+def service_factor_from_word(word: str) -> float:
+    """A factor of service: a number, or LOAD or LOAD,SOURCE of the tables of makers."""
+    from warpchain.drive.power_rating import SERVICE_FACTORS
+
+    load, _, source = word.partition(",")
+    if load in SERVICE_FACTORS and (source or "motor") in SERVICE_FACTORS[load]:
+        return SERVICE_FACTORS[load][source or "motor"]
+    try:
+        return float(word)
+    except ValueError:
+        loads, sources = " or ".join(SERVICE_FACTORS), " or ".join(SERVICE_FACTORS["smooth"])
+        text = f"{word!r}: must be a number, or {loads}, with or without a comma and {sources}"
+        raise argparse.ArgumentTypeError(text) from None
 
 
 def number_or_auto_from_word(word: str) -> float | str:

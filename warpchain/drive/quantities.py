@@ -37,6 +37,7 @@ UNITS = {
         ("rad", "1", 0, RADIAN), ("deg degrees °", "1/180", 1, RADIAN), ("rev", "2", 1, RADIAN),
         ("rpm", "1/30", 1, TURNING), ("Hz", "1", 0, HERTZ), ("kHz", "1e3", 0, HERTZ),
         ("W", "1", 0, WATT), ("kW", "1e3", 0, WATT),
+        ("hp", "745.69987158227022", 0, WATT),
         ("N", "1", 0, NEWTON), ("kN", "1e3", 0, NEWTON), ("Nm", "1", 0, TORQUE), ("kNm", "1e3", 0, TORQUE),
         ("Pa", "1", 0, PASCAL), ("kPa", "1e3", 0, PASCAL), ("MPa", "1e6", 0, PASCAL), ("GPa", "1e9", 0, PASCAL),
         ("bar", "1e5", 0, PASCAL), ("-", "1", 0, (0, 0, 0, 0)), ("%", "1e-2", 0, (0, 0, 0, 0)),

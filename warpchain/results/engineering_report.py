@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.argument_checks import PositiveNumber, check_arguments
+from warpchain.drive.power_rating import WEAR_COEFFICIENT
 from warpchain.drive.transmission import rotation_owners
 from warpchain.errors import SimulationError
 from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_loads, recorded_guide_contacts
-from warpchain.results.joint_wear import WEAR_COEFFICIENT, JointWear, elongation_rate, joint_wear
+from warpchain.results.joint_wear import JointWear, elongation_rate, joint_wear
 from warpchain.results.losses import friction_power
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.shaft_signals import PhaseError, hub_forces, phase_error_in_window

@@ -23,9 +23,6 @@ from warpchain.results.run import Trajectory, require_channels
 
 Array = NDArray[np.float64]
 
-WEAR_COEFFICIENT = 2e-16
-"""k of pin and bush, oiled [m^2/N]: 3 % elongation in 15,000 hours at the rated power of ISO 10823."""
-
 
 class JointWear(NamedTuple):
     """Sliding of the joints in a window.

@@ -18,6 +18,7 @@ from warpchain.drive.batch import Stack, stacks_of
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
+from warpchain.drive.power_rating import size_rating
 from warpchain.drive.trains import is_free_body
 from warpchain.results.metric_formulas import (
     PART_PREFIXES,
@@ -30,6 +31,7 @@ from warpchain.results.metric_formulas import (
     impact_impulse,
     mean_of,
     peak_factor,
+    rated_use,
     rms_of,
     standard_error_of,
     sum_of,
@@ -417,6 +419,11 @@ CONTACT_ENERGY_PER_REVOLUTION = Column(
 DISPLACEMENT_STD = Column(
     "displacement_std", "m", "vibration: deviation of the displacement from its mean", displacement_std
 )
+RATING_METRICS = MetricGroup(
+    "chain",
+    (Column("rated_use", "1", "mean power of the driver over that which standards rate the chain for", rated_use),),
+    applies_to=lambda drive, index: size_rating(drive.chain.size) is not None,
+)
 IMPACT_IMPULSE = Column(
     "impact_impulse",
     "N s",
@@ -585,6 +592,7 @@ WINDOW_METRICS = (
 DESIGN_METRICS = (
     (MetricGroup("chain", (PEAK_FACTOR,)),),
     (FRICTION_POWER_METRICS,),
+    (RATING_METRICS,),
     (MetricGroup("strand", (PEAK_FACTOR, DISPLACEMENT_STD)),),
     (MetricGroup("partner", (CONTACT_ENERGY_PER_REVOLUTION,)),),
     (MetricGroup("chain", (CONTACT_ENERGY_PER_REVOLUTION,)),),

@@ -7,6 +7,7 @@ tooth passings, m a roller's mass:
     contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
     impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
     friction power = what rubs in joints, on teeth and on guide-bars, over the window's length                (d)
+    rated use      = the driver's mean moment times its mean speed over the power that standards rate at it   (e)
 
 Every formula takes the numbers of one variant or arrays (V,) of variants of the same columns.
 """
@@ -22,8 +23,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpchain.assembly.rating import smallest_driven
 from warpchain.drive.batch import Stack
 from warpchain.drive.geared_chain_drives import shafts_of_own_chain
+from warpchain.drive.power_rating import rated_power
 from warpchain.results.window_statistics import (
     cumulative_counts,
     histogram_quantile,
@@ -354,6 +357,22 @@ def total_friction_power(of: DesignInputs) -> VariantValues:
     rubbed = sum(np.ma.getdata(of.metrics[name]) for name in names if name in of.metrics)
     length = np.ma.getdata(of.metrics["window_end"]) - np.ma.getdata(of.metrics["window_start"])
     return np.asarray(rubbed / length)
+
+
+def rated_use(of: DesignInputs) -> VariantValues:
+    """Power of the driver over the rated one [-] (e), of a chain whose size has a rating."""
+    first = of.drives[0]
+    name = first.sprockets[first.driver].name
+    moment, speed = (np.ma.getdata(of.metrics[f"{name}.{column}"]) for column in ("moment_mean", "speed_mean"))
+    moves = speed != 0.0
+
+    def rated(drive: Drive, speed: Any) -> Any:
+        teeth = drive.sprockets[smallest_driven(drive)].teeth
+        assert drive.chain.size is not None  # the metric's own condition
+        return rated_power(drive.chain.size, teeth, speed * drive.sprockets[drive.driver].teeth / teeth).least
+
+    power = number_of_each_drive(of.drives, of.stacks, rated, np.where(moves, np.abs(speed), 1.0))
+    return mask_absent(moves, np.abs(moment * speed) / power)
 
 
 def impact_impulse(of: DesignInputs) -> VariantValues:

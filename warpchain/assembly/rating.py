@@ -1,0 +1,266 @@
+"""Figures of standards and makers on a chain at work: power, wear, lubrication, sag, critical speeds.
+
+With F the difference between the tightest and the slackest strand at work and v the chain's speed, the chain passes on
+the power F v, beside which stands the rated one (`warpchain.drive.power_rating`). Every joint turns by 2 pi / z on and
+off each of the sprockets under the tensions T of the strands on both sides, so that it is worn in a second by
+
+    v / (N p)  k / (A p)  r_p  sum over the sprockets of 2 pi / z (T_in + T_out)                             (a)
+
+of its pitch (Archard, docs/wear.md), without guides and vibration. A strand of L meters that is pulled by a = T_e / m',
+T_e its tension without the centrifugal part and m' the mass per length, swings with the period of the tooth passing,
+v / p, at the speed v of the chain with
+
+    v^2 (a + v^2) = (a q / (2 L))^2,    q = p                                                               (b)
+
+and with that of a sprocket's revolutions for q = z p. Its frequency lengthwise, with its ends held, is that of a chain
+of n springs k and masses m, sin(pi / (2 n)) sqrt(k / m) / pi. The sprockets turn against each other on the pulled
+strands with the lowest frequency that their inertias have, each strand a spring K that also gives as its sag, by the
+weight w per length across it, is pulled straight (Ernst 1965):
+
+    1/K = n / k + w^2 L^3 / (12 T_e^3)                                                                      (c)
+
+A strand that sags by s along a parabola can be moved by hand by 2 h, to both sides, where it is as long straight:
+8 s^2 / (3 L) = 2 h^2 / L, so that 2 h = 4 s / sqrt(3).                                                     (d)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from warpchain.assembly.assembly import Assembly
+from warpchain.assembly.path import ChainPath
+from warpchain.assembly.statics import Steady
+from warpchain.drive import Drive
+from warpchain.drive.power_rating import (
+    LEFT_OUT,
+    LUBRICATION,
+    RATED_HOURS,
+    WEAR_COEFFICIENT,
+    elongation_limit,
+    lubrication_class,
+    lubrication_limits,
+    rated_power,
+    size_rating,
+)
+from warpchain.drive.sprocket import Sprocket
+from warpchain.drive.trains import body_names, body_speed_ratio, inertia_of_body, is_free_body, nearest_sprocket
+
+SLACK = (0.02, 0.04, 0.06)
+"""Movement of the slack strand by hand over its length [-]: Tsubaki asks for 4 %, and 2 % where it is long or steep or
+loads jump, Diamond Chain for up to 6 %."""
+
+Strands = Sequence[Mapping[str, Any]]
+
+
+def passes_moment(sprocket: Sprocket) -> bool:
+    """Whether a sprocket passes on a moment: the driver's, a load's or a shaft's."""
+    return sprocket.prescribed is not None or sprocket.load is not None or sprocket.shaft is not None
+
+
+def smallest_driven(drive: Drive) -> int:
+    """The sprocket with the fewest teeth of those that pass on a moment; the driver is one of them."""
+    passing = (s for s, sprocket in enumerate(drive.sprockets) if s == drive.driver or passes_moment(sprocket))
+    return min(passing, key=lambda s: drive.sprockets[s].teeth)
+
+
+def rating(drive: Drive, strands: Strands, speed: float) -> dict[str, Any] | None:
+    """Rated power, life and lubrication by name, in SI units; None of a size without a rating and of a chain at rest.
+
+    Args:
+        strands: each with its "working_tension" [N].
+        speed: mean speed of the chain at work [m/s].
+    """
+    chain, small = drive.chain, smallest_driven(drive)
+    standard = size_rating(chain.size)
+    if standard is None or chain.size is None or speed == 0.0:
+        return None
+    tensions = [strand["working_tension"] for strand in strands]
+    teeth, power = drive.sprockets[small].teeth, (max(tensions) - min(tensions)) * abs(speed)
+    turning = math.tau * abs(speed) / (chain.pitch * teeth)
+    rated = rated_power(chain.size, teeth, turning)
+    limit = elongation_limit(max(sprocket.teeth for sprocket in drive.sprockets))
+    worn = wear_rate(drive, tensions, speed)
+    return {
+        "standard": standard.standard,
+        "power": power,
+        "rated_power": float(rated.least),
+        "use": power / float(rated.least),
+        "limited_by": rated.limited_by,
+        "teeth": teeth,
+        "speed": turning,
+        "hours": RATED_HOURS,
+        "elongation_limit": limit,
+        "wear_hours": limit / worn / 3600.0 if worn else None,
+        "lubrication": lubrication_class(chain.pitch, abs(speed)),
+        "lubrication_limits": list(lubrication_limits(chain.pitch)),
+        "left_out": LEFT_OUT,
+    }
+
+
+def wear_rate(drive: Drive, tensions: Sequence[float], speed: float) -> float:
+    """Elongation of a chain with a size by wear of its joints [1/s], (a)."""
+    chain = drive.chain
+    assert chain.pin_radius is not None and chain.joint_area is not None  # a size has both
+    turned = sum(
+        math.tau / sprocket.teeth * (tensions[s - 1] + tensions[s]) for s, sprocket in enumerate(drive.sprockets)
+    )
+    circuits = abs(speed) / (chain.links * chain.pitch)
+    return circuits * WEAR_COEFFICIENT / (chain.joint_area * chain.pitch) * chain.pin_radius * max(turned, 0.0)
+
+
+def sag(drive: Drive, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
+    """Sag at rest of the strand that is slackest at work; None on guides, without gravity or a state at rest."""
+    k = min(range(len(strands)), key=lambda k: float(strands[k]["working_tension"]))
+    if resting.failure or assembly.path.strings[k] is not None or not any(drive.run.gravity):
+        return None
+    hangs, length = abs(float(resting.displacement[k])), float(strands[k]["length"])
+    moved = 4.0 / math.sqrt(3.0) * hangs  # (d)
+    return {"strand": strands[k]["name"], "sag": hangs, "length": length, "movement": moved, "slack": moved / length}
+
+
+def critical_speeds(
+    drive: Drive, path: ChainPath, strands: Strands, speed: float, beyond: Mapping[str, float]
+) -> dict[str, dict[str, Any]]:
+    """Frequencies of strands and sprockets, and the driver's speeds at which teeth, and the driver's revolutions, have
+    them; of strands those of the one whose speed is nearest to that at work.
+
+    Args:
+        path: of the chain.
+        strands: each with "name", "links", "free_lengths", "working_tension", "centrifugal_tension".
+        speed: of the driver at work [rad/s].
+        beyond: inertia of the chains that a sprocket turns by name [kg m^2].
+
+    Returns:
+        "transverse", "longitudinal" and "torsional", each with "strand" ("" for all), "frequency" [Hz], that of the
+        transverse one at the speed of the teeth, "teeth_speed" and "revolution_speed" [rad/s]; without what has none.
+    """
+    chain, teeth = drive.chain, drive.sprockets[drive.driver].teeth
+
+    def critical(strand: str, frequency: float, revolution: float) -> dict[str, Any]:
+        return {
+            "strand": strand,
+            "frequency": frequency,
+            "teeth_speed": math.tau * frequency / teeth,
+            "revolution_speed": revolution,
+        }
+
+    across, along = [], []
+    for strand in strands:
+        pull = (strand["working_tension"] - strand["centrifugal_tension"]) * chain.pitch / chain.mass
+        length = max(strand["free_lengths"])
+        if pull > 0.0 and length > 0.0:
+            by_teeth, by_turns = (_swinging_speed(pull, length, q) for q in (chain.pitch, teeth * chain.pitch))
+            turns = math.tau * by_turns / (teeth * chain.pitch)
+            across.append(critical(strand["name"], by_teeth / chain.pitch, turns))
+            rate = math.sqrt(chain.mean_stiffness / chain.mass) / math.pi
+            held = rate * math.sin(math.pi / (2.0 * strand["links"]))
+            along.append(critical(strand["name"], held, math.tau * held))
+    found = {
+        name: min(of, key=lambda one: abs(math.log(one["teeth_speed"] / speed)) if speed else one["teeth_speed"])
+        for name, of in (("transverse", across), ("longitudinal", along))
+        if of
+    }
+    turning = torsional_frequency(drive, path, strands, beyond)
+    return found if turning is None else found | {"torsional": critical("", turning, math.tau * turning)}
+
+
+def _swinging_speed(pull: float, length: float, period: float) -> float:
+    """Speed of the chain [m/s] at which a strand swings once while it moves on by the period [m], (b)."""
+    return math.sqrt(0.5 * (math.sqrt(pull * pull + (pull * period / length) ** 2) - pull))
+
+
+def torsional_frequency(drive: Drive, path: ChainPath, strands: Strands, beyond: Mapping[str, float]) -> float | None:
+    """Lowest frequency [Hz] at which sprockets turn against each other on the pulled strands; None where none does.
+
+    Args:
+        path, strands, beyond: as of `critical_speeds`.
+    """
+    count, (gx, gy) = len(drive.sprockets), drive.run.gravity
+    masses = np.zeros(count)
+    for b, name in enumerate(body_names(drive)):
+        s = nearest_sprocket(drive, b)
+        if s is not None:
+            inertia = inertia_of_body(drive, b) + beyond.get(name, 0.0) if is_free_body(drive, b) else math.inf
+            masses[s] += inertia * (body_speed_ratio(drive, b, s) / drive.pitch_radius(s)) ** 2
+    stiffness = np.zeros((count, count))
+    for k, strand in enumerate(strands):
+        pull = strand["working_tension"] - strand["centrifugal_tension"]
+        if pull > 0.0:
+            x, y = path.strand_end[k] - path.strand_start[k]
+            weight = drive.chain.mass / drive.chain.pitch * (gx * y - gy * x)  # w L
+            give = strand["links"] / drive.chain.mean_stiffness + weight**2 * math.hypot(x, y) / (12.0 * pull**3)
+            ends, spring = [k, (k + 1) % count], 1.0 / give
+            stiffness[np.ix_(ends, ends)] += spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    free = np.flatnonzero(np.isfinite(masses) & (masses > 0.0))
+    scale = 1.0 / np.sqrt(masses[free])
+    squares = np.linalg.eigvalsh(scale[:, None] * stiffness[np.ix_(free, free)] * scale)
+    turning = squares[squares > 1e-9 * squares.max(initial=0.0)]
+    return float(math.sqrt(turning[0]) / math.tau) if len(turning) else None
+
+
+def rating_advice(found: Mapping[str, Any] | None, hung: Mapping[str, Any] | None) -> list[str]:
+    """Lines on more power than the rated one, and on a slack strand that hangs too far."""
+    lines = []
+    if found is not None and found["use"] > 1.0:
+        lines.append(
+            f"chain: passes on {1e-3 * found['power']:.4g} kW at work, {found['use']:.3g} times the "
+            f"{1e-3 * found['rated_power']:.4g} kW that it is rated for ({found['standard']}): take a larger size, or "
+            "more strands"
+        )
+    if hung is not None and hung["slack"] > SLACK[2]:
+        lines.append(
+            f'strand "{hung["strand"]}": sags by {1e3 * hung["sag"]:.3g} mm at rest, so that it can be moved by '
+            f"{100.0 * hung['slack']:.2g} % of its length, where makers ask for at most {100.0 * SLACK[2]:g} %: take "
+            "links out, or move a sprocket (warpchain fit --sag)"
+        )
+    return lines
+
+
+def rating_lines(found: Mapping[str, Any] | None) -> list[str]:
+    """Lines of `check` on rating, life and lubrication."""
+    if found is None:
+        return []
+    rpm, (slow, fast) = found["speed"] * 30.0 / math.pi, found["lubrication_limits"]
+    worn = "" if found["wear_hours"] is None else (
+        f"; by Archard's law {found['wear_hours']:.3g} h at work, k = {WEAR_COEFFICIENT:g} m^2/N (docs/wear.md)"
+    )  # fmt: skip
+    kind = found["lubrication"]
+    return [
+        f"rating: {1e-3 * found['power']:.4g} kW at work, {found['use']:.3g} of the {1e-3 * found['rated_power']:.4g} "
+        f"kW for {found['teeth']} teeth at {rpm:.4g} rpm ({found['standard']}), by {found['limited_by']}",
+        f"  that leaves out {found['left_out']}: run the drive",
+        f"life: at its rated power {found['hours']:g} h until it is {100.0 * found['elongation_limit']:.3g} % longer "
+        f"(ACA){worn}",
+        f"lubrication: {kind}, {LUBRICATION[kind]} (ASME B29.1); A up to {slow:.3g} m/s, B up to {fast:.3g} m/s "
+        "(Machinery's Handbook)",
+    ]
+
+
+def strand_lines(hung: Mapping[str, Any] | None, speeds: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Lines of `check` on sag and critical speeds."""
+    lines = []
+    if hung is not None:
+        least, usual, most = (100.0 * share for share in SLACK)
+        share = 100.0 * hung["sag"] / hung["length"]
+        lines.append(
+            f'sag: slack strand "{hung["strand"]}", {1e3 * hung["sag"]:.3g} mm at rest, {share:.2g} % of its length; '
+            f"by hand it moves {100.0 * hung['slack']:.2g} %, of which makers ask for {least:g} to {usual:g} % "
+            f"(Tsubaki), {most:g} % at most (Diamond Chain)"
+        )
+    words = {
+        "transverse": "moving string (Sack 1954)",
+        "longitudinal": "springs and masses, ends held",
+        "torsional": "inertias on pulled strands (Ernst 1965)",
+    }
+    for name, one in speeds.items():
+        of = f'"{one["strand"]}"' if one["strand"] else "sprockets against each other"
+        teeth, turns = (one[key] * 30.0 / math.pi for key in ("teeth_speed", "revolution_speed"))
+        lines.append(
+            f"critical, {name}: {of}, {one['frequency']:.4g} Hz, at {teeth:.4g} rpm of the driver by its teeth, "
+            f"{turns:.4g} rpm by its revolutions; {words[name]}"
+        )
+    return lines

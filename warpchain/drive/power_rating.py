@@ -1,0 +1,141 @@
+"""The power that standards rate a chain for, by size, teeth and speed, and what belongs to that rating.
+
+Series A of ISO 606, which is that of ASME B29.1, by the equations of the American Chain Association: with N teeth of
+the smaller sprocket at n rpm and the pitch P in inches, in horsepower,
+
+    link plates             H_1 = K_s N^1.08 n^0.9 P^(3 - 0.07 P)                                        (a)
+    rollers and bushings    H_2 = 1000 K_r N^1.5 P^0.8 / n^1.5                                           (b)
+
+of which the smaller counts. K_s = 0.004, of No. 41 0.0022; K_r = 17, of No. 25 and 35 (04C, 06C) 29, of No. 41 (085)
+3.4. Two strands carry 1.7, three 2.5 times that of one (Tsubaki, The Complete Guide to Chain, Table 4.1). Chains of the
+heavy series have the power of those that they are like.
+
+ISO 10823 has charts for series B, and no equations. They are rated by (a) and (b), with (a) times the breaking load of
+a strand over that of a chain of series A of the same pitch, 12,500 lbf P^2: an ESTIMATE. Its factor of teeth is
+(19/N)^1.08, as in (a).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from warpchain.drive.batch_math import power, smallest
+from warpchain.drive.catalogue import CHAINS
+
+HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
+"""[W], [m], [m/s]."""
+SERIES_A_STRENGTH = 12_500.0 * 4.4482216152605
+"""Least tensile strength of a strand of series A over the square of its pitch in inches [N]."""
+STRAND_FACTORS = {1: 1.0, 2: 1.7, 3: 2.5}
+"""Power of so many strands over that of one [-]."""
+SERVICE_FACTORS = {
+    "smooth": {"motor": 1.0, "hydraulic": 1.0, "engine": 1.2},
+    "moderate": {"motor": 1.3, "hydraulic": 1.2, "engine": 1.4},
+    "heavy": {"motor": 1.5, "hydraulic": 1.4, "engine": 1.7},
+}
+"""What power is multiplied by for the load's shocks and for what drives: an electric motor or turbine, an engine with a
+hydraulic drive, an engine without (Tsubaki, as above, Table 4.2)."""
+RATED_HOURS = 15_000.0
+"""Life that the ratings are for, up to the elongation at which a chain is changed."""
+LEFT_OUT = "acceleration, shocks beyond a service factor, vibration, guides and more than two sprockets"
+"""What ratings do not contain."""
+WEAR_COEFFICIENT = 2e-16
+"""k of pin and bush, oiled [m^2/N]: makes a chain at the rated power of ISO 10823 3 % longer in 15,000 hours."""
+LUBRICATION = {"A": "by hand or drop by drop", "B": "oil bath or disc", "C": "stream of oil under pressure"}
+"""Classes of lubrication of ASME B29.1."""
+_LUBRICATED_TO = """
+pitch  0.25  0.375   0.5  0.625  0.75     1  1.25   1.5  1.75     2  2.25   2.5     3
+A       500    370   300    250   220   170   150   130   115   100    95    85    75
+B      3500   2800  2300   2000  1800  1500  1300  1200  1100  1000   950   900   800
+"""
+"""Highest speeds of the chain in ft/min at which A and B do, by the pitch in inches (Machinery's Handbook)."""
+
+
+class SizeRating(NamedTuple):
+    """Coefficients of a size.
+
+    Attributes:
+        plates: K_s of (a), strands and strength included.
+        rollers: K_r of (b), strands included.
+        standard: whose rating it is.
+    """
+
+    plates: float
+    rollers: float
+    standard: str
+
+
+def size_rating(size: str | None) -> SizeRating | None:
+    """Coefficients of a size of the catalogue; None of one that no standard rates, and for no size."""
+    name = "" if size is None else size.partition("-")[0]
+    if name not in CHAINS or size is None:
+        return None
+    chain, strands = CHAINS[name], STRAND_FACTORS[CHAINS[size].strands]
+    plates, rollers, standard = 0.004, 17.0, "ASME B29.1"
+    if name == "085":
+        plates, rollers = 0.0022, 3.4
+    elif name.endswith("C"):
+        rollers = 29.0
+    elif name.endswith("B"):
+        plates *= chain.breaking_load / (SERIES_A_STRENGTH * (chain.pitch / INCH) ** 2)
+        standard = "ISO 10823, an ESTIMATE by ASME B29.1"
+    elif not (name.endswith(("A", "H")) and chain.standard):
+        return None
+    return SizeRating(strands * plates, strands * rollers, standard)
+
+
+class RatedPower(NamedTuple):
+    """Power [W] that plates, and rollers and bushings, are rated for; numbers, or arrays over variants."""
+
+    plates: Any
+    rollers: Any
+
+    @property
+    def least(self) -> Any:
+        """The smaller of both [W]."""
+        return smallest(self.plates, self.rollers)
+
+    @property
+    def limited_by(self) -> str:
+        """Part that the smaller is of, in words."""
+        return "link plates" if self.plates <= self.rollers else "rollers and bushings"
+
+
+def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
+    """The power that a size is rated for, (a) and (b).
+
+    Args:
+        size: of the catalogue, one that has a rating.
+        teeth: of the smaller sprocket.
+        speed: of that sprocket [rad/s], above 0; a number, or one a variant.
+    """
+    rating, pitch, rpm = size_rating(size), CHAINS[size].pitch / INCH, speed * (30.0 / math.pi)
+    assert rating is not None
+    plates = HORSEPOWER * rating.plates * teeth**1.08 * pitch ** (3.0 - 0.07 * pitch)
+    rollers = HORSEPOWER * 1000.0 * rating.rollers * teeth**1.5 * pitch**0.8
+    return RatedPower(plates * power(rpm, 0.9), rollers * power(rpm, -1.5))
+
+
+def lubrication_limits(pitch: float) -> tuple[float, float]:
+    """Speeds of the chain up to which lubrication A, and B, does [m/s]; by the logarithms between the table's pitches.
+
+    Args:
+        pitch: [m].
+    """
+    import numpy as np
+
+    rows = [[math.log(float(cell)) for cell in line.split()[1:]] for line in _LUBRICATED_TO.split("\n")[1:-1]]
+    slow, fast = (math.exp(float(np.interp(math.log(pitch / INCH), rows[0], row))) for row in rows[1:])
+    return FOOT_A_MINUTE * slow, FOOT_A_MINUTE * fast
+
+
+def lubrication_class(pitch: float, speed: float) -> str:
+    """Class of lubrication, of `LUBRICATION`, that a chain of this pitch [m] needs at this speed [m/s]."""
+    slow, fast = lubrication_limits(pitch)
+    return "A" if speed <= slow else "B" if speed <= fast else "C"
+
+
+def elongation_limit(teeth: int) -> float:
+    """Elongation at which a chain is changed [-]: 3 %, and 200 % over the largest sprocket's teeth above 67 of them."""
+    return 0.03 if teeth <= 67 else 2.0 / teeth
