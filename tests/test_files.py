@@ -287,8 +287,8 @@ def test_an_archive_that_appears_meanwhile_stays(run, tmp_path):
     file = McapWriter(path, "test", overwrite=False)
     path.write_text("mine")
     with pytest.raises(ArchiveError, match=r"a\.mcap: exists already; give another name, or overwrite=True"):
-        file.finish()
-    file.close()
+        file.finish_file()
+    file.close_unfinished()
     assert path.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -132,7 +132,7 @@ def test_chunks_that_another_program_wrote_anew_are_read_too(run, tmp_path):
 class Sparse(McapWriter):
     """Leaves holes in the file where chunks' data would be."""
 
-    def _put(self, data):
+    def _write_bytes(self, data):
         if len(data) < 2**20 or data[0] != 0:
             return super()._write_bytes(data)
         at, self._at = self._at, self._at + len(data)
@@ -154,7 +154,7 @@ def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
         for _ in range(4):
             index = {6 * variant + k + 1: np.zeros((50, 2), dtype=np.uint64) for k in range(3)}
             part.file.add_chunk(PackedChunk("", data[: 2**20], 2**20, 0, 0, 0, index))
-    parts.finish(run.metrics.take([0] * variants), run.info)
+    parts.finish_archive(run.metrics.take([0] * variants), run.info)
     assert os.stat(tmp_path / "big.mcap").st_size > 10e9
     pread, read = os.pread, []
     monkeypatch.setattr("os.pread", lambda *args: read.append(pread(*args)) or read[-1])

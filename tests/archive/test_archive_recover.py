@@ -438,7 +438,7 @@ def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, caps
     monkeypatch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**14)
     monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
     if moment == "finish":
-        monkeypatch.setattr(ArchiveParts, "finish", interrupted)
+        monkeypatch.setattr(ArchiveParts, "finish_archive", interrupted)
     else:
         plain, left = Recorder.take, [3]
 

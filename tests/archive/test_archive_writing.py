@@ -48,7 +48,7 @@ def test_results_are_handed_on_in_order_whatever_the_work_takes():
     pipeline = OrderedWork(work, out.append, threads=4, room=8)
     for job in range(100):
         pipeline.submit_job(job)
-    pipeline.close()
+    pipeline.wait_for_jobs()
     assert finished[:8] == [3, 2, 1, 0, 7, 6, 5, 4]
     assert out == list(range(100))
 
@@ -70,7 +70,7 @@ def test_no_more_jobs_are_under_way_than_there_is_room():
         gates[job].set()
         wait_for(lambda job=job: len(handed) > job)
     feeder.join(60)
-    pipeline.close()
+    pipeline.wait_for_jobs()
     assert max(most) == 3 + 1  # those that wait, and the one that the sink waits for
     assert handed == [True] * 50
 
@@ -90,9 +90,9 @@ def test_an_error_comes_out_on_the_callers_side(place):
         for job in range(10_000):
             pipeline.submit_job(job)
     with pytest.raises(OSError, match="No space left"):
-        pipeline.close()
+        pipeline.wait_for_jobs()
     assert done == [0, 1, 2, 3, 4]  # nothing after the failure
-    pipeline.close(drop=True)
+    pipeline.wait_for_jobs(drop=True)
 
 
 def test_files_do_not_depend_on_the_number_of_encoders(run, tmp_path, small_chunks):

@@ -196,7 +196,9 @@ def written(path, run, change):
     """An archive that some other program made, whose parts are right but for what `change` does to the writer."""
     with pytest.MonkeyPatch.context() as patch:
         change(patch)
-        parts.ArchiveParts(path, run.drives, [0], run.info, ArchiveOptions(), True, False).finish(run.metrics, run.info)
+        parts.ArchiveParts(path, run.drives, [0], run.info, ArchiveOptions(), True, False).finish_archive(
+            run.metrics, run.info
+        )
     return path
 
 
@@ -209,7 +211,7 @@ def test_a_small_file_that_opens_to_gigabytes_is_refused(tmp_path, compression, 
     file.add_schema(1, "s", "", b"")
     file.add_channel(1, 1, "/a", "", {})
     file.add_chunk(PackedChunk(compression, data, size, 0, 0, 0, {1: np.zeros((1, 2), dtype=np.uint64)}))
-    file.finish()
+    file.finish_file()
     index = McapIndex(tmp_path / "b.mcap")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ArchiveError, match="is damaged"):

@@ -131,7 +131,7 @@ def test_a_sine_goes_back_and_forth_four_amplitudes_a_period():
     time = np.linspace(0.0, 2.0, 20001)
     found = range_and_path(time, 3.0 + 0.5 * np.sin(2.0 * np.pi * 10.0 * time))
     assert (found.low, found.high) == pytest.approx((2.5, 3.5), rel=1e-5)
-    assert found.travel == pytest.approx(1.0, rel=1e-5)
+    assert found.range_width == pytest.approx(1.0, rel=1e-5)
     assert found.mean == pytest.approx(3.0, rel=1e-6)
     assert found.path == pytest.approx(4 * 0.5 * 10.0, rel=1e-4)  # a thousand samples a period
 

@@ -123,7 +123,7 @@ class ArchiveParts:
             for name, data in options.attachments.items():
                 first.file.add_attachment(name, media_type(name), data)
         except BaseException:
-            self.close()
+            self.close_unfinished()
             raise
 
     def _begin_part(self) -> ArchivePart:
@@ -158,9 +158,9 @@ class ArchiveParts:
     def _finish_part(self, part: ArchivePart, end: Mapping[str, str]) -> None:
         """Ends an archive's file with its metadata."""
         part.file.add_metadata(archive_format.END_METADATA, archive_format.end_with_start_copy(end, part.start))
-        part.file.finish()
+        part.file.finish_file()
 
-    def finish(self, metrics: pa.Table, info: RunInfo) -> None:
+    def finish_archive(self, metrics: pa.Table, info: RunInfo) -> None:
         """Ends all files of the archive; the last holds metrics and the run's end."""
         self._target.check_free()
         last = self._parts[-1]
@@ -199,7 +199,7 @@ class ArchiveParts:
         kept = self._kept_files_text()
         return ArchiveError(f"{error}; {kept}") if kept else error
 
-    def close(self, named: bool = False) -> None:
+    def close_unfinished(self, named: bool = False) -> None:
         """Ends unfinished files of the archive: drops them, or with `salvage` keeps those with frames.
 
         Args:
@@ -208,7 +208,7 @@ class ArchiveParts:
         left, kept = self._unfinished_files(), self._kept_files_text()
         for part in self._parts:
             if not part.file.is_finished:
-                part.file.close(keep=part.file in left)
+                part.file.close_unfinished(keep=part.file in left)
         if not self._parts or not self._parts[-1].file.is_finished:
             if not self._salvage:
                 self._target.discard_files(part.file.path for part in self._parts if part.file.is_finished)

@@ -71,7 +71,7 @@ def name_taken_error(path: Path) -> ArchiveError:
 
 
 class McapWriter:
-    """Writer of one MCAP file, under a temporary name until `finish`.
+    """Writer of one MCAP file, under a temporary name until `finish_file`.
 
     Args:
         path: the file's name when whole.
@@ -229,7 +229,7 @@ class McapWriter:
         self._write_bytes(_record_bytes(kinds.DataEnd(data_section_crc=0)))
         self._write_bytes(self._summary_bytes())
 
-    def finish(self) -> None:
+    def finish_file(self) -> None:
         """Writes the MCAP summary, flushes to the disk and gives the file its name."""
         self._write_end()
         with refusals_as_errors(self.path, ArchiveError):
@@ -272,7 +272,7 @@ class McapWriter:
             schema_count=len(self._schemas),
         )
 
-    def close(self, keep: bool = False) -> None:
+    def close_unfinished(self, keep: bool = False) -> None:
         """Drops an unfinished MCAP file, or keeps it under its temporary name."""
         self._file.drop(keep)
 

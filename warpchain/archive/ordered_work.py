@@ -15,7 +15,7 @@ ResultType = TypeVar("ResultType")
 class OrderedWork(Generic[JobType, ResultType]):
     """Threads that work on jobs and pass their results on in order.
 
-    An error comes out of the caller's next `submit_job` or of `close`; later jobs are dropped.
+    An error comes out of the caller's next `submit_job` or of `wait_for_jobs`; later jobs are dropped.
 
     Args:
         work: called in one of several threads.
@@ -57,7 +57,7 @@ class OrderedWork(Generic[JobType, ResultType]):
         if self._error is not None:
             raise self._error
 
-    def close(self, drop: bool = False) -> None:
+    def wait_for_jobs(self, drop: bool = False) -> None:
         """Waits until all jobs are done; `drop` gives the rest up and raises nothing."""
         if drop:
             self._dropped = True

@@ -138,7 +138,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
             number = len(copies)
             copies.append(_FileCopy(path, target.begin_file(number, "warpchain recover"), result, number))
             if not copies[-1].copy_file() and number and path.suffix == ".partial":
-                copies.pop().file.close()  # a part that had only just begun
+                copies.pop().file.close_unfinished()  # a part that had only just begun
         for copy in copies:
             copy.require_run()
         if not result.chunks:
@@ -148,14 +148,14 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
             why = next(iter(result.unreadable.values()), "no frame is whole")
             raise ArchiveError(f"{source}: no variant of it can be read ({why}); nothing can be restored")
         for copy in copies:
-            copy.finish(len(copies))
+            copy.finish_file(len(copies))
         result.files = [copy.file.path for copy in copies]
         target.remove_replaced(result.files)
     except BaseException:
         if not (copies and copies[-1].file.is_finished):
             target.discard_files(copy.file.path for copy in copies if copy.file.is_finished)
         for copy in copies:
-            copy.file.close()
+            copy.file.close_unfinished()
         raise
     finally:
         target.release_lock()
@@ -334,10 +334,10 @@ class _FileCopy:
         """Gives the restored file as a whole one, to be read back."""
         return self.file.readable_draft(archive_format.END_METADATA, self._end_metadata(parts))
 
-    def finish(self, parts: int) -> None:
+    def finish_file(self, parts: int) -> None:
         """Ends the restored file and gives it its name."""
         self.file.add_metadata(archive_format.END_METADATA, self._end_metadata(parts))
-        self.file.finish()
+        self.file.finish_file()
 
     def _end_metadata(self, parts: int) -> dict[str, str]:
         """Metadata at a restored archive's end."""

@@ -201,8 +201,8 @@ class ArchiveWriter:
         """
         try:
             self._send_all_waiting()
-            self._pipeline.close()
-            self._parts.finish(metrics, info)
+            self._pipeline.wait_for_jobs()
+            self._parts.finish_archive(metrics, info)
         except ArchiveError as error:
             self._named = True
             raise self._parts.refusal_error(error) from None
@@ -212,8 +212,8 @@ class ArchiveWriter:
         """Ends an unfinished archive: what was written is kept with `salvage`, else dropped."""
         if not self._ended:
             self._ended = True
-            self._pipeline.close(drop=True)
-            self._parts.close(self._named)
+            self._pipeline.wait_for_jobs(drop=True)
+            self._parts.close_unfinished(self._named)
 
     def __enter__(self) -> Self:
         return self

@@ -316,7 +316,7 @@ class QuantityRange(NamedTuple):
     path: float
 
     @property
-    def travel(self) -> float:
+    def range_width(self) -> float:
         """Difference of a quantity's largest and smallest value."""
         return self.high - self.low
 

@@ -142,7 +142,7 @@ def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str
         largest = max(abs(moved.low), abs(moved.high))
         cells = [
             quantity_cells(value, unit, largest)
-            for value in (moved.low, moved.mean, moved.high, moved.travel, moved.path)
+            for value in (moved.low, moved.mean, moved.high, moved.range_width, moved.path)
         ]
         cells[-1] = cells[-1] if unit in ("m", "rad") else ("\u2013", "")  # only motions cover a distance
         rows.append([title, *(value for value, _ in cells), cells[0][1]])
