@@ -426,8 +426,12 @@ def trimmed(a: Any):
 
 @wp.func
 def added(sum: Pair, value: wp.float32):
-    """A sum and a value that is small beside it, or the first; float64 holds it exactly."""
-    return trimmed(settled(sum.high, sum.low + value))
+    """A sum and a value that is small beside it, or the first; float64 holds it exactly.
+
+    With 0 added the sum keeps its bits, also where `low` is half a unit of `high`, which `settled` rounds to even.
+    """
+    more = trimmed(settled(sum.high, sum.low + value))
+    return pair(wp.where(value == 0.0, sum.high, more.high), wp.where(value == 0.0, sum.low, more.low))
 
 
 @wp.func

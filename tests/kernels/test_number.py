@@ -35,6 +35,7 @@ from warpchain.kernels.number import (  # noqa: F401  (the signs between pairs)
     logarithm,
     mul,
     number_of,
+    pair,
     pair_of,
     sine_cosine,
     sub,
@@ -485,6 +486,25 @@ def test_moments_and_works_of_many_steps():
     exact = np.array([moment.sum(), (speed * moment).sum(), -(speed * moment).sum()])
     # each of 32 additions in a row, and a product, is rounded by EPS of up to 32 addends, one as often up as down
     assert np.abs(found / exact - 1.0).max() < 32 * EPS / np.sqrt(100_005 / 32)
+
+
+@kernel
+def twice_gathered(high: float, low: float, value: float, out: wp.array2d[wp.float64]):
+    once, twice = BLOCKS.SprocketSums(), BLOCKS.SprocketSums()
+    once.moment.sum = pair(high, low)
+    twice.moment.sum = pair(high, low)
+    twice = gathered_powers(twice)
+    once = gathered_powers(add_powers(once, 1.0, value, 0.0, 0.0, 1.0))
+    twice = gathered_powers(add_powers(twice, 1.0, value, 0.0, 0.0, 1.0))
+    out[0, 0] = whole(once.moment.sum)
+    out[0, 1] = whole(twice.moment.sum)
+
+
+@pytest.mark.parametrize("value", [0.1, 0.7, 1.3])
+def test_sums_that_are_gathered_where_nothing_is_new_stay_as_they_are(value):
+    """As at the end of a launch: with `low` half a unit of an odd `high`, another pair has the same value."""
+    once, twice = launched(twice_gathered, 1, 1.0 + 2.0**-23, 2.0**-24, value, width=2)[0]
+    assert once == twice
 
 
 def each_of(kinds, usual, long):
