@@ -5,8 +5,8 @@ Square roots and reciprocals come on CUDA from the hardware's estimate, whose er
 takes below round-off, where a root and a division would be subroutines; elsewhere as written.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -40,32 +40,31 @@ LANES = {wp.float64: 4, wp.float32: 8}
 """Rollers that the CPU's loops over rows take at a time; what lies beyond the chain's end is worked out, not read."""
 
 
-@cache
-def whole_lanes(Real: type) -> wp.Function:
-    """The function that rounds a number up to a multiple of the lanes of `Real`."""
-    lanes = LANES[Real]
+@dataclass(frozen=True)
+class RowAccess:
+    """Access to contiguous arrays of one type, such as rows of rollers, without a stride.
 
-    @wp.func
-    def whole(n: int):
-        """`n` rounded up to a multiple of `lanes`."""
-        return (n + wp.static(lanes - 1)) & wp.static(-lanes)
-
-    return whole
-
-
-@cache
-def accessors(Real: type) -> SimpleNamespace:
-    """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
-
-    `unlike(array, first, count, value)`, on the CPU only, tells which of up to 64 values are not `value`, as bits. In
-    Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
+    In Warp's debug build an index out of bounds ends the process, as it does for Warp's own arrays.
     """
 
+    load: wp.Function
+    store: wp.Function
+    find_unlike: wp.Function
+    round_up: wp.Function
+
+
+@cache
+def row_access(Real: type) -> RowAccess:
+    """Access to arrays of `Real`; `find_unlike` and `round_up` are for the CPU only."""
+    lanes = LANES.get(Real, 1)
+
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
-    def load_row(a: wp.array[Real], i: int) -> Real: ...
+    def load(a: wp.array[Real], i: int) -> Real:
+        """Value i."""
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
-    def store_row(a: wp.array[Real], i: int, value: Real): ...
+    def store(a: wp.array[Real], i: int, value: Real):
+        """Sets value i."""
 
     @wp.func_native("""
         typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
@@ -88,9 +87,15 @@ def accessors(Real: type) -> SimpleNamespace:
         }
         return bits;
     """)
-    def unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64: ...
+    def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
+        """The values from `first` on, of up to 64, that are not `value`, as bits."""
 
-    return SimpleNamespace(**locals())
+    @wp.func
+    def round_up(n: int):
+        """`n` rounded up to a multiple of the lanes of `Real`."""
+        return (n + wp.static(lanes - 1)) & wp.static(-lanes)
+
+    return RowAccess(load=load, store=store, find_unlike=find_unlike, round_up=round_up)
 
 
 @cache

@@ -862,11 +862,11 @@ class Memory:
 
     seat: wp.array[wp.int32]  # as in `State`
     impact_speed: wp.array[wp.float64]
-    hold: wp.array[wp.float64]  # `State.contact_hold`
-    dampers: wp.int32  # row of the speeds at which dampers acted in the step before (`contacts.damper_row`)
+    bristle: wp.array[wp.float64]  # `State.contact_hold`
+    damper_row: wp.int32  # row of the speeds at which dampers acted in the step before (`contact_rows.damper_row`)
     first: wp.int32  # of this partner's rollers
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
-    stretched: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
+    stretch_part: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
     wanted: Now  # what is added up too
     inverse_mass: wp.float64  # 1 / m of the chain's rollers [1/kg]
     gravity: wp.vec2d  # on them [m/s^2]

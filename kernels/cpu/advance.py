@@ -9,18 +9,43 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import MOST, leapfrog_kick, stage_at, stages_of, stretching
+from ..integrate import MOST, leapfrog_kick, leapfrog_lag, stage_at, stages_of, stretching
 from ..modules import own_module
 from ..structs import DIVERGENCE_CHECK, Drive, Now, Sums, types
-from .contact_pairs import nearness
-from .contacts import contact_rows
-from .neighbor_list import neighbor_list
-from .observe import measuring, now_at, sampling
-from .rollers import ROWS, passes
-from .shafts import shafts
-from .steps import evaluating, moving, stepping
+from .bodies import body_functions
+from .body_states import body_state_functions
+from .chain_sums import chain_sum_functions
+from .contact_rows import contact_row_functions
+from .forces import force_functions
+from .frame_output import frame_output_functions
+from .link_tallies import link_tally_functions
+from .near_rollers import near_roller_functions
+from .neighbor_list import neighbor_list_functions
+from .rollers import ROWS, roller_functions
+from .shared_shafts import shared_shaft_functions
+from .steps import step_functions
+from .window_sums import window_sum_functions
 
 SCRATCH_ROWS = len(ROWS)
+
+
+@wp.func
+def step_now(drive: Drive, step: int):
+    """Step `step`, with the sums and frames that it is wanted for."""
+    now = Now()
+    now.step = step
+    now.time = wp.float64(step) * drive.step
+    if drive.integrator == 0:
+        now.lag = leapfrog_lag(step, drive.step)
+    now.weight = drive.step
+    if step >= drive.window_start and step <= drive.window_end:
+        now.measures = 1
+        now.ends = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
+    if now.ends != 0:
+        now.weight = wp.float64(0.5) * now.weight
+    if drive.sample_every > 0:
+        now.sizes = wp.where(step % drive.sample_every == 0, 1, 0)
+    return now
 
 
 @cache
@@ -31,11 +56,19 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
     """
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    part, of_bodies = passes(Real, capacity), moving(Real)
-    do, join_all = stepping(Real, capacity), shafts(Real).join_all
-    sums_of, frames_of = measuring(Real, capacity), sampling(Real, capacity, frame)
-    forces, neighbors = evaluating(Real, capacity), neighbor_list(Real, capacity)
-    near, contact = nearness(Real, capacity), contact_rows(Real, capacity)
+    rollers = roller_functions(Real, capacity)
+    bodies = body_functions(Real)
+    body_states = body_state_functions(Real)
+    steps = step_functions(Real, capacity)
+    shared_shafts = shared_shaft_functions(Real)
+    window_sums = window_sum_functions(Real, capacity)
+    frame_output = frame_output_functions(Real, capacity, frame)
+    link_tallies = link_tally_functions(Real, capacity)
+    chain_sums = chain_sum_functions(Real, capacity)
+    forces = force_functions(Real, capacity)
+    neighbor_list = neighbor_list_functions(Real, capacity)
+    near_rollers = near_roller_functions(Real, capacity)
+    contact_rows = contact_row_functions(Real, capacity)
 
     @wp.func
     def drive_at(ensemble: Ensemble, row: int):
@@ -49,36 +82,36 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
 
     @wp.func
     def has_left(state: State, drive: Drive, w: wp.array[Real]):
-        """Whether a roller or body of a chain is out of the drive's box, or is no number."""
-        inside = part.inside(w, drive.rollers, drive.low, drive.high)
-        return inside == 0 or of_bodies.bodies_sound(state, drive) == 0
+        """Whether a roller or body of a chain has left the drive's box, or is no number."""
+        inside = rollers.is_inside(w, drive.rollers, drive.low, drive.high)
+        return inside == 0 or body_states.has_sound_bodies(state, drive) == 0
 
     @wp.func
     def begin_launch(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real]):
-        """Brings a chain into the scratch's rows."""
-        part.fetch(state, ensemble.lengths, w, drive.first_roller, drive.rollers)
-        contact.fetch_dampers(state, drive, w)
-        neighbors.reset(w, drive)
-        sums_of.clear(w, drive.rollers)
+        """Brings a chain from the state into the scratch's rows."""
+        rollers.fetch(state, ensemble.lengths, w, drive.first_roller, drive.rollers)
+        contact_rows.fetch_dampers(state, drive, w)
+        neighbor_list.reset(w, drive)
+        link_tallies.clear(w, drive.rollers)
 
     @wp.func
     def end_launch(ensemble: Ensemble, state: State, sums: Sums, row: int, drive: Drive, w: wp.array[Real]):
-        """Brings the chain of a row back from the scratch, and its sums together."""
-        sums_of.merge(ensemble, state, sums, row, w)
-        part.put_back(state, w, drive.first_roller, drive.rollers)
-        contact.put_dampers_back(state, drive, w)
+        """Brings the chain of a row back into the state, and merges its sums."""
+        chain_sums.merge_tallies(ensemble, state, sums, row, w)
+        rollers.put_back(state, w, drive.first_roller, drive.rollers)
+        contact_rows.put_back_dampers(state, drive, w)
 
     @wp.func
-    def march(
+    def advance_variant(
         ensemble: Ensemble,
         state: State,
         sums: Sums,
         variant: int,
         frames: wp.array[Real],
         scratch: wp.array2d[Real],
-        steps: int,
+        count: int,
     ):
-        """Takes the chains of a variant, which begin at row `variant`, `steps` steps on."""
+        """Takes the chains of a variant, which begin at row `variant`, up to `count` steps on."""
         chains, w = wp.static(1), scratch[0]
         if wp.static(several):
             drive, chain = drive_at(ensemble, variant), chain_at(ensemble, variant)
@@ -86,20 +119,20 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         else:
             drive, chain = ensemble.drives[variant], ensemble.chains[variant]
         integrator, h, last = drive.integrator, drive.step, drive.steps
-        memory = near.at_chain(near.memory_of(state, drive), drive, chain)
+        memory = near_rollers.memory_at_chain(near_rollers.contact_memory(state, drive), drive, chain)
         progress = state.progress[variant]
         for c in range(chains):
             begin_launch(ensemble, state, ensemble.drives[variant + c], scratch[c])
-        end = wp.min(progress.step + steps, last + 1)
+        end = wp.min(progress.step + count, last + 1)
         number = int(0)  # of frames written
         step = progress.step
         while step < end and progress.diverged == 0:
-            now = now_at(drive, step)
+            now = step_now(drive, step)
             for c in range(chains):
                 if wp.static(several):
                     drive, w = drive_at(ensemble, variant + c), scratch[c]
-                if neighbors.needs_rebuild(w, drive):
-                    near.rebuild(ensemble, state, drive, w)
+                if neighbor_list.is_outdated(w, drive):
+                    near_rollers.rebuild_neighbor_list(ensemble, state, drive, w)
             stage = int(0)
             while stage < stages_of(integrator):
                 at = stage_at(integrator, stage, now.time, h)
@@ -108,23 +141,23 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
                 if stage != 0:
                     memory.wanted = Now()
                 memory.time = at.time
-                memory.stretched = stretching(integrator, stage, Real(1.0))
+                memory.stretch_part = stretching(integrator, stage, Real(1.0))
                 for c in range(chains):
                     if wp.static(several):
                         drive, chain, w = drive_at(ensemble, variant + c), chain_at(ensemble, variant + c), scratch[c]
-                        memory = near.at_chain(memory, drive, chain)
-                    forces.pull(ensemble, state, drive, chain, w, memory)
-                    forces.push(ensemble, state, drive, w, memory)
-                    of_bodies.find_rates(ensemble, state, drive, stage, at.time)
+                        memory = near_rollers.memory_at_chain(memory, drive, chain)
+                    forces.add_link_forces(ensemble, state, drive, chain, w, memory)
+                    forces.add_contact_forces(ensemble, state, drive, w, memory)
+                    bodies.find_accelerations(ensemble, state, drive, stage, at.time)
                 if wp.static(several):
-                    join_all(ensemble, state, variant, chains, at.time)
+                    shared_shafts.join_shafts_of_variant(ensemble, state, variant, chains, at.time)
                 for c in range(chains):
                     if wp.static(several):
                         drive, w = drive_at(ensemble, variant + c), scratch[c]
                     if memory.wanted.measures != 0:
-                        sums_of.measure(ensemble, state, sums, variant + c, drive, w, now)
+                        window_sums.add_step(ensemble, state, sums, variant + c, drive, w, now)
                     if memory.wanted.sizes != 0:
-                        frames_of.sample(ensemble, state, variant + c, drive, w, frames, number, now)
+                        frame_output.write_frame(ensemble, state, variant + c, drive, w, frames, number, now)
                     if stage == 0 and (step % DIVERGENCE_CHECK == 0 or step == last):
                         if has_left(state, drive, w):
                             progress.diverged = 1
@@ -138,9 +171,9 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
                             r = variant + c
                             drive, chain, w = drive_at(ensemble, r), chain_at(ensemble, r), scratch[c]
                         if integrator == 0:
-                            do.leapfrog(ensemble, state, drive, chain, w, now.time, leapfrog_kick(step, h))
+                            steps.take_leapfrog_step(ensemble, state, drive, chain, w, now.time, leapfrog_kick(step, h))
                         else:
-                            do.take_stage(ensemble, state, drive, chain, w, at)
+                            steps.take_stage(ensemble, state, drive, chain, w, at)
             step = step + 1 - progress.diverged
         progress.step = step
         for c in range(chains):
@@ -157,9 +190,9 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         first: int,
         steps: int,
     ):
-        """Variants whose chains begin at rows `first` + thread: `steps` steps on, with sums and frames."""
+        """Takes variants, whose chains begin at rows `first` + thread, up to `steps` steps on, with sums and frames."""
         variant = first + wp.tid()
         if ensemble.drives[variant].rings > 0:
-            march(ensemble, state, sums, variant, frames, scratch, steps)
+            advance_variant(ensemble, state, sums, variant, frames, scratch, steps)
 
     return advance

@@ -1,166 +1,181 @@
-"""The CPU kernel's passes over a group of rollers for one guide, a straight bar or a profile: who is near, how deep."""
+"""Contacts of a group of rollers with one guide, a straight bar or a profile: who is near, and how deep."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, load_constant
+from ..native import load_constant, row_access
 from ..physics.contact import AWAY, MISSED, UNTOUCHED, has_missed_face, rotated_vector, surface_velocity
 from ..physics.guide import bar_contact, frame_vector, is_at_face, is_near_profile, piece_contact, tracked_piece
 from ..structs import Piece, Pose, Totals, types
-from .contacts import contact_rows
-from .neighbor_list import Group, is_near, lowest_bit, neighbor_list, next_bits
-from .rollers import passes, rows
+from .contact_rows import contact_row_functions
+from .neighbor_list import Group, is_near, lowest_bit, neighbor_list_functions, without_lowest_bit
+from .rollers import roller_functions, rows
+
+
+@dataclass(frozen=True)
+class GuideFunctions:
+    """Contacts of a group of rollers with one guide, a straight bar or a profile."""
+
+    mark_over_bar: wp.Function
+    forget_bar: wp.Function
+    find_bar_contacts: wp.Function
+    count_missed: wp.Function
+    mark_over_profile: wp.Function
+    find_profile_contacts: wp.Function
 
 
 @cache
-def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
-    """The passes for one guide, for rows of `capacity` values of type `Real`."""
+def guide_functions(Real: type, capacity: int) -> GuideFunctions:
+    """The functions of contacts with one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Memory, Guide = kinds.Memory, kinds.Guide
-    vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contact_rows(Real, capacity)
-    recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    vec2 = kinds.vec2
+    rollers = roller_functions(Real, capacity)
+    contact_rows = contact_row_functions(Real, capacity)
+    access = row_access(Real)
+    seat_access = row_access(wp.int32)
     row = rows(capacity)
-    unlike, neighbors = accessors(Real).unlike, neighbor_list(Real, capacity)
+    neighbor_list = neighbor_list_functions(Real, capacity)
 
     @wp.func
-    def find_over_bar(w: wp.array[Real], first: int, last: int, bar: Guide):
-        """Which rollers from `first` on, before `last`, are at a guide-bar's face or ends; only those touch it."""
-        reach = wp.float64(bar.end_radius + bar.roller_radius + bar.law.ahead)
-        end = wp.float64(bar.length) + reach
+    def mark_over_bar(w: wp.array[Real], first: int, last: int, guide: Guide):
+        """Marks the rollers from `first` to before `last` that are at a guide-bar's face or ends."""
+        reach = wp.float64(guide.end_radius + guide.roller_radius + guide.law.ahead)
+        end = wp.float64(guide.length) + reach
         i = first
         while i < last:
-            p = place(w, i) - bar.start
-            along = wp.dot(p, bar.direction)
-            across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
+            p = rollers.exact_position(w, i) - guide.start
+            along = wp.dot(p, guide.direction)
+            across = Real(p[1] * guide.direction[0] - p[0] * guide.direction[1])
             near = Real(0.0)
-            if along > -reach and along < end and is_at_face(across, bar):
+            if along > -reach and along < end and is_at_face(across, guide):
                 near = Real(1.0)
-            store_row(w, row.near + i, near)
+            access.store(w, row.near + i, near)
             i = i + 1
 
     @wp.func
-    def leave_bar(first: int, count: int, near: wp.uint64, memory: Memory):
-        """Forgets the contacts of rollers that are no longer over it."""
-        left = unlike(memory.impact_speed, memory.first + first, count, Real(UNTOUCHED)) & ~near
+    def forget_bar(first: int, count: int, near: wp.uint64, memory: Memory):
+        """Forgets the contacts of rollers that are no longer over a guide-guide."""
+        left = access.find_unlike(memory.impact_speed, memory.first + first, count, Real(UNTOUCHED)) & ~near
         while left != wp.uint64(0):
-            store_row(memory.impact_speed, memory.first + first + lowest_bit(left), Real(UNTOUCHED))
-            left = next_bits(left)
+            access.store(memory.impact_speed, memory.first + first + lowest_bit(left), Real(UNTOUCHED))
+            left = without_lowest_bit(left)
 
     @wp.func
-    def came_in(w: wp.array[Real], i: int, penetration: Real, guide: Guide):
-        """Penetration of roller i in a guide, away if it did not come in through the face; notes which is so."""
+    def face_penetration(w: wp.array[Real], i: int, penetration: Real, guide: Guide):
+        """Penetration of roller i in a guide, `AWAY` if it did not come in through the face; stores which is so."""
         kept = Real(UNTOUCHED)
-        if penetration > -guide.law.ahead and has_missed_face(penetration, load_row(w, row.before + i), guide):
+        if penetration > -guide.law.ahead and has_missed_face(penetration, access.load(w, row.v0_before + i), guide):
             kept = Real(MISSED)
             penetration = Real(AWAY)
-        store_row(w, row.open + i, kept)
+        access.store(w, row.v0_open + i, kept)
         return penetration
 
     @wp.func
-    def touch_bar(w: wp.array[Real], group: Group, bar: Guide, body: Pose, memory: Memory):
-        """Stores the rollers' contacts with a guide-bar, eq. (21)-(23)."""
+    def find_bar_contacts(w: wp.array[Real], group: Group, guide: Guide, body: Pose, memory: Memory):
+        """Stores the rollers' contacts with a guide-guide, eq. (21)-(23)."""
         i = group.low
         while i < group.high:
-            arm = place(w, i) - body.center
+            arm = rollers.exact_position(w, i) - body.center
             surface = surface_velocity(body, arm)
-            v = vec2(load_row(w, row.vx + i), load_row(w, row.vy + i))
+            v = vec2(access.load(w, row.vx + i), access.load(w, row.vy + i))
             moving = vec2(Real(surface[0]), Real(surface[1]))
-            penetration, normal, relative = bar_contact(place(w, i) - bar.start, v, moving, bar)
-            recall(w, i, group, memory)
+            penetration, normal, relative = bar_contact(rollers.exact_position(w, i) - guide.start, v, moving, guide)
+            contact_rows.recall_impact_speed(w, i, group, memory)
             depth = wp.where(is_near(group, i), penetration, Real(AWAY))
-            place_arm(w, i, Real(arm[0]), Real(arm[1]))
-            touch(w, i, came_in(w, i, depth, bar), normal[0], normal[1], relative[0], relative[1])
+            contact_rows.store_arm(w, i, Real(arm[0]), Real(arm[1]))
+            contact_rows.store_contact(
+                w, i, face_penetration(w, i, depth, guide), normal[0], normal[1], relative[0], relative[1]
+            )
             i = i + 1
 
     @wp.func
     def count_missed(w: wp.array[Real], group: Group, totals: Totals):
-        """`totals` with the rollers that did not come in through the face."""
+        """Totals with the number of the group's rollers that did not come in through the face."""
         bits = group.near
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
-            if load_row(w, row.open + i) == Real(MISSED):
+            if access.load(w, row.v0_open + i) == Real(MISSED):
                 totals.missing += 1
-                if load_row(w, row.before + i) == Real(UNTOUCHED):
+                if access.load(w, row.v0_before + i) == Real(UNTOUCHED):
                     totals.missed += 1
-            bits = next_bits(bits)
+            bits = without_lowest_bit(bits)
         return totals
 
     @wp.func
-    def find_over_profile(w: wp.array[Real], first: int, end: int, guide: Guide, body: Pose):
-        """Which rollers from `first` on, before `end`, are near a profile."""
+    def mark_over_profile(w: wp.array[Real], first: int, end: int, guide: Guide, body: Pose):
+        """Marks the rollers from `first` to before `end` that are near a profile."""
         i = first
         while i < end:
             near = Real(0.0)
-            if is_near_profile(frame_vector(place(w, i) - body.center, body), guide) != 0:
+            if is_near_profile(frame_vector(rollers.exact_position(w, i) - body.center, body), guide) != 0:
                 near = Real(1.0)
-            store_row(w, row.near + i, near)
+            access.store(w, row.near + i, near)
             i = i + 1
 
     @wp.func
     def recall_pieces(w: wp.array[Real], group: Group, memory: Memory):
-        """Puts the v0 of contacts with a profile, and the pieces that rollers were over (-1: none), into their rows."""
+        """Stores the v0 of contacts with a profile, and the pieces that rollers were over (-1: none), in their rows."""
         i = group.low
         while i < group.high:
-            recall(w, i, group, memory)
+            contact_rows.recall_impact_speed(w, i, group, memory)
             number = Real(-1.0)
             if is_near(group, i):
-                number = Real(load_piece(memory.seat, memory.first + i))
-            store_row(w, row.piece + i, number)
-            store_row(w, row.penetration + i, Real(AWAY))
+                number = Real(seat_access.load(memory.seat, memory.first + i))
+            access.store(w, row.piece + i, number)
+            access.store(w, row.penetration + i, Real(AWAY))
             i = i + 1
 
     @wp.func
     def track_pieces(
         w: wp.array[Real],
         first: int,
-        rollers: wp.uint64,
+        which: wp.uint64,
         guide: Guide,
         body: Pose,
         pieces: wp.array[Piece],
         memory: Memory,
     ):
-        """The pieces that some rollers from `first` on are over now."""
-        bits = rollers
+        """Finds the pieces that rollers, bits `which` from `first` on, are over now."""
+        bits = which
         while bits != wp.uint64(0):
             i = first + lowest_bit(bits)
-            q = frame_vector(place(w, i) - body.center, body)
-            number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
-            store_piece(memory.seat, memory.first + i, number)
-            store_row(w, row.piece + i, Real(number))
-            bits = next_bits(bits)
+            q = frame_vector(rollers.exact_position(w, i) - body.center, body)
+            number = tracked_piece(q, seat_access.load(memory.seat, memory.first + i), guide, pieces)
+            seat_access.store(memory.seat, memory.first + i, number)
+            access.store(w, row.piece + i, Real(number))
+            bits = without_lowest_bit(bits)
 
     @wp.func
-    def touch_piece(w: wp.array[Real], i: int, guide: Guide, body: Pose, piece: Piece, following: Piece):
-        """Stores the contact of roller i with a piece of a profile; +1 where it is past that, -1 before, else 0."""
-        arm = place(w, i) - body.center
+    def store_piece_contact(w: wp.array[Real], i: int, guide: Guide, body: Pose, piece: Piece, following: Piece):
+        """Stores roller i's contact with a piece of a profile; +1 where it is past the piece, -1 before it, else 0."""
+        arm = rollers.exact_position(w, i) - body.center
         penetration, facing, beyond = piece_contact(frame_vector(arm, body), piece, following, guide)
         facing = rotated_vector(facing, body.cosine, body.sine)
         surface = surface_velocity(body, arm)
-        speed_x, speed_y = Real(surface[0]) - load_row(w, row.vx + i), Real(surface[1]) - load_row(w, row.vy + i)
-        place_arm(w, i, Real(arm[0]), Real(arm[1]))
-        depth = came_in(w, i, penetration, guide)
-        touch(w, i, depth, Real(facing[0]), Real(facing[1]), speed_x, speed_y)
+        speed_x, speed_y = Real(surface[0]) - access.load(w, row.vx + i), Real(surface[1]) - access.load(w, row.vy + i)
+        contact_rows.store_arm(w, i, Real(arm[0]), Real(arm[1]))
+        depth = face_penetration(w, i, penetration, guide)
+        contact_rows.store_contact(w, i, depth, Real(facing[0]), Real(facing[1]), speed_x, speed_y)
         return beyond
 
     @wp.func
-    def touch_pieces(w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece]):
-        """Stores the rollers' contacts with the pieces that they are over; 1 if any is over another one by now."""
+    def store_piece_contacts(w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece]):
+        """Stores the rollers' contacts with the pieces that they are over; 1 if any is over another piece by now."""
         moved = int(0)
         left = group.near
         while left != wp.uint64(0):
-            number = int(load_row(w, row.piece + group.first + lowest_bit(left)))
-            others = unlike(w, row.piece + group.first, group.high - group.first, Real(number))
-            some = neighbors.group_of(group.first, left & ~others, wp.uint64(0))
+            number = int(access.load(w, row.piece + group.first + lowest_bit(left)))
+            others = access.find_unlike(w, row.piece + group.first, group.high - group.first, Real(number))
+            some = neighbor_list.near_group(group.first, left & ~others, wp.uint64(0))
             piece = load_constant(pieces, guide.first_piece + number)
             following = load_constant(pieces, guide.first_piece + number + 1)
             i = some.low
             while i < some.high:
                 if is_near(some, i):
-                    beyond = touch_piece(w, i, guide, body, piece, following)
+                    beyond = store_piece_contact(w, i, guide, body, piece, following)
                     to = number + beyond
                     moved = moved | wp.where(beyond != 0 and to >= 0 and to < guide.pieces, 1, 0)
                 i = i + 1
@@ -168,17 +183,24 @@ def guide_passes(Real: type, capacity: int) -> SimpleNamespace:
         return moved
 
     @wp.func
-    def touch_profile(
+    def find_profile_contacts(
         w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory
     ):
-        """Stores the rollers' contacts with a profile; the guide's `first_piece` is its first among all `pieces`.
+        """Stores the rollers' contacts with a profile, whose `first_piece` is its first among all `pieces`.
 
         In most steps none of them comes to another piece.
         """
         recall_pieces(w, group, memory)
         track_pieces(w, group.first, group.fresh, guide, body, pieces, memory)
-        if touch_pieces(w, group, guide, body, pieces) != 0:
+        if store_piece_contacts(w, group, guide, body, pieces) != 0:
             track_pieces(w, group.first, group.near, guide, body, pieces, memory)
-            touch_pieces(w, group, guide, body, pieces)
+            store_piece_contacts(w, group, guide, body, pieces)
 
-    return SimpleNamespace(**locals())
+    return GuideFunctions(
+        mark_over_bar=mark_over_bar,
+        forget_bar=forget_bar,
+        find_bar_contacts=find_bar_contacts,
+        count_missed=count_missed,
+        mark_over_profile=mark_over_profile,
+        find_profile_contacts=find_profile_contacts,
+    )

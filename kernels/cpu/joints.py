@@ -1,14 +1,14 @@
-"""The CPU kernel's passes for chains whose joints rub or whose links differ, and what friction dissipates.
+"""Links of chains whose joints rub or whose links differ, on the CPU, and the friction of joints.
 
 Plain loops over rows, as in `rollers`: joint n is joint 0 again, link i's values of two components stand at i + 1.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, whole_lanes
+from ..native import row_access
 from ..physics.friction import (
     couple_force,
     joint_friction_coefficient,
@@ -19,126 +19,148 @@ from ..physics.friction import (
 from ..physics.link import has_uneven_links, link_force, uneven_link_force
 from ..structs import types
 from ..sums import after, before
-from .rollers import passes, rows
+from .rollers import roller_functions, rows
+
+
+@dataclass(frozen=True)
+class JointFunctions:
+    """Link forces of chains whose joints rub or whose links differ, and the friction of joints."""
+
+    find_link_forces: wp.Function
+    find_joint_moments: wp.Function
+    add_couple_forces: wp.Function
+    add_friction_powers: wp.Function
+    friction_power: wp.Function
 
 
 @cache
-def joint_passes(Real: type, capacity: int) -> SimpleNamespace:
-    """The passes over the joints of one variant, for rows of `capacity` values of type `Real`."""
+def joint_functions(Real: type, capacity: int) -> JointFunctions:
+    """The functions of one variant's joints, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
-    part = passes(Real, capacity)
-    apart, parting, store_link, close = part.apart, part.parting, part.store_link, part.close
-    acceleration, accelerations = part.acceleration, part.accelerations
-    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
+    rollers = roller_functions(Real, capacity)
+    access = row_access(Real)
     row = rows(capacity)
 
     @wp.func
-    def store_turning(w: wp.array[Real], i: int, d: vec2, v: vec2):
-        """Stores the rate at which link i turns."""
+    def store_turn_rate(w: wp.array[Real], i: int, d: vec2, v: vec2):
+        """Stores the rate at which link i turns, and n / L."""
         lever, turn = link_turning(d, v)
-        store_row(w, row.turn + i, turn)
-        store_row(w, row.bend_x + i + 1, lever[0])
-        store_row(w, row.bend_y + i + 1, lever[1])
+        access.store(w, row.turn_rate + i, turn)
+        access.store(w, row.couple_x + i + 1, lever[0])
+        access.store(w, row.couple_y + i + 1, lever[1])
 
     @wp.func
-    def pull_links(w: wp.array[Real], n: int, chain: Chain):
-        """Tension, force and turning of every link, in a loop of its own where links differ or have play; contact
-        forces start at zero.
+    def find_link_forces(w: wp.array[Real], n: int, chain: Chain):
+        """Stores tension, force and turning of every link; contact forces start at zero.
+
+        Links that differ or have play have a loop of their own.
         """
-        close(w, n)
+        rollers.repeat_first_roller(w, n)
         i = int(0)
         if not has_uneven_links(chain):
-            while i < whole(n):
-                d, v = apart(w, i), parting(w, i)
-                tension, rate, u = link_force(d, v, load_row(w, row.length + i), chain)
-                store_link(w, i, tension, rate, u)
-                store_turning(w, i, d, v)
+            while i < access.round_up(n):
+                d, v = rollers.link_vector(w, i), rollers.link_velocity(w, i)
+                tension, rate, u = link_force(d, v, access.load(w, row.length + i), chain)
+                rollers.store_link_force(w, i, tension, rate, u)
+                store_turn_rate(w, i, d, v)
                 i = i + 1
-        while i < whole(n):
-            d, v = apart(w, i), parting(w, i)
-            tension, rate, u = uneven_link_force(d, v, load_row(w, row.length + i), i, chain)
-            store_link(w, i, tension, rate, u)
-            store_turning(w, i, d, v)
+        while i < access.round_up(n):
+            d, v = rollers.link_vector(w, i), rollers.link_velocity(w, i)
+            tension, rate, u = uneven_link_force(d, v, access.load(w, row.length + i), i, chain)
+            rollers.store_link_force(w, i, tension, rate, u)
+            store_turn_rate(w, i, d, v)
             i = i + 1
-        store_row(w, row.link_x, load_row(w, row.link_x + n))
-        store_row(w, row.link_y, load_row(w, row.link_y + n))
+        access.store(w, row.link_x, access.load(w, row.link_x + n))
+        access.store(w, row.link_y, access.load(w, row.link_y + n))
 
     @wp.func
-    def rub_joint(w: wp.array[Real], i: int, mu: Real, chain: Chain, memory: kinds.Memory):
-        """The moment of the joint after link i, and what it holds; in numbers, not vectors."""
-        tension, turn = load_row(w, row.tension + i), load_row(w, row.turn + i)
-        tension_after, turn_after = load_row(w, row.tension + i + 1), load_row(w, row.turn + i + 1)
-        held = load_row(w, row.joint_hold + i + 1)
+    def find_joint_moment(w: wp.array[Real], i: int, mu: Real, chain: Chain, memory: kinds.Memory):
+        """Stores the friction moment of the joint after link i, and what its bristle holds; in numbers, not vectors."""
+        tension, turn = access.load(w, row.tension + i), access.load(w, row.turn_rate + i)
+        tension_after, turn_after = access.load(w, row.tension + i + 1), access.load(w, row.turn_rate + i + 1)
+        held = access.load(w, row.joint_bristle + i + 1)
         moment, holds = joint_friction_moment(
-            mu, tension, turn, tension_after, turn_after, held, chain, memory.stretched
+            mu, tension, turn, tension_after, turn_after, held, chain, memory.stretch_part
         )
-        store_row(w, row.moment + i + 1, moment)
-        store_row(w, row.joint_hold + i + 1, wp.where(memory.stage == 0, holds, held))
+        access.store(w, row.moment + i + 1, moment)
+        access.store(w, row.joint_bristle + i + 1, wp.where(memory.stage == 0, holds, held))
 
     @wp.func
-    def rub_joints(w: wp.array[Real], n: int, chain: Chain, memory: kinds.Memory):
-        """The moment of every joint; of one coefficient at all speeds in a loop of its own, which vectorizes."""
-        store_row(w, row.tension + n, load_row(w, row.tension))
-        store_row(w, row.turn + n, load_row(w, row.turn))
+    def find_joint_moments(w: wp.array[Real], n: int, chain: Chain, memory: kinds.Memory):
+        """Stores the moment of every joint; of one coefficient at all speeds in a loop of its own, which vectorizes."""
+        access.store(w, row.tension + n, access.load(w, row.tension))
+        access.store(w, row.turn_rate + n, access.load(w, row.turn_rate))
         mu = chain.joint.mu_dynamic
         i = int(0)
         if chain.joint.mu_static == mu:
-            while i < whole(n):
-                rub_joint(w, i, mu, chain, memory)
+            while i < access.round_up(n):
+                find_joint_moment(w, i, mu, chain, memory)
                 i = i + 1
         while i < n:
-            mu = joint_friction_coefficient(load_row(w, row.turn + i), load_row(w, row.turn + i + 1), chain)
-            rub_joint(w, i, mu, chain, memory)
+            mu = joint_friction_coefficient(
+                access.load(w, row.turn_rate + i), access.load(w, row.turn_rate + i + 1), chain
+            )
+            find_joint_moment(w, i, mu, chain, memory)
             i = i + 1
-        store_row(w, row.moment, load_row(w, row.moment + n))
+        access.store(w, row.moment, access.load(w, row.moment + n))
 
     @wp.func
-    def bend_links(w: wp.array[Real], n: int):
-        """Adds the force of its joints' couple to every link's."""
+    def add_couple_forces(w: wp.array[Real], n: int):
+        """Adds the couple of its two joints to every link's force."""
         i = int(0)
-        while i < whole(n):
-            lever = vec2(load_row(w, row.bend_x + i + 1), load_row(w, row.bend_y + i + 1))
-            force = couple_force(load_row(w, row.moment + i), load_row(w, row.moment + i + 1), lever)
-            store_row(w, row.bend_x + i + 1, force[0])
-            store_row(w, row.bend_y + i + 1, force[1])
-            store_row(w, row.link_x + i + 1, load_row(w, row.link_x + i + 1) + force[0])
-            store_row(w, row.link_y + i + 1, load_row(w, row.link_y + i + 1) + force[1])
+        while i < access.round_up(n):
+            lever = vec2(access.load(w, row.couple_x + i + 1), access.load(w, row.couple_y + i + 1))
+            force = couple_force(access.load(w, row.moment + i), access.load(w, row.moment + i + 1), lever)
+            access.store(w, row.couple_x + i + 1, force[0])
+            access.store(w, row.couple_y + i + 1, force[1])
+            access.store(w, row.link_x + i + 1, access.load(w, row.link_x + i + 1) + force[0])
+            access.store(w, row.link_y + i + 1, access.load(w, row.link_y + i + 1) + force[1])
             i = i + 1
         for k in range(2):
-            store_row(w, row.link_x + k * wp.static(capacity), load_row(w, row.link_x + k * wp.static(capacity) + n))
-            store_row(w, row.bend_x + k * wp.static(capacity), load_row(w, row.bend_x + k * wp.static(capacity) + n))
+            access.store(
+                w, row.link_x + k * wp.static(capacity), access.load(w, row.link_x + k * wp.static(capacity) + n)
+            )
+            access.store(
+                w, row.couple_x + k * wp.static(capacity), access.load(w, row.couple_x + k * wp.static(capacity) + n)
+            )
 
     @wp.func
-    def add_friction(w: wp.array[Real], n: int, chain: Chain, lag: Real, share: Real):
-        """Adds the powers that the joints dissipate to the rollers' tallies, at the mean of the velocities before and
-        after a leapfrog kick.
+    def add_friction_powers(w: wp.array[Real], n: int, chain: Chain, lag: Real, share: Real):
+        """Adds the powers that joints dissipate to the rollers' tallies, at the mean of a leapfrog step's two
+        velocities.
 
         `lag` is the time from the velocities' instant to that of the forces, half a step; `share` is the part of a
         step that these stand for.
         """
         i = int(0)
-        while i < whole(n):
-            ax, ay = accelerations(w, i, chain.inverse_mass, chain.gravity)
-            x = load_row(w, row.bend_x + i + 1) - load_row(w, row.bend_x + i)
-            y = load_row(w, row.bend_y + i + 1) - load_row(w, row.bend_y + i)
-            given = x * (load_row(w, row.vx + i) + lag * ax) + y * (load_row(w, row.vy + i) + lag * ay)
-            store_row(w, row.rubbing + i, load_row(w, row.rubbing + i) - share * given)
+        while i < access.round_up(n):
+            ax, ay = rollers.acceleration_components(w, i, chain.inverse_mass, chain.gravity)
+            x = access.load(w, row.couple_x + i + 1) - access.load(w, row.couple_x + i)
+            y = access.load(w, row.couple_y + i + 1) - access.load(w, row.couple_y + i)
+            given = x * (access.load(w, row.vx + i) + lag * ax) + y * (access.load(w, row.vy + i) + lag * ay)
+            access.store(w, row.joint_friction + i, access.load(w, row.joint_friction + i) - share * given)
             i = i + 1
 
     @wp.func
-    def turn_at(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
+    def turn_rate(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
         """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
-        mine = acceleration(w, i, chain.inverse_mass, chain.gravity)
-        of_next = acceleration(w, after(i, n), chain.inverse_mass, chain.gravity)
-        lever, turn = link_turning(apart(w, i), parting(w, i) + lag * (of_next - mine))
+        mine = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
+        of_next = rollers.acceleration(w, after(i, n), chain.inverse_mass, chain.gravity)
+        lever, turn = link_turning(rollers.link_vector(w, i), rollers.link_velocity(w, i) + lag * (of_next - mine))
         return turn
 
     @wp.func
-    def joint_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
-        """Power that joint i dissipates [W]; over all joints the sum is that of `add_friction`."""
-        turn = turn_at(w, i, n, chain, lag)
-        return joint_friction_power(load_row(w, row.moment + i), turn_at(w, before(i, n), n, chain, lag), turn)
+    def friction_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
+        """Power that joint i dissipates [W]; summed over all joints it is that of `add_friction_powers`."""
+        turn = turn_rate(w, i, n, chain, lag)
+        return joint_friction_power(access.load(w, row.moment + i), turn_rate(w, before(i, n), n, chain, lag), turn)
 
-    return SimpleNamespace(**locals())
+    return JointFunctions(
+        find_link_forces=find_link_forces,
+        find_joint_moments=find_joint_moments,
+        add_couple_forces=add_couple_forces,
+        add_friction_powers=add_friction_powers,
+        friction_power=friction_power,
+    )

@@ -6,22 +6,28 @@ a limit, none of the others comes through more than 0.7 of the skin in the steps
 more than float32 rounds off. So results do not depend on runs.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import LANES, accessors, whole_lanes
+from ..native import LANES, row_access
 from ..structs import Drive, types
 from .rollers import rows
 
 SKIN = 0.25
 """By how much partners are widened, of the first link's length."""
+
+
 GROUP = wp.constant(64)
 """Rollers of a group."""
-APART = wp.constant(16)
+
+
+RUN_GAP = wp.constant(16)
 """Rollers between two that are near from which on a run ends; where a sprocket has both ends of the chain, say."""
-LONGEST = 64
+
+
+MOST_STEPS = 64
 """Steps for which runs hold at most."""
 
 
@@ -37,22 +43,24 @@ class Group:
 
 
 @wp.func_native("return __builtin_ctzll(bits);")
-def lowest_bit(bits: wp.uint64) -> int: ...
+def lowest_bit(bits: wp.uint64) -> int:
+    """Position of the lowest bit set."""
 
 
 @wp.func_native("return 63 - __builtin_clzll(bits);")
-def highest_bit(bits: wp.uint64) -> int: ...
+def highest_bit(bits: wp.uint64) -> int:
+    """Position of the highest bit set."""
 
 
 @wp.func
-def bit_of(k: int):
-    """Bit k."""
+def single_bit(k: int):
+    """A number of 64 bits whose bit k alone is set."""
     return wp.uint64(1) << wp.uint64(k)
 
 
 @wp.func
-def next_bits(bits: wp.uint64):
-    """`bits` without the lowest."""
+def without_lowest_bit(bits: wp.uint64):
+    """The bits without the lowest."""
     return bits & (bits - wp.uint64(1))
 
 
@@ -62,118 +70,134 @@ def is_near(group: Group, i: int):
     return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
 
 
+@dataclass(frozen=True)
+class NeighborListFunctions:
+    """Runs of rollers that can come near a partner within the next steps."""
+
+    store_runs: wp.Function
+    mark_all_near: wp.Function
+    reset: wp.Function
+    is_outdated: wp.Function
+    invalidate_if_fast: wp.Function
+    skin_width: wp.Function
+    set_lifetime: wp.Function
+    run_count: wp.Function
+    run_span: wp.Function
+    near_group: wp.Function
+    whole_group: wp.Function
+
+
 @cache
-def neighbor_list(Real: type, capacity: int) -> SimpleNamespace:
+def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
     """The functions that keep runs in rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     lanes = LANES[Real]
-    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
-    unlike = accessors(Real).unlike
+    access = row_access(Real)
     row = rows(capacity)
 
     @wp.func
-    def groups(n: int):
-        """Runs that so many rollers are at most where each but the last is a whole group."""
+    def group_count(n: int):
+        """Most runs of `n` rollers, each but the last a whole group."""
         return (n + GROUP - 1) // GROUP
 
     @wp.func
-    def slots(n: int):
-        """Runs that a partner has at most: whole groups, and two that end where others follow only later."""
-        return groups(n) + 2
+    def run_slots(n: int):
+        """Most runs of a partner: whole groups, and two that end where others follow only later."""
+        return group_count(n) + 2
 
     @wp.func
-    def crowded(drive: Drive):
-        """Whether there is no place for so many runs."""
-        return (drive.sprockets + drive.guides) * slots(drive.rollers) > wp.static(capacity)
+    def is_crowded(drive: Drive):
+        """Whether the rows have no room for so many runs, which then are whole groups of all rollers."""
+        return (drive.sprockets + drive.guides) * run_slots(drive.rollers) > wp.static(capacity)
 
     @wp.func
-    def gather(w: wp.array[Real], n: int, p: int):
-        """Keeps the rollers whose row says that they are near as the runs of partner p."""
-        place = p * slots(n) - 1
+    def store_runs(w: wp.array[Real], n: int, p: int):
+        """Stores the rollers that are marked near as the runs of partner p."""
+        place = p * run_slots(n) - 1
         count = int(0)
         first = int(0)
         last = int(0)
         i = int(0)
         while i < n:
-            if unlike(w, row.near + i, wp.min(wp.static(lanes), n - i), Real(0.0)) != wp.uint64(0):
-                spare = i - last > APART and count + groups(n - i) < slots(n)
+            if access.find_unlike(w, row.near + i, wp.min(wp.static(lanes), n - i), Real(0.0)) != wp.uint64(0):
+                spare = i - last > RUN_GAP and count + group_count(n - i) < run_slots(n)
                 if count == 0 or i - first >= GROUP or spare:
                     count = count + 1
                     first = i
-                    store_row(w, row.run_first + place + count, Real(first))
-                store_row(w, row.run_count + place + count, Real(i - first + wp.static(lanes)))
+                    access.store(w, row.run_first + place + count, Real(first))
+                access.store(w, row.run_rollers + place + count, Real(i - first + wp.static(lanes)))
                 last = i
             i = i + wp.static(lanes)
-        store_row(w, row.runs + p, Real(count))
+        access.store(w, row.runs + p, Real(count))
 
     @wp.func
-    def mark_all(w: wp.array[Real], n: int):
-        """Says of all rollers that they are near."""
+    def mark_all_near(w: wp.array[Real], n: int):
+        """Marks all rollers as near."""
         i = int(0)
-        while i < whole(n):
-            store_row(w, row.near + i, Real(1.0))
+        while i < access.round_up(n):
+            access.store(w, row.near + i, Real(1.0))
             i = i + 1
 
     @wp.func
     def reset(w: wp.array[Real], drive: Drive):
         """Makes the whole chain the runs of each partner, which hold for no step."""
-        mark_all(w, drive.rollers)
-        if not crowded(drive):
+        mark_all_near(w, drive.rollers)
+        if not is_crowded(drive):
             for p in range(drive.sprockets + drive.guides):
-                gather(w, drive.rollers, p)
-        store_row(w, row.room, Real(0.0))
-        store_row(w, row.room + 1, Real(0.0))
+                store_runs(w, drive.rollers, p)
+        access.store(w, row.lifetime, Real(0.0))
+        access.store(w, row.lifetime + 1, Real(0.0))
 
     @wp.func
-    def needs_rebuild(w: wp.array[Real], drive: Drive):
-        """Whether runs are to be made anew before forces are evaluated."""
-        return not (load_row(w, row.room) > Real(0.0)) and drive.integrator == 0 and not crowded(drive)
+    def is_outdated(w: wp.array[Real], drive: Drive):
+        """Whether runs must be made anew before forces are evaluated."""
+        return not (access.load(w, row.lifetime) > Real(0.0)) and drive.integrator == 0 and not is_crowded(drive)
 
     @wp.func
-    def invalidate(w: wp.array[Real], velocity: wp.vec2d):
-        """Ends the time for which runs hold if the center of a body, which has moved, is too fast."""
-        limit = wp.float64(load_row(w, row.room + 1))
+    def invalidate_if_fast(w: wp.array[Real], velocity: wp.vec2d):
+        """Ends the time for which runs hold if a body's center, which has moved, is too fast."""
+        limit = wp.float64(access.load(w, row.lifetime + 1))
         if not (wp.dot(velocity, velocity) <= limit * limit):
-            store_row(w, row.room, Real(0.0))
+            access.store(w, row.lifetime, Real(0.0))
 
     @wp.func
-    def skin(w: wp.array[Real]):
-        """By how much partners are widened [m]."""
-        return load_row(w, row.length) * wp.static(Real(SKIN))
+    def skin_width(w: wp.array[Real]):
+        """Width [m] by which partners are widened."""
+        return access.load(w, row.length) * wp.static(Real(SKIN))
 
     @wp.func
     def set_lifetime(w: wp.array[Real], drive: Drive):
-        """For how many steps new runs hold, while none is a quarter faster than the fastest is now."""
+        """Sets for how many steps new runs hold, while none is a quarter faster than the fastest is now."""
         square = Real(0.0)
         for i in range(drive.rollers):
-            vx = load_row(w, row.vx + i)
-            vy = load_row(w, row.vy + i)
+            vx = access.load(w, row.vx + i)
+            vy = access.load(w, row.vy + i)
             square = wp.max(square, vx * vx + vy * vy)
-        way = Real(0.35) * skin(w) / Real(drive.step)
+        way = Real(0.35) * skin_width(w) / Real(drive.step)
         room = way / (Real(1.25) * wp.sqrt(square) + Real(1.0e-9))
-        room = wp.floor(wp.clamp(room, Real(1.0), wp.static(Real(LONGEST))))
-        store_row(w, row.room, room)
-        store_row(w, row.room + 1, way / room)
+        room = wp.floor(wp.clamp(room, Real(1.0), wp.static(Real(MOST_STEPS))))
+        access.store(w, row.lifetime, room)
+        access.store(w, row.lifetime + 1, way / room)
 
     @wp.func
-    def count(w: wp.array[Real], drive: Drive, p: int):
+    def run_count(w: wp.array[Real], drive: Drive, p: int):
         """The number of runs of partner p."""
-        if crowded(drive):
-            return groups(drive.rollers)
-        return int(load_row(w, row.runs + p))
+        if is_crowded(drive):
+            return group_count(drive.rollers)
+        return int(access.load(w, row.runs + p))
 
     @wp.func
-    def run(w: wp.array[Real], drive: Drive, p: int, k: int):
-        """Run k of partner p: its first roller, a multiple of the lanes, and how many rollers, which is one too."""
+    def run_span(w: wp.array[Real], drive: Drive, p: int, k: int):
+        """Run k of partner p: its first roller and the number of its rollers, both multiples of the lanes."""
         n = drive.rollers
-        if crowded(drive):
-            return k * GROUP, wp.min(whole(n - k * GROUP), GROUP)
-        place = p * slots(n) + k
-        return int(load_row(w, row.run_first + place)), int(load_row(w, row.run_count + place))
+        if is_crowded(drive):
+            return k * GROUP, wp.min(access.round_up(n - k * GROUP), GROUP)
+        place = p * run_slots(n) + k
+        return int(access.load(w, row.run_first + place)), int(access.load(w, row.run_rollers + place))
 
     @wp.func
-    def group_of(first: int, near: wp.uint64, fresh: wp.uint64):
-        """The group that begins at roller `first`; `near` is not 0."""
+    def near_group(first: int, near: wp.uint64, fresh: wp.uint64):
+        """The group that begins at roller `first`; bits `near` are not 0."""
         group = Group()
         group.first = first
         group.near = near
@@ -183,12 +207,24 @@ def neighbor_list(Real: type, capacity: int) -> SimpleNamespace:
         return group
 
     @wp.func
-    def whole_run(first: int, end: int):
-        """The rollers from `first` on, before `end`, as a group."""
+    def whole_group(first: int, end: int):
+        """The rollers from `first` to before `end` as a group."""
         group = Group()
         group.first = first
         group.low = first
         group.high = end
         return group
 
-    return SimpleNamespace(**locals())
+    return NeighborListFunctions(
+        store_runs=store_runs,
+        mark_all_near=mark_all_near,
+        reset=reset,
+        is_outdated=is_outdated,
+        invalidate_if_fast=invalidate_if_fast,
+        skin_width=skin_width,
+        set_lifetime=set_lifetime,
+        run_count=run_count,
+        run_span=run_span,
+        near_group=near_group,
+        whole_group=whole_group,
+    )

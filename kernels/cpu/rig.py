@@ -1,7 +1,7 @@
-"""A test rig on the CPU: one tensioner a thread, its plunger led through a sine as a shaker does.
+"""A test rig on the CPU: one tensioner a thread, whose plunger is moved on a sine as by a shaker.
 
-x = x_0 + amplitude sin(2 pi f t), from the state at rest at x_0. What is summed and noted of the last cycle stands in
-`RideSums`; the work W = -int F dx that the shaker does on the plunger by the mean of the forces at a step's ends.
+x = x_0 + amplitude sin(2 pi f t), from the state at rest at x_0. `RideSums` has the sums of the last cycle; the work
+W = -int F dx that the shaker does on the plunger goes by the mean of the forces at a step's ends.
 """
 
 import math
@@ -38,7 +38,7 @@ class Ride:
 
 @wp.struct
 class RideSums:
-    """Of the last cycle."""
+    """Sums of a plunger's ride over its last cycle."""
 
     force_min: wp.float64  # [N]
     force_max: wp.float64
@@ -55,22 +55,22 @@ class RideSums:
 
 
 @wp.func
-def place_at(step: int, ride: Ride):
-    """x [m] and x' [m/s] at a step."""
+def plunger_position(step: int, ride: Ride):
+    """Extension x [m] and its rate x' [m/s] at a step."""
     turn = wp.float64(wp.static(2.0 * math.pi)) / wp.float64(ride.cycle)
     angle = turn * wp.float64(step % ride.cycle)
     return ride.center + ride.amplitude * wp.sin(angle), ride.amplitude * turn / ride.step * wp.cos(angle)
 
 
 @wp.kernel(enable_backward=False)
-def lead(
+def shake_plungers(
     rides: wp.array[Ride],
     tensioners: wp.array[Tensioner],
     first: int,
     samples: wp.array3d[wp.float64],
     sums: wp.array[RideSums],
 ):
-    """Leads the plungers from number `first` on; samples (rides, samples, columns)."""
+    """Moves the plungers from number `first` on as prescribed; samples (rides, samples, columns)."""
     r = first + wp.tid()
     ride = rides[r]
     tensioner = tensioners[r]
@@ -78,7 +78,7 @@ def lead(
     leaked = wp.float64(0.0)
     supplied = wp.float64(0.0)
     total = RideSums()
-    x, rate = place_at(0, ride)
+    x, rate = plunger_position(0, ride)
     state = resting_state(x, tensioner)
     force, pressure = tensioner_force(x, rate, True, state, tensioner)
     lift = wp.float64(0.0)
@@ -104,7 +104,7 @@ def lead(
             before = x
             pushed = force
             opened = lift
-            x, rate = place_at(i + 1, ride)
+            x, rate = plunger_position(i + 1, ride)
             state, flows = advance_tensioner(x, (x - before) / ride.step, ride.step, True, state, tensioner)
             force, pressure = tensioner_force(x, rate, True, state, tensioner)
             if tensioner.hydraulic == 1:

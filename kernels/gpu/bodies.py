@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, stage_at
-from ..native import accessors, quotient
+from ..native import quotient, row_access
 from ..number import add, counted, difference, leading, rounded, trimmed  # noqa: F401
 from ..physics.body import (
     aligned_pose,
@@ -114,7 +114,7 @@ def body_access(kind: BlockKind) -> SimpleNamespace:
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Sums = kinds.Sums
-    load_row = accessors(kind.Real).load_row
+    load_row = row_access(kind.Real).load
     of, led_at, body_of = contact_geometry(kind), prescribed_motion(kind).led_at, block_rings(kind).body_of
 
     @wp.func

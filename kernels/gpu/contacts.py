@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import accessors
+from ..native import row_access
 from ..number import difference, leading
 from ..physics.contact import (
     UNTOUCHED,
@@ -34,7 +34,7 @@ def contact_sums(kind: BlockKind) -> SimpleNamespace:
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Friction = kinds.State, kinds.Shared, kinds.Friction
     vec2, Bits, Direction = kinds.vec2, near_mask(kind).Bits, kinds.Ensemble.vars["seats"].type.dtype
-    row, load_row, store_row = roller_rows(kind), accessors(Real).load_row, accessors(Real).store_row
+    row, load_row, store_row = roller_rows(kind), row_access(Real).load, row_access(Real).store
     Pose, memory_of, chain_at = kinds.Pose, block_rings(kind).memory_of, block_rings(kind).chain_at
 
     @wp.struct
@@ -221,7 +221,7 @@ def wrench_parts(kind: BlockKind) -> SimpleNamespace:
     Shared = kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     group_sum, sum_of_lanes = sync(kind).group_sum, sync(kind).sum_of_lanes
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row = row_access(Real).load, row_access(Real).store
     width = parts_of_a_body(kind)
     of_rollers = width != threads
 

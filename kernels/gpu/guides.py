@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, aligned
+from ..native import aligned, row_access
 from ..number import difference, leading
 from ..physics.contact import MISSED, UNTOUCHED, has_missed_face, reaction_moment, rotated_vector, surface_velocity
 from ..physics.guide import bar_contact, profile_contact, tracked_piece
@@ -34,8 +34,8 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
     remembering = sums.remembering
     add_wrench = wrench_parts(kind).add_wrench
     point, velocity, memory_of = row.point, row.velocity, block_rings(kind).memory_of
-    load_row, rows_of_pieces = accessors(Real).load_row, aligned(kinds.Piece)
-    load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    load_row, rows_of_pieces = row_access(Real).load, aligned(kinds.Piece)
+    load_whole, store_whole = row_access(wp.int32).load, row_access(wp.int32).store
 
     @wp.func
     def at_profile(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):

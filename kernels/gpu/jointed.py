@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..integrate import leapfrog_lag, stage_at
-from ..native import accessors
+from ..native import row_access
 from ..number import difference, leading
 from ..physics.body import (
     arm_mass_moment,
@@ -48,7 +48,7 @@ def block_jointed(kind: BlockKind) -> SimpleNamespace:
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     access, steps = body_access(kind), body_steps(kind)
     state_of, heading, step_number = access.state_of, access.heading, prescribed_motion(kind).step_number
-    store_row, put_pose, of_joints = accessors(Real).store_row, contact_geometry(kind).put_pose, access.of_joints
+    store_row, put_pose, of_joints = row_access(Real).store, contact_geometry(kind).put_pose, access.of_joints
     barrier = sync(kind).barrier
 
     @wp.func

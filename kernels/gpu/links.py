@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors
+from ..native import row_access
 from ..physics.friction import (
     couple_force,
     joint_friction_coefficient,
@@ -30,7 +30,7 @@ def link_forces(kind: BlockKind) -> SimpleNamespace:
     vec2 = kinds.vec2
     compensated = Real == wp.float32
     of_each = wp.types.vector(rollers_per_thread, Real)
-    row, barrier, load_row = roller_rows(kind), sync(kind).barrier, accessors(Real).load_row
+    row, barrier, load_row = roller_rows(kind), sync(kind).barrier, row_access(Real).load
     rings = block_rings(kind)
     span_of, chain_at, next_to, last_to = rings.span_of, rings.chain_at, rings.next_to, rings.last_to
     X, Y, VX, VY, X_LOW, Y_LOW = row.X, row.Y, row.VX, row.VY, row.X_LOW, row.Y_LOW
@@ -146,7 +146,7 @@ def block_joints(kind: BlockKind) -> SimpleNamespace:
     barrier, link_of, across = sync(kind).barrier, links.link_of, links.across
     link_between, length_of = links.link_between, links.length_of
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row = row_access(Real).load, row_access(Real).store
     alone = threads == WARP
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
     TENSION, TURN = (row.FORCE_X, row.FORCE_Y) if alone else (FIRST, SECOND)

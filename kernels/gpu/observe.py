@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..integrate import leapfrog_lag
-from ..native import accessors, by_device
+from ..native import by_device, row_access
 from ..number import leading
 from ..physics.body import (
     arm_dissipation,
@@ -115,7 +115,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
     vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
     row = roller_rows(kind)
     X, Y = row.X, row.Y
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row = row_access(Real).load, row_access(Real).store
     RATES, FRICTION = (wp.constant(at) for at in seen_rows(kind)[:2])
     follow, strand_at = following(Real), block_strands(kind).strand_at
     high_bits = "__double2hiint" if Real == wp.float64 else "__float_as_int"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..integrate import stage_reach, stage_weight, stages_of, stretching
-from ..native import STATE_ROWS, accessors, moved, multiply_add
+from ..native import STATE_ROWS, moved, multiply_add, row_access
 from ..number import pair_vector
 from ..physics.link import compensated_sum, roller_acceleration
 from .kind import BlockKind, Mine
@@ -23,7 +23,7 @@ def roller_rows(kind: BlockKind) -> SimpleNamespace:
     vec2 = kinds.vec2
     compensated = Real == wp.float32
     parts = room(kind).parts
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row = row_access(Real).load, row_access(Real).store
     chain_at, span_of = block_rings(kind).chain_at, block_rings(kind).span_of
     X, Y, VX, VY, FORCE_X, FORCE_Y, X_LOW, Y_LOW = (wp.constant(k * slots) for k in range(8))
 
@@ -155,7 +155,7 @@ def block_stages(kind: BlockKind) -> wp.Function:
     row = roller_rows(kind)
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
     step_of = row.step_of
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row = row_access(Real).load, row_access(Real).store
     slots, kept_rows = kind.shape.slots, 6 if Real == wp.float32 else 4
 
     @wp.func

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..native import accessors, load_constant, products
+from ..native import load_constant, products, row_access
 from ..number import difference, leading
 from ..physics.contact import force_vector, memory_after_teeth, normal_force, reaction_moment, rotated_vector
 from ..physics.tooth import (
@@ -33,8 +33,8 @@ def tooth_gaps(kind: BlockKind) -> SimpleNamespace:
     Bits, of_teeth, Touch = bits.Bits, bits.of_teeth, contact_sums(kind).Touch
     row, placed, remembering = roller_rows(kind), contact_sums(kind).placed, contact_sums(kind).remembering
     point, velocity = row.point, row.velocity
-    load_row, memory_of = accessors(Real).load_row, block_rings(kind).memory_of
-    load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    load_row, memory_of = row_access(Real).load, block_rings(kind).memory_of
+    load_whole, store_whole = row_access(wp.int32).load, row_access(wp.int32).store
 
     @wp.func
     def seat_at(ensemble: Ensemble, number: int):
@@ -116,7 +116,7 @@ def tooth_contacts(kind: BlockKind) -> SimpleNamespace:
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
     pass_on, remember = wrenches.pass_on, sums.remember
     drag_of, press, powers, keep, taking = sums.drag_of, sums.press, sums.powers, sums.keep, sums.taking
-    gaining, as_known, store_row = sums.gaining, sums.as_known, accessors(Real).store_row
+    gaining, as_known, store_row = sums.gaining, sums.as_known, row_access(Real).store
     measure_powers, measure_force = sums.measure_powers, sums.measure_force
     Touch, in_gap_of, in_straight_flank_gap = sums.Touch, gaps.in_gap_of, gaps.in_straight_flank_gap
     force_on, set_force = row.force_on, row.set_force

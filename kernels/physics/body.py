@@ -306,6 +306,14 @@ def body_at_time(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion
 
 
 @wp.func
+def wrench_with_force(wrench: Any, force: Any, moment: Any):
+    """The wrench on a body with one more force [N] and its moment about the body's center [N m]."""
+    wrench.force = wrench.force + force
+    wrench.moment = wrench.moment + moment
+    return wrench
+
+
+@wp.func
 def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
     """Kinetic and potential energy of a body with its rates at one instant [J]; 0 where its motion is prescribed."""
     energy = wp.float64(0.0)

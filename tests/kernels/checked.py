@@ -24,9 +24,9 @@ STEPS = 96
 def beyond(how: str) -> None:
     """Reads the value after an array's last, as an array, as a row of one, or as a view that is too long."""
     from warpchain.kernels.gpu.shared_memory import PART
-    from warpchain.kernels.native import accessors
+    from warpchain.kernels.native import row_access
 
-    load_row = accessors(wp.float64).load_row
+    load_row = row_access(wp.float64).load
 
     @wp.kernel(module="unique")
     def reads(values: wp.array[wp.float64], found: wp.array[wp.float64], i: int):

@@ -6,7 +6,7 @@ import warp as wp
 from raw import chain, polygon, run, state
 from scipy.integrate import solve_ivp
 
-from warpchain.kernels.cpu.rollers import ROWS, passes
+from warpchain.kernels.cpu.rollers import ROWS, roller_functions
 from warpchain.kernels.structs import types
 
 M, PITCH, MASS, STIFFNESS = 9, 0.1, 2.0, 5e6
@@ -15,7 +15,7 @@ M, PITCH, MASS, STIFFNESS = 9, 0.1, 2.0, 5e6
 def strand_frequency(direction, k, tension=2000.0):
     """Frequency [Hz] of a strand of M masses between fixed ends, started in mode k with a small amplitude."""
     real = wp.float64
-    part, kinds = passes(real, 264), types(real)
+    rollers, kinds = roller_functions(real, 264), types(real)
 
     @wp.kernel(enable_backward=False, module="unique")
     def vibrate(w: wp.array[wp.float64], chain: kinds.Chain, h: real, steps: int, out: wp.array[wp.float64],
@@ -23,8 +23,8 @@ def strand_frequency(direction, k, tension=2000.0):
         # rollers 0 and n - 1 are held; the link that would close the loop acts between held ends only
         n = int(M + 2)
         for step in range(steps):
-            part.link_pass(w, n, chain)
-            part.kick_drift(w, n, chain, h, h)
+            rollers.find_link_forces(w, n, chain)
+            rollers.kick_and_drift(w, n, chain, h, h)
             for end in range(2):
                 i = end * (n - 1)
                 w[i] = wp.float64(i) * base

@@ -6,8 +6,8 @@ import warp as wp
 from raw import chain, polygon, run, state
 
 from warpchain.engine.fill import JOINT_INERTIA
-from warpchain.kernels.cpu.joints import joint_passes
-from warpchain.kernels.cpu.rollers import ROWS, passes
+from warpchain.kernels.cpu.joints import joint_functions
+from warpchain.kernels.cpu.rollers import ROWS, roller_functions
 from warpchain.kernels.physics.friction import DAMPER, SPRING
 from warpchain.kernels.structs import types
 
@@ -18,7 +18,7 @@ N = 24
 def plucked(n, tension, mu, radius, amplitude, cycles):
     """Amplitude of the fundamental [m] of a strand of n masses at the end of each cycle; the ends' joints rub not."""
     real = wp.float64
-    part, joints, kinds = passes(real, 264), joint_passes(real, 264), types(real)
+    rollers, joints, kinds = roller_functions(real, 264), joint_functions(real, 264), types(real)
     MOMENT = wp.constant(ROWS.index("moment") * 264)
 
     @wp.kernel(enable_backward=False, module="unique")
@@ -26,15 +26,15 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
                 wp.array[wp.float64], out: wp.array[wp.float64]):  # fmt: skip
         count = shape.shape[0]
         memory = kinds.Memory()
-        memory.stretched = real(1.0)
+        memory.stretch_part = real(1.0)
         for step in range(out.shape[0]):
-            joints.pull_links(w, count, chain)
-            joints.rub_joints(w, count, chain, memory)
+            joints.find_link_forces(w, count, chain)
+            joints.find_joint_moments(w, count, chain, memory)
             w[MOMENT] = real(0.0)
             w[MOMENT + count - 1] = real(0.0)
             w[MOMENT + count] = real(0.0)
-            joints.bend_links(w, count)
-            part.kick_drift(w, count, chain, h, h)
+            joints.add_couple_forces(w, count)
+            rollers.kick_and_drift(w, count, chain, h, h)
             for end in range(2):
                 i = end * (count - 1)
                 w[i] = real(i) * spacing

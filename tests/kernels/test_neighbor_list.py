@@ -44,9 +44,9 @@ def test_runs_hold_few_rollers_for_many_steps():
     for p in range(2):
         count = int(scratch[row.runs + p])
         first = p * 3  # 60 rollers are at most one group, and two runs beside it
-        counted.append(scratch[row.run_count + first : row.run_count + first + count].sum())
+        counted.append(scratch[row.run_rollers + first : row.run_rollers + first + count].sum())
     assert all(8 <= count <= 32 for count in counted)
-    assert scratch[row.room] > 0
+    assert scratch[row.lifetime] > 0
 
 
 @pytest.mark.parametrize("speed", [3e3, 3e5])

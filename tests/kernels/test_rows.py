@@ -5,12 +5,12 @@ import pytest
 import warp as wp
 from own_kernels import kernel
 
-from warpchain.kernels.native import LANES, accessors, whole_lanes
+from warpchain.kernels.native import LANES, row_access
 
 
 def asking(Real):
     """Kernels that tell of every count which values are unlike one, and rounded up to whole lanes."""
-    unlike, whole = accessors(Real).unlike, whole_lanes(Real if Real in LANES else wp.float64)
+    unlike, whole = row_access(Real).find_unlike, row_access(Real if Real in LANES else wp.float64).round_up
 
     @kernel
     def ask(values: wp.array[Real], first: int, value: Real, bits: wp.array[wp.uint64]):

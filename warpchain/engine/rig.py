@@ -18,7 +18,7 @@ from warpchain.drive.tensioners import Tensioner as TensionerPart
 from warpchain.engine.fill_bodies import fill_element
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, SimulationError
-from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, lead
+from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, shake_plungers
 from warpchain.kernels.structs import Tensioner
 from warpchain.progress import Progress, progress_reporter
 from warpchain.results.arrow_tables import table_with_units
@@ -138,10 +138,10 @@ def shake(
     values = wp.zeros((len(shakes), count, len(SAMPLE_COLUMNS)), dtype=wp.float64, device="cpu")
     sums = wp.zeros(len(shakes), dtype=RideSums, device="cpu")
     given: list[Any] = [wp.array(rides, dtype=Ride, device="cpu"), wp.array(rows, dtype=Tensioner, device="cpu")]
-    wp.load_module(lead.module, device="cpu")  # before any thread launches it
+    wp.load_module(shake_plungers.module, device="cpu")  # before any thread launches it
 
     def ride(first: int) -> None:
-        wp.launch(lead, dim=1, inputs=[*given, first, values, sums], device="cpu")
+        wp.launch(shake_plungers, dim=1, inputs=[*given, first, values, sums], device="cpu")
 
     with (
         ThreadPoolExecutor(available_cores(), thread_name_prefix="warpchain") as pool,

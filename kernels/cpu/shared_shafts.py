@@ -4,41 +4,51 @@ Each chain is a row of `Drive` with bodies of its own, one row after the other. 
 shaft, whose inertia each of them has, are added in their order, and all of them take the sum.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from ..physics.valve import valve_inertia_share
 from ..structs import types
-from .steps import loading
+from .trains import train_functions
+
+
+@dataclass(frozen=True)
+class SharedShaftFunctions:
+    """Shafts that several chains of a variant have in common."""
+
+    join_shafts_of_variant: wp.Function
 
 
 @cache
-def shafts(Real: type) -> SimpleNamespace:
+def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     """The functions that make the bodies of each shaft of a variant turn as one."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    cam_on, kick_of = loading(Real).cam_on, loading(Real).kick_of
+    trains = train_functions(Real)
 
     @wp.func
-    def bodies_of(ensemble: Ensemble, first: int, rings: int):
+    def body_count(ensemble: Ensemble, first: int, rings: int):
         """Number of bodies of a variant whose chains begin at row `first`."""
         last = ensemble.drives[first + rings - 1]
         return last.first_body + last.bodies - ensemble.drives[first].first_body
 
     @wp.func
-    def hand_on(ensemble: Ensemble, state: State, begin: int, count: int, b: int, kick: wp.float64, lifting: bool):
-        """Adds to the accelerations of a train what the moment on body `b` does, which is of another chain.
+    def add_train_acceleration(
+        ensemble: Ensemble, state: State, begin: int, count: int, b: int, kick: wp.float64, lifting: bool
+    ):
+        """Adds the acceleration by the moment on body `b`, which is of another chain, to the bodies of its train.
 
         Args:
-            kick: as `kick_of`.
+            begin, count: the variant's bodies.
+            kick: `trains.leapfrog_interval` [s].
             lifting: whether cams lift valves.
         """
         first = b + ensemble.motions[b].apart
         mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
         if lifting:
-            cam = cam_on(ensemble, state, begin, count, first)
+            cam = trains.train_cam(ensemble, state, begin, count, first)
             share = valve_inertia_share(state.bodies[first].speed, kick, cam, mine)
             more = more / (wp.float64(1.0) + share)
         state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
@@ -51,11 +61,11 @@ def shafts(Real: type) -> SimpleNamespace:
                     state.rates[other] = rates
 
     @wp.func
-    def join(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
+    def join_shafts(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
         """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
             if ensemble.motions[b].apart != 0:
-                hand_on(ensemble, state, begin, count, b, kick, lifting)
+                add_train_acceleration(ensemble, state, begin, count, b, kick, lifting)
         for b in range(begin, begin + count):
             if ensemble.motions[b].apart != 0 and ensemble.motions[b].prescribed == 0:
                 rates = state.rates[b]
@@ -63,10 +73,17 @@ def shafts(Real: type) -> SimpleNamespace:
                 state.rates[b] = rates
 
     @wp.func
-    def join_all(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
-        """`join`, of all bodies of a variant, at a stage's `time`."""
+    def join_shafts_of_variant(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
+        """Gives all bodies of each shaft of a variant the sum of their angular accelerations, at a stage's `time`."""
         drive, last = ensemble.drives[variant], ensemble.drives[variant + rings - 1]
         lifting = last.first_valve + last.valves > drive.first_valve
-        join(ensemble, state, drive.first_body, bodies_of(ensemble, variant, rings), kick_of(drive, time), lifting)
+        join_shafts(
+            ensemble,
+            state,
+            drive.first_body,
+            body_count(ensemble, variant, rings),
+            trains.leapfrog_interval(drive, time),
+            lifting,
+        )
 
-    return SimpleNamespace(**locals())
+    return SharedShaftFunctions(join_shafts_of_variant=join_shafts_of_variant)

@@ -1,0 +1,125 @@
+"""Bodies of one variant: their accelerations, and their motion by each integrator."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..integrate import Stage
+from ..physics.body import (
+    body_accelerations,
+    body_with_accelerations,
+    leapfrog_body,
+    move_prescribed_center,
+    stage_body,
+)
+from ..physics.motion import prescribed_rotation
+from ..physics.mount import displacement_from_home
+from ..structs import Drive, types
+from .carried_arms import carried_arm_functions
+from .hubs import hub_functions
+from .loads import load_functions
+from .tensioners import tensioner_functions
+from .trains import train_functions
+
+
+@dataclass(frozen=True)
+class BodyFunctions:
+    """Accelerations and motion of the bodies of one variant."""
+
+    accelerations_of: wp.Function
+    find_accelerations: wp.Function
+    leapfrog_bodies: wp.Function
+    stage_bodies: wp.Function
+
+
+@cache
+def body_functions(Real: type) -> BodyFunctions:
+    """The functions that accelerate and move the bodies of one variant."""
+    kinds = types(Real)
+    Ensemble, State = kinds.Ensemble, kinds.State
+    hubs = hub_functions(Real)
+    carried_arms = carried_arm_functions(Real)
+    loads = load_functions(Real)
+    trains = train_functions(Real)
+    tensioners = tensioner_functions(Real)
+
+    @wp.func
+    def accelerations_of(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
+        """Accelerations of body `b`'s center (x, y) [m/s^2] and angle [rad/s^2]; sets its load in `state.wrenches`."""
+        body = state.bodies[b]
+        heading = wp.vec2d(state.poses[b].cosine, state.poses[b].sine)
+        wrench = loads.body_wrench(ensemble, state, drive, b)
+        motion = ensemble.motions[b]
+        mount = ensemble.mounts[b]
+        wrench.load = loads.body_load(ensemble, state, drive, body, b, time)
+        state.wrenches[b].load = wrench.load
+        wrench.load = wrench.load + wrench.bearing
+        if drive.tied != 0 and motion.train >= 0 and motion.apart == 0:
+            wrench.moment = trains.train_moment(ensemble, state, drive, b)
+            wrench.load = wp.float64(0.0)
+            if drive.valves > 0:
+                wrench.moment = trains.moment_without_valves(ensemble, state, drive, b, wrench.moment, time)
+        off = displacement_from_home(body.center, mount)
+        return body_accelerations(time, off, body, heading, wrench, motion, mount, ensemble)
+
+    @wp.func
+    def find_accelerations(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
+        """Sets `state.rates`, the accelerations of all bodies, at a stage and its `time` [s]."""
+        if drive.tied != 0:
+            trains.find_train_moments(ensemble, state, drive, stage, time)
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.rates[b] = accelerations_of(ensemble, state, drive, b, time)
+        if drive.jointed != 0:
+            lag = wp.float64(0.0)
+            if drive.integrator == 0 and time > lag:
+                lag = wp.float64(0.5) * drive.step
+            for a in range(drive.arms):
+                carried_arms.couple_accelerations(ensemble, state, drive, a, lag)
+
+    @wp.func
+    def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
+        """Takes all bodies, and the tensioners on them, a leapfrog step on from `time` [s]."""
+        tensioners.find_supplies(ensemble, state, drive, time)
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
+            ahead = wp.float64(0.0)
+            if motion.prescribed == 1:
+                ahead, speed = prescribed_rotation(time + drive.step, motion, ensemble)
+            moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
+            moved = move_prescribed_center(time + drive.step, drive.step, moved, mount, ensemble)
+            state.bodies[b] = body_with_accelerations(body, moved, rates, kick, motion, mount)
+        if drive.hubs != 0:
+            hubs.place_carried_bodies(ensemble, state, drive)
+        tensioners.advance_tensioners(ensemble, state, drive)
+
+    @wp.func
+    def stage_bodies(ensemble: Ensemble, state: State, drive: Drive, at: Stage):
+        """Takes all bodies through a Runge-Kutta stage; the tensioners on them at the step's end."""
+        if at.number == 0:
+            tensioners.find_supplies(ensemble, state, drive, at.time)
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            body, base, slopes = stage_body(
+                at,
+                state.bodies[b],
+                state.body_stages[2 * b],
+                state.body_stages[2 * b + 1],
+                state.rates[b],
+                ensemble.motions[b],
+                ensemble.mounts[b],
+                ensemble,
+            )
+            state.bodies[b] = body
+            state.body_stages[2 * b] = base
+            state.body_stages[2 * b + 1] = slopes
+        if drive.hubs != 0:
+            hubs.place_carried_bodies(ensemble, state, drive)
+        if at.last == 1:
+            tensioners.advance_tensioners(ensemble, state, drive)
+
+    return BodyFunctions(
+        accelerations_of=accelerations_of,
+        find_accelerations=find_accelerations,
+        leapfrog_bodies=leapfrog_bodies,
+        stage_bodies=stage_bodies,
+    )

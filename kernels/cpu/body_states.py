@@ -1,0 +1,65 @@
+"""Bodies of one variant at the forces' instant."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..physics.body import body_at_time, has_finite_rotation, is_in_box
+from ..physics.motion import prescribed_acceleration, prescribed_rotation
+from ..structs import Drive, types
+
+
+@wp.func
+def arm_of(drive: Drive, b: int):
+    """The number among all arms of body `b` of all; negative for other bodies."""
+    place = b - drive.first_body - (drive.bodies - drive.arms)
+    return wp.where(place >= 0, drive.first_arm + place, -1)
+
+
+@dataclass(frozen=True)
+class BodyStateFunctions:
+    """Bodies of one variant at the forces' instant."""
+
+    body_now: wp.Function
+    angular_acceleration_now: wp.Function
+    has_sound_bodies: wp.Function
+
+
+@cache
+def body_state_functions(Real: type) -> BodyStateFunctions:
+    """The functions that bring the bodies of one variant to the forces' instant."""
+    kinds = types(Real)
+    Ensemble, State = kinds.Ensemble, kinds.State
+
+    @wp.func
+    def body_now(ensemble: Ensemble, state: State, b: int, time: wp.float64, lag: wp.float64):
+        """Body `b` of all with its rates at `time` [s], `lag` after their instant; accelerations must be found."""
+        motion = ensemble.motions[b]
+        driven = wp.float64(0.0)
+        if motion.prescribed == 1:
+            angle, driven = prescribed_rotation(time, motion, ensemble)
+        body, rates, mount = state.bodies[b], state.rates[b], ensemble.mounts[b]
+        return body_at_time(time, lag, body, rates, driven, motion, mount, ensemble)
+
+    @wp.func
+    def angular_acceleration_now(ensemble: Ensemble, state: State, b: int, time: wp.float64):
+        """Angular acceleration of body `b` of all at `time` [rad/s^2]; accelerations must be found."""
+        angular = state.rates[b][2]
+        if ensemble.motions[b].prescribed == 1:
+            angular = prescribed_acceleration(time, ensemble.motions[b], ensemble)
+        return angular
+
+    @wp.func
+    def has_sound_bodies(state: State, drive: Drive):
+        """1 while every body's rotation is finite and its center is in the drive's box, else 0."""
+        good = int(1)
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            body = state.bodies[b]
+            if not (is_in_box(drive.low, drive.high, body.center) and has_finite_rotation(body.angle, body.speed)):
+                good = int(0)
+        return good
+
+    return BodyStateFunctions(
+        body_now=body_now, angular_acceleration_now=angular_acceleration_now, has_sound_bodies=has_sound_bodies
+    )

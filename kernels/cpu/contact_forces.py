@@ -1,0 +1,214 @@
+"""Normal forces of a group of rollers' contacts with one partner, and the powers that contacts and friction take."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..native import row_access
+from ..physics.contact import (
+    is_changing,
+    normal_force,
+    power_of_force,
+    reaction_moment,
+    relative_acceleration,
+    steady_force,
+)
+from ..physics.impact import elastic_force
+from ..structs import types
+from .contact_rows import contact_row_functions
+from .neighbor_list import Group
+from .rollers import roller_functions, rows
+
+
+@dataclass(frozen=True)
+class ContactForceFunctions:
+    """Normal forces of contacts that are in the rows, and the powers that they and friction take."""
+
+    value_if_touching: wp.Function
+    copy_row: wp.Function
+    find_normal_forces: wp.Function
+    add_measured_forces: wp.Function
+    add_forces: wp.Function
+    find_powers: wp.Function
+
+
+@cache
+def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
+    """The functions that evaluate contacts in the rows, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    Memory = kinds.Memory
+    vec2 = kinds.vec2
+    rollers = roller_functions(Real, capacity)
+    access = row_access(Real)
+    row = rows(capacity)
+    contact_rows = contact_row_functions(Real, capacity)
+
+    @wp.func
+    def value_if_touching(w: wp.array[Real], i: int, value: Real):
+        """`value` where roller i touches, else 0: beyond the chain's end values need not be numbers."""
+        return wp.where(access.load(w, row.penetration + i) > Real(0.0), value, Real(0.0))
+
+    @wp.func
+    def approach_acceleration(w: wp.array[Real], i: int, memory: Memory):
+        """Acceleration of the relative velocity of roller i's contact [m/s^2], by the forces so far."""
+        arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
+        return relative_acceleration(
+            memory.straight, memory.angular, arm, rollers.acceleration(w, i, memory.inverse_mass, memory.gravity)
+        )
+
+    @wp.func
+    def normal_approach(w: wp.array[Real], i: int, memory: Memory):
+        """Speed at which roller i's penetration grows [m/s], and its acceleration by the forces so far [m/s^2]."""
+        normal_x = access.load(w, row.normal_x + i)
+        normal_y = access.load(w, row.normal_y + i)
+        more = approach_acceleration(w, i, memory)
+        speed = access.load(w, row.relative_x + i) * normal_x + access.load(w, row.relative_y + i) * normal_y
+        return speed, more[0] * normal_x + more[1] * normal_y
+
+    @wp.func
+    def store_normal_force(w: wp.array[Real], i: int, size: Real, kept: Real, damper_speed: Real):
+        """Stores the normal force on roller i, and what its contact remembers."""
+        x = value_if_touching(w, i, size * access.load(w, row.normal_x + i))
+        y = value_if_touching(w, i, size * access.load(w, row.normal_y + i))
+        access.store(w, row.force_x + i, x)
+        access.store(w, row.force_y + i, y)
+        access.store(w, row.force_size + i, size)
+        access.store(w, row.v0_kept + i, kept)
+        access.store(w, row.damper_speed + i, damper_speed)
+
+    @wp.func
+    def find_steady_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
+        """Stores the normal force on roller i as if its contact did not open, close or begin.
+
+        Returns 1 if the contact remembers something else, and 2 more if it does open, close or begin.
+        """
+        penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
+        speed, growth = normal_approach(w, i, memory)
+        speed_before = access.load(w, row.damper_speed + i)
+        size, damper_speed = steady_force(penetration, speed, growth, before, speed_before, law)
+        kept = wp.where(penetration > Real(0.0), before, access.load(w, row.v0_open + i))
+        store_normal_force(w, i, size, kept, damper_speed)
+        return wp.where(kept == before, 0, 1) | 2 * is_changing(penetration, speed, growth, before, law)
+
+    @wp.func
+    def mend_changing_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
+        """Stores the normal forces of contacts that do open, close or begin in this step, which are few; returns 1."""
+        i = group.low
+        while i < group.high:
+            penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
+            speed, growth = normal_approach(w, i, memory)
+            if is_changing(penetration, speed, growth, before, law) != 0:
+                speed_before = access.load(w, memory.damper_row + i)
+                mean, elastic, size, first, damper = normal_force(penetration, speed, growth, before, speed_before, law)
+                access.store(w, row.penetration + i, mean)
+                kept = wp.where(mean > Real(0.0), first, access.load(w, row.v0_open + i))
+                store_normal_force(w, i, size, kept, damper)
+            i = i + 1
+        return int(1)
+
+    @wp.func
+    def add_force(w: wp.array[Real], i: int):
+        """Adds the contact's force to that on roller i, and stores its moment on the partner's body."""
+        force = vec2(access.load(w, row.force_x + i), access.load(w, row.force_y + i))
+        arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
+        access.store(w, row.fx + i, access.load(w, row.fx + i) + force[0])
+        access.store(w, row.fy + i, access.load(w, row.fy + i) + force[1])
+        access.store(w, row.reaction + i, value_if_touching(w, i, reaction_moment(arm, force)))
+
+    @wp.func
+    def copy_row(w: wp.array[Real], group: Group, source: int, to: int):
+        """Copies the group's values of a row; in a row whose place the compiler knows, loops vectorize."""
+        i = group.low
+        while i < group.high:
+            access.store(w, to + i, access.load(w, source + i))
+            i = i + 1
+
+    @wp.func
+    def find_normal_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
+        """Stores normal forces; of a linear law in a loop of its own, which vectorizes. Returns whether memories
+        change.
+        """
+        changed = int(0)
+        i = group.low
+        if law.exponent == Real(1.0):
+            law.exponent = Real(1.0)  # so that the compiler knows
+            while i < group.high:
+                changed = changed | find_steady_force(w, i, law, memory)
+                i = i + 1
+        while i < group.high:
+            changed = changed | find_steady_force(w, i, law, memory)
+            i = i + 1
+        if changed > 1:
+            changed = mend_changing_forces(w, group, law, memory)
+        return changed
+
+    @wp.func
+    def force_power(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory):
+        """Power [W] of a force (x, y) on roller i's contact at the mean of the speeds before and after the step."""
+        more = approach_acceleration(w, i, memory)
+        speed_x = access.load(w, row.relative_x + i) + memory.lag * more[0]
+        speed_y = access.load(w, row.relative_y + i) + memory.lag * more[1]
+        return value_if_touching(w, i, power_of_force(x, y, speed_x, speed_y))
+
+    @wp.func
+    def find_damper_power(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
+        """Stores the power that roller i's contact takes without friction; with stages that of its damper."""
+        elastic = elastic_force(access.load(w, row.penetration + i), law.stiffness, law.exponent)
+        size = access.load(w, row.force_size + i) - wp.where(memory.lag > Real(0.0), Real(0.0), elastic)
+        x = size * access.load(w, row.normal_x + i)
+        y = size * access.load(w, row.normal_y + i)
+        access.store(w, row.damper_power + i, force_power(w, i, x, y, memory))
+
+    @wp.func
+    def add_measured_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
+        """Adds the forces of a linear law without friction to those on rollers, with moments and powers, in one loop.
+
+        Returns 1 if any contact begins.
+        """
+        law.exponent = Real(1.0)  # so that the compiler knows
+        began = int(0)
+        i = group.low
+        while i < group.high:
+            add_force(w, i)
+            find_damper_power(w, i, law, memory)
+            began = began | contact_rows.is_beginning(w, i)
+            i = i + 1
+        return began
+
+    @wp.func
+    def add_forces(w: wp.array[Real], group: Group):
+        """Adds the contacts' forces to those on rollers, and stores their moments on the partner's body."""
+        i = group.low
+        while i < group.high:
+            add_force(w, i)
+            i = i + 1
+
+    @wp.func
+    def find_powers(w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory):
+        """Stores the powers that contacts and friction take; of a linear law in a loop of its own, which vectorizes."""
+        i = group.low
+        if law.exponent == Real(1.0):
+            law.exponent = Real(1.0)  # so that the compiler knows
+            while i < group.high:
+                find_damper_power(w, i, law, memory)
+                i = i + 1
+        while i < group.high:
+            find_damper_power(w, i, law, memory)
+            i = i + 1
+        if friction.inertia > Real(0.0):
+            i = group.low
+            while i < group.high:
+                x = access.load(w, row.friction_x + i)
+                y = access.load(w, row.friction_y + i)
+                access.store(w, row.friction_power + i, force_power(w, i, x, y, memory))
+                i = i + 1
+
+    return ContactForceFunctions(
+        value_if_touching=value_if_touching,
+        copy_row=copy_row,
+        find_normal_forces=find_normal_forces,
+        add_measured_forces=add_measured_forces,
+        add_forces=add_forces,
+        find_powers=find_powers,
+    )

@@ -1,0 +1,108 @@
+"""Totals over a group of rollers' contacts with one partner, and over all groups of the partner."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..native import row_access
+from ..physics.contact import contact_energy
+from ..physics.impact import elastic_force
+from ..structs import Now, Totals, types
+from .contact_rows import contact_row_functions
+from .neighbor_list import Group
+from .rollers import rows
+
+
+@dataclass(frozen=True)
+class ContactSumFunctions:
+    """Totals of a partner's contacts, from the rows."""
+
+    add_totals: wp.Function
+    count_beginning: wp.Function
+    add_measured_totals: wp.Function
+
+
+@cache
+def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
+    """The functions that sum over contacts in the rows, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    access = row_access(Real)
+    row = rows(capacity)
+    contact_rows = contact_row_functions(Real, capacity)
+
+    @wp.func
+    def add_totals(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool):
+        """Adds the group's forces and moments, roller by roller; where `measured`, powers and magnitudes too."""
+        moment = totals[slot].moment
+        x = Real(totals[slot].push[0])
+        y = Real(totals[slot].push[1])
+        damped = totals[slot].dissipated
+        force = totals[slot].force
+        largest = totals[slot].force_max
+        i = group.low
+        while i < group.high:
+            moment += wp.float64(access.load(w, row.reaction + i))
+            x -= access.load(w, row.force_x + i)
+            y -= access.load(w, row.force_y + i)
+            if measured:
+                damped += wp.float64(access.load(w, row.damper_power + i))
+                size = wp.float64(access.load(w, row.force_size + i))
+                force += size
+                largest = wp.max(largest, size)
+            i = i + 1
+        totals[slot].moment = moment
+        totals[slot].push = wp.vec2d(wp.float64(x), wp.float64(y))
+        if measured:
+            totals[slot].dissipated = damped
+            totals[slot].force = force
+            totals[slot].force_max = largest
+
+    @wp.func
+    def count_beginning(w: wp.array[Real], group: Group):
+        """The number of contacts of the group that begin."""
+        count = int(0)
+        i = group.low
+        while i < group.high:
+            count = count + contact_rows.is_beginning(w, i)
+            i = i + 1
+        return count
+
+    @wp.func
+    def add_energies(w: wp.array[Real], group: Group, law: kinds.ContactLaw, totals: wp.array[Totals], slot: int):
+        """Adds the contacts' elastic energies to the totals."""
+        energy = totals[slot].energy
+        i = group.low
+        while i < group.high:
+            penetration = access.load(w, row.penetration + i)
+            if penetration > Real(0.0):
+                elastic = elastic_force(penetration, law.stiffness, law.exponent)
+                energy += wp.float64(contact_energy(penetration, elastic, law))
+            i = i + 1
+        totals[slot].energy = energy
+
+    @wp.func
+    def add_measured_totals(
+        w: wp.array[Real],
+        group: Group,
+        law: kinds.ContactLaw,
+        friction: kinds.Friction,
+        wanted: Now,
+        totals: wp.array[Totals],
+        slot: int,
+    ):
+        """Adds the group's forces, moments, powers and, at the window's ends, elastic energies to the totals."""
+        add_totals(w, group, totals, slot, True)
+        if wanted.ends != 0:
+            add_energies(w, group, law, totals, slot)
+        if friction.inertia > Real(0.0):
+            taken = totals[slot].friction
+            i = group.low
+            while i < group.high:
+                taken += wp.float64(access.load(w, row.friction_power + i))
+                i = i + 1
+            totals[slot].friction = taken
+
+    return ContactSumFunctions(
+        add_totals=add_totals, count_beginning=count_beginning, add_measured_totals=add_measured_totals
+    )

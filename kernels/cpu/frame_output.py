@@ -1,0 +1,96 @@
+"""Frames of one variant, from an evaluated step."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from ..frames import frame_writers
+from ..native import row_access
+from ..structs import Drive, Now, types
+from .body_states import body_state_functions
+from .joints import joint_functions
+from .rollers import roller_functions, rows
+from .trains import train_functions
+
+
+@dataclass(frozen=True)
+class FrameOutputFunctions:
+    """Frames of one variant."""
+
+    write_frame: wp.Function
+
+
+@cache
+def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutputFunctions:
+    """The functions that write frames of one variant, which lie as `frame` says (`frames.frame_writers`)."""
+    kinds = types(Real)
+    vec2 = kinds.vec2
+    write = frame_writers(Real, frame)
+    access = row_access(Real)
+    row = rows(capacity)
+    rollers = roller_functions(Real, capacity)
+    joints = joint_functions(Real, capacity)
+    body_states = body_state_functions(Real)
+    trains = train_functions(Real)
+
+    @wp.func
+    def roller_extra(w: wp.array[Real], i: int):
+        """Forces of roller i and of the link after it, for a frame."""
+        of = kinds.Extra()
+        of.tension = access.load(w, row.tension + i)
+        of.rate = access.load(w, row.rate + i)
+        of.sprocket_force = access.load(w, row.sprocket_force + i)
+        of.guide_force = access.load(w, row.guide_force + i)
+        return of
+
+    @wp.func(inline=False)
+    def write_frame(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        variant: int,
+        drive: Drive,
+        w: wp.array[Real],
+        frames: wp.array[Real],
+        number: int,
+        now: Now,
+    ):
+        """Writes the frame of one chain, number `number` of the launch."""
+        n = drive.rollers
+        begin = int(drive.first_value + wp.int64(number) * wp.int64(write.width_of(drive)))
+        lag = Real(now.lag)
+        chain = ensemble.chains[variant]
+        inverse_mass = chain.inverse_mass
+        for i in range(n):
+            a = rollers.acceleration(w, i, inverse_mass, chain.gravity)
+            position = vec2(access.load(w, row.x + i), access.load(w, row.y + i))
+            velocity = vec2(access.load(w, row.vx + i) + lag * a[0], access.load(w, row.vy + i) + lag * a[1])
+            extra = roller_extra(w, i)
+            if wp.static(frame.holds("joint_friction_power")):
+                if chain.joint.inertia > Real(0.0):
+                    extra.friction_power = joints.friction_power(w, i, n, chain, lag)
+            write.write_roller(frames, begin, n, i, position, velocity, extra)
+        for s in range(drive.sprockets):
+            b = drive.first_body + s
+            body = body_states.body_now(ensemble, state, b, now.time, now.lag)
+            write.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment, state.wrenches[b].force)
+        for a in range(drive.arms):
+            b = drive.first_body + drive.bodies - drive.arms + a
+            arm = body_states.body_now(ensemble, state, b, now.time, now.lag)
+            write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
+        for t in range(drive.tensioners):
+            write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
+        for h in range(drive.shafts):
+            shaft = body_states.body_now(ensemble, state, drive.first_body + drive.sprockets + h, now.time, now.lag)
+            write.write_shaft(frames, begin, drive, h, shaft)
+        for c in range(drive.couplings):
+            twist, rate, moment = trains.twist_and_moment_now(
+                ensemble, state, drive, drive.first_coupling + c, now.time, now.lag
+            )
+            write.write_coupling(frames, begin, drive, c, twist, moment)
+        for v in range(drive.valves):
+            torque, force = trains.valve_load_now(ensemble, state, drive, drive.first_valve + v, now.time, now.lag)
+            write.write_valve(frames, begin, drive, v, torque, force)
+
+    return FrameOutputFunctions(write_frame=write_frame)

@@ -1,0 +1,173 @@
+"""Sums of each link and roller of one variant, which a loop that vectorizes adds to in each step.
+
+They are merged into the sums of chain and strands every `MERGE_EVERY` steps, before strands change their links.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from ..native import row_access
+from ..physics.link import link_spring, roller_energy
+from ..structs import ChainSums, LinkTally, Strand, StrandSums, types
+from ..sums import add_tension, after, displacement, merge_extremes, merge_tension
+from .rollers import roller_functions, rows
+
+
+@dataclass(frozen=True)
+class LinkTallyFunctions:
+    """Sums of each link and roller of one variant, and what they add to the sums of chain and strands."""
+
+    clear: wp.Function
+    add_rates: wp.Function
+    widen_extremes: wp.Function
+    add_tensions: wp.Function
+    add_strand_tensions: wp.Function
+    merge_links: wp.Function
+    merge_friction: wp.Function
+    mid_displacement: wp.Function
+    merge_strand_links: wp.Function
+    rollers_energy: wp.Function
+
+
+@cache
+def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
+    """The functions of links' tallies, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    Chain = kinds.Chain
+    vec2 = kinds.vec2
+    access = row_access(Real)
+    row = rows(capacity)
+    rollers = roller_functions(Real, capacity)
+
+    @wp.func
+    def clear(w: wp.array[Real], n: int):
+        """Begins the links' tallies anew."""
+        i = int(0)
+        while i < access.round_up(n):
+            access.store(w, row.tension_min + i, Real(wp.inf))
+            access.store(w, row.tension_max + i, Real(-wp.inf))
+            access.store(w, row.rate_squares + i, Real(0.0))
+            access.store(w, row.joint_friction + i, Real(0.0))
+            i = i + 1
+
+    @wp.func
+    def add_rates(w: wp.array[Real], n: int, share: Real):
+        """Adds a step's squared rates of elongation to the links' tallies; `share` is the part of a step that it stands
+        for.
+        """
+        i = int(0)
+        while i < access.round_up(n):
+            rate = access.load(w, row.rate + i)
+            access.store(w, row.rate_squares + i, access.load(w, row.rate_squares + i) + share * (rate * rate))
+            i = i + 1
+
+    @wp.func
+    def widen_extremes(w: wp.array[Real], n: int):
+        """Widens the links' extremes of tension by those of a step."""
+        i = int(0)
+        while i < access.round_up(n):
+            tension = access.load(w, row.tension + i)
+            access.store(w, row.tension_min + i, wp.min(access.load(w, row.tension_min + i), tension))
+            access.store(w, row.tension_max + i, wp.max(access.load(w, row.tension_max + i), tension))
+            i = i + 1
+
+    @wp.func
+    def add_tensions(w: wp.array[Real], n: int, sums: ChainSums):
+        """The chain's sums with a sample of every link's tension."""
+        seen = LinkTally()
+        for i in range(n):
+            seen = add_tension(seen, access.load(w, row.tension + i))
+        sums = merge_tension(sums, seen)
+        sums.samples = sums.samples + wp.int64(1)
+        return sums
+
+    @wp.func
+    def add_strand_tensions(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
+        """A strand's sums with a sample of the tensions of the links between its two tangent points."""
+        seen = LinkTally()
+        link = strand.first_link
+        for _ in range(strand.links):
+            seen = add_tension(seen, access.load(w, row.tension + link))
+            link = after(link, n)
+        sums = merge_tension(sums, seen)
+        sums.links = sums.links + wp.int64(strand.links)
+        return sums
+
+    @wp.func
+    def merge_extremes_of(w: wp.array[Real], i: int, sums: Any):
+        """`sums` with the extremes of link i's tally."""
+        return merge_extremes(
+            sums, wp.float64(access.load(w, row.tension_min + i)), wp.float64(access.load(w, row.tension_max + i))
+        )
+
+    @wp.func
+    def merge_links(w: wp.array[Real], n: int, chain: Chain, sums: ChainSums, step: wp.float64):
+        """`sums` with the tallies of all links; `step` is a step's length [s]."""
+        for i in range(n):
+            sums = merge_extremes_of(w, i, sums)
+            stiffness, damping = link_spring(i, chain)
+            sums.dissipated = sums.dissipated + step * wp.float64(damping * access.load(w, row.rate_squares + i))
+        return sums
+
+    @wp.func
+    def merge_friction(w: wp.array[Real], n: int, friction: wp.float64, step: wp.float64):
+        """`friction` with what the tallies of all rollers say that their joints took [J]."""
+        for i in range(n):
+            friction = friction + step * wp.float64(access.load(w, row.joint_friction + i))
+        return friction
+
+    @wp.func
+    def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
+        """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
+        i = strand.middle
+        j = after(i, n)
+        return displacement(
+            wp.float64(access.load(w, row.x + i)),
+            wp.float64(access.load(w, row.y + i)),
+            wp.float64(access.load(w, row.x + j)),
+            wp.float64(access.load(w, row.y + j)),
+            strand,
+        )
+
+    @wp.func
+    def merge_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
+        """`sums` with the tallies of the links between the strand's two tangent points."""
+        link = strand.first_link
+        for _ in range(strand.links):
+            sums = merge_extremes_of(w, link, sums)
+            link = after(link, n)
+        return sums
+
+    @wp.func
+    def rollers_energy(w: wp.array[Real], n: int, chain: Chain, back: Real):
+        """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
+        instant.
+        """
+        total = wp.float64(0.0)
+        i = int(0)
+        while i < n:
+            a = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
+            position = vec2(access.load(w, row.x + i), access.load(w, row.y + i))
+            velocity = vec2(access.load(w, row.vx + i) + back * a[0], access.load(w, row.vy + i) + back * a[1])
+            tension, rate = access.load(w, row.tension + i), access.load(w, row.rate + i)
+            held, weight = roller_energy(position, velocity, tension, rate, i, chain)
+            total += held
+            total -= weight
+            i = i + 1
+        return total
+
+    return LinkTallyFunctions(
+        clear=clear,
+        add_rates=add_rates,
+        widen_extremes=widen_extremes,
+        add_tensions=add_tensions,
+        add_strand_tensions=add_strand_tensions,
+        merge_links=merge_links,
+        merge_friction=merge_friction,
+        mid_displacement=mid_displacement,
+        merge_strand_links=merge_strand_links,
+        rollers_energy=rollers_energy,
+    )

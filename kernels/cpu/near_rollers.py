@@ -1,0 +1,150 @@
+"""The rollers that are near a sprocket or guide, and what contacts remember of those that leave it."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..native import row_access
+from ..physics.body import pose_of
+from ..structs import GROUND, Drive, types
+from .guides import guide_functions
+from .neighbor_list import GROUP, lowest_bit, neighbor_list_functions, without_lowest_bit
+from .partners import partner_functions
+from .rollers import rows
+from .seats import seat_functions
+
+
+@dataclass(frozen=True)
+class NearRollerFunctions:
+    """Functions that find which rollers are near a partner."""
+
+    find_poses: wp.Function
+    memory_at_chain: wp.Function
+    contact_memory: wp.Function
+    rebuild_neighbor_list: wp.Function
+    near_group: wp.Function
+
+
+@cache
+def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
+    """The functions that find rollers near a partner, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    State, Memory = kinds.State, kinds.Memory
+    partners = partner_functions(Real)
+    seats = seat_functions(Real, capacity)
+    guides = guide_functions(Real, capacity)
+    access = row_access(Real)
+    seat_access = row_access(wp.int32)
+    row = rows(capacity)
+    neighbor_list = neighbor_list_functions(Real, capacity)
+
+    @wp.func
+    def find_poses(state: State, drive: Drive):
+        """Sets all bodies' poses, one right after the other: each is a long chain that waits for itself only."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.poses[b] = pose_of(state.bodies[b])
+
+    @wp.func
+    def memory_at_chain(memory: Memory, drive: Drive, chain: kinds.Chain):
+        """The memory of contacts with the first partner of a drive, whose chain it is."""
+        memory.first = drive.first_contact
+        memory.inverse_mass = chain.inverse_mass
+        memory.gravity = chain.gravity
+        return memory
+
+    @wp.func
+    def contact_memory(state: State, drive: Drive):
+        """The memory of contacts with the first partner of a drive, before `memory_at_chain`."""
+        memory = Memory()
+        memory.seat = state.seat
+        memory.impact_speed = state.impact_speed
+        memory.bristle = state.contact_hold
+        memory.stretch_part = Real(1.0)
+        memory.first = drive.first_contact
+        if drive.integrator == 0:
+            memory.lag = Real(wp.float64(0.5) * drive.step)
+        return memory
+
+    @wp.func
+    def mark_near(w: wp.array[Real], first: int, end: int, partner: partners.Partner):
+        """Marks the rollers from `first` to before `end` that are near a partner."""
+        if partner.teeth != 0:
+            seats.mark_engaged(w, first, end, partner.sprocket, partner.pose)
+        elif partner.guide.pieces == 0:
+            guides.mark_over_bar(w, first, end, partner.guide)
+        else:
+            guides.mark_over_profile(w, first, end, partner.guide, partner.pose)
+
+    @wp.func
+    def forget_seats(first: int, count: int, near: wp.uint64, memory: Memory):
+        """Forgets seats or pieces, and contacts, of rollers that are no longer near; returns who had one, as bits."""
+        seated = seat_access.find_unlike(memory.seat, memory.first + first, count, -1)
+        left = seated & ~near
+        while left != wp.uint64(0):
+            i = memory.first + first + lowest_bit(left)
+            seat_access.store(memory.seat, i, -1)
+            access.store(memory.impact_speed, i, Real(0.0))
+            left = without_lowest_bit(left)
+        return seated
+
+    @wp.func
+    def forget_partner(
+        w: wp.array[Real], first: int, count: int, near: wp.uint64, partner: partners.Partner, memory: Memory
+    ):
+        """Forgets the contacts of rollers that are not near; returns who had a seat or piece, as bits."""
+        seated = wp.uint64(0)
+        if partner.teeth != 0 or partner.guide.pieces != 0:
+            seated = forget_seats(first, count, near, memory)
+            if partner.teeth != 0:
+                seats.forget_directions(w, first, seated & ~near)
+        elif memory.stage == 0:
+            guides.forget_bar(first, count, near, memory)
+        return seated
+
+    @wp.func(inline=False)
+    def rebuild_neighbor_list(ensemble: kinds.Ensemble, state: State, drive: Drive, w: wp.array[Real]):
+        """Rebuilds the neighbor list of all partners; a guide that moves keeps all rollers."""
+        n = drive.rollers
+        memory = contact_memory(state, drive)
+        skin = neighbor_list.skin_width(w)
+        find_poses(state, drive)
+        for p in range(drive.sprockets + drive.guides):
+            partner = partners.partner_at(ensemble, state, drive, p)
+            if partner.teeth != 0 or partner.body == GROUND:
+                mark_near(w, 0, access.round_up(n), partners.widened_partner(partner, skin))
+            else:
+                neighbor_list.mark_all_near(w, n)
+            neighbor_list.store_runs(w, n, p)
+            first = int(0)
+            while first < n:
+                count = wp.min(n - first, GROUP)
+                forget_partner(
+                    w, first, count, access.find_unlike(w, row.near + first, count, Real(0.0)), partner, memory
+                )
+                first = first + GROUP
+            memory.first = memory.first + n
+        neighbor_list.set_lifetime(w, drive)
+
+    @wp.func
+    def near_group(w: wp.array[Real], first: int, end: int, n: int, partner: partners.Partner, memory: Memory):
+        """The group of rollers from `first` to before `end` that are near a partner; the others' contacts are
+        forgotten.
+        """
+        mark_near(w, first, end, partner)
+        count = wp.min(n, end) - first
+        near = access.find_unlike(w, row.near + first, count, Real(0.0))
+        had = forget_partner(w, first, count, near, partner, memory)
+        if near != wp.uint64(0):
+            group = neighbor_list.near_group(first, near, near & ~had)
+            return group
+        group = neighbor_list.whole_group(first, first)
+        return group
+
+    return NearRollerFunctions(
+        find_poses=find_poses,
+        memory_at_chain=memory_at_chain,
+        contact_memory=contact_memory,
+        rebuild_neighbor_list=rebuild_neighbor_list,
+        near_group=near_group,
+    )
