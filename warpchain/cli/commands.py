@@ -87,14 +87,36 @@ def check_command(arguments: argparse.Namespace) -> int:
         from warpchain.cli.draw_command import draw_drive
 
         draw_drive(drive, arguments.output)
-    values = derive(drive)
+    values, defaults = derive(drive), _defaults_of_file(arguments)
     if arguments.json:
         import json
 
-        print(json.dumps({"units": "SI, angles in degrees", **values}, indent=2))
-    else:
-        print(report(values))
-    return DONE
+        print(json.dumps({"units": "SI, angles in degrees", "defaults": defaults, **values}, indent=2))
+        return DONE
+    return _print_lines([*_default_lines(defaults), report(values)])
+
+
+def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Values that the file of the arguments' drive leaves out, by key path."""
+    from warpchain.drive import read_drive_text, toml
+    from warpchain.drive.defaults import default_values
+    from warpchain.drive.examples import drive_path
+
+    path = drive_path(arguments.drive)
+    found = default_values(toml.parse(read_drive_text(path), str(path)))
+    return {".".join(map(str, keys)): value for keys, value in found.items()}
+
+
+def _default_lines(defaults: dict[str, Any]) -> list[str]:
+    """A line on the defaults of each table of a file."""
+    from warpchain.argument_checks import number_text
+    from warpchain.drive.toml import inline
+
+    tables: dict[str, list[str]] = {}
+    for path, value in defaults.items():
+        table, _, key = path.rpartition(".")
+        tables.setdefault(table, []).append(f"{key} = {inline(value, number_text)}")
+    return [f"default, not in the file: {table}: {', '.join(values)}" for table, values in tables.items()]
 
 
 def draw_command(arguments: argparse.Namespace) -> int:

@@ -8,12 +8,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from warpchain.assembly.fitting import fit_links, fit_position
 from warpchain.assembly.summary import derive, fit_and_findings
 from warpchain.drive import loads_drive, write_drive_text
 from warpchain.drive.catalogue import CHAINS, CatalogueChain
+from warpchain.drive.defaults import (
+    BUSH_STIFFNESS,
+    CIRCUITS,
+    CLEARANCE,
+    DAMPING_RATIO,
+    SAFETY,
+    SAMPLES_A_TOOTH,
+    TEETH_FRICTION,
+    TOOTH_WIDTH,
+    disk,
+    two_figures,
+    wrap_senses,
+)
 from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.drive.schema import nearest
 from warpchain.errors import DriveError
@@ -27,14 +38,6 @@ SCHEMA = "drive.schema.json"
 """File beside drive files from which editors complete keys."""
 CHAIN_SPEED = 3.0
 """Speed of the chain where none is given [m/s]."""
-SAFETY = 15.0
-"""Breaking load over the pull of the moment where none is given [-]."""
-STEEL = 7850.0
-"""Density of the disks that sprockets count as [kg/m^3]."""
-TOOTH_WIDTH = 0.93
-"""Width of teeth over the chain's inner width, as in ISO 606 [-]."""
-LOOSENESS, BUSH = 0.004, 5.0e9
-"""Clearance in a seat over the pitch [-], stiffness of bush and pin over the pitch [N/m^2]: as in the examples."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +70,7 @@ class DriveRequest:
     @property
     def wrap_senses(self) -> list[str]:
         """Senses in which the chain goes around each sprocket: the polygon's, the other one at its notches."""
-        at = np.array(self.centers)
-        before, after = at - np.roll(at, 1, axis=0), np.roll(at, -1, axis=0) - at
-        turns = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        return ["cw" if turn < 0.0 else "ccw" for turn in turns]
+        return wrap_senses(list(self.centers))
 
 
 def new_drive_file(arguments: Namespace) -> list[str]:
@@ -125,9 +125,9 @@ def _drive_request(arguments: Namespace) -> DriveRequest:
         if of < 5 or (found is not None and found <= 0.0):
             raise DriveError("--teeth, --speed, --torque: must be at least 5 teeth, a speed and a moment above 0")
     driver, driven = (0.5 * chain.pitch / math.sin(math.pi / z) for z in (teeth[0], teeth[-1]))
-    speed = arguments.speed or _two_figures(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
+    speed = arguments.speed or two_figures(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
     return DriveRequest(
-        chain, teeth, centers, speed, arguments.torque or _two_figures(chain.breaking_load / SAFETY * driven)
+        chain, teeth, centers, speed, arguments.torque or two_figures(chain.breaking_load / SAFETY * driven)
     )
 
 
@@ -136,11 +136,6 @@ def _choice_lines(asked: DriveRequest, drive: Drive, moved: float) -> list[str]:
     last = f"{asked.sprocket_names[-1]} moved by {1e3 * moved:.3g} mm"
     place = "" if moved == 0.0 else f"; {last} to [{_center_text(drive.sprockets[-1].center)}]"
     return [f"{drive.chain.links} links{place}"]
-
-
-def _two_figures(value: float) -> float:
-    """A value rounded to two figures."""
-    return float(f"{value:.2g}")
 
 
 def _center_text(center: Point) -> str:
@@ -168,28 +163,28 @@ def _drive_file_text(asked: DriveRequest) -> str:
             (f'size = "{size}"', about),
             (f"links = {asked.links}", "the even number that fits best"),
             ('stiffness = "estimate"', "ESTIMATE, good to a factor of three; or a measured value of one link [N/m]"),
-            ("damping_ratio = 0.02", "ESTIMATE"),
+            (f"damping_ratio = {DAMPING_RATIO:g}", "ESTIMATE"),
             ("joint = { friction = 0.1 }", "ESTIMATE: greased; the pins' radius comes with the size"),
         ],
         *(_sprocket_table_lines(asked, s, radii[s], 0.2 * round_time) for s in range(len(radii))),
         [
             ("[contact.sprocket]", ""),
             ('profile = "circular"', ""),
-            (f"clearance = {LOOSENESS * chain.pitch:.2g}", f"ESTIMATE: {LOOSENESS:g} of the pitch"),
+            (f"clearance = {CLEARANCE * chain.pitch:.2g}", f"ESTIMATE: {CLEARANCE:g} of the pitch"),
             ("restitution = 0.3", "ESTIMATE: a free roller rebounds with this share of its speed"),
             ('restitution_means = "rebound"', ""),
             (
-                f"bush_stiffness = {BUSH * chain.pitch * chain.strands:.2g}",
-                f"ESTIMATE: {BUSH:g} N/m^2 times pitch and strands; bush, pin, grease",
+                f"bush_stiffness = {BUSH_STIFFNESS * chain.pitch * chain.strands:.2g}",
+                f"ESTIMATE: {BUSH_STIFFNESS:g} N/m^2 times pitch and strands; bush, pin, grease",
             ),
-            ("friction = 0.06", "ESTIMATE: of rollers on teeth"),
+            (f"friction = {TEETH_FRICTION:g}", "ESTIMATE: of rollers on teeth"),
             ("impact_speed_floor = 0.02", ""),
             (
                 f"width = {TOOTH_WIDTH * chain.inner_width * chain.strands:.3g}",
                 f"of all teeth side by side: {TOOTH_WIDTH:g} of the inner width",
             ),
             (
-                f"reference_load = {_two_figures(asked.torque / radii[-1]):g}",
+                f"reference_load = {two_figures(asked.torque / radii[-1]):g}",
                 "about the chain's pull: contacts are as stiff",
             ),
             (f"roller = {steel}", ""),
@@ -198,11 +193,11 @@ def _drive_file_text(asked: DriveRequest) -> str:
         [
             ("[run]", ""),
             (
-                f"duration = {_two_figures(1.5 * round_time):g}",
+                f"duration = {two_figures(CIRCUITS * round_time):g}",
                 "once and a half around; metrics are of the latter half",
             ),
             ('step = "auto"', ""),
-            (f"sample_rate = {_two_figures(20.0 * tooth):g}", "of the recording: 20 a tooth of the driver"),
+            (f"sample_rate = {two_figures(SAMPLES_A_TOOTH * tooth):g}", "of the recording: 20 a tooth of the driver"),
         ],
     ]
     rows = "\n\n".join("\n".join(f"{line:<29} # {said}" if said else line for line, said in block) for block in blocks)
@@ -211,8 +206,8 @@ def _drive_file_text(asked: DriveRequest) -> str:
 
 def _sprocket_table_lines(asked: DriveRequest, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
     """Lines and comments of sprocket s in a new drive file."""
-    last, ramp = len(asked.teeth) - 1, f"ramp_time = {_two_figures(ramp_time):g}"
-    mass = STEEL * math.pi * radius**2 * TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands
+    last, ramp = len(asked.teeth) - 1, f"ramp_time = {two_figures(ramp_time):g}"
+    mass, inertia = disk(radius, TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands)
     moved = f"moved by {1e3 * asked.moved:.3g} mm, so that {asked.links} links fit" if asked.moved and s == last else ""
     lines = [
         ("[[sprockets]]", ""),
@@ -224,9 +219,7 @@ def _sprocket_table_lines(asked: DriveRequest, s: int, radius: float, ramp_time:
     if s == 0:
         rpm = asked.speed * 30.0 / math.pi
         return [*lines, (f'prescribed = {{ speed = "{rpm:.6g} rpm", {ramp} }}', "turns so, whatever pulls at it")]
-    lines.append((f"mass = {_two_figures(mass):g}", "ESTIMATE: a disk of steel as wide as the teeth"))
-    lines.append(
-        (f"inertia = {_two_figures(0.5 * mass * radius**2):g}", "ESTIMATE: that disk's; add what turns with it")
-    )
+    lines.append((f"mass = {mass:g}", "ESTIMATE: a disk of steel as wide as the teeth"))
+    lines.append((f"inertia = {inertia:g}", "ESTIMATE: that disk's; add what turns with it"))
     braked = [(f"load = {{ torque = {asked.torque:g}, {ramp} }}", "moment that brakes it")]
     return [*lines, *(braked if s == last else [])]

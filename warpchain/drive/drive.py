@@ -30,6 +30,7 @@ from warpchain.drive.contact_settings import (
     merged,
 )
 from warpchain.drive.csv_files import with_files
+from warpchain.drive.defaults import with_defaults
 from warpchain.drive.drive_rules import (
     PLACES,
     arm_rules,
@@ -553,6 +554,11 @@ class Drive(Part):
 
     @classmethod
     def _completed(cls, values: Any) -> Any:
+        """The values, with a single one of `chains` as `chain`, which then no part names, and with all defaults."""
+        return with_defaults(cls._with_single_chain(values))
+
+    @classmethod
+    def _with_single_chain(cls, values: Any) -> Any:
         """The values, with a single one of `chains` as `chain`, which then no part names."""
         chains = elements(values, "chains")
         if not isinstance(values, Mapping) or len(chains) != 1 or values.get("chain") is not None:

@@ -11,6 +11,7 @@ import inspect
 import json
 from typing import Any
 
+from warpchain.drive.defaults import FREE_KEYS
 from warpchain.drive.motion_table import Table
 from warpchain.drive.quantities import descriptions, unit_of
 from warpchain.drive.schema import Part, allowed
@@ -67,6 +68,7 @@ def _as_written(kind: type[Part], table: dict[str, Any]) -> None:
         free = table["properties"]
     if kind.__name__ in DRAWN:
         table["properties"][f"{DRAWN[kind.__name__]}_unit"] = UNIT
+    free = {*free, *FREE_KEYS.get(kind.__name__, ())}
     table["required"] = [key for key in table.get("required", ()) if key not in free]
 
 
