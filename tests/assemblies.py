@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from warpchain.assembly import assemble
-from warpchain.assembly.assemble_batch import assemble_all
-from warpchain.drive.batch import stacks_of
+from warpchain.assembly.stack_assembly import assemble_stacks
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.errors import DriveError
 
 
@@ -46,7 +46,7 @@ def error_of(drives, variant):
     with pytest.raises(DriveError) as alone:
         assemble(drives[variant])
     with pytest.raises(DriveError) as together:
-        assemble_all(stacks_of(drives))
+        assemble_stacks(stacks_of_drives(drives))
     assert str(together.value) == f"variant {variant}: {alone.value}"
     return str(alone.value)
 

@@ -14,9 +14,9 @@ from parts import coupling, gears, shaft
 from raw import stepped
 
 from warpchain import Drive, dumps_drive, load_drive
-from warpchain.drive.batch import stacks_of
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
 from warpchain.engine.buckets import block_shape, kind_columns, room_for
 from warpchain.engine.buckets import kind_of as engine_kind
@@ -557,7 +557,7 @@ def shape_of(variants, each):
 
 def pack_for(variants, schedules, precision):
     """An ensemble whose frames have every channel that its drives have."""
-    rows = Rows(variants, stacks_of(variants))
+    rows = Rows(variants, stacks_of_drives(variants))
     packed = pack(rows.drives, rows.spread(schedules))
     rows.couple(packed)
     packed = packed.at_precision(precision)

@@ -5,7 +5,7 @@ engine.
 import numpy as np
 import warp as wp
 
-from warpchain.assembly.assemble_batch import Assemblies
+from warpchain.assembly.stack_assembly import Assemblies
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import JOINT_INERTIA
 from warpchain.engine.pack import fill_bristles, fill_steps

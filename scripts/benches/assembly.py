@@ -17,10 +17,10 @@ from common.timing import function_times
 from benches.drives import two_sprocket_kinds
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.assemble_batch import assemble_all, layouts_of
+from warpchain.assembly.stack_assembly import assemble_stacks, layout_faults_of_drives
 from warpchain.drive import Drive
-from warpchain.drive.batch import stacks_of
-from warpchain.drive.replace import Changes
+from warpchain.drive.changed_copies import DriveChanges
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine import pack as packing
 from warpchain.engine import share, simulation, start_warp
 from warpchain.study.run.row_drives import adjusted_drives
@@ -87,28 +87,28 @@ def stage_times(bases: list[Drive], unlike: str, count: int, rounds: int) -> dic
         values = [variant_values(bases[v % len(bases)], unlike, random) for v in range(count)]
         with note_least_time(times, "made", count):
             drives = [bases[v % len(bases)].with_values(each) for v, each in enumerate(values)]
-        changes = [Changes(base) for base in bases]
+        changes = [DriveChanges(base) for base in bases]
         with note_least_time(times, "by changes", count):
             for v, each in enumerate(values):
-                changes[v % len(bases)].drive(each)
+                changes[v % len(bases)].changed_drive(each)
         with note_least_time(times, "adjusted", count):
             adjusted_drives(drives, [wanted], [{}] * count)
         with note_least_time(times, "sorted", count):
-            stacks = stacks_of(drives)
+            stacks = stacks_of_drives(drives)
         with note_least_time(times, "steps", count):
             when = run_schedules(drives, stacks)
         with note_least_time(times, "assembled", count):
-            assemblies = assemble_all(stacks)
+            assemblies = assemble_stacks(stacks)
         with (
             note_least_time(times, "packed", count),
-            mock.patch.object(packing, "assemble_all", return_value=assemblies),
+            mock.patch.object(packing, "assemble_stacks", return_value=assemblies),
         ):
             packing.pack(drives, when, stacks)
         with note_least_time(times, "layouts", count):
-            layouts_of(drives, assemblies, stacks)
+            layout_faults_of_drives(drives, assemblies, stacks)
     for drive in drives[:5] * rounds:
         with note_least_time(times, "alone", 1):
-            stacks = stacks_of([drive])
+            stacks = stacks_of_drives([drive])
             packing.pack([drive], run_schedules([drive], stacks), stacks)
         with note_least_time(times, "assembled alone", 1):
             assemble(drive)

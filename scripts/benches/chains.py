@@ -12,7 +12,7 @@ from common.timing import run_in_turns, second_best_rate
 
 from benches.probe import endless_schedule, launch_seconds
 from warpchain import Drive
-from warpchain.drive.batch import stacks_of
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.chains import Rows
 from warpchain.engine.pack import pack
 
@@ -63,7 +63,7 @@ def roller_step_rate(
 ) -> float:
     """1e6 roller-steps a second, on the CPU of CPU time on one core, compilation and start apart."""
     drives = [drive] * count
-    rows = Rows(drives, stacks_of(drives))
+    rows = Rows(drives, stacks_of_drives(drives))
     when = endless_schedule(rows.drives[0], metrics)
     packed = pack(rows.drives, [when] * len(rows.drives), rows.stacks)
     if tied:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benches.drives import RANGES, drive_by_name, varied_designs
 from benches.gpu import DESIGNS
 from warpchain import Record
-from warpchain.drive.batch import stacks_of
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.gpu import launch_steps
 from warpchain.engine.launches import PARTS, Launch, groups, launches_of, measured_from, shares, steps_left
 from warpchain.engine.pipeline import MOST, parts_of
@@ -85,7 +85,7 @@ def launches(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("drive", "most of least steps", "of evenly spread", "drives of equal steps", "ratio")
     for name in asked.drives:
         drives = varied_designs(drive_by_name(name), name, DESIGNS)
-        stacks = stacks_of(drives, DESIGNS)
+        stacks = stacks_of_drives(drives, DESIGNS)
         schedules = schedules_of(drives, None, None, Record("none"), None, stacks)
         parts = parts_of(Members(drives, schedules, stacks, np.arange(DESIGNS)), 1, MOST)
         steps = np.array([schedule.steps for schedule in schedules])

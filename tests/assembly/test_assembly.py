@@ -12,8 +12,8 @@ from layouts import PITCH, Placed, drive_of, loops, tangles
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.assemble_batch import assemble_all
-from warpchain.drive.batch import stacks_of
+from warpchain.assembly.stack_assembly import assemble_stacks
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")  # any number that fits, odd ones too
@@ -363,7 +363,7 @@ def test_what_the_initial_state_hangs_on_is_all_that_tells_drives_apart():
             continue
         same = all(np.array_equal(getattr(before, name), getattr(after, name)) for name in ("position", "velocity"))
         same = same and np.array_equal(before.sprocket_angle, after.sprocket_angle)
-        together = assemble_all(stacks_of([drive, other, drive]))
+        together = assemble_stacks(stacks_of_drives([drive, other, drive]))
         for mine, alone in zip(together, (before, after, before), strict=True):
             assert np.array_equal(mine.position, alone.position), path
             assert np.array_equal(mine.velocity, alone.velocity), path

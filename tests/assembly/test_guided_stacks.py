@@ -10,10 +10,10 @@ from drives import example
 
 from warpchain import assemble
 from warpchain.assembly import path
-from warpchain.assembly.assemble_batch import assemble_all
 from warpchain.assembly.fitting import fit_position, fit_positions
 from warpchain.assembly.layout_checks import findings, suspects
-from warpchain.drive.batch import picked, stacks_of
+from warpchain.assembly.stack_assembly import assemble_stacks
+from warpchain.drive.stacks import pick_variants, stacks_of_drives
 from warpchain.engine.arrays import dtype_of
 from warpchain.engine.fill_bodies import fill_element
 from warpchain.engine.pack import pack
@@ -64,8 +64,8 @@ def assert_same(found, expected):
 
 def test_cars_that_differ_are_assembled_together():
     drives = cars(40)
-    (stack,) = stacks_of(drives)
-    states = assemble_all([stack])
+    (stack,) = stacks_of_drives(drives)
+    states = assemble_stacks([stack])
     assert len(states.blocks) < 8  # what is seated alike is worked out at once
     for found, drive in zip(states, drives, strict=True):
         assert_same(found, assemble(drive))
@@ -110,8 +110,8 @@ def faceted(**values):
 
 def test_chains_on_unlike_arcs_are_told_apart():
     drives = [faceted(**{"sprockets.intake cam.center.0": x}) for x in np.linspace(-0.065, -0.059, 8).tolist()]
-    (stack,) = stacks_of(drives)
-    states = assemble_all([stack])
+    (stack,) = stacks_of_drives(drives)
+    states = assemble_stacks([stack])
     touched = set()
     for found, drive in zip(states, drives, strict=True):
         assert_same(found, assemble(drive))
@@ -146,18 +146,18 @@ def test_valves_of_a_stack_have_their_rows_to_the_bit():
     fill_element(rows, base, stack)
     for v in range(len(angles)):
         alone = np.zeros(1, dtype=rows.dtype)
-        fill_element(alone, base, picked(stack, v))
+        fill_element(alone, base, pick_variants(stack, v))
         assert all(rows[name][v] == alone[name][0] for name in ("rest", "leak"))
         assert all(rows["check"][name][v] == alone["check"][name][0] for name in ("seat_width", "seat_growth"))
 
 
 def test_only_what_stands_on_its_stop_or_is_not_touched_is_suspect():
     drives = [*cars(6), *(drive.with_values({"arms.arm.stops": (-8.0, -7.0)}) for drive in cars(3))]
-    (stack,) = stacks_of(drives)
-    states = assemble_all([stack])
-    for places, state in states.among(stack.members):
+    (stack,) = stacks_of_drives(drives)
+    states = assemble_stacks([stack])
+    for places, state in states.states_by_block(stack.members):
         told = [bool(findings(drives[v], states[v].path)) for v in places.tolist()]
-        assert suspects(picked(stack.drive, places), state.path).tolist() == told
+        assert suspects(pick_variants(stack.drive, places), state.path).tolist() == told
     assert sum(bool(findings(drives[v], states[v].path)) for v in range(9)) == 3
 
 
@@ -174,7 +174,7 @@ def test_cars_are_moved_together():
 def test_a_few_are_worked_out_one_by_one(monkeypatch):
     monkeypatch.undo()
     drives = cars(path.FEW - 1)
-    states = assemble_all(stacks_of(drives))
+    states = assemble_stacks(stacks_of_drives(drives))
     assert len(states.blocks) == len(drives)
     assert np.array_equal(states[3].position, assemble(drives[3]).position)
 
@@ -205,7 +205,7 @@ def slack_cars(count, seed=3):
 def test_slack_chains_seated_unlike_are_each_told_apart():
     """Strands that hang are laid for those alone whose rollers sit alike: which of these part is told of the whole."""
     drives = slack_cars(24)
-    states = assemble_all(stacks_of(drives))
+    states = assemble_stacks(stacks_of_drives(drives))
     for found, drive in zip(states, drives, strict=True):
         assert_same(found, assemble(drive))
     assert min(state.strain for state in states) < 0.0 < max(state.strain for state in states)

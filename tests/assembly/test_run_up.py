@@ -11,8 +11,8 @@ from run_ups import bicycle, kart
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.run_up import passed
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.batch import stacks_of
 from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.drive.train_speeds import driver_top_speed
 
 
@@ -140,5 +140,5 @@ def test_a_motor_is_as_fast_as_the_run_lets_it():
     assert held.driver_speed == pytest.approx(16.0, rel=1e-9)
     base = driven(10.0)
     drives = [base.with_values({"shafts.m.inertia": inertia}) for inertia in (0.5, 5.0, 50.0)]
-    (stack,) = stacks_of(drives)
+    (stack,) = stacks_of_drives(drives)
     assert np.asarray(driver_top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]

@@ -11,11 +11,18 @@ from parts import gears, shaft
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_paths
-from warpchain.assembly.assemble_batch import assemble_all
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.layout_checks import findings, suspects
-from warpchain.drive.batch import LARGEST, arrays_of, picked, size_of, stacked, stacks_of
+from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.drive.examples import example_names
+from warpchain.drive.stacks import (
+    LARGEST_STACK,
+    pick_variants,
+    stack_arrays,
+    stack_of_values,
+    stacks_of_drives,
+    variant_count,
+)
 from warpchain.engine.chains import Rows
 from warpchain.errors import DriveError
 
@@ -48,9 +55,9 @@ def scattered(name, count, seed=1):
 @pytest.mark.parametrize("name", [name for name in ONE_CHAIN if name != "car"])
 def test_each_is_assembled_as_if_alone(name):
     drives = scattered(name, 40)
-    stacks = stacks_of(drives)
+    stacks = stacks_of_drives(drives)
     assert len(stacks) < len(drives) / 2  # else nothing is shown
-    for found, drive in zip(assemble_all(stacks), drives, strict=True):
+    for found, drive in zip(assemble_stacks(stacks), drives, strict=True):
         assert_same(found, assemble(drive))
 
 
@@ -67,8 +74,8 @@ def test_with_any_other_number_each_chain_is_assembled_as_if_alone(name):
             drive = base.with_values({path: value + 1 if isinstance(value, int) else 1.001 * value})
             assemble_chains(drive)
             drives.append(drive)
-    rows = Rows(drives, stacks_of(drives))
-    for found, drive in zip(assemble_all(rows.stacks), rows.drives, strict=True):
+    rows = Rows(drives, stacks_of_drives(drives))
+    for found, drive in zip(assemble_stacks(rows.stacks), rows.drives, strict=True):
         alone = assemble(drive)
         for of in ("position", "velocity", "sprocket_angle", "sprocket_speed", "shaft_speed", "arm_angle"):
             np.testing.assert_array_equal(getattr(found, of), getattr(alone, of), err_msg=of)
@@ -79,8 +86,8 @@ def test_a_chain_that_another_turns_begins_as_fast_as_that_turns_it():
     """Nothing of its own differs: only how the driver's speed, the mean of which is the same, swings."""
     base = example("v6").with_values({"sprockets.crank.prescribed.ramp_time": 0.0})
     drives = [base, base.with_values({"sprockets.crank.prescribed.harmonics.0.amplitude": 0.1})]
-    rows = Rows(drives, stacks_of(drives))
-    speeds = [state.sprocket_speed for state in assemble_all(rows.stacks)]
+    rows = Rows(drives, stacks_of_drives(drives))
+    speeds = [state.sprocket_speed for state in assemble_stacks(rows.stacks)]
     left = [r for r, chain in enumerate(rows.rings) if chain.name == "left"]
     for r in left:
         assert np.array_equal(speeds[r], assemble(rows.drives[r]).sprocket_speed)
@@ -114,7 +121,7 @@ def test_layouts_without_suspicion_have_no_findings():
     told = [bool(findings(drive, path[0])) for drive, path in paths.items()]
     assert all(s or not t for s, t in zip(suspect, told, strict=True))
     assert 20 < sum(told) <= sum(suspect) < len(drives) - 20
-    drive = stacked(drives)
+    drive = stack_of_values(drives)
     assert suspects(drive, chain_paths(drive)).tolist() == suspect
 
 
@@ -137,8 +144,8 @@ def test_a_chain_around_a_bar_shares_a_stack_with_one_that_is_not():
         drives.append(base.with_values(shift))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        (stack,) = stacks_of(drives)
-    states = assemble_all([stack])
+        (stack,) = stacks_of_drives(drives)
+    states = assemble_stacks([stack])
     bent = [any(string is not None for string in state.path.strings) for state in states]
     assert any(bent) and not all(bent)
     for state, drive in zip(states, drives, strict=True):
@@ -149,44 +156,48 @@ def test_a_car_stands_by_its_own_stiffness():
     """The chain's stiffness moves its tensioner's arm; before stacks, variants that differed in it shared one state."""
     base = example("car")
     other = base.with_values({"chain.stiffness": 1.1 * base.chain.stiffness})
-    together = assemble_all(stacks_of([base, other]))
+    together = assemble_stacks(stacks_of_drives([base, other]))
     assert together[0].arm_angle[0] != together[1].arm_angle[0]
 
 
 def test_a_stack_holds_arrays_of_what_varies_alone():
     drives = [marine(chain__stiffness=1e9 + v, sprockets__camshaft__center=(0.30, 5.96)) for v in range(3)]
-    drive = stacked(drives)
-    assert [column.tolist() for column in arrays_of(drive)] == [[1e9, 1e9 + 1, 1e9 + 2]] and size_of(drive) == 3
-    assert picked(drive, 1) == drives[1]
-    assert stacked([drives[0]] * 3) is drives[0]
+    drive = stack_of_values(drives)
+    assert [column.tolist() for column in stack_arrays(drive)] == [[1e9, 1e9 + 1, 1e9 + 2]] and variant_count(
+        drive
+    ) == 3
+    assert pick_variants(drive, 1) == drives[1]
+    assert stack_of_values([drives[0]] * 3) is drives[0]
 
 
 def test_zeros_given_values_and_counts_make_kinds():
     changes = [{}, {"chain.damping": 2e5}, {"chain.damping": 0.0}, {"chain.damping_ratio": 0.1}, {"chain.links": 164},
                {"sprockets.camshaft.load.torque": 5.0}, {"sprockets.tightener.teeth": 26}]  # fmt: skip
     drives = [marine().with_values(change) for change in changes]
-    assert sorted(stack.members.tolist() for stack in stacks_of(drives)) == [[0, 1, 5], [2], [3], [4], [6]]
-    assert max(len(stack.members) for stack in stacks_of([drives[0], drives[1]] * LARGEST)) == LARGEST
+    assert sorted(stack.members.tolist() for stack in stacks_of_drives(drives)) == [[0, 1, 5], [2], [3], [4], [6]]
+    assert (
+        max(len(stack.members) for stack in stacks_of_drives([drives[0], drives[1]] * LARGEST_STACK)) == LARGEST_STACK
+    )
 
 
 def test_drives_of_unlike_sprockets_may_each_have_a_phase():
     """Phases part drives with tables alone, which are looked for in drives of a kind."""
     engine = example("engine")
     drives = [of.with_values({"run.phase": 0.1 * k}) for k in range(1, 3) for of in (marine(), engine)]
-    assert [stack.members.tolist() for stack in stacks_of(drives)] == [[0, 2], [1, 3]]
+    assert [stack.members.tolist() for stack in stacks_of_drives(drives)] == [[0, 2], [1, 3]]
     table = {"sprockets.camshaft.load.table": {"time": [0.0, 1.0], "torque": [0.0, 5.0]}}
-    assert len(stacks_of([*drives, *(drive.with_values(table) for drive in drives[::2])])) == 4
+    assert len(stacks_of_drives([*drives, *(drive.with_values(table) for drive in drives[::2])])) == 4
 
 
 def test_a_tail_of_one_is_assembled_as_if_alone():
     """Of one more drive than a stack holds, and of two of which one chain goes around a bar, one stays by itself."""
     base = marine()
     drives = [marine(sprockets__camshaft__center=(0.30, 5.96 + 1e-6 * v)) for v in range(3)]
-    stack = stacks_of([*drives, drives[0]] * (LARGEST // 4) + [drives[1]])[-1]
+    stack = stacks_of_drives([*drives, drives[0]] * (LARGEST_STACK // 4) + [drives[1]])[-1]
     assert len(stack.members) == 1 and stack.drive == drives[1]
     ends = zip(("start", "end"), (base.guides[0].start, base.guides[0].end), strict=True)
     around = base.with_values({f"guides.tight strand.{end}": (x - 0.08, y) for end, (x, y) in ends})
-    for found, drive in zip(assemble_all(stacks_of([around, base])), (around, base), strict=True):
+    for found, drive in zip(assemble_stacks(stacks_of_drives([around, base])), (around, base), strict=True):
         assert_same(found, assemble(drive))
 
 
@@ -196,9 +207,9 @@ def test_shafts_of_a_stack_start_at_their_own_speeds(values):
     slow = {"initial_speed": 30.0} if "shafts.pump.initial_speed" in values else {"prescribed": {"speed": 30.0}}
     base = with_parts(shaft("pump", inertia=0.1, **slow))
     drives = [base, base.with_values(values), base]
-    stacks = stacks_of(drives)
+    stacks = stacks_of_drives(drives)
     assert len(stacks) == 1
-    assert [float(found.shaft_speed[0]) for found in assemble_all(stacks)] == [30.0, 60.0, 30.0]
+    assert [float(found.shaft_speed[0]) for found in assemble_stacks(stacks)] == [30.0, 60.0, 30.0]
 
 
 def test_drives_with_other_shafts_are_states_of_their_own():
@@ -207,6 +218,6 @@ def test_drives_with_other_shafts_are_states_of_their_own():
     more = shaft("third", inertia=0.1, initial_speed=5.0)
     ends = ((40, ""), (10, ""), (40, more))
     drives = [with_parts(text + gears("pair", ["in", "pump"], [20, teeth]) + end) for teeth, end in ends]
-    speeds = [found.shaft_speed.tolist() for found in assemble_all(stacks_of(drives))]
+    speeds = [found.shaft_speed.tolist() for found in assemble_stacks(stacks_of_drives(drives))]
     assert np.abs(speeds[0]).tolist() == [15.0, 30.0] and np.abs(speeds[1]).tolist() == [60.0, 30.0]
     assert np.abs(speeds[2]).tolist() == [15.0, 30.0, 5.0]

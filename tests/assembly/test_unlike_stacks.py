@@ -6,11 +6,11 @@ from assemblies import assert_same, error_of
 from drives import example
 
 from warpchain.assembly import assemble, path
-from warpchain.assembly.assemble_batch import assemble_all
 from warpchain.assembly.fitting import fit_position, fit_positions
+from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.assembly.timestep import resolve_step, step_limit
-from warpchain.drive.batch import arrays_of, picked, size_of, stacked, stacks_of
-from warpchain.drive.batch_math import many
+from warpchain.drive.stack_math import has_arrays
+from warpchain.drive.stacks import pick_variants, stack_arrays, stack_of_values, stacks_of_drives, variant_count
 
 COUNT = 24
 
@@ -64,9 +64,9 @@ def variants(kind, name="marine", count=COUNT, own=None):
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_is_assembled_as_if_alone(kind):
     drives = variants(kind)
-    (stack,) = stacks_of(drives)
-    assert size_of(stack.drive) == len(drives) and not many(stack.drive.chain.links)
-    states = assemble_all([stack])
+    (stack,) = stacks_of_drives(drives)
+    assert variant_count(stack.drive) == len(drives) and not has_arrays(stack.drive.chain.links)
+    states = assemble_stacks([stack])
     assert len(states.blocks) == 1
     for found, drive in zip(states, drives, strict=True):
         assert_same(found, assemble(drive))
@@ -75,7 +75,7 @@ def test_each_is_assembled_as_if_alone(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_has_the_step_and_the_stiffness_that_it_has_alone(kind):
     drives = variants(kind)
-    stack = stacked(drives)
+    stack = stack_of_values(drives)
     for of in (
         step_limit,
         resolve_step,
@@ -98,7 +98,7 @@ def test_each_is_moved_as_if_alone(kind):
 def test_links_lie_where_each_variant_has_them():
     """Link i is p (1 + e_i) long, whichever links of the others are worn; play is added where links are pulled."""
     drives = variants(everything)
-    chain = stacked(drives).chain
+    chain = stack_of_values(drives).chain
     assert chain.link_lengths.shape == (COUNT, chain.links)
     for v, drive in enumerate(drives):
         own = drive.chain
@@ -113,7 +113,7 @@ def test_what_does_not_move_rollers_makes_no_states():
     """Outer links' stiffness and damping alone: one state for all of them."""
     base = example("marine")
     drives = [base.with_values({"chain.outer": {"stiffness": 1e9 + v, "damping": 1.0 + v}}) for v in range(5)]
-    states = assemble_all(stacks_of(drives))
+    states = assemble_stacks(stacks_of_drives(drives))
     assert len(states.blocks) == 1 and states.row.tolist() == [0] * 5
 
 
@@ -124,10 +124,10 @@ def test_numbers_of_worn_links_and_what_is_given_make_kinds():
                {"chain.outer": {"elongation": 0.01}}, {"chain.outer": {"stiffness": 1e9}}, {"chain.play": 0.0},
                {"chain.play": 1e-4}, {"chain.worn_links": []}, {"chain.play": 2e-4}]  # fmt: skip
     drives = [base.with_values(change) for change in changes]
-    assert [stack.members.tolist() for stack in stacks_of(drives)] == [[0, 1], [2], [3], [4], [5], [6, 8], [7]]
-    (stack, *_) = stacks_of(drives)
-    assert [column.tolist() for column in arrays_of(stack.drive)] == [[3, 8], [0.01, 0.0]]
-    assert [picked(stack.drive, v) for v in range(2)] == drives[:2]
+    assert [stack.members.tolist() for stack in stacks_of_drives(drives)] == [[0, 1], [2], [3], [4], [5], [6, 8], [7]]
+    (stack, *_) = stacks_of_drives(drives)
+    assert [column.tolist() for column in stack_arrays(stack.drive)] == [[3, 8], [0.01, 0.0]]
+    assert [pick_variants(stack.drive, v) for v in range(2)] == drives[:2]
 
 
 @pytest.mark.parametrize("kind", [worn, lengthened, played])
@@ -167,8 +167,8 @@ def test_on_guides_each_stands_as_it_stands_alone(kind, monkeypatch):
     """With arms and curved faces."""
     monkeypatch.setattr(path, "FEW", 2)
     drives = variants(small(kind), "car", 12, lambda random, base: {"sprockets.1.center": base.sprockets[1].center})
-    (stack,) = stacks_of(drives)
-    states = assemble_all([stack])
+    (stack,) = stacks_of_drives(drives)
+    states = assemble_stacks([stack])
     assert len(states.blocks) < 6
     for found, drive in zip(states, drives, strict=True):
         expected = assemble(drive)

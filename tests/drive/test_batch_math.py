@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from warpchain.drive import batch_math
+from warpchain.drive import stack_math
 
 FUNCTIONS = {
-    name: getattr(batch_math, name)
+    name: getattr(stack_math, name)
     for name in ("sin", "cos", "arcsin", "arctan2", "rint", "hypot", "sqrt", "cbrt", "power", "radians", "copysign")
-} | {name: getattr(batch_math, name) for name in ("quick_sin", "quick_cos", "quick_arcsin", "quick_hypot")}
+} | {name: getattr(stack_math, name) for name in ("quick_sin", "quick_cos", "quick_arcsin", "quick_hypot")}
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -24,5 +24,5 @@ def test_a_value_has_the_same_bits_alone_and_among_others(name):
 
 def test_sums_are_those_of_arrays():
     values = [0.1, 1e16, -1e16, 0.2]
-    assert batch_math.summed(values) == batch_math.summed([np.full(3, value) for value in values])[0] == 0.2
-    assert batch_math.summed([]) == 0.0
+    assert stack_math.ordered_sum(values) == stack_math.ordered_sum([np.full(3, value) for value in values])[0] == 0.2
+    assert stack_math.ordered_sum([]) == 0.0

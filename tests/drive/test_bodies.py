@@ -11,8 +11,8 @@ from drives import BLADE, NOT_NEGATIVE, POSITIVE, errors_of, example, put
 from wrong_values import lines_of, wrong
 
 from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive
-from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.errors import DriveError
 
 PITCH = 0.009525
@@ -153,7 +153,7 @@ def test_drives_of_a_kind_have_the_same_bodies(blade):
     oil = {"tensioners.chain tensioner.oil.viscosity": 1e-5}
     drives = [blade, *(blade.with_values(change) for change in (load, stiff, oil, stiff | load))]
     drives.append(drives[2].with_values({"sprockets.cam.load.torque": 7.0}))
-    assert [stack.members.tolist() for stack in stacks_of(drives)] == [[0, 1, 3], [2, 4, 5]]
+    assert [stack.members.tolist() for stack in stacks_of_drives(drives)] == [[0, 1, 3], [2, 4, 5]]
 
 
 def test_an_arm_lighter_about_its_pivot_than_its_mass_is_warned_of(values):

@@ -7,9 +7,9 @@ import pytest
 from drives import BLADE, LARGE, ONE_CHAIN, POSITIVE, STEEL, but, example, numbers, put
 
 from warpchain.drive import Chain, Drive, Load, Material, dumps_drive, loads_drive
+from warpchain.drive.changed_copies import DriveChanges
 from warpchain.drive.drive import NUMBER_RULES
 from warpchain.drive.examples import example_names
-from warpchain.drive.replace import Changes
 from warpchain.errors import DriveError
 
 SMALL = {"pitch": 1, "links": 4, "roller_mass": 1, "stiffness": 1, "damping": 0, "roller_radius": 0.1}
@@ -191,7 +191,7 @@ def test_copies_and_errors_are_those_of_with_values(name):
     every, refused = numbers(base), 0
     pairs = [(path,) for path in every] + [tuple(random.choice(every, 2, replace=False)) for _ in range(30)]
     for paths in pairs:
-        changes = Changes(base)
+        changes = DriveChanges(base)
         for factor in (1.0, 1.01, -1.0, 3, 1e7, 1e300, np.nan, 0.98):  # times 3 whole numbers stay whole
             values = {path: base.get_value(path) * factor for path in paths}
             try:
@@ -199,17 +199,17 @@ def test_copies_and_errors_are_those_of_with_values(name):
             except DriveError as error:
                 refused += 1
                 with pytest.raises(DriveError) as found:
-                    changes.drive(values)
+                    changes.changed_drive(values)
                 assert str(found.value) == str(error)
             else:
-                assert changes.drive(values) == expected
+                assert changes.changed_drive(values) == expected
     assert refused > 50
 
 
 def test_numbers_that_stand_for_others_replace_them():
-    changes = Changes(example("marine"))
+    changes = DriveChanges(example("marine"))
     for mass in (60.0, 61.0):
-        made = changes.drive({"chain.mass_per_length": mass, "chain.damping_ratio": 0.1})
+        made = changes.changed_drive({"chain.mass_per_length": mass, "chain.damping_ratio": 0.1})
         assert made == changes.base.with_values({"chain.mass_per_length": mass, "chain.damping_ratio": 0.1})
         assert made.chain.roller_mass is None and made.chain.damping is None
 
@@ -289,32 +289,32 @@ def test_each_rule_is_asked_where_its_numbers_change(allowed, refused):
     put(values, "chain/worn_links", [{"link": 5, "elongation": 0.01}, {"link": 90, "elongation": 0.02}])
     put(values, "sprockets/0/prescribed", {"table": {"time": [0.0, 0.05], "speed": [200.0, 210.0]}})
     base = Drive(**values)
-    changes = Changes(base)
+    changes = DriveChanges(base)
     for _ in range(2):  # the second time by the form that the first has left
-        assert changes.drive(allowed) == base.with_values(allowed)
+        assert changes.changed_drive(allowed) == base.with_values(allowed)
     with pytest.raises(DriveError) as expected:
         base.with_values(refused)
     with pytest.raises(DriveError) as found:
-        changes.drive(refused)
+        changes.changed_drive(refused)
     assert str(found.value) == str(expected.value)
 
 
 def test_other_values_go_the_long_way():
     base = example("marine")
-    changes = Changes(base)
+    changes = DriveChanges(base)
     for values in ({"sprockets.1.load": {"torque": 1.0}}, {"sprockets.1.center": [1.2, 3.0]}):
         for _ in range(2):
-            assert changes.drive(values) == base.with_values(values)
+            assert changes.changed_drive(values) == base.with_values(values)
     same = {"sprockets.1.mass": 1.0, "sprockets.tightener.mass": 2.0}
-    assert changes.drive(same) == changes.drive(same) == base.with_values(same)
+    assert changes.changed_drive(same) == changes.changed_drive(same) == base.with_values(same)
     with pytest.raises(DriveError, match=r"chain\.stifness: unknown path; did you mean chain\.stiffness\?"):
-        changes.drive({"chain.stifness": 1e9})
+        changes.changed_drive({"chain.stifness": 1e9})
 
 
 def test_what_is_not_changed_is_shared():
     base = example("marine")
-    changes = Changes(base)
-    first, second = (changes.drive({"chain.stiffness": stiffness}) for stiffness in (1e9, 2e9))
+    changes = DriveChanges(base)
+    first, second = (changes.changed_drive({"chain.stiffness": stiffness}) for stiffness in (1e9, 2e9))
     assert second.chain.stiffness == 2e9 and second.sprockets is first.sprockets and second.contact is first.contact
 
 

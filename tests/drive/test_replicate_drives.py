@@ -7,7 +7,7 @@ import pytest
 from drives import MARINE, two_sprockets
 
 from warpchain import assemble, dumps_drive, load_drive, loads_drive
-from warpchain.drive.replicates import Replicates, copies_of, each_copy, phase_of
+from warpchain.drive.replicates import Replicates, all_copies, copy_phase, numbered_copies
 from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.errors import DriveError, SimulationError
 
@@ -15,20 +15,20 @@ TABLE = {"angle": [0.0, 1.0, 3.0, 2.0 * math.pi], "torque": [1.0, 5.0, 2.0, 1.0]
 
 
 def test_phases_are_van_der_corputs():
-    assert [phase_of(k) for k in range(8)] == [0.0, -0.5, 0.25, -0.25, 0.125, -0.375, 0.375, -0.125]
+    assert [copy_phase(k) for k in range(8)] == [0.0, -0.5, 0.25, -0.25, 0.125, -0.375, 0.375, -0.125]
 
 
 def test_copies_of_drives_that_share_their_settings_share_theirs():
     drive = two_sprockets()
     other = drive.with_values({"sprockets.driven.load.torque": 1.0})
-    copies = each_copy([drive, other], Replicates(3))
+    copies = all_copies([drive, other], Replicates(3))
     assert [copy.run.phase for copy in copies] == [None, -0.5, 0.25] * 2
     assert [copy.run.seating for copy in copies] == [None, 1, 2] * 2
-    assert [copy.run.seating for copy in each_copy([drive], Replicates(3, "phase"))] == [None] * 3
+    assert [copy.run.seating for copy in all_copies([drive], Replicates(3, "phase"))] == [None] * 3
     assert copies[0] is drive and copies[3] is other
     assert copies[1].run is copies[4].run
-    assert [copy.run.perturbation for copy in each_copy([drive], Replicates(3, "perturbation"))] == [None, 1, 2]
-    (again,) = copies_of([copies[1]], [1])  # half a tooth twice is none
+    assert [copy.run.perturbation for copy in all_copies([drive], Replicates(3, "perturbation"))] == [None, 1, 2]
+    (again,) = numbered_copies([copies[1]], [1])  # half a tooth twice is none
     assert again.run.phase == 0.0
     assert loads_drive(dumps_drive(copies[2])) == copies[2]
 
@@ -54,7 +54,7 @@ def test_sprockets_turn_on_by_the_phase(phase):
 @pytest.mark.parametrize("name", ["marine", "engine", "motorcycle", "industrial"])
 def test_example_drives_assemble_at_all_phases(name):
     drive = load_drive(MARINE.with_name(f"{name}.toml"))
-    strains = [assemble(copy).strain for copy in each_copy([drive], Replicates(16))]
+    strains = [assemble(copy).strain for copy in all_copies([drive], Replicates(16))]
     assert np.ptp(strains) < 2e-3
 
 
@@ -93,7 +93,7 @@ def test_words_of_earlier_versions_are_read():
     assert "perturbation = 3" in text
     assert loads_drive(text.replace("perturbation", "nudge")) == drive
     assert two_sprockets().with_values({"run.nudge": 3}) == drive and drive.get_value("run.nudge") == 3
-    assert each_copy([drive], Replicates(2, "nudge")) == each_copy([drive], Replicates(2, "perturbation"))
+    assert all_copies([drive], Replicates(2, "nudge")) == all_copies([drive], Replicates(2, "perturbation"))
     with pytest.raises(DriveError, match="unknown key"):
         loads_drive(text.replace("perturbation = 3", "perturbation = 3\nnudge = 4"))
 

@@ -9,12 +9,12 @@ from drives import STARTING, example, two_sprockets
 from warpchain import Record, dumps_drive, loads_drive, read_archive, simulate, write_archive
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
-from warpchain.drive.batch import stacks_of
 from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.changed_copies import DriveChanges
 from warpchain.drive.examples import example_names
 from warpchain.drive.quantities import unit_of
-from warpchain.drive.replace import Changes
 from warpchain.drive.schema import Part
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.drive.thermal import GROWS, MATERIALS
 from warpchain.drive.viscosity import THICKEST, THINNEST, by_two_points
 from warpchain.engine.pack import pack
@@ -162,13 +162,13 @@ def test_changed_copies_begin_at_the_files_numbers():
 
 
 def test_many_changed_copies_are_those_of_one():
-    changes = Changes(car())
+    changes = DriveChanges(car())
     for temperature in (-30.0, 0.0, 20.0, 95.0):
         for preload in (40.0, 60.0):
             values = {"temperature": temperature, "tensioners.tensioner.spring.preload": preload}
-            assert changes.drive(values) == car().with_values(values)
+            assert changes.changed_drive(values) == car().with_values(values)
     with pytest.raises(DriveError, match="ASTM D341"):
-        changes.drive({"temperature": -90.0, "tensioners.tensioner.spring.preload": 40.0})
+        changes.changed_drive({"temperature": -90.0, "tensioners.tensioner.spring.preload": 40.0})
 
 
 def test_a_copy_with_other_parts_is_as_it_stands():
@@ -182,7 +182,7 @@ def test_a_copy_with_other_parts_is_as_it_stands():
 def test_variants_at_several_temperatures_are_packed_as_each_alone():
     base = example("marine")
     drives = [base.with_values({"temperature": t}) for t in (20.0, -20.0, 0.0, 60.0)]
-    assert len(stacks_of(drives)) == 1  # straight bars on the ground
+    assert len(stacks_of_drives(drives)) == 1  # straight bars on the ground
     together = pack(drives, [PLAN] * 4)
     for v, drive in enumerate(drives):
         part, alone = together.part(v, v + 1), pack([drive], [PLAN])

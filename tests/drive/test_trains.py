@@ -291,12 +291,12 @@ def test_a_key_that_does_not_fit_is_refused():
 
 
 def test_stacks_of_trains_have_the_bits_of_each():
-    from warpchain.drive.batch import stacks_of
+    from warpchain.drive.stacks import stacks_of_drives
     from warpchain.drive.train_speeds import driver_top_speed
 
     drive = Drive(**values())
     drives = [drive.with_values({"shafts.engine.motor.torque": torque}) for torque in (50.0, 60.0, 70.0)]
-    (stack,) = stacks_of(drives)
+    (stack,) = stacks_of_drives(drives)
     assert np.asarray(driver_top_speed(stack.drive)).tolist() == [one.driver_speed for one in drives]
 
 

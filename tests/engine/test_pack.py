@@ -6,9 +6,9 @@ import pytest
 from drives import LARGE, ONE_CHAIN, but, example, numbers, two_sprockets
 
 from warpchain import Record
-from warpchain.assembly.assemble_batch import layouts_of
-from warpchain.drive.batch import stacks_of
-from warpchain.drive.replace import Changes
+from warpchain.assembly.stack_assembly import layout_faults_of_drives
+from warpchain.drive.changed_copies import DriveChanges
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError
@@ -109,14 +109,14 @@ def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
 @pytest.mark.filterwarnings("ignore")
 def test_every_number_of_an_example_may_vary_in_a_batch(name):
     base = example(name)
-    changes = Changes(base)
+    changes = DriveChanges(base)
     for path in numbers(base):
         value, drives = base.get_value(path), []
         for near in (value, *((value + 1, value + 2) if isinstance(value, int) else (1.0001 * value, 0.9999 * value))):
             with contextlib.suppress(DriveError):  # a bush's stiffness allows one exponent, a size its own chain
-                drives.append(changes.drive({path: near}))
-        stacks = stacks_of(drives)
+                drives.append(changes.changed_drive({path: near}))
+        stacks = stacks_of_drives(drives)
         packed = pack(drives, schedules_of(drives, None, None, Record("none"), None, stacks), stacks)
-        layouts_of(drives, packed.assemblies, stacks)
+        layout_faults_of_drives(drives, packed.assemblies, stacks)
         stiffness = [drive.sprocket_stiffness(s) for drive in drives for s in range(len(drive.sprockets))]
         assert packed.sprockets["law"]["stiffness"].tolist() == stiffness, path

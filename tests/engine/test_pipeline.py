@@ -18,7 +18,7 @@ from loading import load_script
 from raw import Frames
 
 from warpchain import Record, read_archive, simulate
-from warpchain.drive.batch import stacks_of
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine import devices, gpu, pipeline, share
 from warpchain.engine.arrays import sums_bytes
 from warpchain.engine.checkpoint import States
@@ -320,7 +320,7 @@ def test_layouts_are_told_once_for_all(gpus):
 def members_of(drives):
     """Variants of a run of these drives."""
     schedules = schedules_of(drives, None, None, NONE, None)
-    return Members(drives, schedules, stacks_of(drives, len(drives)), np.arange(len(drives)))
+    return Members(drives, schedules, stacks_of_drives(drives, len(drives)), np.arange(len(drives)))
 
 
 def test_a_gpu_gets_shares_of_2048_variants_or_more_and_each_one_at_least():

@@ -5,7 +5,7 @@ from drives import example, two_sprockets
 from loading import load_script
 
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive.batch import stacks_of
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.simulation import longest_apart, look_every
 from warpchain.kernels.sums import MERGE_EVERY
 from warpchain.results.schedule import LOOK_EVERY
@@ -51,7 +51,7 @@ def test_looks_are_further_apart_where_sixteen_of_them_are_in_a_pitch_all_the_sa
 
 def test_looks_of_many_variants_are_found_together():
     drives = [two_sprockets(speed=speed) for speed in (5.0, 20.0, 80.0, 320.0, 1280.0)]
-    (stack,) = stacks_of(drives)
+    (stack,) = stacks_of_drives(drives)
     together = longest_apart(stack.drive, 1e-5)
     assert together.tolist() == [int(longest_apart(drive, 1e-5)) for drive in drives]
     assert set(together.tolist()) == {32, 64}

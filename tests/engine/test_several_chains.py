@@ -12,7 +12,7 @@ from drives import assert_alone_as_in_a_crowd, example, two_sprockets
 
 from warpchain import Limits, Record, loads_drive, simulate
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive.batch import stacks_of
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine import buckets
 from warpchain.engine.chains import Rows
 from warpchain.engine.gpu import refusal
@@ -172,7 +172,7 @@ def test_only_where_a_chain_is_slack_does_settling_go_by_rounding():
     1e-10 m: round-off of some thousand steps of relaxation; 1e-4 m: a hundredth of a pitch.
     """
     drive = example("v6")
-    rows = Rows([drive], stacks_of([drive]))
+    rows = Rows([drive], stacks_of_drives([drive]))
     first, second = (pack(rows.drives, [Schedule(1e-6, 1, 0, 1, 0)] * 4, rows.stacks) for _ in range(2))
     second.rollers *= 1.0 + 1e-16 * np.random.default_rng(1).standard_normal(len(second.rollers))
     for packed in (first, second):

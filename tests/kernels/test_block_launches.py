@@ -34,8 +34,8 @@ from drives import timing, two_sprockets
 
 from warpchain import load_drive
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive.batch import stacks_of
 from warpchain.drive.examples import drive_path
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.arrays import (
     TABLE,
     assign_rows,
@@ -142,7 +142,7 @@ def settled(drive, threads, parts, steps=(20_000,), **more):
     packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     if drive.arms:
         cushion(packed)
-        quickened(packed, stacks_of([drive]))
+        quickened(packed, stacks_of_drives([drive]))
     serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=bool(drive.arms)), 1e-3, sum(steps))
     ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")

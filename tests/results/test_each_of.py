@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from drives import example
 
-from warpchain.drive.batch import stacks_of
 from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.results import step_resolution
 from warpchain.results.metric_formulas import number_of_each_drive
 from warpchain.results.metrics import VariantEnds
@@ -32,7 +32,7 @@ def spread(name):
 @pytest.mark.parametrize("name", VALUES)
 def test_numbers_of_a_stack_are_those_of_each_drive(name):
     for drives in spread(name):
-        stacks, partners = stacks_of(drives), len(drives[0].sprockets) + len(drives[0].guides)
+        stacks, partners = stacks_of_drives(drives), len(drives[0].sprockets) + len(drives[0].guides)
         assert len(stacks) == 1
         functions = [
             lambda drive: drive.chain.mass,
@@ -61,7 +61,7 @@ def test_numbers_of_a_stack_are_those_of_each_drive(name):
 
 def test_some_variants_have_the_stacks_of_all():
     drives = [*spread("marine")[0], *spread("engine")[0], *spread("marine")[0][::-1]]
-    ended = VariantEnds(drives, drives, *np.zeros((3, len(drives))), stacks=stacks_of(drives))
+    ended = VariantEnds(drives, drives, *np.zeros((3, len(drives))), stacks=stacks_of_drives(drives))
     stiffness = np.array([drive.chain.stiffness for drive in drives])
     np.testing.assert_array_equal(ended.number_of_each(lambda drive: drive.chain.stiffness), stiffness)
     for some in (np.array([0, 3, 7, 8, 17]), np.arange(6, 12), np.array([5])):

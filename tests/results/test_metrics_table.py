@@ -98,7 +98,7 @@ def test_a_row_of_many_is_the_row_alone():
 
 def test_variants_are_worked_on_a_block_at_a_time(monkeypatch):
     whole = table_of(list(range(8)))
-    monkeypatch.setattr(metrics, "LARGEST", 2)
+    monkeypatch.setattr(metrics, "LARGEST_STACK", 2)
     assert table_of(list(range(8))).equals(whole, check_metadata=True)
 
 

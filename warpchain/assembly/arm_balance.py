@@ -23,10 +23,19 @@ import numpy as np
 
 from warpchain.assembly.guided import on_arm
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
-from warpchain.drive.batch_math import Unlike, copysign, every, largest, same, smallest, summed, where
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import moving_mass
 from warpchain.drive.oil import bottom_place, static_force
+from warpchain.drive.stack_math import (
+    UnlikeVariants,
+    copysign,
+    is_true_everywhere,
+    maximum,
+    minimum,
+    ordered_sum,
+    shared_value,
+    where,
+)
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -54,8 +63,8 @@ _STILL = 1e-11  # rad
 
 def tension(drive: Drive, path: ChainPath | Course, beyond: Any = 0.0) -> Any:
     """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
-    strain = smallest(path.nominal_strain, MAX_STRAIN) + beyond
-    return drive.chain.mean_stiffness * path.pitch * largest(strain, 0.0)
+    strain = minimum(path.nominal_strain, MAX_STRAIN) + beyond
+    return drive.chain.mean_stiffness * path.pitch * maximum(strain, 0.0)
 
 
 class StillTensioner:
@@ -73,7 +82,7 @@ class StillTensioner:
 
     def force(self, x: Any) -> Any:
         """At an extension [m], along its direction [N]."""
-        return largest(self.push - self.spring * x, 0.0) + self.stop * largest(self.bottom - x, 0.0)
+        return maximum(self.push - self.spring * x, 0.0) + self.stop * maximum(self.bottom - x, 0.0)
 
     def energy(self, x: float) -> float:
         """Of which the force is minus the derivative [J]."""
@@ -143,7 +152,7 @@ class StillArm:
     def over(self, angle: Any) -> Any:
         """Excess of an angle beyond the stops [rad]: positive beyond the upper one, 0 in between."""
         low, high = self.arm.stops_rad
-        return largest(angle - high, 0.0) - largest(low - angle, 0.0)
+        return maximum(angle - high, 0.0) - maximum(low - angle, 0.0)
 
     def extension(self, tensioner: Tensioner | StillTensioner, angle: Any) -> Any:
         """Of one of its tensioners [m]."""
@@ -199,8 +208,8 @@ def chain_moment(
     pivot = drive.arms[a].pivot if pivot is None else pivot
     levers = 0.0
     for arm in (a, *drive.arms_on(a)):
-        levers = levers + summed(string.levers(drive.guides_of(arm), pivot) for string in path.strings if string)
-        levers = levers + summed(_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
+        levers = levers + ordered_sum(string.levers(drive.guides_of(arm), pivot) for string in path.strings if string)
+        levers = levers + ordered_sum(_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
     return tension(drive, path, beyond) * levers
 
 
@@ -244,13 +253,13 @@ class Balance:
         found: list[Any] = [0.0] * len(self.still) if angles is None else list(angles)
         for a, still in enumerate(self.still):
             low, high = still.arm.stops_rad
-            found[a] = smallest(largest(found[a], low), high)
+            found[a] = minimum(maximum(found[a], low), high)
         for _ in range(_SWEEPS):
             before = list(found)
             for a in range(len(found)):
                 found[a] = self._balance(found, a, beyond)
             moved = [abs(x - y) for x, y in zip(found, before, strict=True)]
-            if len(found) == 1 or same(largest(*moved) <= _STILL):
+            if len(found) == 1 or shared_value(maximum(*moved) <= _STILL):
                 break
         return self.plan.path(found)
 
@@ -267,7 +276,7 @@ class Balance:
             angle, self.slopes[a] = quick
             return angle
         if self.plan.variants > 1:  # by halves, until those that it fails for are alone
-            raise Unlike(np.arange(self.plan.variants) < self.plan.variants // 2)
+            raise UnlikeVariants(np.arange(self.plan.variants) < self.plan.variants // 2)
         return _bracketed(moment, self.still[a].arm, angles[a])
 
     def _pivot(self, angles: Sequence[Any], a: int) -> tuple[Any, Any]:
@@ -334,16 +343,16 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
         low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
         steps = [math.inf, abs(change)]
         for _ in range(_SECANTS):
-            if every(done):
+            if is_true_everywhere(done):
                 return angle, slope
             last, here = here, moment(angle)
             far = abs(angle - before) > _LEAST_CHANGE
             secant = (here - last) / where(far, angle - before, 1.0)
             slope = where(far, secant, 0.0 if slope is None else slope)
-            low, high = where(here > 0.0, largest(low, angle), low), where(here < 0.0, smallest(high, angle), high)
+            low, high = where(here > 0.0, maximum(low, angle), low), where(here < 0.0, minimum(high, angle), high)
             held = (low > -math.inf) & (high < math.inf)
             middle = 0.5 * (where(held, low, 0.0) + where(held, high, 0.0))
-            if not every(done | (here == 0.0) | (slope < 0.0) | held):
+            if not is_true_everywhere(done | (here == 0.0) | (slope < 0.0) | held):
                 return None
             change = _toward(here, slope)
             wanted = angle + change
@@ -360,7 +369,7 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
 
 def _toward(here: Any, slope: Any) -> Any:
     """The change of angle [rad] that takes a moment to 0 by its slope; where that is none to fall along, as if by 1."""
-    return largest(-_LONGEST, smallest(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
+    return maximum(-_LONGEST, minimum(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
 
 
 def chain_path(drive: Drive) -> ChainPath:

@@ -36,23 +36,23 @@ from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.table_cells import initial_speed
 from warpchain.assembly.taut_string import Taut
-from warpchain.drive.batch import picked
-from warpchain.drive.batch_math import (
-    Unlike,
-    along,
-    columns,
-    hypot,
-    joined,
-    many,
-    power,
-    same,
-    some,
-    table_of,
-    where,
-)
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_velocity
 from warpchain.drive.sprocket import LedSprocket
+from warpchain.drive.stack_math import (
+    UnlikeVariants,
+    array_of_columns,
+    columns_of_table,
+    has_arrays,
+    hypot,
+    is_true_somewhere,
+    power,
+    shared_value,
+    table_of_columns,
+    where,
+    with_last_axis,
+)
+from warpchain.drive.stacks import pick_variants
 from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.drive.trains import BodyTie, body_ties, body_turning_sign
 from warpchain.errors import DriveError
@@ -131,7 +131,7 @@ def assemble(drive: Drive) -> Assembly:
 
 
 def assemble_stack(drive: Drive) -> Assembly:
-    """The initial states of a stack (`warpchain.drive.batch`), as one with a first axis: `assemble` of each.
+    """The initial states of a stack (`warpchain.drive.stacks`), as one with a first axis: `assemble` of each.
 
     Raises:
         DriveError: as `assemble`, of the first such variant.
@@ -139,14 +139,14 @@ def assemble_stack(drive: Drive) -> Assembly:
     """
     path, seating, loop = _seated(drive)
     count, variants = drive.chain.links, len(path.radius)
-    angle, first_seat = _sprocket_angles(drive, table_of(seating.first_angle, variants))
+    angle, first_seat = _sprocket_angles(drive, table_of_columns(seating.first_angle, variants))
     speed, shaft_speed = _starting_speeds(drive, path, variants)
     _check_keys(drive, angle)
     position, velocity = np.empty((variants, count, 2)), np.empty((variants, count, 2))
     seat_sprocket = np.full((variants, count), -1, dtype=np.int32)
     seat_index = np.full((variants, count), -1, dtype=np.int32)
     seats, links, first, last = (
-        table_of(column, variants) for column in (seating.seats, seating.links, seating.first, seating.last)
+        table_of_columns(column, variants) for column in (seating.seats, seating.links, seating.first, seating.last)
     )
     strain = np.atleast_1d(seating.strain)
     for alike in _patterns(seats, links):
@@ -161,9 +161,9 @@ def assemble_stack(drive: Drive) -> Assembly:
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
             strand = path.strings[k] and loop.string(seating, k)
             try:
-                at.strand((begin, end, own), strain[alike], picked(strand, alike))
-            except Unlike as parted:
-                raise parted.among(alike, variants) from None
+                at.strand((begin, end, own), strain[alike], pick_variants(strand, alike))
+            except UnlikeVariants as parted:
+                raise parted.at_places(alike, variants) from None
         position[alike], velocity[alike] = at.position, at.velocity
     return Assembly(
         position=position,
@@ -210,7 +210,7 @@ class _Placement:
 
     def _own(self, value: Any) -> Any:
         """A number, or those (K, 1) of an array (V,), beside rows of rollers."""
-        return value[self.alike][:, None] if many(value) else value
+        return value[self.alike][:, None] if has_arrays(value) else value
 
     def seat(self, s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]) -> None:
         """Places the rollers that sit on sprocket s, each on its seat (K, rollers)."""
@@ -297,19 +297,19 @@ def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     loop, known, last = Loop(drive, path), None, False
     for turn in range(_BALANCES):
         seating = seat_chain(drive, path, loop, _FINE if last else _ROUGH)
-        (nominal,) = columns(np.asarray(path.nominal_strain)[:, None])
+        (nominal,) = columns_of_table(np.asarray(path.nominal_strain)[:, None])
         off, slope = seating.strain - nominal - beyond, -1.0
         if known is not None:
             moved = where(beyond == known[0], 1.0, beyond - known[0])
             slope = (off - known[1]) / moved
             slope = where(abs(slope + 1.0) < 0.5, slope, -1.0)
-            (turned,) = columns(np.abs(path.arm_angle - known[2]).max(axis=1)[:, None])
+            (turned,) = columns_of_table(np.abs(path.arm_angle - known[2]).max(axis=1)[:, None])
             if last or turn == _BALANCES - 1:
                 break
-            last = same(abs(off / slope * turned / moved) <= _NEAR)
+            last = shared_value(abs(off / slope * turned / moved) <= _NEAR)
         known = beyond, off, path.arm_angle
         beyond = beyond - off / slope
-        path = balance.path(beyond, columns(path.arm_angle))
+        path = balance.path(beyond, columns_of_table(path.arm_angle))
     return path, seating, loop
 
 
@@ -328,7 +328,7 @@ class _Around:
         self.string, self.curve = string, Curve(string.pieces)
         self.links = natural[0] if len(natural) == 1 else natural
         self.scale = self.curve.scale(self.links)
-        self.at = self.curve.places(along(self.scale) * self.links)
+        self.at = self.curve.places(with_last_axis(self.scale) * self.links)
 
     def places(self, turning: Array, gravity: Array) -> Array:
         """(K, links + 1, 2) of all rollers, both ends among them [m].
@@ -338,12 +338,12 @@ class _Around:
             gravity: (K, 2) [m/s^2].
         """
         curve, points = self.curve, _rows(self.curve.points(self.at), len(turning))
-        if not same(self.scale < 1.0 - _STRAIGHT):
+        if not shared_value(self.scale < 1.0 - _STRAIGHT):
             return points
         longest, near = curve.longest, _TIE * curve.length
         low, high = curve.begins[longest] - near, curve.ends[longest] + near
-        inner = np.atleast_2d(joined([(low <= s) & (s <= high) for s in self.at]))
-        a, count = same(inner.argmax(axis=1)), same(inner.sum(axis=1))
+        inner = np.atleast_2d(array_of_columns([(low <= s) & (s <= high) for s in self.at]))
+        a, count = shared_value(inner.argmax(axis=1)), shared_value(inner.sum(axis=1))
         if count <= 2:
             return points
         b, back = a + int(count) - 1, curve.reversed()
@@ -360,7 +360,7 @@ class _Around:
         share = np.linspace(0.0, 1.0, len(self.at))[1:-1]
         ends = (np.hypot(ends[:, 0], ends[:, 1])[:, None] for ends in (begin, end))
         speed = (1.0 - share) * next(ends) + share * next(ends)
-        heading = np.atleast_2d(joined([self.curve.at(s)[1] for s in self.at[1:-1]]))
+        heading = np.atleast_2d(array_of_columns([self.curve.at(s)[1] for s in self.at[1:-1]]))
         x, y = direction(self.string.first)
         sense = np.where(begin[:, 0] * x + begin[:, 1] * y >= 0.0, 1.0, -1.0)
         return np.asarray((sense[:, None] * speed)[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=2))
@@ -421,7 +421,9 @@ def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Arra
             _spread(known, tied)
     speeds = [known.get(b, 0.0) for b in range(count + len(drive.shafts))]
     shafts = speeds[count:]
-    return table_of(speeds[:count], variants), table_of(shafts, variants) if shafts else np.empty((variants, 0))
+    return table_of_columns(speeds[:count], variants), table_of_columns(shafts, variants) if shafts else np.empty(
+        (variants, 0)
+    )
 
 
 def _spread(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
@@ -436,7 +438,7 @@ def _spread(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
 def _prescribed_speed(drive: Drive, turned: Sprocket | Shaft) -> Any:
     """Forward speed at t = 0 [rad/s], of a stack's variants (V,): zero if it is ramped up, else with its harmonics."""
     motion = turned.prescribed
-    if motion is None or some(motion.ramp_time > 0.0):
+    if motion is None or is_true_somewhere(motion.ramp_time > 0.0):
         return 0.0
     motion = turned.driver if isinstance(turned, LedSprocket) else motion_from_start_phase(drive, turned, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.drive import Drive
-from warpchain.drive.batch_math import largest, power, where
 from warpchain.drive.sprocket import ElasticMount, Load, Prescribed, SliderMount
+from warpchain.drive.stack_math import maximum, power, where
 from warpchain.drive.trains import (
     TiedRatios,
     body_speed_ratio,
@@ -127,4 +127,4 @@ def _growth(motion: Prescribed | None) -> Any:
     if motion.table is not None:
         return np.abs(np.diff(motion.table.values) / np.diff(motion.table.over)).max()
     ramp = motion.ramp_time
-    return where(np.greater(ramp, 0.0), 1.5 * motion.top_speed / largest(ramp, LEAST), 0.0)  # of u^2 (3 - 2 u)
+    return where(np.greater(ramp, 0.0), 1.5 * motion.top_speed / maximum(ramp, LEAST), 0.0)  # of u^2 (3 - 2 u)

@@ -31,11 +31,11 @@ from warpchain.assembly.arm_balance import alone, chain_path, stop_of
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, path_at
 from warpchain.assembly.place_search import Goal, Search, search_all
-from warpchain.drive.batch import stacks_of
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.changed_copies import drive_with_numbers
 from warpchain.drive.parts_by_chain import ChainDrive
-from warpchain.drive.replace import with_numbers
+from warpchain.drive.stacks import stacks_of_drives
 from warpchain.drive.thermal import growth
 from warpchain.errors import DriveError
 
@@ -174,7 +174,7 @@ def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | 
         values: dict[tuple[str | int, ...], float] = {}
         for s in together:
             values |= {("sprockets", s, "center", 0): x, ("sprockets", s, "center", 1): y}
-        found.append(with_numbers(drive, values))
+        found.append(drive_with_numbers(drive, values))
     return found
 
 
@@ -269,7 +269,7 @@ def _missed(drive: Drive, wanted: Mapping[str, float], links: int, assembly: Ass
 def drawn_paths(drives: Sequence[Drive]) -> list[ChainPath | DriveError]:
     """The paths of chains with arms as drawn, or on the stop that is nearest to that; or why there is none."""
     found: list[ChainPath | None] = [None] * len(drives)
-    for stack in stacks_of(drives):
+    for stack in stacks_of_drives(drives):
         members = stack.members.tolist()
         for places, path in allowed_parts(stack.drive, len(members), _drawn):
             for row, v in enumerate(places.tolist()):

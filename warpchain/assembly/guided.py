@@ -18,8 +18,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.assembly.taut_string import Arc, obstacle
-from warpchain.drive.batch_math import along, arctan2, joined, largest, quick_hypot, same, where
 from warpchain.drive.face_profile import Piece, Point, Profile, direction
+from warpchain.drive.stack_math import (
+    arctan2,
+    array_of_columns,
+    maximum,
+    quick_hypot,
+    shared_value,
+    where,
+    with_last_axis,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,7 +80,7 @@ def own_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool
         return None
     k, along, height = found
     (sx, sy), (ex, ey) = strands[k]
-    return None if same(-height > OWN * quick_hypot(sx - ex, sy - ey)) else (k, along)
+    return None if shared_value(-height > OWN * quick_hypot(sx - ex, sy - ey)) else (k, along)
 
 
 def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
@@ -90,9 +98,9 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
         length = quick_hypot(ex - sx, ey - sy)
         ux, uy = (ex - sx) / length, (ey - sy) / length
         cosine = (fx * ux + fy * uy) / quick_hypot(fx, fy)
-        if same(abs(cosine) < _ALONG):
+        if shared_value(abs(cosine) < _ALONG):
             continue
-        side = 1.0 if same(cosine > 0.0) else -1.0
+        side = 1.0 if shared_value(cosine > 0.0) else -1.0
         count: Any = 0
         height: Any = 0.0
         for x, y in rides:
@@ -100,11 +108,11 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
             beside = (ahead > 0.0) & (ahead < length)
             count = count + beside
             height = height + where(beside, side * ((sy - y) * ux - (sx - x) * uy), 0.0)
-        if same(count == 0):
+        if shared_value(count == 0):
             continue
-        height = height / largest(count, 1)
-        apart = largest(height, -BEHIND * height)
-        if same(apart < nearest):
+        height = height / maximum(count, 1)
+        apart = maximum(height, -BEHIND * height)
+        if shared_value(apart < nearest):
             nearest, found = apart, (k, side > 0.0, height)
     return found
 
@@ -119,7 +127,7 @@ def depth(run: Run, line: Line) -> float:
         x, y = arc.at(arc.held(heading))
         ahead = (x - sx) * ux + (y - sy) * uy
         cut = arc.sign * ((sy - y) * ux - (sx - x) * uy)
-        deepest = where((ahead > 0.0) & (ahead < length), largest(deepest, cut), deepest)
+        deepest = where((ahead > 0.0) & (ahead < length), maximum(deepest, cut), deepest)
     return deepest
 
 
@@ -144,7 +152,7 @@ class Placed:
         run = self.run
         for arm, pivot in self.pivots:
             angle = arm_angle[arm]
-            run = run if same(angle == 0.0) else tuple(_turned(arc, pivot, angle) for arc in run)
+            run = run if shared_value(angle == 0.0) else tuple(_turned(arc, pivot, angle) for arc in run)
         return run
 
 
@@ -167,7 +175,7 @@ def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
         run, arm = obstacle(drive.profile(g), drive.guide_offset(g), g, along), drive.arm_of(g)
         if guide.straight and arm is None:
             cut = depth(run, strands[k])
-            if not same((0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)):
+            if not shared_value((0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)):
                 continue
         found.append(Placed(k, run, arm, pivots_of(drive, arm)))
     return tuple(found)
@@ -195,13 +203,13 @@ def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.floa
     the bar, else square to the bar.
     """
     bar, offset = drive.guides[g].bar, drive.guide_offset(g)
-    first, last = np.atleast_2d(joined(bar.start)), np.atleast_2d(joined(bar.end))
+    first, last = np.atleast_2d(array_of_columns(bar.start)), np.atleast_2d(array_of_columns(bar.end))
     face = last - first
     size = np.hypot(face[:, 0], face[:, 1])
     t = face / size[:, None]
     square = _left(t)
     shares = np.arange(_PLACES) / (_PLACES - 1)
-    rides = (first + along(offset) * square)[:, None, :] + shares[:, None] * face[:, None, :]
+    rides = (first + with_last_axis(offset) * square)[:, None, :] + shares[:, None] * face[:, None, :]
 
     chord = end - start
     length = np.hypot(chord[..., 0], chord[..., 1])
@@ -224,7 +232,7 @@ def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.floa
     cut = np.full(len(apart), -np.inf)
     for center, leaning in ((first, rises), (last, ~rises)):
         n = np.where(leaning[:, None], _left(way), square)
-        point = center - along(bar.end_radius) * square + along(bar.end_radius + offset) * n
+        point = center - with_last_axis(bar.end_radius) * square + with_last_axis(bar.end_radius + offset) * n
         place = dot(point - start, u)
         depth = side * cross(u, point - start)
         cut = np.where((place > 0.0) & (place < length), np.maximum(cut, depth), cut)

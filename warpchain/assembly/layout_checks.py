@@ -44,9 +44,9 @@ from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.strength import Hardest, strength_advice
 from warpchain.drive import Drive
-from warpchain.drive.batch_math import along, joined
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.oil import filled, filling_time, outlet_flows, static_pressure
+from warpchain.drive.stack_math import array_of_columns, with_last_axis
 from warpchain.drive.tensioners import Tensioner
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def _touches(path: ChainPath, g: int) -> list[Touch]:
 def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Variants of which `_of_guide` may find something of a bar (V,)."""
     bar, chain = drive.guides[g].bar, drive.chain
-    a, face = joined(bar.start), joined(bar.end) - joined(bar.start)
+    a, face = array_of_columns(bar.start), array_of_columns(bar.end) - array_of_columns(bar.start)
     length = np.atleast_1d(np.hypot(face[..., 0], face[..., 1]))[:, None]
     a, t = np.atleast_2d(a)[:, None], np.atleast_2d(face)[:, None] / length[..., None]
     (first, last), (above, below) = (
@@ -136,8 +136,8 @@ def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray
     beside = np.where(level, (first >= 0.0) & (first <= length), begin < stop)
     begin, stop = np.where(level, 0.0, begin), np.where(level, 1.0, stop)
     ends = np.stack([above + begin * (below - above), above + stop * (below - above)])
-    front, depth = ends.max(axis=0), along(chain.roller_radius) - ends.min(axis=0)
-    deep = beside & (depth > along(chain.pitch))
+    front, depth = ends.max(axis=0), with_last_axis(chain.roller_radius) - ends.min(axis=0)
+    deep = beside & (depth > with_last_axis(chain.pitch))
     cuts = deep & (front > 0.0)
     apart = np.where(beside & ~cuts, np.maximum(ends.sum(axis=0), -BEHIND * ends.sum(axis=0)), np.inf)
     own = np.arange(len(apart)), apart.argmin(axis=1)

@@ -15,21 +15,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.batch_math import (
-    along,
-    every,
-    first_largest,
-    joined,
-    largest,
-    many,
+from warpchain.drive.face_profile import Piece, direction
+from warpchain.drive.stack_math import (
+    array_of_columns,
+    has_arrays,
+    index_of_maximum,
+    is_true_everywhere,
+    is_true_somewhere,
+    maximum,
+    minimum,
     quick_arcsin,
     quick_hypot,
-    same,
-    smallest,
-    some,
+    shared_value,
     where,
+    with_last_axis,
 )
-from warpchain.drive.face_profile import Piece, direction
 
 _NEWTON = 30
 _NEAR = 1e-10  # of a link: what is left after a step of Newton's method that small is round-off
@@ -41,7 +41,7 @@ def _along(link: Any, curvature: Any) -> Any:
     """Length along the piece of a link that begins and ends on it [m]."""
     half = 0.5 * link * abs(curvature)
     bends, otherwise = (half > 0.0) & (half < 1.0), where(half == 0.0, link, math.inf)
-    if not some(bends):
+    if not is_true_somewhere(bends):
         return otherwise
     safe = where(bends, half, 1.0)
     return where(bends, link * quick_arcsin(safe) / safe, otherwise)
@@ -49,7 +49,7 @@ def _along(link: Any, curvature: Any) -> Any:
 
 def _table(values: Sequence[Any]) -> NDArray[np.float64]:
     """Numbers or arrays (V,), one a piece, as an array (P, V), or (P, 1) of numbers."""
-    return np.atleast_2d(joined(values)).T
+    return np.atleast_2d(array_of_columns(values)).T
 
 
 def _of(table: NDArray[np.float64], i: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -69,13 +69,13 @@ class Curve:
         self.begins = [0.0, *accumulate(piece.length for piece in self.pieces)]
         self.length = self.begins.pop()
         self.ends = [begin + piece.length for begin, piece in zip(self.begins, self.pieces, strict=True)]
-        self.stacked = many(self.length)
+        self.stacked = has_arrays(self.length)
 
     @property
     def longest(self) -> int:
         """The longest straight piece, which all of a stack's must share."""
-        straight = [0.0 if some(piece.curvature != 0.0) else piece.length for piece in self.pieces]
-        return int(same(first_largest(straight)))
+        straight = [0.0 if is_true_somewhere(piece.curvature != 0.0) else piece.length for piece in self.pieces]
+        return int(shared_value(index_of_maximum(straight)))
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -86,7 +86,7 @@ class Curve:
 
     def _index(self, s: Any) -> Any:
         """The piece on which the arc length s lies."""
-        if not many(s) and not self.stacked:
+        if not has_arrays(s) and not self.stacked:
             return min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
         found = np.zeros(np.broadcast(s, self.length).shape, dtype=np.int64)
         for begin in self.begins[1:]:
@@ -96,15 +96,15 @@ class Curve:
     def at(self, s: Any) -> tuple[tuple[Any, Any], Any]:
         """The point [m] and the heading [rad] at the arc length s [m]."""
         i = self._index(s)
-        if many(i):
+        if has_arrays(i):
             x, y, heading, curvature, length, begin = _of(self.tables[0], i).T
             piece = Piece((x, y), heading, curvature, length)
         else:
             piece, begin = self.pieces[i], self.begins[i]
         inner = s - begin
-        held = smallest(largest(inner, 0.0), piece.length)
+        held = minimum(maximum(inner, 0.0), piece.length)
         (x, y), heading = piece.at(held)
-        if some(held != inner):
+        if is_true_somewhere(held != inner):
             ux, uy = direction(heading)
             x, y = x + (inner - held) * ux, y + (inner - held) * uy
         return (x, y), heading
@@ -121,7 +121,7 @@ class Curve:
             change = (link - chord) * chord / (dx * ux + dy * uy)
             ahead = where(done, ahead, ahead + change)
             done = done | (abs(change) <= _NEAR * link)
-            if every(done):
+            if is_true_everywhere(done):
                 break
         return ahead
 
@@ -140,14 +140,14 @@ class Curve:
             i = self._index(s)
             ahead = s + (_of(reaches, i) if stacked else reaches[i])
             fits = ahead <= (_of(ends, i) if stacked else ends[i])
-            s = ahead if fits is True or every(fits) else where(fits, ahead, self._over(s, link))
+            s = ahead if fits is True or is_true_everywhere(fits) else where(fits, ahead, self._over(s, link))
             found.append(s)
         return found
 
     def points(self, places: Sequence[Any]) -> NDArray[np.float64]:
         """(n, 2) or (V, n, 2) points at arc lengths [m]."""
         points = [self.at(s)[0] for s in places]
-        return np.stack([joined([point[axis] for point in points]) for axis in range(2)], axis=-1)
+        return np.stack([array_of_columns([point[axis] for point in points]) for axis in range(2)], axis=-1)
 
     def reversed(self) -> Curve:
         """The curve run the other way."""
@@ -159,10 +159,10 @@ class Curve:
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
         first, close = True, 0.0 if guess is None else _CLOSE * self.length
         for _ in range(_NEWTON):
-            over = self.places(along(factor) * links)[-1] - self.length
+            over = self.places(with_last_axis(factor) * links)[-1] - self.length
             if guess is None:
                 done = done | (abs(over) <= near)
-                if every(done):
+                if is_true_everywhere(done):
                     break
             with np.errstate(divide="ignore", invalid="ignore"):
                 slope = self.length / factor if first else (over - known[1]) / (factor - known[0])
@@ -170,7 +170,7 @@ class Curve:
                 done = done | (slope <= 0.0) | (over == 0.0)
                 factor = where(done, factor, factor - over / slope)
                 done = done | (abs(over) <= close)
-            if every(done):
+            if is_true_everywhere(done):
                 break
         return factor
 

@@ -27,21 +27,21 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.guided import Placed, Run, obstacles, obstructed, on_arm
 from warpchain.assembly.taut_string import Arc, Taut, TautError, circle, taut
-from warpchain.drive.batch import picked, size_of
-from warpchain.drive.batch_math import (
-    Unlike,
-    arctan2,
-    joined,
-    largest,
-    many,
-    rint,
-    smallest,
-    some,
-    sqrt,
-    table_of,
-    total,
-)
 from warpchain.drive.mounts import initial_place
+from warpchain.drive.stack_math import (
+    UnlikeVariants,
+    arctan2,
+    array_of_columns,
+    has_arrays,
+    is_true_somewhere,
+    maximum,
+    minimum,
+    numpy_sum,
+    rint,
+    sqrt,
+    table_of_columns,
+)
+from warpchain.drive.stacks import pick_variants, variant_count
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class ChainPath:
     """The path of a drive's chain along pitch circles and common tangents; S sprockets, as many strands.
 
     Strand k leaves sprocket k and reaches sprocket k + 1 (mod S). The paths of a stack of V variants
-    (`warpchain.drive.batch`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
+    (`warpchain.drive.stacks`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
     Its strings are the same for all but in their numbers, which may be arrays (V,).
 
     Attributes:
@@ -106,7 +106,7 @@ class ChainPath:
 
     def __getitem__(self, variants: int | NDArray[np.int64]) -> ChainPath:
         """That of one variant, or those of some, of a stack's."""
-        guided = {name: picked(getattr(self, name), variants) for name in ("strings", "obstacles")}
+        guided = {name: pick_variants(getattr(self, name), variants) for name in ("strings", "obstacles")}
         own = guided | {
             field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in guided
         }
@@ -153,13 +153,13 @@ def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> 
     """
     try:
         return [(np.arange(count), worked_out(drive))]
-    except Unlike as parted:
+    except UnlikeVariants as parted:
         way = parted.way
     assert len(way) == count  # or variants would be lost
     found = []
     for value in np.unique(way):
         mine = np.flatnonzero(way == value)
-        parts = in_parts(picked(drive, mine), len(mine), worked_out)
+        parts = in_parts(pick_variants(drive, mine), len(mine), worked_out)
         found += [(mine[places], part) for places, part in parts]
     return found
 
@@ -175,7 +175,7 @@ def allowed_parts(
             return []
     found = []
     for half in np.array_split(np.arange(count), 2):
-        parts = allowed_parts(picked(drive, half), len(half), worked_out)
+        parts = allowed_parts(pick_variants(drive, half), len(half), worked_out)
         found += [(half[places], part) for places, part in parts]
     return found
 
@@ -211,7 +211,7 @@ class Plan:
 
     def __init__(self, drive: Drive) -> None:
         sprockets = drive.sprockets
-        self.drive, self.variants = drive, size_of(drive)
+        self.drive, self.variants = drive, variant_count(drive)
         pitch = np.atleast_2d(drive.chain.pulled_lengths).mean(axis=-1)
         self.pitch = pitch if len(pitch) > 1 else float(pitch[0])
         self.center = [initial_place(sprocket) for sprocket in sprockets]
@@ -263,9 +263,9 @@ class Plan:
             which = obstructed(drive, start, end)
             if not which.any():
                 return ()
-            raise Unlike(np.where(which, np.arange(1, self.variants + 1), 0))
+            raise UnlikeVariants(np.where(which, np.arange(1, self.variants + 1), 0))
         if 1 < self.variants < FEW:
-            raise Unlike(np.arange(self.variants))
+            raise UnlikeVariants(np.arange(self.variants))
         return obstacles(drive, [(line.start, line.end) for line in self.lines])
 
     def course(self, arm_angle: Sequence[Any]) -> Course:
@@ -298,8 +298,8 @@ class Plan:
         wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in turned]
         _check_wraps(self.drive, wrap, [2.0 * math.pi / z for z in self.teeth])
         _check_clear(self, start, length, [k for k in strands if strings[k] is None])
-        wrapped = total([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
-        strain = _strain(self.drive.chain.links, wrapped, total(length) / self.pitch)
+        wrapped = numpy_sum([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
+        strain = _strain(self.drive.chain.links, wrapped, numpy_sum(length) / self.pitch)
         return Course(self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met))
 
     def path(self, arm_angle: Sequence[Any]) -> ChainPath:
@@ -309,30 +309,30 @@ class Plan:
             DriveError, Unlike: as `course`.
         """
         course, variants = self.course(arm_angle), self.variants
-        turns = rint(total([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi))
+        turns = rint(numpy_sum([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi))
         arrival = [angle - w * (0.5 * math.pi) for angle, w in zip(course.arriving, self.sign, strict=True)]
         own = course.pitch, 2.0 * math.pi * turns, course.wrapped_pitches, course.nominal_strain
         pitch, turning, wrapped, strain = (np.broadcast_to(value, variants) for value in own)
         return ChainPath(
             pitch=pitch,  # type: ignore[arg-type]  # (V,), as are the others
-            radius=table_of(self.radius, variants),
-            wrap_angle=table_of(course.wrap, variants),
-            arrival_angle=table_of(arrival, variants),
+            radius=table_of_columns(self.radius, variants),
+            wrap_angle=table_of_columns(course.wrap, variants),
+            arrival_angle=table_of_columns(arrival, variants),
             turning=turning,  # type: ignore[arg-type]
             center=self._points(course.center),
             strand_start=self._points(course.start),
             strand_end=self._points(course.end),
-            strand_length=table_of(course.length, variants),
+            strand_length=table_of_columns(course.length, variants),
             wrapped_pitches=wrapped,  # type: ignore[arg-type]
             nominal_strain=strain,  # type: ignore[arg-type]
             strings=course.strings,
             obstacles=course.obstacles,
-            arm_angle=np.broadcast_to(joined(arm_angle), (variants, len(arm_angle))),
+            arm_angle=np.broadcast_to(array_of_columns(arm_angle), (variants, len(arm_angle))),
         )
 
     def _points(self, points: Sequence[Pair]) -> NDArray[np.float64]:
         """Points (V, S, 2) of as many pairs of coordinates."""
-        return table_of([part for pair in points for part in pair], self.variants).reshape(self.variants, -1, 2)
+        return table_of_columns([part for pair in points for part in pair], self.variants).reshape(self.variants, -1, 2)
 
     def _string(self, k: int, runs: tuple[Run, ...]) -> Taut | None:
         """The way of strand k around its guides; None where it touches none."""
@@ -416,7 +416,7 @@ def _tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Line:
 def _strain(links: int, wrapped: Any, straight: Any) -> Any:
     """`ChainPath.strain` of numbers, or of arrays (V,)."""
     free = links - wrapped
-    if not many(free):
+    if not has_arrays(free):
         return straight / free - 1.0 if free > 0.0 else math.inf
     with np.errstate(divide="ignore"):
         return np.where(free > 0.0, straight / free - 1.0, math.inf)
@@ -439,7 +439,7 @@ def _pairs(values: Iterable[Item]) -> Iterator[tuple[Item, Item]]:
 
 def _first(condition: Any) -> int | None:
     """The first variant for which a condition holds; None where there is none."""
-    return int(np.argmax(condition)) if some(condition) else None
+    return int(np.argmax(condition)) if is_true_somewhere(condition) else None
 
 
 def _check_tips(drive: Drive, radius: Sequence[Any]) -> None:
@@ -490,9 +490,9 @@ def _check_clear(plan: Plan, start: Sequence[Pair], length: Sequence[Any], free:
             continue
         (x, y), (ux, uy), radius = start[k], plan.lines[k].direction, plan.radius[s]
         dx, dy = plan.center[s][0] - x, plan.center[s][1] - y
-        along = smallest(largest(dx * ux + dy * uy, 0.0), length[k])
+        along = minimum(maximum(dx * ux + dy * uy, 0.0), length[k])
         gx, gy = dx - along * ux, dy - along * uy
-        if some(gx * gx + gy * gy < radius * radius):
+        if is_true_somewhere(gx * gx + gy * gy < radius * radius):
             raise DriveError(
                 f'strand "{drive.strand_names[k]}": passes through the pitch circle of sprocket '
                 f'"{drive.sprockets[s].name}"; allowed is a path clear of the other sprockets'

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.arm_balance import chain_paths
 from warpchain.assembly.assembly import Assembly, assemble_stack, assembled_strains
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, allowed_parts
-from warpchain.drive.batch import picked, stacks_of
+from warpchain.drive.stacks import pick_variants, stacks_of_drives
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -236,7 +236,7 @@ def search_all(searches: Sequence[Search]) -> list[float | None]:
         Places along their lines [m]; None for those that find none.
     """
     found: list[float | None] = [None] * len(searches)
-    for stack in stacks_of([search.drive for search in searches]):
+    for stack in stacks_of_drives([search.drive for search in searches]):
         members = stack.members.tolist()
         for v, place in zip(members, _Together(stack.drive, [searches[v] for v in members]).run(), strict=True):
             found[v] = place
@@ -274,7 +274,7 @@ class _Together:
         centers = [self.searches[v].center(place) for v, place in zip(rows, places, strict=True)]
         drive, center = self.drive, centers[0]
         if len(rows) < len(self.searches):
-            drive = picked(drive, np.array(rows))
+            drive = pick_variants(drive, np.array(rows))
         if len(rows) > 1:
             center = tuple(np.array(centers).T)  # of a stack
         answers = [NOWHERE] * len(rows)

@@ -40,27 +40,27 @@ from numpy.typing import NDArray
 from warpchain.assembly.link_laying import Curve, total_of
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut_string import Taut, TautError, point, taut
-from warpchain.drive.batch import picked
-from warpchain.drive.batch_math import (
-    Unlike,
-    ceil,
-    columns,
-    cos,
-    floor,
-    hypot,
-    largest,
-    many,
-    same,
-    sin,
-    smallest,
-    some,
-    table_of,
-    taken,
-    total,
-    where,
-)
 from warpchain.drive.face_profile import direction
 from warpchain.drive.mounts import initial_place
+from warpchain.drive.stack_math import (
+    UnlikeVariants,
+    ceil,
+    columns_of_table,
+    cos,
+    floor,
+    has_arrays,
+    hypot,
+    is_true_somewhere,
+    maximum,
+    minimum,
+    numpy_sum,
+    pick_places,
+    shared_value,
+    sin,
+    table_of_columns,
+    where,
+)
+from warpchain.drive.stacks import pick_variants
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -155,9 +155,9 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: fl
         changed: Any = turn < _ROUNDS and part.adjust(mine)
         if mine is not seating:
             seating.put(todo, mine)
-        if not some(changed):
+        if not is_true_somewhere(changed):
             break
-        if many(changed) and not changed.all():
+        if has_arrays(changed) and not changed.all():
             todo = todo[changed]
             part, mine = loop.of(todo), seating.of(todo)
     loop.solved = seating
@@ -186,12 +186,12 @@ class Loop:
         self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
         self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
-        self.leans = any(map(some, self.lean))
+        self.leans = any(map(is_true_somewhere, self.lean))
         self.guides = [guide.name for guide in drive.guides]
         self.x, self.y = map(list, zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True))
         self.rides = any(drive.carrier(s) is not None for s in range(self.size))
-        self.radius = columns(path.radius)
-        (self.pitch,) = columns(np.asarray(path.pitch)[:, None])
+        self.radius = columns_of_table(path.radius)
+        (self.pitch,) = columns_of_table(np.asarray(path.pitch)[:, None])
         self.links = np.atleast_2d(drive.chain.pulled_lengths)
         reach = np.cumsum(np.tile(self.links, 2), axis=1)
         self.reach = np.concatenate([np.zeros((len(reach), 1)), reach], axis=1)
@@ -206,7 +206,7 @@ class Loop:
     def take(self, path: ChainPath) -> None:
         """Goes over to another path of the same drive, whose arms stand elsewhere."""
         if self.rides:
-            self.x, self.y = columns(path.center[..., 0]), columns(path.center[..., 1])
+            self.x, self.y = columns_of_table(path.center[..., 0]), columns_of_table(path.center[..., 1])
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.around = any(self.runs)
         self.strings: dict[int, tuple[tuple[Number, Number], Taut]] = {}  # as last drawn, from where to where
@@ -215,27 +215,27 @@ class Loop:
         """That of some of the variants of a stack."""
         part = copy(self)
         part.variants, part.pitch, part.members = len(chosen), self.pitch[chosen], self.members[chosen]
-        part.runs, part.strings = [picked(runs, chosen) if runs else () for runs in self.runs], {}
-        part.chords = [taken(chord, chosen) for chord in self.chords]
-        part.scales = {k: taken(scale, chosen) for k, scale in self.scales.items()}
+        part.runs, part.strings = [pick_variants(runs, chosen) if runs else () for runs in self.runs], {}
+        part.chords = [pick_places(chord, chosen) for chord in self.chords]
+        part.scales = {k: pick_places(scale, chosen) for k, scale in self.scales.items()}
         for name in ("x", "y", "radius", "lean"):
-            setattr(part, name, [taken(value, chosen) for value in getattr(self, name)])
+            setattr(part, name, [pick_places(value, chosen) for value in getattr(self, name)])
         if len(self.reach) > 1:
             part.links, part.reach = self.links[chosen], self.reach[chosen]
         return part
 
     def among(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
         """That of the variants that are chosen, their seating and lengths of strands; the same where all are."""
-        if not many(chosen) or chosen.all():
+        if not has_arrays(chosen) or chosen.all():
             return self, seating, lengths
         places = np.flatnonzero(chosen)
-        return self.of(places), seating.of(places), [taken(length, places) for length in lengths]
+        return self.of(places), seating.of(places), [pick_places(length, places) for length in lengths]
 
     def keep(self, chosen: Places, part: Loop) -> None:
         """Keeps what a part of the variants, `of` these, has found of links on strings."""
 
         def put(old: Number, new: Number) -> Number:
-            if not many(old, new):
+            if not has_arrays(old, new):
                 return new
             column = np.array(np.broadcast_to(old, self.variants))
             column[chosen] = new
@@ -246,8 +246,10 @@ class Loop:
 
     def count(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
-        arrival, wrap, length = (columns(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length))
-        (strain,) = columns(np.asarray(path.nominal_strain)[:, None])
+        arrival, wrap, length = (
+            columns_of_table(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length)
+        )
+        (strain,) = columns_of_table(np.asarray(path.nominal_strain)[:, None])
         link = self.pitch * (1.0 + strain)
         position: Any = 0.0 - (0.0 if drive.run.phase is None else drive.run.phase)
         if self.variants > 1:
@@ -286,12 +288,12 @@ class Loop:
 
     def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
         for s, name in enumerate(self.names):
-            if some(seats[s] > self.teeth[s]):
+            if is_true_somewhere(seats[s] > self.teeth[s]):
                 raise DriveError(
                     f'sprocket "{name}": the chain would put {np.max(seats[s])} rollers on it, '
                     f"allowed are at most its {self.teeth[s]} teeth"
                 )
-            if some(links[s] < 1):
+            if is_true_somewhere(links[s] < 1):
                 v = int(np.argmin(links[s]))
                 raise DriveError(
                     f'strand "{name}->{self.names[(s + 1) % self.size]}": {path[v].strand_length[s]:.6g} m long, '
@@ -315,14 +317,14 @@ class Loop:
             return None
         ends = self.ends(seating, k)
         known = self.strings.get(k)
-        if known is None or any(some(old != new) for old, new in zip(known[0], ends, strict=True)):
+        if known is None or any(is_true_somewhere(old != new) for old, new in zip(known[0], ends, strict=True)):
             first, last = self._seat(k, ends[0]), self._seat((k + 1) % self.size, ends[1])
             try:
                 string = taut(point(first), point(last), self.runs[k], self.last_arcs.get(k, ()))
             except TautError as error:
                 raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
-            except Unlike as parted:
-                raise parted.among(self.members, self.whole) from None
+            except UnlikeVariants as parted:
+                raise parted.at_places(self.members, self.whole) from None
             self.strings[k], self.last_arcs[k] = (ends, string), string.numbers
         string = self.strings[k][1]
         return string if string.touches else None
@@ -354,9 +356,9 @@ class Loop:
         if string is None:
             return 0.0
         try:
-            roller, links = same(seating.last[k]), same(seating.links[k])
-        except Unlike as parted:
-            raise parted.among(self.members, self.whole) from None
+            roller, links = shared_value(seating.last[k]), shared_value(seating.links[k])
+        except UnlikeVariants as parted:
+            raise parted.at_places(self.members, self.whole) from None
         own = np.take(self.links, np.arange(roller, roller + links) % self.links.shape[1], axis=1)
         own = own[0] if len(own) == 1 else own
         scale = Curve(string.pieces).scale(own, self.scales.get(k))
@@ -369,7 +371,7 @@ class Loop:
         row = 0 if len(self.reach) == 1 else np.arange(self.variants)
         ends = [(last, last + links) for last, links in zip(seating.last, seating.links, strict=True)]
         found = [self.reach[row, end] - self.reach[row, begin] for begin, end in ends]
-        return [length if many(length) else float(length) for length in found]
+        return [length if has_arrays(length) else float(length) for length in found]
 
     def close(self, seating: Seating, near: float) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
@@ -380,10 +382,10 @@ class Loop:
             if not self.around:
                 return
             before, part.chords = part.chords, [part.laid(mine, k) for k in range(self.size)]
-            change = largest(*(abs(old - new) for old, new in zip(before, part.chords, strict=True)))
+            change = maximum(*(abs(old - new) for old, new in zip(before, part.chords, strict=True)))
             moved, much = change > _LAID * part.pitch, _LEFT * change > near * part.pitch
             last, further = moved & (much ^ True), moved & much
-            if some(last):
+            if is_true_somewhere(last):
                 own, solved, natural = part.among(last, mine, lengths)
                 own._solve(solved, natural)
                 if solved is not mine:
@@ -391,26 +393,26 @@ class Loop:
             if part is not self:
                 seating.put(todo, mine)
                 self.keep(todo, part)
-            if not some(further):
+            if not is_true_somewhere(further):
                 return
-            todo = todo[further] if many(further) else todo
+            todo = todo[further] if has_arrays(further) else todo
             part, mine, lengths = part.among(further, mine, lengths)
 
     def _solve(self, seating: Seating, lengths: list[Number]) -> None:
         self._newton(seating, lengths, lengths)
         slack = seating.strain < 0.0
         short = [slack & (links == 1) for links in seating.links]
-        if not any(map(some, short)):
+        if not any(map(is_true_somewhere, short)):
             return
         sagging = [where(alone, 0.0, length) for alone, length in zip(short, lengths, strict=True)]
-        if some(slack & (total(sagging) == 0.0)):
+        if is_true_somewhere(slack & (numpy_sum(sagging) == 0.0)):
             raise DriveError("chain.links: the chain is slack, but no strand has a second link with which to sag")
-        if not many(slack):
+        if not has_arrays(slack):
             self._newton(seating, lengths, sagging)
             return
         chosen = np.flatnonzero(np.any(short, axis=0))
         mine = seating.of(chosen)
-        own, elastic = ([taken(value, chosen) for value in values] for values in (lengths, sagging))
+        own, elastic = ([pick_places(value, chosen) for value in values] for values in (lengths, sagging))
         self.of(chosen)._newton(mine, own, elastic)
         seating.put(chosen, mine)
 
@@ -424,26 +426,28 @@ class Loop:
         part, mine, todo, worst = self, seating, np.arange(self.variants), math.inf
         for _ in range(_ITERATIONS):
             residual, jacobian = part._conditions(mine, lengths, elastic)
-            before, worst = worst, largest(*map(abs, residual))
+            before, worst = worst, maximum(*map(abs, residual))
             done = (0.5 * before <= worst) & (worst <= _CLOSED * part.pitch)  # round-off is reached
             if self.remembers:
                 done = done | (worst <= _CLOSEST * part.pitch)
-            if some(done):
+            if is_true_somewhere(done):
                 if mine is not seating:
                     seating.put(todo, mine)
-                if not many(done) or done.all():
+                if not has_arrays(done) or done.all():
                     return
                 left = np.flatnonzero(~done)
                 todo, worst, jacobian = todo[left], worst[left], jacobian[left]
-                lengths, elastic, residual = ([taken(c, left) for c in own] for own in (lengths, elastic, residual))
+                lengths, elastic, residual = (
+                    [pick_places(c, left) for c in own] for own in (lengths, elastic, residual)
+                )
                 part, mine = part.of(left), mine.of(left)
             try:
-                solved = np.linalg.solve(jacobian, -table_of(residual, part.variants)[..., None])[..., 0]
+                solved = np.linalg.solve(jacobian, -table_of_columns(residual, part.variants)[..., None])[..., 0]
             except np.linalg.LinAlgError:
                 break
-            change = columns(solved)
-            farthest = largest(*(abs(change[s] / self.pitch_angle[s]) for s in angles))
-            share = smallest(1.0, 0.5 / largest(1e-300, farthest))
+            change = columns_of_table(solved)
+            farthest = maximum(*(abs(change[s] / self.pitch_angle[s]) for s in angles))
+            share = minimum(1.0, 0.5 / maximum(1e-300, farthest))
             for s in angles:
                 mine.first_angle[s] = mine.first_angle[s] + change[s] * share
             mine.strain = mine.strain + change[self.driver] * share
@@ -473,7 +477,7 @@ class Loop:
 
         The driver's first seat stays, since it carries the angle that is not solved for.
         """
-        link = self.pitch * (1.0 + largest(seating.strain, 0.0))
+        link = self.pitch * (1.0 + maximum(seating.strain, 0.0))
         changed = link != link  # False, or an array of it
         for k in range(self.size):
             following = (k + 1) % self.size

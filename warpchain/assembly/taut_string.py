@@ -21,7 +21,7 @@ that moves by dr, turns by dtheta about p:  dL = -dr.(u_out - u_in),  dL = -(h_o
 with h = (r - p) x u the lever of a tangent, since a string of tension 1 pushes it so.
 
 Strings of a stack's variants are one whose numbers are arrays (V,), as long as all touch the same arcs; else they are
-`warpchain.drive.batch_math.Unlike`.
+`warpchain.drive.stack_math.UnlikeVariants`.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-from warpchain.drive.batch_math import (
+from warpchain.drive.face_profile import Piece, Point, Profile, direction, turn
+from warpchain.drive.stack_math import (
     arctan2,
-    first_largest,
-    largest,
+    index_of_maximum,
+    is_true_somewhere,
+    maximum,
+    minimum,
+    ordered_sum,
     quick_arcsin,
-    same,
-    smallest,
-    some,
+    shared_value,
     sqrt,
-    summed,
     where,
 )
-from warpchain.drive.face_profile import Piece, Point, Profile, direction, turn
 
 _CUT = 1e-11
 """Depth to which a tangent may cut an arc by round-off [m]."""
@@ -98,7 +98,7 @@ class Arc:
             return heading
         middle = 0.5 * (self.begin + self.end)
         half = 0.5 * abs(self.end - self.begin)
-        return middle + largest(-half, smallest(half, turn(heading - middle)))
+        return middle + maximum(-half, minimum(half, turn(heading - middle)))
 
     def at(self, heading: Any) -> tuple[Any, Any]:
         """Where its tangent has a heading [m]."""
@@ -131,7 +131,7 @@ class Touch:
     def places(self) -> tuple[float, float]:
         """Places on the guide's face between which the chain lies on it [m], ascending."""
         ends = [self.arc.place + self.arc.slope * turn(heading - self.arc.begin) for heading in self._headings]
-        return smallest(*ends), largest(*ends)
+        return minimum(*ends), maximum(*ends)
 
     @property
     def _headings(self) -> tuple[float, float]:
@@ -160,7 +160,7 @@ class Taut:
     @property
     def length(self) -> float:
         """[m]."""
-        return summed(piece.length for piece in self.pieces)
+        return ordered_sum(piece.length for piece in self.pieces)
 
     def levers(self, guides: Iterable[int], pivot: Point) -> float:
         """h_out - h_in summed over what it touches of some guides [m]: the moment about the pivot per tension."""
@@ -235,7 +235,7 @@ def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequ
         touches = [Touch(arc, missing[k][1], missing[k + 1][0]) for k, arc in enumerate(chosen[1:-1])]
         if touches:
             lifted = [-touch.wrap for touch in touches]
-            worst = same(where(largest(*lifted) > _NO_WRAP, first_largest(lifted), -1))
+            worst = shared_value(where(maximum(*lifted) > _NO_WRAP, index_of_maximum(lifted), -1))
             if worst >= 0:
                 del chosen[worst + 1]
                 continue
@@ -265,7 +265,7 @@ _Where = dict[int, tuple[tuple[Arc, ...], int]]
 def _shorter(bend: Any) -> Any:
     """Length of chords over their arc, on a circle that bends by 2 asin(b) under each."""
     bends = (bend > 0.0) & (bend < 1.0)
-    if not some(bends):
+    if not is_true_somewhere(bends):
         return 1.0
     safe = where(bends, bend, 1.0)
     return where(bends, safe / quick_arcsin(safe), 1.0)
@@ -297,7 +297,7 @@ def _tangents(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, A
         dx, dy = other.center[0] - one.center[0], other.center[1] - one.center[1]
         h = other.sign * other.radius - one.sign * one.radius
         square = dx * dx + dy * dy
-        if same(square <= h * h):
+        if shared_value(square <= h * h):
             for arc, step in ((other, -1), (one, 1)):
                 between = _neighbor(arc, known, step)
                 if between is not None and between is not (one if step < 0 else other):
@@ -317,7 +317,7 @@ def _beyond(touches: list[Touch], chosen: list[Arc], known: _Where) -> tuple[int
             between = _neighbor(touch.arc, known, step)
             if between is None or chosen[k + step] is between:
                 continue
-            if same(touch.arc.past(heading, step > 0)):
+            if shared_value(touch.arc.past(heading, step > 0)):
                 return k + (step > 0), between
     return None
 
@@ -341,7 +341,7 @@ def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tu
             cuts = (depth > worst) & (ahead > 0.0) & (ahead < length)
             worst, found = where(cuts, depth, worst), where(cuts, len(places), found)
             places.append((k + 1, arc))
-    found = same(found)
+    found = shared_value(found)
     return None if found < 0 else places[found]
 
 
@@ -351,13 +351,13 @@ def _string(chosen: list[Arc], tangents: list[_Tangent], touches: list[Touch], r
         if k:
             touch = touches[k - 1]
             arc = touch.arc
-            if same(touch.wrap > 0.0):
+            if shared_value(touch.wrap > 0.0):
                 start = arc.at(touch.arrive)
                 pieces.append(Piece(start, touch.arrive, arc.sign / arc.radius, touch.wrap * arc.radius))
-        if same(length > 0.0):
+        if shared_value(length > 0.0):
             pieces.append(Piece(chosen[k].at(heading), heading, 0.0, length))
     free = tuple(length for _, _, length, joint in tangents if not joint)
-    pressed = tuple(t for t in touches if same(t.wrap > _NO_WRAP))
+    pressed = tuple(t for t in touches if shared_value(t.wrap > _NO_WRAP))
     order = {id(arc): i for i, arc in enumerate(runs)}
     numbers = tuple(order[id(touch.arc)] for touch in pressed)
     return Taut(tuple(pieces), tangents[0][0], tangents[-1][1], pressed, free, numbers)

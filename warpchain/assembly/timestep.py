@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warpchain.drive import Drive
-from warpchain.drive.batch import picked
-from warpchain.drive.batch_math import largest, power, some, sqrt
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
 from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.stack_math import is_true_somewhere, maximum, power, sqrt
+from warpchain.drive.stacks import pick_variants
 from warpchain.drive.trains import body_names, is_free_body, part_of_body, train_inertia, train_of_body
 from warpchain.errors import DriveError
 
@@ -212,12 +212,12 @@ def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = Fals
 
 def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
     if drive.chains:
-        return largest(*(_highest_frequency(chain.drive, damped_links, bodies) for chain in chain_drives(drive)))
+        return maximum(*(_highest_frequency(chain.drive, damped_links, bodies) for chain in chain_drives(drive)))
     mass = drive.chain.mass
     half_rate = (drive.chain.link_damping + drive.chain.outer_damping) / mass if damped_links else 0.0
-    stiffest = largest(0.0, *(stiffness for _, stiffness in _contacts(drive)))
+    stiffest = maximum(0.0, *(stiffness for _, stiffness in _contacts(drive)))
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
-    square = (springs + stiffest) / mass + largest(0.0, *(body.square for body in bodies))
+    square = (springs + stiffest) / mass + maximum(0.0, *(body.square for body in bodies))
     return half_rate + sqrt(half_rate * half_rate + square)
 
 
@@ -254,7 +254,7 @@ def step_limit(drive: Drive, held: bool = False) -> float:
     """
     bodies = moving_bodies(drive, held)
     omega = _highest_frequency(drive, True, bodies)
-    rate = largest(0.0, *(body.rate for body in bodies))
+    rate = maximum(0.0, *(body.rate for body in bodies))
     return 4.0 / (rate + sqrt(rate * rate + 4.0 * omega * omega))
 
 
@@ -274,14 +274,14 @@ def resolve_step(drive: Drive, step: float | str | None = None) -> float:
         if asked != "auto":
             raise DriveError(f'run.step = "{asked}": must be a positive number or "auto"')
         found = automatic_step(drive)
-        if some(~np.greater(found, 0.0)):
+        if is_true_somewhere(~np.greater(found, 0.0)):
             raise DriveError(f'run.step = "{asked}": no step is so small; look at stiffness, damping and mass')
         return found
     limit = step_limit(drive)
     wrong = ~(np.isfinite(asked) & np.greater(asked, 0.0) & np.less(asked, limit))
     if wrong.ndim and wrong.any():
-        resolve_step(picked(drive, int(wrong.argmax())), step)
-    if some(wrong):
+        resolve_step(pick_variants(drive, int(wrong.argmax())), step)
+    if is_true_somewhere(wrong):
         raise DriveError(
             f"run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m), less for "
             f'dampers and bodies; or "auto", {automatic_step(drive):.6g} s; stiffest is {stiffest_part(drive)}'

@@ -14,7 +14,6 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.batch_math import hypot, radians, smallest, sqrt
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.schema import (
     Name,
@@ -29,6 +28,7 @@ from warpchain.drive.schema import (
     numbers,
     plain_sequence,
 )
+from warpchain.drive.stack_math import hypot, minimum, radians, sqrt
 
 _Turn = Annotated[float, Field(strict=True, ge=-360.0, le=360.0)]
 Wound = Annotated[
@@ -121,7 +121,7 @@ def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: f
     """
     if arm.stop_stiffness is not None:
         return arm.stop_stiffness
-    return link_stiffness * smallest(lever * lever, arm.inertia / roller_mass)
+    return link_stiffness * minimum(lever * lever, arm.inertia / roller_mass)
 
 
 def stop_damping(arm: Arm, stiffness: float) -> float:

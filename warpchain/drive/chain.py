@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from pydantic import AfterValidator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from warpchain.drive.batch_math import along, many, some, sqrt, where
 from warpchain.drive.catalogue import CHAINS, INNER_WIDTHS
 from warpchain.drive.schema import (
     BARE,
@@ -29,6 +28,7 @@ from warpchain.drive.schema import (
     nearest,
     numbers,
 )
+from warpchain.drive.stack_math import has_arrays, is_true_somewhere, sqrt, where, with_last_axis
 
 if TYPE_CHECKING:
     import numpy as np
@@ -100,7 +100,9 @@ class Joint(Part):
     @property
     def rubs(self) -> bool:
         """Whether any moment acts in the joints."""
-        return any(value is not None and some(value > 0.0) for value in (self.friction, self.static_friction))
+        return any(
+            value is not None and is_true_somewhere(value > 0.0) for value in (self.friction, self.static_friction)
+        )
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -220,7 +222,7 @@ class Chain(Part):
     @property
     def varied_links(self) -> bool:
         """Whether links differ in more than their length, or have play."""
-        played = self.play is not None and some(self.play > 0.0)
+        played = self.play is not None and is_true_somewhere(self.play > 0.0)
         if self.outer is None:
             return played
         alike = (self.outer_stiffness == self.stiffness) & (self.outer_damping == self.link_damping)
@@ -248,9 +250,9 @@ class Chain(Part):
         inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
         links: Any = self.worn_links[0].link if self.worn_links else 0  # of a stack, arrays of all worn ones or of none
         columns: tuple[Any, ...] = inner, outer, links
-        variants = next((len(column) for column in columns if many(column)), None)
+        variants = next((len(column) for column in columns if has_arrays(column)), None)
         lengths = np.empty(self.links if variants is None else (variants, self.links))
-        rows, own = lengths.T, np.arange(len(links)) if many(links) else None
+        rows, own = lengths.T, np.arange(len(links)) if has_arrays(links) else None
         rows[:] = inner
         if self.outer is not None:
             rows[::2] = outer
@@ -261,7 +263,7 @@ class Chain(Part):
     @property
     def pulled_lengths(self) -> NDArray[np.float64]:
         """(N,) or (V, N) lengths at which pulled links begin to carry tension [m]: unloaded, and drawn out by play."""
-        return self.link_lengths + along(self.link_play)
+        return self.link_lengths + with_last_axis(self.link_play)
 
     @property
     def rubs(self) -> bool:

@@ -20,7 +20,6 @@ from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 from warpchain.argument_checks import Index, check_arguments, check_index
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
-from warpchain.drive.batch_math import arcsin, hypot, largest, power, radians, sqrt, where
 from warpchain.drive.chain import Chain, NamedChain
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.chain_rules import CHAIN_RULES, PARTS_NAMING_CHAINS, shaft_group_rules
@@ -64,6 +63,7 @@ from warpchain.drive.schema import (
 )
 from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import ArmMount, Sprocket
+from warpchain.drive.stack_math import arcsin, hypot, maximum, power, radians, sqrt, where
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.thermal import Expansions, Temperature, clearance_rules, grown, heated, oil_rules
@@ -288,12 +288,12 @@ class Drive(Part):
         link of unlike lengths l, l' span two of them, a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l' cos(a/2)) / (2 sin(a/2)).
         """
         half = math.pi / self.sprockets[s].teeth
-        alone = largest(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
+        alone = maximum(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
         if self.chain.outer is None:
             return alone
         inner, outer = self.chain.pulled_pair
         over_both = sqrt(power(inner, 2) + power(outer, 2) + 2.0 * inner * outer * math.cos(2.0 * half))
-        return where(inner == outer, alone, largest(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
+        return where(inner == outer, alone, maximum(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
     @check_index("sprockets", DriveError)
     def riding_lean(self, s: int) -> float:
@@ -348,7 +348,7 @@ class Drive(Part):
         The maximum gap of ISO 606 has teeth that reach 0.625 pitches beyond it.
         """
         reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
-        return largest(0.5 * self.chain.pitch, reach)
+        return maximum(0.5 * self.chain.pitch, reach)
 
     def catching(self) -> tuple[int, ...]:
         """Sprockets with straight flanks too steep to let a strand's rollers go (see `warpchain.drive.tooth_shape`)."""
@@ -440,8 +440,8 @@ class Drive(Part):
         """
         px, py = self.arms[a].pivot
         faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
-        reach = largest(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
-        reach = largest(reach, *(self.center_lever(s) for s in self.sprockets_on(a)))
+        reach = maximum(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
+        reach = maximum(reach, *(self.center_lever(s) for s in self.sprockets_on(a)))
         beside = self.arms[a].center_radius
         return where(reach > 0.0, reach, where(beside > 0.0, beside, self.chain.pitch))
 

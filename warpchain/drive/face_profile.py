@@ -21,7 +21,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from warpchain.drive.batch_math import many, quick_cos, quick_sin, where
+from warpchain.drive.stack_math import has_arrays, quick_cos, quick_sin, where
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,7 +51,7 @@ class ProfileError(ValueError):
 
 def turn(angle: Any) -> Any:
     """An angle [rad], or angles of a stack's variants, brought between -pi and pi."""
-    if not many(angle):
+    if not has_arrays(angle):
         return math.remainder(angle, 2.0 * math.pi)
     import numpy as np
 
@@ -67,7 +67,7 @@ def direction(heading: Any) -> tuple[Any, Any]:
 
 def _sinc(angle: Any) -> Any:
     """sin(x) / x."""
-    if not many(angle):
+    if not has_arrays(angle):
         return math.sin(angle) / angle if angle else 1.0
     safe = where(angle == 0.0, 1.0, angle)
     return where(angle == 0.0, 1.0, quick_sin(safe) / safe)

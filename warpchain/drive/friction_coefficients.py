@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from warpchain.drive.batch_math import largest, smallest, some
+from warpchain.drive.stack_math import is_true_somewhere, maximum, minimum
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, ImpactLaw
@@ -33,12 +33,12 @@ class Rubbing:
     @property
     def rubs(self) -> bool:
         """Whether there is friction."""
-        return some(self.most > 0.0)
+        return is_true_somewhere(self.most > 0.0)
 
     @property
     def most(self) -> float:
         """The larger of the two coefficients [-]."""
-        return largest(self.dynamic, self.static)
+        return maximum(self.dynamic, self.static)
 
 
 def rubbing_of(law: ImpactLaw | Joint, most: float = math.inf) -> Rubbing:
@@ -46,7 +46,7 @@ def rubbing_of(law: ImpactLaw | Joint, most: float = math.inf) -> Rubbing:
     dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
     speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
-    return Rubbing(smallest(dynamic, most), smallest(static, most), speed)
+    return Rubbing(minimum(dynamic, most), minimum(static, most), speed)
 
 
 def tooth_rubbing(drive: Drive) -> Rubbing:

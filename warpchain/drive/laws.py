@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-from warpchain.drive.batch_math import each, sqrt
+from warpchain.drive.stack_math import elementwise, sqrt
 
 Means = Literal["parameter", "rebound"]
 
@@ -106,7 +106,7 @@ def law_factor(name: str, restitution: float, means: Means = "parameter") -> flo
         means: "parameter" puts it into the law's own formula; "rebound" finds the factor with which a free mass
             rebounds by just that.
     """
-    found: float = each(lambda e: _factor(name, e, means))(restitution)
+    found: float = elementwise(lambda e: _factor(name, e, means))(restitution)
     return found
 
 

@@ -16,8 +16,8 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from warpchain.drive.batch_math import joined
 from warpchain.drive.schema import BARE, Column, Finite, Name, Part, Problem, Value, elements, get, numbers
+from warpchain.drive.stack_math import array_of_columns
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError
 from warpchain.files import read_text_file
@@ -195,7 +195,7 @@ class PlaceTable(Part):
         within = time.clip(self.time[0], self.time[-1])
         columns = (self.along(axis) for axis in "xy")
         x, y = (0.0 * within if column is None else column.spline(within) for column in columns)
-        return joined((x, y))
+        return array_of_columns((x, y))
 
     @property
     def start_velocity(self) -> tuple[float, float]:

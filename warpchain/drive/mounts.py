@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.batch_math import cos, hypot, joined, largest, power, sin, some
 from warpchain.drive.sprocket import ArmMount, ElasticMount, FixedMount, PrescribedMount, SliderMount
+from warpchain.drive.stack_math import array_of_columns, cos, hypot, is_true_somewhere, maximum, power, sin
 
 if TYPE_CHECKING:
     from warpchain.drive.motion_table import PlaceTable
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def unit(direction: tuple[float, float]) -> NDArray[np.float64]:
     """The unit vector along a direction (2,)."""
-    return joined(_unit(direction))
+    return array_of_columns(_unit(direction))
 
 
 def _unit(direction: tuple[float, float]) -> tuple[Any, Any]:
@@ -52,7 +52,7 @@ def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np
         return start_velocity(mount.table)
     (ux, uy), rate = _unit(mount.direction), 2.0 * math.pi * mount.frequency
     speed = mount.amplitude * rate * cos(mount.phase)
-    return joined((ux * speed, uy * speed))
+    return array_of_columns((ux * speed, uy * speed))
 
 
 def start_velocity(table: PlaceTable | None) -> NDArray[np.float64]:
@@ -80,7 +80,7 @@ def on_springs(sprocket: Sprocket) -> bool:
 
 def active(sprocket: Sprocket) -> bool:
     """True if the center can move or a balance wheel turns with the sprocket."""
-    return moves(sprocket) or some(wheel_mass(sprocket) > 0.0)
+    return moves(sprocket) or is_true_somewhere(wheel_mass(sprocket) > 0.0)
 
 
 def wheel_mass(sprocket: Sprocket) -> float:
@@ -103,7 +103,7 @@ def spring(sprocket: Sprocket) -> tuple[float, float]:
     """The stiffer axis' spring [N/m] and the heavier axis' damper [N s/m] of a mount; 0 where it has none."""
     mount = sprocket.mount
     if isinstance(mount, ElasticMount):
-        return largest(*mount.stiffness), largest(*mount.damping)
+        return maximum(*mount.stiffness), maximum(*mount.damping)
     return (mount.stiffness, mount.damping) if isinstance(mount, SliderMount) else (0.0, 0.0)
 
 

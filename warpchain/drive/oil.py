@@ -12,7 +12,7 @@ import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive.batch_math import largest, power
+from warpchain.drive.stack_math import maximum, power
 
 if TYPE_CHECKING:
     from warpchain.drive.tensioners import Oil, Relief, Tensioner, Valve
@@ -75,17 +75,17 @@ def static_pressure(tensioner: Tensioner) -> Any:
     """Absolute pressure [Pa] at rest, as much coming in as going out, to round-off; the ambient one where the check
     valve stays closed, and in a chamber that is drained.
     """
-    from warpchain.drive.batch import arrays_of, picked
+    from warpchain.drive.stacks import pick_variants, stack_arrays
 
     assert tensioner.oil is not None
     oil = tensioner.oil.model_copy(update={"supply_table": None})
     own = tensioner.model_copy(update={"spring": None, "at": (0.0, 0.0), "direction": (1.0, 0.0), "oil": oil})
-    column = next(arrays_of(own), None)
+    column = next(stack_arrays(own), None)
     if column is None:
         return _at_rest(own)
     import numpy as np
 
-    return np.array([_at_rest(picked(own, v)) for v in range(len(column))])
+    return np.array([_at_rest(pick_variants(own, v)) for v in range(len(column))])
 
 
 @lru_cache(maxsize=1024)
@@ -128,7 +128,7 @@ def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
     if tensioner.hydraulic:
         assert tensioner.oil is not None
         push = push + (static_pressure(tensioner) - tensioner.oil.ambient) * tensioner.area
-    return largest(push, 0.0)
+    return maximum(push, 0.0)
 
 
 def bottom_place(tensioner: Tensioner) -> float:

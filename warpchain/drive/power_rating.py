@@ -20,8 +20,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from warpchain.drive.batch_math import power, smallest
 from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.stack_math import minimum, power
 
 HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
 """[W], [m], [m/s]."""
@@ -94,7 +94,7 @@ class RatedPower(NamedTuple):
     @property
     def least(self) -> Any:
         """The smaller of both [W]."""
-        return smallest(self.plates, self.rollers)
+        return minimum(self.plates, self.rollers)
 
     @property
     def limited_by(self) -> str:

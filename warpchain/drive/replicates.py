@@ -1,8 +1,8 @@
-"""Copies of a drive that differ in nothing but how they begin, as one run of a chaotic motion differs from another.
+"""Replicates: copies of a drive that differ in how they begin, as runs of a chaotic motion differ.
 
-By phase, a copy begins with the drive turned on by part of a tooth of the driver: the same machine, started at another
-moment. As another build, its rollers also lie elsewhere in their tooth gaps before the chain settles. By perturbation,
-every roller is displaced by some 1e-9 pitches, which chaos makes large in time.
+By phase, a copy begins with the drive turned on by part of a tooth of the driver. As another build, its rollers also
+lie elsewhere in their tooth gaps before the chain settles. By perturbation, every roller is displaced by some 1e-9
+pitches, which chaos makes large in time.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from warpchain.drive.run_settings import RunSettings
 from warpchain.errors import SimulationError
 
 MOST_COPIES = 10_000
-Copies = Annotated[
+CopyCount = Annotated[
     int, AllowedRange(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)
 ]
-WAYS = ("build", "phase", "perturbation")
-"""In what copies can differ; the first where none is named."""
+REPLICATE_WAYS = ("build", "phase", "perturbation")
+"""Ways in which copies of a drive can differ; the first where none is named."""
 FORMER_WAYS = {"nudge": "perturbation"}
-"""Words of earlier versions, which study files may have."""
+"""Words for ways of earlier versions, which study files may have, and today's words."""
 
 
 @check_arguments(SimulationError, "replicates.")
@@ -40,18 +40,19 @@ class Replicates:
         SimulationError: a count that is not allowed, or an unknown way.
     """
 
-    count: Copies = 1
-    by: str = WAYS[0]
+    count: CopyCount = 1
+    by: str = REPLICATE_WAYS[0]
 
     def __post_init__(self) -> None:
-        if self.by not in (*WAYS, *FORMER_WAYS):
-            raise SimulationError(f"replicate_by = {self.by!r}: allowed are {', '.join(WAYS)}")
+        if self.by not in (*REPLICATE_WAYS, *FORMER_WAYS):
+            raise SimulationError(f"replicate_by = {self.by!r}: allowed are {', '.join(REPLICATE_WAYS)}")
 
 
-def phase_of(copy: int) -> float:
-    """Teeth by which a copy has turned on, from -0.5 to below 0.5: van der Corput's sequence 0, 1/2, 1/4, 3/4, ...
+def copy_phase(copy: int) -> float:
+    """Teeth by which a numbered copy has turned on, from -0.5 to below 0.5 (van der Corput's sequence).
 
-    So 2, 4, 8, ... copies are equally spaced, and a further one does not move those before it.
+    It is 0, 1/2, 1/4, 3/4, ...: 2, 4, 8, ... copies are equally spaced, and a further one does not move those before
+    it.
     """
     share, part = 0.0, 0.5
     while copy:
@@ -60,10 +61,10 @@ def phase_of(copy: int) -> float:
     return share - 1.0 if share >= 0.5 else share
 
 
-def copies_of(drives: Sequence[Drive], numbers: Sequence[int], by: str = WAYS[0]) -> list[Drive]:
-    """The copy of this number of each drive; number 0 is the drive itself.
+def numbered_copies(drives: Sequence[Drive], numbers: Sequence[int], by: str = REPLICATE_WAYS[0]) -> list[Drive]:
+    """One copy of each drive, by its number; number 0 is the drive itself.
 
-    Copies of drives that share their run settings share theirs, so that what is alike in an ensemble stays alike.
+    Copies of drives that share their run settings share theirs.
 
     Args:
         by: "build", "phase" or "perturbation".
@@ -76,24 +77,24 @@ def copies_of(drives: Sequence[Drive], numbers: Sequence[int], by: str = WAYS[0]
             continue
         key = id(drive.run), number
         if key not in known:
-            known[key] = _begun(drive.run, number, by)
+            known[key] = _copy_run_settings(drive.run, number, by)
         found.append(drive.model_copy(update={"run": known[key]}))
     return found
 
 
-def each_copy(drives: Sequence[Drive], replicates: Replicates) -> list[Drive]:
+def all_copies(drives: Sequence[Drive], replicates: Replicates) -> list[Drive]:
     """All copies of all drives, those of one drive one after the other."""
     count = replicates.count
     if count == 1:
         return list(drives)
     numbers = list(range(count)) * len(drives)
-    return copies_of([drive for drive in drives for _ in range(count)], numbers, replicates.by)
+    return numbered_copies([drive for drive in drives for _ in range(count)], numbers, replicates.by)
 
 
-def _begun(run: RunSettings, number: int, by: str) -> RunSettings:
-    """Run settings that begin another way."""
+def _copy_run_settings(run: RunSettings, number: int, by: str) -> RunSettings:
+    """Run settings of a numbered copy, which begin another way."""
     if FORMER_WAYS.get(by, by) == "perturbation":
         return run.model_copy(update={"perturbation": (run.perturbation or 0) + number})
-    phase = (run.phase or 0.0) + phase_of(number)
+    phase = (run.phase or 0.0) + copy_phase(number)
     seating = (run.seating or 0) + number if by == "build" else run.seating
     return run.model_copy(update={"phase": phase - math.floor(phase + 0.5), "seating": seating})

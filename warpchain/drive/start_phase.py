@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any, TypeVar
 
-from warpchain.drive.batch_math import some
 from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Motor, Shaft
 from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
+from warpchain.drive.stack_math import is_true_somewhere
 from warpchain.drive.trains import turns_a_roller
 
 TurningMotion = TypeVar("TurningMotion", Prescribed, Load, Motor)
@@ -17,7 +17,7 @@ TurningMotion = TypeVar("TurningMotion", Prescribed, Load, Motor)
 def start_phase_angle(drive: Any, name: str) -> Any:
     """Forward angle [rad] by which a named sprocket or shaft has turned on where `run.phase` begins the drive."""
     phase = drive.run.phase
-    if phase is None or not some(phase):
+    if phase is None or not is_true_somewhere(phase):
         return 0.0
     teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
     if drive.shafts and not drive.chains:
@@ -33,7 +33,7 @@ def motion_from_start_phase(drive: Any, turned: Sprocket | Shaft, motion: Turnin
     and tables over its angle move back by it.
     """
     phase = drive.run.phase
-    if phase is None or not some(phase):
+    if phase is None or not is_true_somewhere(phase):
         return motion
 
     def angle(part: Harmonic | Table) -> Any:

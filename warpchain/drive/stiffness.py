@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from warpchain.drive.batch_math import each, power
 from warpchain.drive.laws import LAWS, law_factor
+from warpchain.drive.stack_math import elementwise, power
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, drive_error
 
@@ -28,7 +28,7 @@ def compliance(roller: Material, partner: Material) -> float:
     return sum((1.0 - power(body.poissons_ratio, 2)) / (math.pi * body.youngs_modulus) for body in (roller, partner))
 
 
-@each
+@elementwise
 def hertz_stiffness(
     load: float, width: float, roller_radius: float, partner_radius: float, compliance: float, exponent: float = 1.0
 ) -> float:

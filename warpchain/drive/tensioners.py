@@ -19,7 +19,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from warpchain.drive.batch_math import hypot, power, radians, some
 from warpchain.drive.motion_table import SupplyTable
 from warpchain.drive.schema import (
     BARE,
@@ -37,6 +36,7 @@ from warpchain.drive.schema import (
     get,
     numbers,
 )
+from warpchain.drive.stack_math import hypot, is_true_somewhere, power, radians
 from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, by_two_points
 
 Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
@@ -371,7 +371,7 @@ class Tensioner(Part):
     @property
     def drained(self) -> bool:
         """Whether its chamber is not full of oil as the run begins."""
-        return self.chamber is not None and bool(some(self.chamber.drained))
+        return self.chamber is not None and bool(is_true_somewhere(self.chamber.drained))
 
     @property
     def unit_direction(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from warpchain.drive.batch_math import cbrt, each, smallest
+from warpchain.drive.stack_math import cbrt, elementwise, minimum
 
 if TYPE_CHECKING:
     import numpy as np
@@ -106,7 +106,7 @@ def iso606_tooth(gap: str, roller_radius: float, teeth: int, pitch: float) -> To
     )
 
 
-@each
+@elementwise
 def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
     """Largest seating angle whose straight flanks let the rollers of a straight strand go [rad].
 
@@ -122,7 +122,7 @@ def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
 
 def default_seat_angle(teeth: int, pitch_radius: float, pitch: float) -> float:
     """Seating angle of a circular profile that gives none [rad]: 140 degrees - 90 degrees / z, or what releases."""
-    return smallest(math.radians(140.0 - 90.0 / teeth), releasing_seat_angle(pitch_radius, pitch) - MARGIN)
+    return minimum(math.radians(140.0 - 90.0 / teeth), releasing_seat_angle(pitch_radius, pitch) - MARGIN)
 
 
 def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from warpchain.drive.batch_math import largest, many, power, smallest, where
 from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.stack_math import has_arrays, maximum, minimum, power, where
 from warpchain.drive.trains import (
     body_speed_ratio,
     driving_body,
@@ -111,7 +111,7 @@ def driver_top_speed(drive: Any) -> Any:
         return one.start
     duration, most = drive.run.duration, sum(r * motor.largest for r, motor in one.motors)
     low = 0.0 * one.inertia + one.start
-    high = low + largest(0.0, one.net_moment(low)) / one.inertia * duration
+    high = low + maximum(0.0, one.net_moment(low)) / one.inertia * duration
     high = where(one.net_moment(high) > 0.0, low + most / one.inertia * duration, high)
     high = _balanced_speed(one, low, high)
     grid = speed_steps(low, high)
@@ -122,7 +122,7 @@ def driver_top_speed(drive: Any) -> Any:
     )
     for _ in range(RUN_UP_ROUNDS):
         high = _speed_within_time(one, low, high, duration)
-    return high if many(high) else float(high)
+    return high if has_arrays(high) else float(high)
 
 
 def _balanced_speed(one: LumpedDrive, low: Any, high: Any) -> Any:
@@ -138,7 +138,7 @@ def _speed_within_time(one: LumpedDrive, low: Any, high: Any, duration: Any) -> 
     """Speed reached from one toward another within a time, motors' ramps counted at half [rad/s]."""
     import numpy as np
 
-    given = largest(0.0, duration - 0.5 * smallest(*(motor.ramp_time for _, motor in one.motors)))
+    given = maximum(0.0, duration - 0.5 * minimum(*(motor.ramp_time for _, motor in one.motors)))
     grid = speed_steps(low, high + 0.0 * given)  # a column for each variant, also where only their times differ
     moment = one.net_moment(0.5 * (grid[1:] + grid[:-1]))
     with np.errstate(divide="ignore", invalid="ignore"):

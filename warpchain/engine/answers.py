@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
-from warpchain.drive.batch_math import power
 from warpchain.drive.mounts import moving_mass, on_springs
+from warpchain.drive.stack_math import power
 from warpchain.drive.trains import is_free_body, train_inertia, train_of_body
 from warpchain.engine.fill_bodies import lever_squares
 from warpchain.engine.packed import Packed

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.crossings import check_planes
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, first_of, stacks_of
 from warpchain.drive.chain_drives import chain_drives, loaded_chain_drives
 from warpchain.drive.geared_chain_drives import shared_bodies
 from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
+from warpchain.drive.stacks import Stack, first_refusal, stacks_of_drives
 from warpchain.drive.trains import inertia_of_body
 from warpchain.drive.transmission import drive_with_bare_shafts, is_geared
 from warpchain.engine.answers import share_answers
@@ -55,7 +55,7 @@ class Rows:
         self.rings: list[ChainDrive] = [ring for of in rings for ring in of]
         self.first = np.append(0, np.cumsum([len(of) for of in rings]))
         self.drives = [ring.drive for ring in self.rings]
-        self.stacks = stacks_of(self.drives)
+        self.stacks = stacks_of_drives(self.drives)
 
     @cached_property
     def owner(self) -> NDArray[np.int64]:
@@ -107,7 +107,7 @@ class Rows:
                 try:
                     check_planes(self.variants[v], [packed.assemblies[r].path for r in range(a, b)])
                 except DriveError as error:
-                    raise first_of([(v, error)], numbers) from None
+                    raise first_refusal([(v, error)], numbers) from None
                 self._couple(packed, v, a, b)
         fill_steps(packed)
 

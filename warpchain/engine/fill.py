@@ -14,7 +14,6 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
-from warpchain.drive.batch_math import along, joined, largest, power
 from warpchain.drive.friction_coefficients import Rubbing, rubbing_of
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
@@ -28,6 +27,7 @@ from warpchain.drive.mounts import (
     wheel_inertia,
     wheel_mass,
 )
+from warpchain.drive.stack_math import array_of_columns, maximum, power, with_last_axis
 from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.trains import body_turning_sign, is_free_body, part_of_body, prescribed_leader, train_inertia
@@ -93,11 +93,11 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     tooth = drive.tooth(s)
     half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
     row["law"]["ahead"] = AHEAD * roller_radius
-    band = largest(drive.engagement(s), tooth.tip_radius + roller_radius + row["law"]["ahead"] - radius)
+    band = maximum(drive.engagement(s), tooth.tip_radius + roller_radius + row["law"]["ahead"] - radius)
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
-    row["near_square"] = power(largest(radius - band, 0.0), 2)
+    row["near_square"] = power(maximum(radius - band, 0.0), 2)
     row["far_square"] = power(radius + band, 2)
     row["half_pitch_tangent"] = np.tan(np.pi / teeth)
     row["clearance"] = tooth.seat_radius - roller_radius
@@ -110,7 +110,7 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
     """(order, amplitude, phase) of the harmonics of body s, orders by its own revolutions."""
-    rows = [joined((h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
+    rows = [array_of_columns((h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
@@ -133,7 +133,7 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, 
     row["inverse_inertia"] = 1.0 / train_inertia(drive, s)
     if turned.load is not None:
         load = motion_from_start_phase(drive, turned, turned.load)
-        row["load"] = joined((load.torque, load.viscous, load.quadratic))
+        row["load"] = array_of_columns((load.torque, load.viscous, load.quadratic))
         row["load_ramp_time"] = load.ramp_time
         fill_table(row["load_table"], drive, s, load.table, tables)
         rows = _harmonic_rows(drive, s, load.harmonics)
@@ -155,7 +155,7 @@ def fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: Tabl
 def fill_bar(row: Any, drive: Drive, g: int) -> None:
     """Fills the face of a straight bar on the ground."""
     bar = drive.guides[g].bar
-    start, end = joined(bar.start), joined(bar.end)
+    start, end = array_of_columns(bar.start), array_of_columns(bar.end)
     chord = end - start
     length = np.hypot(chord[..., 0], chord[..., 1])
     row["body"] = GROUND
@@ -252,7 +252,10 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     margin = margin + max((arm.pivot_table.farthest for arm in drive.arms if arm.pivot_table is not None), default=0.0)
     places = [sprocket.center for sprocket in drive.sprockets] + [arm.pivot for arm in drive.arms]
     reach += arms
-    corners = [(joined(p) - along(r), joined(p) + along(r)) for p, r in zip(places, reach, strict=True)]
+    corners = [
+        (array_of_columns(p) - with_last_axis(r), array_of_columns(p) + with_last_axis(r))
+        for p, r in zip(places, reach, strict=True)
+    ]
     row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
     row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin
     widen_box(row, np.ascontiguousarray(np.swapaxes(assembly.position, -1, -2)), margin)
@@ -273,7 +276,7 @@ def fill_hub(row: Any, drive: Drive, s: int) -> None:
     sprocket, arm = drive.sprockets[s], drive.carrier(s)
     row["arm"] = GROUND if arm is None else drive.first_arm_body + arm
     if arm is not None:
-        row["lever"] = joined(sprocket.center) - joined(drive.arms[arm].pivot)
+        row["lever"] = array_of_columns(sprocket.center) - array_of_columns(drive.arms[arm].pivot)
     if sprocket.bearing is not None:
         row["bearing"] = sprocket.bearing.friction * sprocket.bearing.radius
         mobility = 1.0 / train_inertia(drive, s)
@@ -296,19 +299,19 @@ def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
     sprocket, gravity = drive.sprockets[s], drive.run.gravity
     plungers = drive.plunger_mass_on(s)
     if isinstance(sprocket.mount, ArmMount):
-        row["moves"], row["home"] = CARRIED, joined(sprocket.center)
+        row["moves"], row["home"] = CARRIED, array_of_columns(sprocket.center)
     if not active(sprocket):
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
-    row["home"] = joined(sprocket.center)
+    row["home"] = array_of_columns(sprocket.center)
     row["mass"] = mass
-    row["gravity"] = joined(gravity)
+    row["gravity"] = array_of_columns(gravity)
     row["inertia"] = train_inertia(drive, s) if is_free_body(drive, s) else wheel_inertia(sprocket)
     if sprocket.balance_wheel is not None:
         phase = sprocket.balance_wheel.phase
         arm = wheel_mass(sprocket) * sprocket.balance_wheel.radius
-        row["wheel"] = along(arm) * joined((np.cos(phase), np.sin(phase)))
+        row["wheel"] = with_last_axis(arm) * array_of_columns((np.cos(phase), np.sin(phase)))
     if isinstance(mount, PrescribedMount):
         row["moves"] = PRESCRIBED
         fill_places(row, mount.table, tables)
@@ -317,21 +320,24 @@ def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
         row["frequency"] = 2.0 * math.pi * mount.frequency
     elif isinstance(mount, ElasticMount):
         row["moves"] = FREE
-        row["inverse_mass"] = np.eye(2) / along(along(mass))
+        row["inverse_mass"] = np.eye(2) / with_last_axis(with_last_axis(mass))
         row["stiffness"], row["damping"] = _diagonal(mount.stiffness), _diagonal(mount.damping)
-        row["preload"] = joined(mount.preload)
+        row["preload"] = array_of_columns(mount.preload)
     elif isinstance(mount, SliderMount):
         way = unit(mount.direction)
         line = way[..., :, None] * way[..., None, :]
         row["moves"] = FREE
-        row["inverse_mass"] = line / along(along(mass))
-        row["stiffness"], row["damping"] = along(along(mount.stiffness)) * line, along(along(mount.damping)) * line
-        row["preload"] = along(mount.preload) * way
+        row["inverse_mass"] = line / with_last_axis(with_last_axis(mass))
+        row["stiffness"], row["damping"] = (
+            with_last_axis(with_last_axis(mount.stiffness)) * line,
+            with_last_axis(with_last_axis(mount.damping)) * line,
+        )
+        row["preload"] = with_last_axis(mount.preload) * way
 
 
 def _diagonal(values: tuple[float, float]) -> NDArray[np.float64]:
     """Matrices (..., 2, 2) with these values along x and y."""
-    return joined(values)[..., None] * np.eye(2)
+    return array_of_columns(values)[..., None] * np.eye(2)
 
 
 def fill_chain(row: Any, drive: Drive) -> None:
@@ -341,7 +347,7 @@ def fill_chain(row: Any, drive: Drive) -> None:
     row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping
     row["play"] = chain.link_play
     row["mass"], row["inverse_mass"] = chain.mass, 1.0 / chain.mass
-    row["gravity"] = joined(drive.run.gravity)
+    row["gravity"] = array_of_columns(drive.run.gravity)
     if chain.joint is not None and chain.rubs:
         pin_radius = chain.pin_radius
         assert pin_radius is not None  # the chain's own rule

@@ -13,11 +13,20 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.guided import turned_about
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.batch_math import along, each, joined, largest, power, radians, sqrt, where
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.mounts import start_velocity
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
+from warpchain.drive.stack_math import (
+    array_of_columns,
+    elementwise,
+    maximum,
+    power,
+    radians,
+    sqrt,
+    where,
+    with_last_axis,
+)
 from warpchain.drive.start_phase import motion_from_start_phase, start_phase_angle
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
 from warpchain.drive.trains import (
@@ -113,7 +122,7 @@ def lever_squares(drive: Drive, a: int, rollers: Sequence[Any]) -> Any:
 def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
     """Fills the rows of arm a, of `kernels.structs.Arm`, `Motion` and, at rest, of `BodyState`."""
     arm = drive.arms[a]
-    row["pivot"] = body["center"] = joined(arm.pivot)
+    row["pivot"] = body["center"] = array_of_columns(arm.pivot)
     motion["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
     row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
     row["low"], row["high"] = arm.stops_rad
@@ -121,22 +130,22 @@ def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: A
         row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
     row["reach"] = drive.arm_lever(a)
     row["mass_moment"] = _mass_moment(drive, a)
-    row["gravity"] = joined(drive.run.gravity)
+    row["gravity"] = array_of_columns(drive.run.gravity)
     row["mass"] = 0.0 if arm.pivot_table is None else sum(mass for mass, _ in drive.masses_on(a))
     body["angle"], body["velocity"] = assembly.arm_angle[:, a], start_velocity(arm.pivot_table)
     parent = drive.parent(a)
     if parent is not None:
         on = drive.arms[parent]
-        row["on"], row["lever"] = parent + 1, joined(arm.pivot) - joined(on.pivot)
-        body["center"] = joined(turned_about(on.pivot, arm.pivot, assembly.arm_angle[:, parent]))
+        row["on"], row["lever"] = parent + 1, array_of_columns(arm.pivot) - array_of_columns(on.pivot)
+        body["center"] = array_of_columns(turned_about(on.pivot, arm.pivot, assembly.arm_angle[:, parent]))
         body["angle"] += assembly.arm_angle[:, parent]
 
 
 def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
     """Mass of arm a with the sprockets on it times its center's place from the pivot, as drawn [kg m]."""
-    pivot, found = joined(drive.arms[a].pivot), np.zeros(2)
+    pivot, found = array_of_columns(drive.arms[a].pivot), np.zeros(2)
     for mass, place in drive.masses_on(a):
-        found = found + along(mass) * (joined(place) - pivot)
+        found = found + with_last_axis(mass) * (array_of_columns(place) - pivot)
     return found
 
 
@@ -151,7 +160,7 @@ def fill_places(row: Any, table: PlaceTable | None, tables: TableList) -> None:
 def fill_pivot(row: Any, drive: Drive, a: int, tables: TableList) -> None:
     """Fills the `kernels.structs.Mount` of arm a, whose pivot is led."""
     arm = drive.arms[a]
-    row["active"], row["moves"], row["home"] = 1, PRESCRIBED, joined(arm.pivot)
+    row["active"], row["moves"], row["home"] = 1, PRESCRIBED, array_of_columns(arm.pivot)
     fill_places(row, arm.pivot_table, tables)
     row["mass"] = sum(mass for mass, _ in drive.masses_on(a))
     row["inertia"], row["wheel"] = drive.arm_inertia(a), _mass_moment(drive, a)
@@ -171,11 +180,11 @@ def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
     row["body"] = body
     arm = body - drive.first_arm_body
     if arm < 0:
-        row["home"] = joined(drive.sprockets[body].center)
+        row["home"] = array_of_columns(drive.sprockets[body].center)
     else:
-        row["home"] = joined(tensioner.at)
-        row["point"] = joined(tensioner.at) - joined(drive.arms[arm].pivot)
-    row["direction"] = joined(tensioner.unit_direction)
+        row["home"] = array_of_columns(tensioner.at)
+        row["point"] = array_of_columns(tensioner.at) - array_of_columns(drive.arms[arm].pivot)
+    row["direction"] = array_of_columns(tensioner.unit_direction)
     fill_element(row, drive, tensioner)
     table = None if tensioner.oil is None else tensioner.oil.supply_table
     if table is not None:
@@ -187,7 +196,7 @@ def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
 
 def fill_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
     """Fills what a tensioner is by itself: spring, oil, valves, ratchet, and stops as stiff as a link of the chain."""
-    stiffness, mass = drive.chain.stiffness, largest(tensioner.plunger_mass, drive.chain.mass)
+    stiffness, mass = drive.chain.stiffness, maximum(tensioner.plunger_mass, drive.chain.mass)
     row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * sqrt(stiffness * mass)
     row["stiffness"], row["preload"] = tensioner.spring_stiffness, tensioner.spring_preload
     row["damping"] = tensioner.spring_damping
@@ -209,7 +218,7 @@ def _expanded(pressure: Any, oil: Any) -> Any:
         for coefficient in reversed(row):
             of_row = of_row * b + coefficient
         total = total * q + of_row
-    return pressure * (total + each(math.exp)(b - q))
+    return pressure * (total + elementwise(math.exp)(b - q))
 
 
 def oil_energies(oil: Any) -> tuple[Any, Any]:
@@ -238,8 +247,8 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     # without a spring it opens all the way
     check["compliance"] = 1.0 / where(valve.stiffness > 0.0, valve.stiffness, 1e-30)
     angle = valve.seat_angle_rad
-    check["seat_width"] = 2.0 * valve.ball_radius * each(math.tan)(angle)
-    check["seat_growth"] = each(math.sin)(angle) / power(each(math.cos)(angle), 2)
+    check["seat_width"] = 2.0 * valve.ball_radius * elementwise(math.tan)(angle)
+    check["seat_growth"] = elementwise(math.sin)(angle) / power(elementwise(math.cos)(angle), 2)
     check["discharge"] = valve.discharge
     if tensioner.relief is not None:
         relief, at = row["relief"], tensioner.relief

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.assemble_batch import Assemblies
+from warpchain.assembly.stack_assembly import Assemblies
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, picked, stacks_of
+from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.engine.arrays import KINDS, TABLE, Engine, starts
 from warpchain.engine.packed import Packed, coordinates, spread
 from warpchain.kernels.native import STATE_ROWS
@@ -154,7 +154,7 @@ def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | N
     """
     packed = engine.packed
     counts = packed.drives["sprockets"].astype(np.int64)
-    sorted_ = stacks_of(drives) if stacks is None else stacks
+    sorted_ = stacks_of_drives(drives) if stacks is None else stacks
     inner, outer, held = _reach(sorted_, packed.assemblies, (len(drives), int(counts.max())))
     centers, rows = engine.bodies()["center"], engine.rollers()
     found = np.full(held.shape, np.nan)
@@ -210,8 +210,8 @@ def _reach(
     """
     inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
     for stack in stacks:
-        for places, assembly in assemblies.among(stack.members):
-            drive, v = picked(stack.drive, places), stack.members[places]
+        for places, assembly in assemblies.states_by_block(stack.members):
+            drive, v = pick_variants(stack.drive, places), stack.members[places]
             for s in range(len(drive.sprockets)):
                 inner[v, s] = assembly.path.radius[:, s] - 0.5 * drive.chain.pitch
                 outer[v, s] = drive.tip_radius(s) + ON_TOP * drive.chain.roller_radius

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.assembly.assemble_batch import Assemblies, assemble_all
 from warpchain.assembly.bounds import tension_scale
+from warpchain.assembly.stack_assembly import Assemblies, assemble_stacks
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, picked, stacks_of
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.oil import EXPONENT
+from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.engine.answers import fill_answers
 from warpchain.engine.arrays import KINDS, dtype_of, numbered
 from warpchain.engine.fill import (
@@ -83,8 +83,8 @@ def pack(
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the variant.
     """
-    stacks = stacks_of(drives) if stacks is None else stacks
-    assemblies = assemble_all(stacks, numbers)
+    stacks = stacks_of_drives(drives) if stacks is None else stacks
+    assemblies = assemble_stacks(stacks, numbers)
     rows = np.zeros(len(drives), dtype=dtype_of(structs.Drive))
     for part, assembly in _parts(stacks, assemblies):
         row = np.zeros(len(part.members), dtype=rows.dtype)
@@ -141,9 +141,9 @@ class Gathered:
 def _parts(stacks: Sequence[Stack], assemblies: Assemblies) -> Iterator[tuple[Stack, Assembly]]:
     """The stacks, in parts where their states were not found at once, and the states."""
     for stack in stacks:
-        for places, assembly in assemblies.among(stack.members):
+        for places, assembly in assemblies.states_by_block(stack.members):
             whole = len(places) == len(stack.members)
-            yield stack if whole else Stack(stack.members[places], picked(stack.drive, places)), assembly
+            yield stack if whole else Stack(stack.members[places], pick_variants(stack.drive, places)), assembly
 
 
 @contextmanager

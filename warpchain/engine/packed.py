@@ -13,8 +13,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.assembly.assemble_batch import Assemblies
-from warpchain.drive.batch import LARGEST
+from warpchain.assembly.stack_assembly import Assemblies
+from warpchain.drive.stacks import LARGEST_STACK
 from warpchain.engine.arrays import PACKED, TABLE, array_type, dtype_of, lengths, numbered, starts
 from warpchain.errors import SimulationError
 from warpchain.kernels.native import STATE_ROWS
@@ -234,7 +234,7 @@ class Packed(Arrays):
         rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
         for count in np.unique(rollers).tolist():
             variants = np.flatnonzero(rollers == count)
-            for some in np.split(variants, range(LARGEST, len(variants), LARGEST)):
+            for some in np.split(variants, range(LARGEST_STACK, len(variants), LARGEST_STACK)):
                 yield some, first[some], count
 
     def part(self, a: int, b: int) -> Packed:
@@ -249,7 +249,7 @@ class Packed(Arrays):
         for kind, first in starts(self.drives).items():
             begin, count = first[chosen], np.diff(first)[chosen]
             places[kind] = np.repeat(begin - (np.cumsum(count) - count), count) + np.arange(int(count.sum()))
-        return self._of(places, self.drives[chosen], self.assemblies.taken(chosen))
+        return self._of(places, self.drives[chosen], self.assemblies.pick_variants(chosen))
 
     def _of(
         self, places: Mapping[str, slice | NDArray[np.int64]], drives: NDArray[Any], assemblies: Assemblies

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from warpchain.assembly.bounds import escape
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, picked, stacks_of
-from warpchain.drive.batch_math import largest, power, table_of, where
+from warpchain.drive.stack_math import maximum, power, table_of_columns, where
+from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.engine.devices import engine_on
 from warpchain.engine.fill import FORMS, widen_box
 from warpchain.engine.pack import lay_to_rest, springs
@@ -88,10 +88,10 @@ def quickened(packed: Packed, stacks: Sequence[Stack]) -> None:
         drive, count = stack.drive, len(stack.drive.arms)
         if count:
             squares = [body.square for body in moving_bodies(drive, held=True)]
-            other = power(highest_frequency(drive, damped_links=False, held=True), 2) - largest(*squares)
+            other = power(highest_frequency(drive, damped_links=False, held=True), 2) - maximum(*squares)
             lighter = [where(of > 0.0, 0.5 * other / where(of > 0.0, of, 1.0), 1.0) for of in squares[-count:]]
             arms = spread(packed.drives["first_body"][stack.members] + drive.first_arm_body, count)
-            packed.motions["inverse_inertia"][arms] *= np.maximum(table_of(lighter, len(arms)), 1.0)
+            packed.motions["inverse_inertia"][arms] *= np.maximum(table_of_columns(lighter, len(arms)), 1.0)
 
 
 def settle(
@@ -119,7 +119,7 @@ def settle(
     """
     wanted = np.array([drive.run.settle for drive in drives])
     state = np.zeros(packed.variants, dtype=relaxation.Settling.numpy_dtype())
-    stacks = stacks_of(drives) if stacks is None else stacks
+    stacks = stacks_of_drives(drives) if stacks is None else stacks
     for stack in stacks:
         state["step"][stack.members] = SETTLE_STEP * step_limit(stack.drive, held=True)
     state["tolerance"] = SETTLE_TOLERANCE
@@ -165,8 +165,8 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
     for s in range(len(drive.sprockets)):
         if drive.carrier(s) is not None:
             packed.bodies["center"][rows["first_body"] + s] = bodies["center"][rows["first_body"] + s]
-    for places, assembly in packed.assemblies.among(stack.members):
-        margin = escape(picked(drive, places), assembly)[..., None]
+    for places, assembly in packed.assemblies.states_by_block(stack.members):
+        margin = escape(pick_variants(drive, places), assembly)[..., None]
         box = rows[places]
         widen_box(box, here[places].reshape(-1, 2, links), margin)
         for name in ("low", "high"):

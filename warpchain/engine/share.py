@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.assemble_batch import layouts_of
+from warpchain.assembly.stack_assembly import layout_faults_of_drives
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, stack_among, stack_parts
+from warpchain.drive.stacks import Stack, split_stack, stack_of_chosen
 from warpchain.engine.arrays import Engine
 from warpchain.engine.chains import Rows
 from warpchain.engine.devices import engine_on, frame_bytes, launch_steps, loading
@@ -71,8 +71,8 @@ class Members:
 
     def part(self, chosen: NDArray[np.bool_]) -> Members:
         """Those that are chosen, (V,), in stacks that stay in the processor's caches."""
-        kinds = (stack_among(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
-        stacks = [part for stack in kinds for part in stack_parts(stack)]
+        kinds = (stack_of_chosen(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
+        stacks = [part for stack in kinds for part in split_stack(stack)]
         places = np.flatnonzero(chosen).tolist()
         drives, schedules = [self.drives[v] for v in places], [self.schedules[v] for v in places]
         return Members(drives, schedules, stacks, self.numbers[chosen])
@@ -127,7 +127,7 @@ class Share:
         packed = pack(rows.drives, rows.spread(members.schedules), rows.stacks, rows.called(members.numbers))
         rows.couple(packed, members.numbers)
         self.packed = replace(packed, frame=frame)
-        self.row_layouts = layouts_of(rows.drives, self.packed.assemblies, rows.stacks)
+        self.row_layouts = layout_faults_of_drives(rows.drives, self.packed.assemblies, rows.stacks)
         self.layouts = rows.layouts(self.row_layouts)
 
     def recorder(self, recording: Recording, count: int, archive: ArchiveWriter | None = None) -> Recorder:

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from warpchain.argument_checks import Count, FiniteNumber, PositiveNumber, Workers, check_arguments
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, first_of, first_refused, stacks_of
-from warpchain.drive.batch_math import largest
 from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.replicates import WAYS, Copies, Replicates, each_copy
+from warpchain.drive.replicates import REPLICATE_WAYS, CopyCount, Replicates, all_copies
+from warpchain.drive.stack_math import maximum
+from warpchain.drive.stacks import Stack, first_refusal, first_refused_variant, stacks_of_drives
 from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
@@ -71,8 +71,8 @@ def simulate(
     overwrite: bool = False,
     workers: Workers | None = None,
     limits: Limits | None = None,
-    replicates: Copies = 1,
-    replicate_by: str = WAYS[0],
+    replicates: CopyCount = 1,
+    replicate_by: str = REPLICATE_WAYS[0],
     states: States | None = None,
 ) -> Run:
     """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
@@ -118,7 +118,7 @@ def simulate(
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
-    from warpchain.assembly.assemble_batch import layout_line
+    from warpchain.assembly.stack_assembly import layout_faults_line
     from warpchain.engine import start_warp
     from warpchain.engine.packed import real_of
     from warpchain.engine.pipeline import MOST, Shares, begun
@@ -129,11 +129,11 @@ def simulate(
     start_warp()
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     copies = Replicates(replicates, replicate_by)
-    chosen = tuple(each_copy(chosen, copies))
+    chosen = tuple(all_copies(chosen, copies))
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
     recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
-    stacks = stacks_of(chosen, len(chosen))
+    stacks = stacks_of_drives(chosen, len(chosen))
     schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
     types(real_of(precision))  # an unknown precision ends here; made before threads of shares ask for them
@@ -160,7 +160,7 @@ def simulate(
 
         with progress_reporter(progress) as report, interruptible_work() as stop:
             if len(parts) == 1:
-                _warn(LayoutWarning, layout_line(first.layouts))
+                _warn(LayoutWarning, layout_faults_line(first.layouts))
                 outcome = first.run(how, *recorders(first), report, stop)
             else:
                 total = sum(of.steps * of.step for of in schedules)
@@ -168,7 +168,7 @@ def simulate(
                     shares.add(first)
                     for share in rest:
                         shares.add(share)
-                    _warn(LayoutWarning, layout_line(shares.layouts))
+                    _warn(LayoutWarning, layout_faults_line(shares.layouts))
                     outcome = shares.outcome()
         info = replace(info, ended="interrupted" if stop.is_asked else "complete", wall_time=outcome.at - begin)
         metrics = metrics_with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
@@ -222,14 +222,14 @@ def _steps(
     found = np.zeros(len(drives))
     longest = np.zeros(len(drives), dtype=np.int64)
     refused: list[tuple[int, DriveError]] = []
-    for stack in stacks_of(drives) if stacks is None else stacks:
+    for stack in stacks_of_drives(drives) if stacks is None else stacks:
         try:
             found[stack.members] = resolve_step(stack.drive, step)
             longest[stack.members] = longest_apart(stack.drive, found[stack.members])
         except DriveError:
-            refused.append(first_refused(stack, lambda drive: resolve_step(drive, step)))
+            refused.append(first_refused_variant(stack, lambda drive: resolve_step(drive, step)))
     if refused:
-        raise first_of(refused)
+        raise first_refusal(refused)
     return found.tolist(), longest.tolist()
 
 
@@ -259,7 +259,7 @@ def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np
         step: of it, or (V,) of each variant.
     """
     chains = [chain.drive for chain in chain_drives(drive)]
-    moved = np.asarray(largest(*(of.chain_speed * step / of.chain.pitch for of in chains)))
+    moved = np.asarray(maximum(*(of.chain_speed * step / of.chain.pitch for of in chains)))
     return np.where((moved > 0.0) & (OF_A_PITCH * FURTHER * moved <= 1.0), FURTHER, LOOK_EVERY)
 
 

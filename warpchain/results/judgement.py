@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from warpchain.drive.batch import Stack
-from warpchain.drive.batch_math import largest
 from warpchain.drive.schema import Part, Value
+from warpchain.drive.stack_math import maximum
+from warpchain.drive.stacks import Stack
 from warpchain.results.metric_formulas import number_of_each_drive
 from warpchain.results.statuses import DIVERGED, OK, SUSPECT, common_reasons, reason_of_count
 
@@ -216,7 +216,7 @@ def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
 def _longest_ramp_time(drive: Drive) -> Any:
     """Longest ramp of a drive's motions [s], 0 without one."""
     motions = [*(of.prescribed for of in drive.sprockets), *(of.prescribed for of in drive.shafts)]
-    return largest(0.0, *(motion.ramp_time for motion in motions if motion))
+    return maximum(0.0, *(motion.ramp_time for motion in motions if motion))
 
 
 def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.batch import Stack, stacks_of
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
 from warpchain.drive.mounts import moves
 from warpchain.drive.power_rating import size_rating
+from warpchain.drive.stacks import Stack, stacks_of_drives
 from warpchain.drive.trains import is_free_body
 from warpchain.results.metric_formulas import (
     PART_PREFIXES,
@@ -662,7 +662,7 @@ def _columns_key(drive: Drive) -> Hashable:
 def variants_by_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:
     """Numbers of the drives with the same columns, kind by kind, from the drives and their stacks, where known."""
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
-    for stack in stacks_of(drives) if stacks is None else stacks:
+    for stack in stacks_of_drives(drives) if stacks is None else stacks:
         kinds.setdefault(_columns_key(drives[int(stack.members[0])]), []).append(stack.members)
     return [np.sort(np.concatenate(numbers)) for numbers in kinds.values()]
 

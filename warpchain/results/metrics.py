@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.batch import LARGEST, Stack, picked
+from warpchain.drive.stacks import LARGEST_STACK, Stack, pick_variants
 from warpchain.drive.trains import is_free_body
 from warpchain.results.arrow_tables import table_with_units
 from warpchain.results.judgement import Limits, judge_variants
@@ -115,7 +115,7 @@ class VariantEnds:
         for k in np.unique(mine).tolist():
             members, stack = np.flatnonzero(mine == k), self.stacks[k]
             whole = len(members) == len(stack.members)
-            found.append(Stack(members, stack.drive if whole else picked(stack.drive, place[variants[members]])))
+            found.append(Stack(members, stack.drive if whole else pick_variants(stack.drive, place[variants[members]])))
         return found
 
     @cached_property
@@ -392,7 +392,7 @@ def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | Non
 def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
     """Variants of a kind, at most `LARGEST` at a time."""
     for variants in kinds:
-        yield from np.split(variants, range(LARGEST, len(variants), LARGEST))
+        yield from np.split(variants, range(LARGEST_STACK, len(variants), LARGEST_STACK))
 
 
 def table_from_rows(rows: Sequence[Row]) -> pa.Table:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.batch_math import smallest, some
 from warpchain.drive.sprocket import PrescribedMount
+from warpchain.drive.stack_math import is_true_somewhere, minimum
 from warpchain.drive.trains import body_names, body_speed_ratio
 
 if TYPE_CHECKING:
@@ -32,12 +32,14 @@ def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: An
         return order * turns[led] * (1.0 if b < count else body_speed_ratio(drive, b, led))
 
     mounts = (sprocket.mount for sprocket in drive.sprockets)
-    swings = [mount.frequency for mount in mounts if isinstance(mount, PrescribedMount) and some(mount.frequency)]
+    swings = [
+        mount.frequency for mount in mounts if isinstance(mount, PrescribedMount) and is_true_somewhere(mount.frequency)
+    ]
     slow = [
         *(periods_in_window(b, order) for b, order in _ripple_orders(drive)),
         *(swing * seconds for swing in swings),
     ]
-    return smallest(*slow) if slow else 0.0
+    return minimum(*slow) if slow else 0.0
 
 
 def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
@@ -48,7 +50,7 @@ def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
     for b, causes in enumerate(acting):
         for of in causes:
             table = getattr(of, "table", None)
-            ripples = [(h.shaft, h.order) for h in getattr(of, "harmonics", ()) if some(h.amplitude)]
+            ripples = [(h.shaft, h.order) for h in getattr(of, "harmonics", ()) if is_true_somewhere(h.amplitude)]
             if table is not None and table.slowest_order is not None:
                 ripples.append((table.shaft, table.slowest_order))
             for shaft, order in ripples:

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.drive.batch_math import smallest
 from warpchain.drive.friction_coefficients import guide_rubbing, rubbing_of, tooth_rubbing
+from warpchain.drive.stack_math import minimum
 from warpchain.results.metric_formulas import STEP_KEY, DesignInputs, VariantValues, displacement_std, mask_absent
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _tooth_bend_inertia(drive: Drive) -> float:
 
 def _softest_link_stiffness(drive: Drive) -> float:
     """Stiffness of the softest link [N/m]."""
-    return smallest(drive.chain.stiffness, drive.chain.outer_stiffness)
+    return minimum(drive.chain.stiffness, drive.chain.outer_stiffness)
 
 
 def _partner_friction_coefficient(drive: Drive, index: int) -> float:

@@ -16,7 +16,7 @@ from warpchain.assembly.fitting import drawn_paths, fit_positions, fitted_chain,
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, Guide
-from warpchain.drive.replace import Changes, with_numbers
+from warpchain.drive.changed_copies import DriveChanges, drive_with_numbers
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError, WarpchainError
 from warpchain.progress import raise_if_stopped
@@ -41,7 +41,7 @@ AdjustedDrive = tuple[Drive, dict[str, Any]]
 """A drive that fits, and its adjustments by column: number of links, travel [m]."""
 
 
-def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: Changes | None = None) -> Drive:
+def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: DriveChanges | None = None) -> Drive:
     """The drive of a row before adjustments: values set, then parts shifted.
 
     Args:
@@ -56,7 +56,7 @@ def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: Cha
         for factor in study.factors
         for _, path in factor.target_paths()
     }
-    drive = base.with_values(values) if changes is None else changes.drive(values)
+    drive = base.with_values(values) if changes is None else changes.changed_drive(values)
     for factor in study.factors:
         if factor.shift is not None:
             drive = _drive_with_shift(drive, factor, factor.shift, float(row[factor.name]))
@@ -169,7 +169,7 @@ def _drive_with_links(drive: Drive, adjust: Adjust, links: int | None) -> Drive:
     """The drive with a number of links of the adjusted chain; None leaves it."""
     if links is None:
         return drive
-    return with_numbers(drive, {links_place(drive, fitted_chain(drive, adjust.chain, adjust.sprocket)): links})
+    return drive_with_numbers(drive, {links_place(drive, fitted_chain(drive, adjust.chain, adjust.sprocket)): links})
 
 
 def _adjusted_chain(drive: Drive, adjust: Adjust) -> Drive:
@@ -295,7 +295,7 @@ class Variant:
 
 def build_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
     """Makes the drives of variants, adjusted together; a variant without one gets the reason."""
-    changes = Changes(base) if len(variants) > 1 else None
+    changes = DriveChanges(base) if len(variants) > 1 else None
     for number, variant in enumerate(variants):
         if number % 64 == 0:
             raise_if_stopped()

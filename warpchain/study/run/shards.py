@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.drive.replicates import copies_of
+from warpchain.drive.replicates import numbered_copies
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
@@ -113,7 +113,7 @@ def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
         variant.drive, variant.reason, variant.adjusted = first.drive, first.reason, first.adjusted
     feasible = [(variant, variant.drive) for variant in variants if variant.drive is not None]
     numbers = [variant.copy for variant, _ in feasible]
-    copies = copies_of([drive for _, drive in feasible], numbers, study.design.replicate_way)
+    copies = numbered_copies([drive for _, drive in feasible], numbers, study.design.replicate_way)
     for (variant, _), drive in zip(feasible, copies, strict=True):
         variant.drive = drive
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field
 
 from warpchain.drive.quantities import converted, fitting, quantity, unit
-from warpchain.drive.replicates import FORMER_WAYS, MOST_COPIES, WAYS
+from warpchain.drive.replicates import FORMER_WAYS, MOST_COPIES, REPLICATE_WAYS
 from warpchain.drive.run_settings import Step
 from warpchain.drive.schema import (
     BARE,
@@ -52,7 +52,7 @@ WholeNumbers = Annotated[
     BeforeValidator(plain_sequence),
     Value("must be a list of integers of at least 0"),
 ]
-ReplicateBy = Annotated[Literal[*WAYS, *FORMER_WAYS], Value('must be "build", "phase" or "perturbation"')]  # type: ignore[valid-type]
+ReplicateBy = Annotated[Literal[*REPLICATE_WAYS, *FORMER_WAYS], Value('must be "build", "phase" or "perturbation"')]  # type: ignore[valid-type]
 Window = Annotated[
     tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], Annotated[float, Field(gt=0, allow_inf_nan=False)]],
     BeforeValidator(plain_sequence),
@@ -112,7 +112,7 @@ class Design(Part):
     @property
     def replicate_way(self) -> str:
         """Way in which the runs of a row differ: "build", "phase" or "perturbation"."""
-        return self.replicate_by or WAYS[0]
+        return self.replicate_by or REPLICATE_WAYS[0]
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

@@ -1,4 +1,4 @@
-"""The initial states and layouts of many drives: a stack of a kind at once, and what differs in no place once."""
+"""Initial states and layout faults of many drives: of a stack at once, equal layouts once."""
 
 from __future__ import annotations
 
@@ -13,26 +13,34 @@ from warpchain.assembly.assembly import Assembly, assemble_stack
 from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.assembly.path import in_parts
 from warpchain.drive import Drive
-from warpchain.drive.batch import Stack, arrays_of, first_of, first_refused, picked, size_of, stacks_of
+from warpchain.drive.stacks import (
+    Stack,
+    first_refusal,
+    first_refused_variant,
+    pick_variants,
+    stack_arrays,
+    stacks_of_drives,
+    variant_count,
+)
 from warpchain.drive.trains import body_ties, has_trains
 from warpchain.errors import DriveError
 
 Places = NDArray[np.int64]
 
-PULLS = "stiffness", "roller_mass", "mass_per_length"
-"""Values of a chain that pull an arm, or make its stops as stiff as they are; outer links' stiffness does, too."""
-BESIDE = frozenset(("inertia", "load", "bearing"))
-"""Values of a sprocket that its layout does not hang on."""
-WEIGHTS = frozenset(("mass", "balance_wheel"))
-"""Those that only weigh on an arm."""
+PULLING_CHAIN_KEYS = "stiffness", "roller_mass", "mass_per_length"
+"""Keys of a chain that pull an arm or make its stops stiff; outer links' stiffness does, too."""
+LAYOUT_FREE_KEYS = frozenset(("inertia", "load", "bearing"))
+"""Keys of a sprocket that its layout does not depend on."""
+WEIGHT_KEYS = frozenset(("mass", "balance_wheel"))
+"""Keys of a sprocket that only weigh on an arm."""
 
 
 @dataclass(frozen=True)
 class Assemblies(Sequence[Assembly]):
-    """The initial states of V variants.
+    """The initial states of V variants, a sequence of `Assembly`.
 
     Attributes:
-        blocks: of stacks; variants may share a state.
+        blocks: states of stacks; variants may share a state.
         block, row: (V,) the block of each variant, and its row in it.
     """
 
@@ -52,12 +60,12 @@ class Assemblies(Sequence[Assembly]):
             return Assemblies(self.blocks, self.block[v], self.row[v])
         return self.blocks[self.block[v]][int(self.row[v])]
 
-    def taken(self, which: Places) -> Assemblies:
-        """Those of some variants, each as often as it is named."""
+    def pick_variants(self, which: Places) -> Assemblies:
+        """The states of some variants, each as often as it is named."""
         return Assemblies(self.blocks, self.block[which], self.row[which])
 
-    def among(self, members: Places) -> Iterator[tuple[Places, Assembly]]:
-        """Some variants block by block: places (K,) in `members`, and their states (K, ...)."""
+    def states_by_block(self, members: Places) -> Iterator[tuple[Places, Assembly]]:
+        """Yields the states of some variants block by block: places (K,) in `members`, and states (K, ...)."""
         mine = self.block[members]
         for block in np.unique(mine).tolist():
             places, state = np.flatnonzero(mine == block), self.blocks[block]
@@ -66,8 +74,11 @@ class Assemblies(Sequence[Assembly]):
             yield places, state if whole else state.of(rows)
 
 
-def assemble_all(stacks: Sequence[Stack], numbers: Places | None = None) -> Assemblies:
-    """Assembles the drives of stacks; `numbers` is what they are called, None counts them from 0.
+def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> Assemblies:
+    """Assembles the drives of stacks; returns the initial states of all variants.
+
+    Args:
+        numbers: what the variants are called in errors; None counts them from 0.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the first variant.
@@ -78,16 +89,18 @@ def assemble_all(stacks: Sequence[Stack], numbers: Places | None = None) -> Asse
     known: dict[Hashable, int] = {}
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks:
-        drive, which = _layouts(stack.drive, len(stack.members))
-        size = size_of(drive)
-        key = _layout(drive) if size == 1 else None
+        drive, which = _stack_of_layouts(stack.drive, len(stack.members))
+        size = variant_count(drive)
+        key = _layout_key(drive) if size == 1 else None
         if key is not None and key in known:
             block[stack.members] = known[key]
             continue
         try:
             found = in_parts(drive, size, assemble_stack)
         except DriveError:
-            refused.append(first_refused(stack, lambda drive: in_parts(drive, size_of(drive), assemble_stack)))
+            refused.append(
+                first_refused_variant(stack, lambda drive: in_parts(drive, variant_count(drive), assemble_stack))
+            )
             continue
         if key is not None:
             known[key] = len(blocks)
@@ -98,18 +111,18 @@ def assemble_all(stacks: Sequence[Stack], numbers: Places | None = None) -> Asse
             block[stack.members[mine]], row[stack.members[mine]] = len(blocks), own[which][mine]
             blocks.append(assembly)
     if refused:
-        raise first_of(refused, numbers)
+        raise first_refusal(refused, numbers)
     return Assemblies(tuple(blocks), block, row)
 
 
-def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
-    """A stack of the layouts of a stack, each once, and which of them each of its variants has (V,).
+def _stack_of_layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
+    """The layouts of a stack's variants as a stack, each once, and which of them each variant has (V,).
 
-    A layout is all of a drive that its initial state hangs on.
+    A layout is all of a drive that its initial state depends on.
     """
     if count == 1:
         return drive, np.zeros(1, dtype=np.int64)
-    one, own = picked(drive, 0), _layout_key(drive)
+    one, own = pick_variants(drive, 0), _layout_values(drive)
     layout = one.model_copy(
         update={
             "chain": one.chain.model_copy(update=own["chain"]),
@@ -123,37 +136,37 @@ def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
             "run": one.run.model_copy(update=own["run"]),
         }
     )
-    columns = list(arrays_of(layout))
+    columns = list(stack_arrays(layout))
     if not columns:
         return layout, np.zeros(count, dtype=np.int64)
     table = np.stack(columns, axis=1).view(np.int64)
     _, first, which = np.unique(table, axis=0, return_index=True, return_inverse=True)
     if len(first) == count:
         return layout, np.arange(count)
-    return picked(layout, first), which.ravel().astype(np.int64)
+    return pick_variants(layout, first), which.ravel().astype(np.int64)
 
 
-def _layout(drive: Drive) -> Hashable:
-    """The layout of one drive, by value: with arms, what pulls and pushes them counts."""
-    own = _layout_key(drive)
+def _layout_key(drive: Drive) -> Hashable:
+    """The layout of one drive as a hashable key; with arms, what pulls and pushes them counts."""
+    own = _layout_values(drive)
     values = [value for of in (own["chain"], *own["sprockets"], *own["shafts"], own["run"]) for value in of.values()]
     tied = tuple(body_ties(drive)) if has_trains(drive) else ()
     return (*values, tied, drive.driver, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
 
 
-def _layout_key(drive: Drive) -> dict[str, Any]:
-    """The values of a drive's chain, sprockets, shafts and run that its layout depends on, by name."""
+def _layout_values(drive: Drive) -> dict[str, Any]:
+    """Values of a drive's chain, sprockets, shafts and run that its layout depends on, by name."""
 
     def some(part: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
 
     lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius"
     if drive.arms:
-        lengths = (*lengths, *PULLS)
+        lengths = (*lengths, *PULLING_CHAIN_KEYS)
     outer = drive.chain.outer
     if outer is not None:
         outer = outer.model_copy(update={"damping": None} if drive.arms else {"damping": None, "stiffness": None})
-    beside = BESIDE if drive.arms else BESIDE | WEIGHTS
+    beside = LAYOUT_FREE_KEYS if drive.arms else LAYOUT_FREE_KEYS | WEIGHT_KEYS
     return {
         "chain": some(drive.chain, *lengths) | {"outer": outer},
         "sprockets": [
@@ -164,22 +177,22 @@ def _layout_key(drive: Drive) -> dict[str, Any]:
     }
 
 
-def layouts_of(
+def layout_faults_of_drives(
     drives: Sequence[Drive], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
 ) -> list[tuple[str, ...]]:
-    """Find the faults of each drive's layout; drives that share their state and guide-bars are checked once.
+    """Faults of each drive's layout, a line each; drives with one state and one set of guides are checked once.
 
     Args:
         drives: the drives.
         assemblies: their initial states.
-        stacks: the drives sorted into kinds, where they are.
+        stacks: the drives sorted into stacks, where they are.
     """
     found: list[tuple[str, ...]] = [()] * len(drives)
     known: dict[tuple[int, ...], tuple[str, ...]] = {}
-    for stack in stacks_of(drives) if stacks is None else stacks:
-        for places, assembly in assemblies.among(stack.members):
+    for stack in stacks_of_drives(drives) if stacks is None else stacks:
+        for places, assembly in assemblies.states_by_block(stack.members):
             members = stack.members[places]
-            for v in members[suspects(picked(stack.drive, places), assembly.path)].tolist():
+            for v in members[suspects(pick_variants(stack.drive, places), assembly.path)].tolist():
                 key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, drives[v].guides))
                 if key not in known:
                     known[key] = findings(drives[v], assemblies[v].path)
@@ -187,8 +200,8 @@ def layouts_of(
     return found
 
 
-def layout_line(layouts: Sequence[Sequence[str]]) -> str | None:
-    """The layouts' faults in one line, None where there are none."""
+def layout_faults_line(layouts: Sequence[Sequence[str]]) -> str | None:
+    """The faults of variants' layouts in one line; None where there are none."""
     wrong = [v for v, found in enumerate(layouts) if found]
     if not wrong:
         return None

@@ -1,8 +1,7 @@
-"""Many changed copies of a drive that differ in the same numbers: checked where something has changed.
+"""Many changed copies of a drive that differ in the same numbers, checked only where something has changed.
 
-`Drive.with_values` takes a drive apart, and checks the whole of what it becomes. Where the same numbers are set again
-and again, only these can be wrong, and the rules of the parts that hold them: those are checked here, and what is wrong
-is left to `with_values`, which says it.
+Where the same numbers are set again and again, only these can be wrong, and the rules of the parts that hold them. What
+is wrong is left to `Drive.with_values`, which says it.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from warpchain.drive.schema import Part
 if TYPE_CHECKING:
     from warpchain.drive.drive import Drive
 
-Way = tuple[str | int, ...]
-"""Keys of parts and places in lists."""
+PartPlace = tuple[str | int, ...]
+"""Keys of parts and places in lists that lead to a value of a drive."""
 
 
-class Changes:
+class DriveChanges:
     """Changed copies of a drive.
 
     Args:
@@ -32,10 +31,10 @@ class Changes:
 
     def __init__(self, base: Drive) -> None:
         self.base = base
-        self.forms: dict[tuple[str, ...], _Form | None] = {}
+        self.forms: dict[tuple[str, ...], _DriveForm | None] = {}
 
-    def drive(self, values: Mapping[str, Any]) -> Drive:
-        """The same as `base.with_values(values)`, without the warnings of copies after the first.
+    def changed_drive(self, values: Mapping[str, Any]) -> Drive:
+        """A copy of the drive with other values by key path, as `Drive.with_values`; only the first one warns.
 
         Raises:
             DriveError: as `Drive.with_values`.
@@ -43,26 +42,26 @@ class Changes:
         paths = tuple(values)
         if paths not in self.forms:
             found = self.base.with_values(values)
-            self.forms[paths] = _form(found, paths)
+            self.forms[paths] = _form_of_paths(found, paths)
             return found
         form = self.forms[paths]
         copied = None if form is None else form.copy([native(value) for value in values.values()])
         return self.base.with_values(values) if copied is None else copied
 
 
-def with_numbers(drive: Drive, numbers: Mapping[Way, float]) -> Drive:
-    """A copy of a drive with other numbers, checked where they stand, without the warnings of `Drive.with_values`.
+def drive_with_numbers(drive: Drive, numbers: Mapping[PartPlace, float]) -> Drive:
+    """A copy of a drive with other numbers, checked where they stand; it does not warn.
 
     Raises:
         DriveError: as `Drive.with_values`.
     """
-    copied = _Form(drive, list(numbers)).copy(list(numbers.values()))
+    copied = _DriveForm(drive, list(numbers)).copy(list(numbers.values()))
     if copied is None:
         return drive.with_values({".".join(map(str, way)): value for way, value in numbers.items()})
     return copied
 
 
-class _Form:
+class _DriveForm:
     """A drive with numbers set at some places, and what it takes to set them again.
 
     Args:
@@ -70,26 +69,26 @@ class _Form:
         ways: where they are.
     """
 
-    def __init__(self, drive: Drive, ways: Sequence[Way]) -> None:
+    def __init__(self, drive: Drive, ways: Sequence[PartPlace]) -> None:
         tree: dict[str | int, Any] = {}
         for place, way in enumerate(ways):
             branch = tree
             for key in way[:-1]:
                 branch = branch.setdefault(key, {})
             branch[way[-1]] = place
-        self.change = _Change(drive.as_read, tree)
+        self.change = _PartChange(drive.as_read, tree)
 
     def copy(self, values: Sequence[Any]) -> Drive | None:
         """The drive with other numbers; None where something is wrong with them."""
         try:
             drive: Drive = self.change.copy(values)
             drive.grow()
-        except (ValidationError, _Wrong):
+        except (ValidationError, _BrokenRule):
             return None
         return drive
 
 
-class _Change:
+class _PartChange:
     """Copies a part with other numbers: field by field, then held against the rules that these can break.
 
     Args:
@@ -101,27 +100,27 @@ class _Change:
         kind = type(part)
         self.part, self.rules = part, kind._number_rules(tree)
         self.numbers: list[tuple[str, Any, Any, TypeAdapter[Any]]] = []
-        self.parts: list[tuple[str, _Change]] = []
-        self.lists: list[tuple[str, Sequence[Any], list[tuple[int, _Change]]]] = []
+        self.parts: list[tuple[str, _PartChange]] = []
+        self.lists: list[tuple[str, Sequence[Any], list[tuple[int, _PartChange]]]] = []
         for key, inner in tree.items():
             own = part.__dict__[key]
             if isinstance(own, Part):
-                self.parts.append((key, _Change(own, inner)))
+                self.parts.append((key, _PartChange(own, inner)))
             elif isinstance(inner, dict) and isinstance(own[min(inner)], Part):
-                self.lists.append((key, own, [(i, _Change(own[i], within)) for i, within in inner.items()]))
+                self.lists.append((key, own, [(i, _PartChange(own[i], within)) for i, within in inner.items()]))
             else:
-                self.numbers.append((key, own, inner, _checker(kind, key)))
+                self.numbers.append((key, own, inner, _field_validator(kind, key)))
 
     def copy(self, values: Sequence[Any]) -> Any:
         """The part with other numbers.
 
         Raises:
             ValidationError: one that is not allowed by itself.
-            _Wrong: they break a rule.
+            _BrokenRule: they break a rule.
         """
         changed: dict[str, Any] = {}
         for key, own, inner, checker in self.numbers:
-            changed[key] = checker.validate_python(_put(own, inner, values))
+            changed[key] = checker.validate_python(_value_with_numbers(own, inner, values))
         for key, change in self.parts:
             changed[key] = change.copy(values)
         for key, own, changes in self.lists:
@@ -132,47 +131,48 @@ class _Change:
         copied = self.part.model_copy(update=changed)
         for rule in self.rules:
             for _ in rule(copied):
-                raise _Wrong
+                raise _BrokenRule
         return copied
 
 
-class _Wrong(Exception):
-    """Signals a rule that is broken."""
+class _BrokenRule(Exception):
+    """Signals that changed numbers break a rule of a part."""
 
 
-def _put(own: Any, inner: Any, values: Sequence[Any]) -> Any:
-    """A number, or a tuple of some or of such tuples, with other values."""
+def _value_with_numbers(own: Any, inner: Any, values: Sequence[Any]) -> Any:
+    """A number, or nested tuples of numbers, with other values where `inner` says which."""
     if not isinstance(inner, dict):
         return values[inner]
-    return tuple(_put(part, inner[i], values) if i in inner else part for i, part in enumerate(own))
+    return tuple(_value_with_numbers(part, inner[i], values) if i in inner else part for i, part in enumerate(own))
 
 
 @cache
-def _checker(kind: type[Part], key: str) -> TypeAdapter[Any]:
-    """The check of a part's field by itself."""
+def _field_validator(kind: type[Part], key: str) -> TypeAdapter[Any]:
+    """The validator of a part's field by itself."""
     field = kind.model_fields[key]
     plain: Any = field.annotation
     return TypeAdapter(Annotated[plain, *field.metadata] if field.metadata else plain)
 
 
-def _form(drive: Drive, paths: Sequence[str]) -> _Form | None:
+def _form_of_paths(drive: Drive, paths: Sequence[str]) -> _DriveForm | None:
     """The form of a drive with numbers at some paths; None where other values are there, or one path leads twice."""
-    ways = [tuple(_way(drive, path.split("."))) for path in paths]
-    ends = [_follow(drive.as_read, way) for way in ways]
+    ways = [tuple(_place_of_path(drive, path.split("."))) for path in paths]
+    ends = [_value_at_place(drive.as_read, way) for way in ways]
     if len(set(ways)) < len(ways) or not all(type(end) in (int, float) for end in ends):
         return None
-    return _Form(drive, ways)
+    return _DriveForm(drive, ways)
 
 
-def _way(node: Any, keys: Sequence[str]) -> Iterator[str | int]:
-    """A path with places in lists for names."""
+def _place_of_path(node: Any, keys: Sequence[str]) -> Iterator[str | int]:
+    """Yields the keys of a path, with places in lists for names."""
     for depth, key in enumerate(keys):
         step = index_of(node, key, depth) if isinstance(node, tuple) else key
         yield step
         node = node[step] if isinstance(step, int) else node.__dict__.get(step) if isinstance(node, Part) else None
 
 
-def _follow(node: Any, way: Way) -> Any:
+def _value_at_place(node: Any, way: PartPlace) -> Any:
+    """The value of a part at keys and places in lists; None where there is none."""
     for step in way:
         node = node[step] if isinstance(step, int) else node.__dict__.get(step) if isinstance(node, Part) else None
     return node

@@ -1,0 +1,231 @@
+"""Functions of numbers, or of arrays of them over the variants of a stack (`warpchain.drive.stacks`).
+
+A variant's value has the same bits alone as among others: where numpy's function could round otherwise than Python's,
+arrays are worked through number by number, or numbers go through numpy's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial, reduce, wraps
+from operator import add
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+_PAIRWISE_COUNT = 8
+_NUMBER_TYPES = frozenset((float, int, bool))
+
+
+class UnlikeVariants(Exception):
+    """Raised where variants of a stack go unlike ways in a calculation, each of which is then worked out by itself.
+
+    Attributes:
+        way: (V,) what is the same for those that go the same way.
+    """
+
+    def __init__(self, way: NDArray[Any]) -> None:
+        super().__init__()
+        self.way = way
+
+    def at_places(self, places: Any, count: int) -> UnlikeVariants:
+        """The exception for a stack of `count` variants, of which these are the ones at `places`."""
+        import numpy as np
+
+        way = np.full(count, self.way[0])
+        way[places] = self.way
+        return UnlikeVariants(way)
+
+
+def shared_value(value: Any) -> Any:
+    """The value that all variants of a stack share, which decides the way of a calculation.
+
+    Raises:
+        UnlikeVariants: where they do not share it.
+    """
+    if not has_arrays(value):
+        return value
+    if (value != value[0]).any():
+        raise UnlikeVariants(value)
+    return value[0].item()
+
+
+def has_arrays(*values: Any) -> bool:
+    """Whether any of some values is an array (...) of numbers."""
+    for value in values:  # noqa: SIM110  a loop takes half the time of any()
+        if type(value) not in _NUMBER_TYPES and getattr(value, "ndim", None):
+            return True
+    return False
+
+
+def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
+    """A function of numbers as a function of numbers or arrays (...), applied to each element."""
+
+    @wraps(function)
+    def over(*values: Any, **named: Any) -> Any:
+        if not has_arrays(*values):
+            return function(*values, **named)
+        import numpy as np
+
+        alike = len({getattr(value, "shape", None) for value in values}) == 1
+        columns = values if alike else np.broadcast_arrays(*values)
+        numbers = (column.ravel().tolist() for column in columns)
+        found = map(partial(function, **named) if named else function, *numbers)
+        return np.fromiter(found, float, columns[0].size).reshape(columns[0].shape)
+
+    return over
+
+
+power = elementwise(pow)
+hypot = elementwise(math.hypot)
+cbrt = elementwise(math.cbrt)
+radians = elementwise(math.radians)
+arcsin = elementwise(math.asin)
+
+
+def _numpy_function(name: str) -> Callable[..., Any]:
+    """A function of numpy's for numbers and arrays alike, since Python's own may round otherwise."""
+
+    def over(*values: Any) -> Any:
+        import numpy as np
+
+        found = getattr(np, name)(*values)
+        return found if has_arrays(found) else float(found)
+
+    return over
+
+
+sin = _numpy_function("sin")
+cos = _numpy_function("cos")
+arctan2 = _numpy_function("arctan2")
+quick_arcsin = _numpy_function("arcsin")
+rint = _numpy_function("rint")
+
+
+def _python_or_numpy_function(function: Callable[..., float], name: str) -> Callable[..., Any]:
+    """A function of Python's for numbers, numpy's of that name for arrays."""
+
+    def over(*values: Any) -> Any:
+        if not has_arrays(*values):
+            return function(*values)
+        import numpy as np
+
+        return getattr(np, name)(*values)
+
+    return over
+
+
+sqrt = _python_or_numpy_function(math.sqrt, "sqrt")  # these numpy rounds as Python does
+copysign = _python_or_numpy_function(math.copysign, "copysign")
+quick_sin = _python_or_numpy_function(math.sin, "sin")
+quick_cos = _python_or_numpy_function(math.cos, "cos")
+
+
+def quick_hypot(x: Any, y: Any) -> Any:
+    """sqrt(x^2 + y^2) of numbers or arrays of ordinary size."""
+    return sqrt(x * x + y * y)
+
+
+def floor(value: Any) -> Any:
+    """The whole number below a number, or those below an array's."""
+    if not has_arrays(value):
+        return math.floor(value)
+    import numpy as np
+
+    return np.floor(value).astype(np.int64)
+
+
+def ceil(value: Any) -> Any:
+    """The whole number above a number, or those above an array's."""
+    return -floor(-value)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """One value where a condition holds, else the other; element by element of an array."""
+    if not has_arrays(condition):
+        return yes if condition else no
+    import numpy as np
+
+    return np.where(condition, yes, no)
+
+
+def numpy_sum(values: Sequence[Any]) -> Any:
+    """The sum of values in numpy's order: from the first to the last, eight or more in pairs."""
+    return reduce(add, values) if len(values) < _PAIRWISE_COUNT else array_of_columns(values).sum(axis=-1)
+
+
+def ordered_sum(values: Iterable[Any]) -> Any:
+    """The sum of values from the first to the last; 0 of none."""
+    return reduce(add, values, 0.0)
+
+
+def maximum(*values: Any) -> Any:
+    """The largest of numbers, or of arrays at each place."""
+    if not has_arrays(*values):
+        return max(values)
+    import numpy as np
+
+    return reduce(np.maximum, values)
+
+
+def minimum(*values: Any) -> Any:
+    """The smallest of numbers, or of arrays at each place."""
+    if not has_arrays(*values):
+        return min(values)
+    import numpy as np
+
+    return reduce(np.minimum, values)
+
+
+def index_of_maximum(values: Sequence[Any]) -> Any:
+    """Index of the largest of some values, the first of equal ones; of arrays at each place."""
+    if not has_arrays(*values):
+        return max(range(len(values)), key=values.__getitem__)
+    return array_of_columns(values).argmax(axis=-1)
+
+
+def is_true_somewhere(condition: Any) -> bool:
+    """Whether a condition, or any element of an array of conditions, holds."""
+    return bool(condition.any() if has_arrays(condition) else condition)
+
+
+def is_true_everywhere(condition: Any) -> bool:
+    """Whether a condition, or every element of an array of conditions, holds."""
+    return bool(condition.all() if has_arrays(condition) else condition)
+
+
+def array_of_columns(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Numbers or arrays (...) as one array with a last axis more, (..., len(values))."""
+    import numpy as np
+
+    if not has_arrays(*values):
+        return np.array(values, dtype=float)
+    return np.stack(np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in values)), axis=-1)
+
+
+def columns_of_table(table: NDArray[Any]) -> list[Any]:
+    """The columns of a table (V, K), each an array (V,); of a single row, its numbers."""
+    return table[0].tolist() if len(table) == 1 else list(table.T.copy())
+
+
+def table_of_columns(values: Sequence[Any], rows: int) -> NDArray[Any]:
+    """The table (rows, K) of K numbers or arrays (rows,)."""
+    import numpy as np
+
+    if rows == 1 and not has_arrays(*values):
+        return np.array([values])
+    return np.stack([np.broadcast_to(value, rows) for value in values], axis=1)
+
+
+def pick_places(value: Any, places: Any) -> Any:
+    """The numbers at some places of an array (V,); a plain number stays."""
+    return value[places] if has_arrays(value) else value
+
+
+def with_last_axis(value: Any) -> Any:
+    """An array (...) with a last axis of 1, so that it multiplies rows; a plain number stays."""
+    return value[..., None] if has_arrays(value) else value

@@ -1,0 +1,304 @@
+"""Stacks: drives alike as one drive whose numbers are arrays over its variants.
+
+Drives are alike where they have the same parts, names and whole numbers, the same values given, and zeros at the same
+places. A stack of them is a drive like any other but that numbers in which they differ are arrays (V,); what all share
+is a plain number. What functions of `warpchain.drive.stack_math` calculate from a drive then holds for all variants at
+once, a drive alone being a stack of one.
+
+Guides that are no straight bars on the ground are the same in all drives of a stack, and so are the numbers of their
+faces and the pivots of arms. As many links are worn in all; which ones and by how much differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from operator import itemgetter
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.arms import Arm
+from warpchain.drive.chain import Chain, NamedChain, WornLink
+from warpchain.drive.drive import Drive
+from warpchain.drive.motion_table import TABLES
+from warpchain.drive.schema import Part
+from warpchain.drive.shafts import Ratios
+from warpchain.drive.stack_math import has_arrays
+from warpchain.drive.valves import LiftProfile, LiftTable, Valves
+from warpchain.errors import DriveError
+
+StackedValue = TypeVar("StackedValue")
+
+_WHOLE_TABLES = (*TABLES, LiftTable)
+_PLAIN_TYPES = frozenset((float, int, str, bool, type(None)))
+
+_FACE_NUMBERS: set[tuple[type, str]] = {(Drive, "guides"), (Arm, "pivot")}
+_FACE_NUMBERS |= {(kind, name) for kind in (Chain, NamedChain) for name in ("pitch", "roller_radius")}
+"""The numbers that guides' faces depend on, by class and key."""
+
+_LIFT_NUMBERS = {(LiftProfile, "rise"), (LiftProfile, "dwell"), (LiftProfile, "fall"), (Valves, "phases")}
+"""The numbers that tables of lifts, and the places of cams, depend on, by class and key."""
+
+_FREE_PARTS = {WornLink}
+"""Parts of numbers that may be 0 in some variants of a stack only, as no calculation branches on them."""
+
+_UNSTACKED_SETTINGS = {"seating", "perturbation", "temperature", "expansion"}
+"""Settings that may differ within a stack, as their effect is in other numbers already."""
+
+LARGEST_STACK = 4096
+"""Most variants of a stack, so that what is worked on stays in the processor's caches."""
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Drives that are alike, as one.
+
+    Attributes:
+        members: (V,) their numbers among all drives, ascending.
+        drive: all of them as one; of a single one, the drive itself.
+    """
+
+    members: NDArray[np.int64]
+    drive: Drive
+
+
+def stacks_of_drives(drives: Sequence[Drive], largest: int = LARGEST_STACK) -> list[Stack]:
+    """Drives sorted into stacks of at most `largest`, in the order of their first members."""
+    bent = np.array(_bent_drives(drives), dtype=bool)
+    several = np.array([bool(drive.chains) for drive in drives])
+    ways = ((faces, chains) for faces in (False, True) for chains in (False, True))
+    groups = [(np.flatnonzero((bent == faces) & (several == chains)), faces) for faces, chains in ways]
+    kinds = [stack for members, faces in groups if len(members) for stack in _stacks_by_kind(drives, members, faces)]
+    found = (part for stack in kinds for part in split_stack(stack, largest))
+    return sorted(found, key=lambda stack: int(stack.members[0]))
+
+
+def split_stack(stack: Stack, largest: int = LARGEST_STACK) -> Iterator[Stack]:
+    """Yields a stack as stacks of at most `largest` variants, one after the other."""
+    count = len(stack.members)
+    for part in (slice(begin, begin + largest) for begin in range(0, count, largest)):
+        yield stack if count <= largest else Stack(stack.members[part], pick_variants(stack.drive, part))
+
+
+def stack_of_chosen(stack: Stack, chosen: NDArray[np.bool_]) -> Stack:
+    """The chosen variants of a stack as a stack, numbered among those chosen (V,) of all drives."""
+    places = np.flatnonzero(chosen[stack.members])
+    numbers = np.cumsum(chosen) - 1
+    whole = len(places) == len(stack.members)
+    drive = stack.drive if whole or not len(places) else pick_variants(stack.drive, places)
+    return Stack(numbers[stack.members[places]], drive)
+
+
+def _stacks_by_kind(drives: Sequence[Drive], members: NDArray[np.int64], faces: bool) -> Iterator[Stack]:
+    """Yields stacks of some drives, one for each kind; first tried as one kind."""
+    columns = _ColumnStacker(faces)
+    drive = columns.stack_column([drives[v] for v in members.tolist()])
+    if not columns.kinds and has_arrays(drive.run.phase) and _has_phased_tables(drive):
+        columns.kinds.append([drives[v].run.phase for v in members.tolist()])
+    if not columns.kinds:
+        yield Stack(members, drive)
+        return
+    kinds: dict[Hashable, list[int]] = {}
+    for v, key in zip(members.tolist(), zip(*columns.kinds, strict=True), strict=True):
+        kinds.setdefault(key, []).append(v)
+    for alike in kinds.values():
+        yield from _stacks_by_kind(drives, np.array(alike, dtype=np.int64), faces)
+
+
+def _has_phased_tables(drive: Drive) -> bool:
+    """Whether a drive has tables that its phase moves on."""
+    kinds = ("prescribed", "load", "motor")
+    motions = (getattr(part, kind, None) for part in (*drive.sprockets, *drive.shafts) for kind in kinds)
+    return any(motion is not None and motion.table is not None for motion in motions)
+
+
+def _bent_drives(drives: Sequence[Drive]) -> list[bool]:
+    """Whether each drive has guides that are no straight bars on the ground, arms, or tensioners."""
+    fields = [drive.__dict__ for drive in drives]
+    faces = {id(guide): guide for of in fields for guide in of["guides"]}
+    bars = {key for key, guide in faces.items() if guide.straight and guide.arm is None}
+    straight = len(bars) == len(faces)
+    return [
+        bool(of["arms"] or of["tensioners"] or not (straight or all(id(guide) in bars for guide in of["guides"])))
+        for of in fields
+    ]
+
+
+class _ColumnStacker:
+    """Stacks parts or values, column by column.
+
+    Args:
+        faces: whether the numbers of guides' faces must be the same within a kind.
+
+    Attributes:
+        kinds: columns of values that differ among kinds; empty where all were of one.
+    """
+
+    def __init__(self, faces: bool) -> None:
+        self.exact, self.faces = False, faces
+        self.kinds: list[Sequence[Hashable]] = []
+
+    def stack_column(self, values: Sequence[Any]) -> Any:
+        """The values as one, numbers as arrays; of several kinds, anything."""
+        first = values[0]
+        if isinstance(first, Part | tuple):
+            if first is values[-1] and len(set(map(id, values))) == 1:
+                return first
+        elif first != 0.0 and values.count(first) == len(values):  # not 0, which has two signs
+            return first
+        types = set(map(type, values))
+        if types == {float}:
+            return self._stack_numbers(values)
+        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, (*_WHOLE_TABLES, Ratios)):
+            known = [_kind_key(value) for value in values]
+            return first if len(set(known)) == 1 else self._note_difference(known)
+        if isinstance(first, tuple):
+            if len(set(map(len, values))) > 1:
+                return self._note_difference([len(value) for value in values])
+            if first and type(first[0]) in _FREE_PARTS:
+                return _stack_free_parts(values)
+            return _tuple_if_changed(first, tuple(map(self.stack_column, zip(*values, strict=True))))
+        changed = self._stack_fields(first, [value.__dict__ for value in values])
+        return first.model_copy(update=changed) if changed else first
+
+    def _stack_fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """The stacked fields of parts that differ from the first part's."""
+        exact, columns, kind = self.exact, {}, type(first)
+        for name in fields[0]:
+            if name not in _UNSTACKED_SETTINGS:
+                self.exact = exact or (self.faces and (kind, name) in _FACE_NUMBERS) or (kind, name) in _LIFT_NUMBERS
+                columns[name] = self.stack_column(list(map(itemgetter(name), fields)))
+        self.exact = exact
+        return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
+
+    def _stack_numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
+        """Numbers as one, or as an array (V,) where they differ."""
+        column = np.array(values)
+        bits = column.view(np.int64)
+        if (bits == bits[0]).all():
+            return values[0]
+        zero = column == 0.0
+        if self.exact or (zero.any() and not zero.all()):
+            self._note_difference(bits.tolist() if self.exact else zero.tolist())
+        return column
+
+    def _note_difference(self, kinds: Sequence[Hashable]) -> None:
+        """Notes a column of values that differ among kinds."""
+        self.kinds.append(kinds)
+
+
+def _stack_free_parts(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
+    """As many free parts of each variant as those of a stack: all their numbers are arrays, or none."""
+    first, fields = values[0], [part.__dict__ for parts in values for part in parts]
+    tables = {}
+    for name in fields[0]:
+        table = np.array(list(map(itemgetter(name), fields))).reshape(len(values), len(first))
+        tables[name] = table.T.copy()
+    if all((bits == bits[:, :1]).all() for bits in (table.view(np.int64) for table in tables.values())):
+        return first
+    return tuple(
+        part.model_copy(update={name: table[i] for name, table in tables.items()}) for i, part in enumerate(first)
+    )
+
+
+def _kind_key(value: Any) -> Hashable:
+    """A hashable key of a value that is no plain number, the same for values of one kind."""
+    if isinstance(value, _WHOLE_TABLES):
+        return id(value)  # long ones are slow to compare
+    if isinstance(value, Ratios):
+        return value
+    return type(value).__name__ if isinstance(value, tuple | Part | float) else (value, "")  # no text is a type's name
+
+
+def stack_of_values(values: Sequence[StackedValue]) -> StackedValue:
+    """Drives or parts that are alike as one, numbers that differ as arrays (V,)."""
+    found: StackedValue = _ColumnStacker(faces=False).stack_column(values)
+    return found
+
+
+def pick_variants(value: StackedValue, places: Any) -> StackedValue:
+    """Some variants of a stack, or of a part of one, as a stack; a single one is a drive of plain numbers.
+
+    Args:
+        places: an index of arrays (V,).
+    """
+    if isinstance(value, np.ndarray):
+        found = value[places]
+        return found if found.size > 1 else found.item()
+    if isinstance(value, tuple):
+        return _tuple_if_changed(value, tuple(pick_variants(inner, places) for inner in value))  # type: ignore[return-value]
+    if is_dataclass(value) and not isinstance(value, type):
+        found = {field.name: pick_variants(getattr(value, field.name), places) for field in fields(value)}
+        return replace(value, **found)
+    if not isinstance(value, Part) or isinstance(value, _WHOLE_TABLES):
+        return value
+    new = {name: pick_variants(inner, places) for name, inner in value.__dict__.items()}
+    changed = {name: inner for name, inner in new.items() if inner is not value.__dict__[name]}
+    return value.model_copy(update=changed) if changed else value
+
+
+def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The new tuple, or the old one where all its elements are the same."""
+    return old if all(a is b for a, b in zip(old, new, strict=True)) else new
+
+
+def variant_count(drive: Drive) -> int:
+    """Number of variants of a stack; 1 where they do not differ."""
+    todo: list[Iterable[Any]] = [drive.__dict__.values()]
+    while todo:
+        for value in todo.pop():
+            kind = type(value)
+            if kind in _PLAIN_TYPES or issubclass(kind, _WHOLE_TABLES):
+                continue
+            if kind is np.ndarray:
+                return len(value)
+            todo.append(value if kind is tuple else value.__dict__.values())
+    return 1
+
+
+def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
+    """Yields all arrays of a stack, or of parts of one."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, tuple):
+        for inner in value:
+            yield from stack_arrays(inner)
+    elif isinstance(value, Part) and not isinstance(value, _WHOLE_TABLES):
+        yield from stack_arrays(tuple(value.__dict__.values()))
+
+
+def first_refused_variant(stack: Stack, attempt: Callable[[Drive], object]) -> tuple[int, DriveError]:
+    """The first variant of a stack that is refused, and its error, found by halving.
+
+    Args:
+        stack: of which some are refused.
+        attempt: raises a DriveError for a stack of which any is refused.
+    """
+    begin, end = 0, len(stack.members)
+
+    def refusal(end: int) -> DriveError | None:
+        try:
+            attempt(pick_variants(stack.drive, slice(begin, end)))
+        except DriveError as error:
+            return error
+        return None
+
+    while end - begin > 1:
+        middle = (begin + end) // 2
+        begin, end = (begin, middle) if refusal(middle) is not None else (middle, end)
+    error = refusal(end)
+    assert error is not None  # as one of them is refused
+    return int(stack.members[begin]), error
+
+
+def first_refusal(refused: Sequence[tuple[int, DriveError]], numbers: NDArray[np.int64] | None = None) -> DriveError:
+    """The error to raise of refused variants: that of the first, which it names.
+
+    Args:
+        refused: variants and errors.
+        numbers: what all variants are called; None counts them from 0.
+    """
+    v, error = min(refused, key=lambda pair: pair[0])
+    return DriveError(f"variant {v if numbers is None else int(numbers[v])}: {error}")
