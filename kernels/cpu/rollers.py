@@ -87,9 +87,7 @@ class Rows:
     tension_max: int
     rate_squares: int  # weighted sum of squares of rates of elongation
     strand: int  # that the link is on
-    run_first: (
-        int  # of runs of rollers that can come near a partner in the next steps (`neighbor_list`): the first roller
-    )
+    run_first: int  # of runs of rollers that can come near a partner soon (`neighbor_list`): the first roller
     run_rollers: int  # and how many they are
     runs: int  # of partner i of the drive
     lifetime: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
