@@ -108,7 +108,7 @@ def test_all_that_a_run_needs_is_compiled_at_once(cache, monkeypatch, settles):
     cushion(still)
     asked = []
     monkeypatch.setattr("warpchain.engine.gpu.compile_in_processes", lambda jobs, *_: asked.extend(jobs))
-    compile_lacking([("cuda:0", packed)], "float32", settles, 2, print, StopRequest())
+    compile_lacking("cuda:0", packed, "float32", settles, 2, print, StopRequest())
     steps = GpuKernels(packed.at_precision("float32"), "cuda:0").wanted()
     assert len(steps) == 5
     relax = GpuKernels(still, "cuda:0").wanted("relax") if settles else []

@@ -26,7 +26,7 @@ USED = """
 import json, sys
 import numpy as np
 from warpchain import Record, load_drive, simulate
-from warpchain.results.metric_columns import metric_names, title_of
+from warpchain.results.metric_columns import metric_names, title_of_metric
 
 drive = load_drive(sys.argv[1])
 run = simulate(drive, duration=0.005, step=5e-6, device="cpu", record=Record(rate=2e5))
@@ -34,7 +34,7 @@ inside = run[0].time >= run.metrics["window_start"][0].as_py() - 1e-12
 for s, sprocket in enumerate(drive.sprockets):
     name = f"{sprocket.name}.moment_max"
     assert name in metric_names(drive)
-    assert title_of(name) == f"{sprocket.name}: largest moment of the contact forces"
+    assert title_of_metric(name) == f"{sprocket.name}: largest moment of the contact forces"
     assert run.metrics[name][0].as_py() == run[0].sprocket_moment[inside, s].max()
     assert run.metrics.schema.field(name).metadata == {b"unit": b"N m"}
 print(json.dumps(run.metrics.to_pylist()[0]))

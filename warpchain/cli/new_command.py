@@ -26,6 +26,7 @@ from warpchain.drive.defaults import (
     wrap_senses,
 )
 from warpchain.drive.json_schema import drive_schema, schema_text
+from warpchain.drive.power_rating import rated_power, size_rating
 from warpchain.drive.schema import nearest
 from warpchain.errors import DriveError
 
@@ -126,9 +127,12 @@ def _drive_request(arguments: Namespace) -> DriveRequest:
             raise DriveError("--teeth, --speed, --torque: must be at least 5 teeth, a speed and a moment above 0")
     driver, driven = (0.5 * chain.pitch / math.sin(math.pi / z) for z in (teeth[0], teeth[-1]))
     speed = arguments.speed or two_figures(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
-    return DriveRequest(
-        chain, teeth, centers, speed, arguments.torque or two_figures(chain.breaking_load / SAFETY * driven)
-    )
+    most = chain.breaking_load / SAFETY * driven
+    if size_rating(size) is not None:
+        fewest = min(teeth)
+        rated = rated_power(size, fewest, speed * teeth[0] / fewest).least / (speed * teeth[0] / teeth[-1])
+        most = min(most, 0.95 * rated)
+    return DriveRequest(chain, teeth, centers, speed, arguments.torque or two_figures(most))
 
 
 def _choice_lines(asked: DriveRequest, drive: Drive, moved: float) -> list[str]:

@@ -100,9 +100,8 @@ class Joint(Part):
     @property
     def rubs(self) -> bool:
         """Whether any moment acts in the joints."""
-        return any(
-            value is not None and is_true_somewhere(value > 0.0) for value in (self.friction, self.static_friction)
-        )
+        values = self.friction, self.static_friction
+        return any(value is not None and is_true_somewhere(value > 0.0) for value in values)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
