@@ -462,6 +462,27 @@ def import_command(arguments: argparse.Namespace) -> int:
     return _print_lines(compare_signal(arguments))
 
 
+def cut_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain cut`: writes a piece of an archive as one of its own."""
+    from warpchain.archive.cut import cut_archive
+
+    start, end = arguments.time or (None, None)
+    if start is not None and start > end:
+        raise WarpchainError(f"--time {start:g} {end:g}: must be START END with START at most END")
+    frames = cut_archive(
+        arguments.archive,
+        arguments.output,
+        start,
+        end,
+        arguments.variants,
+        overwrite=arguments.overwrite,
+        compression=arguments.compression,
+    )
+    count = len(frames)
+    print(f"{arguments.output}: {sum(frames.values())} frames of {count} variant{'s' * (count != 1)}")
+    return DONE
+
+
 def recover_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain recover`: restores a damaged archive."""
     from warpchain.archive.recover import recover_archive

@@ -34,6 +34,7 @@ from warpchain.cli.shared_options import (
     page_path_from_word,
     power_from_word,
     service_factor_from_word,
+    time_from_word,
     whole_number_from_word,
 )
 from warpchain.cli.study_commands import add_play_command, add_report_commands, add_study_commands
@@ -499,6 +500,26 @@ def _add_import_command(commands: Any) -> None:
     )
 
 
+def _add_cut_command(commands: Any) -> None:
+    """Adds `warpchain cut` to the command line."""
+    parser = _add_function_command(
+        commands,
+        do.cut_command,
+        "write a piece of an archive as an archive of its own: some variants, between two times",
+        "warpchain cut sweep.mcap -o piece.mcap --time 0.2 0.4 --variants 3 17",
+    )
+    add_shared_options(parser, "archive")
+    parser.add_argument(
+        "-o", "--output", metavar="PIECE.mcap", type=archive_path_from_word, required=True, help="archive to write"
+    )
+    text = "first and last time of frames [s], or as 200ms (default all)"
+    parser.add_argument("--time", type=time_from_word, nargs=2, metavar=("START", "END"), help=text)
+    text = "recorded variants to keep (default all)"
+    parser.add_argument("--variants", type=int, nargs="+", metavar="I", help=text)
+    parser.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
+    add_shared_options(parser, "--overwrite")
+
+
 def _add_recover_command(commands: Any) -> None:
     """Adds `warpchain recover` to the command line."""
     parser = _add_function_command(
@@ -545,6 +566,7 @@ COMMAND_ADDERS = (
     _add_report_command,
     _add_export_command,
     _add_import_command,
+    _add_cut_command,
     _add_recover_command,
     _add_study_command,
     add_optimize_command,

@@ -76,6 +76,11 @@ def length_from_word(word: str) -> float:
     return _quantity_from_word(word, "m", "m, mm or in")
 
 
+def time_from_word(word: str) -> float:
+    """A time [s] from a number, or a quantity such as 200ms."""
+    return _quantity_from_word(word, "s", "s or ms")
+
+
 def service_factor_from_word(word: str) -> float:
     """A factor of service: a number, or LOAD or LOAD,SOURCE of the tables of makers."""
     from warpchain.drive.power_rating import SERVICE_FACTORS

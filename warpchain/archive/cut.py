@@ -1,0 +1,101 @@
+"""A piece of an archive as an archive of its own: some of its variants, between two times."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from warpchain.archive.archive_names import archive_files
+from warpchain.archive.options import ArchiveOptions
+from warpchain.archive.read import Archive, read_archive
+from warpchain.archive.writer import ArchiveWriter
+from warpchain.errors import ArchiveError
+from warpchain.results.run import Trajectory
+
+
+def cut_archive(
+    source: str | Path,
+    output: str | Path,
+    start: float | None = None,
+    end: float | None = None,
+    variants: Sequence[int] | None = None,
+    overwrite: bool = False,
+    compression: str = "zstd",
+) -> dict[int, int]:
+    """Writes a piece of an archive, bit by bit as it was recorded; returns the number of frames of each variant.
+
+    Drives, metrics, attachments and the record of how the run was made come along, of the variants that are kept.
+    Memory is bounded as in a run.
+
+    Args:
+        source: the archive; of a split one its name or any of its files.
+        output: the archive to write; it appears under this name only when whole.
+        start, end: first and last time of frames [s], inclusive; None is that of the recording.
+        variants: the recorded variants to keep; None keeps all, recorded or not.
+        overwrite: replace an archive of that name.
+        compression: of the chunks, "zstd", "lz4" or "none".
+
+    Raises:
+        ArchiveError: an archive that cannot be read or written, or a variant without a frame between these times.
+        SimulationError: a variant that was not recorded.
+    """
+    run = read_archive(source)
+    there = [path for path in archive_files(Path(output)) if os.path.exists(path)]
+    if any(os.path.samefile(path, file) for path in there for file in run.files):
+        raise ArchiveError(f"{output}: is the archive that is cut; name another one")
+    if start is not None and end is not None and start > end:
+        raise ArchiveError(f"start = {start:g}: must be at most end, {end:g}")
+    chosen = list(run) if variants is None else sorted(set(variants))
+    for variant in chosen:
+        run.blocks(variant, start, end, [])  # refuses one that was not recorded
+    if not chosen:
+        raise ArchiveError(f"{source}: has no recorded variant")
+    numbers = list(run.numbers) if variants is None else chosen
+    rows = [run.row_of(number) for number in numbers]
+    options = _cut_options(run, numbers, chosen[0], compression)
+    frames = dict.fromkeys(chosen, 0)
+    drives = [run.drives[row] for row in rows]
+    recorded = [numbers.index(variant) for variant in chosen]
+    with ArchiveWriter(output, drives, recorded, run.info, options, overwrite) as writer:
+        for variant, place in zip(chosen, recorded, strict=True):
+            for part in _whole_precision_blocks(run, variant, start, end):
+                writer.append(place, part)
+                frames[variant] += len(part.time)
+            if not frames[variant]:
+                times = [block.time for block in run.blocks(variant, channels=[])]
+                raise ArchiveError(
+                    f"{source}: variant {variant} has no frame from {_time_text(start, 'its start')} to "
+                    f"{_time_text(end, 'its end')}; it has {times[0][0]:g} to {times[-1][-1]:g} s"
+                )
+        writer.finish(run.metrics.take(rows), run.info)
+    return frames
+
+
+def _time_text(time: float | None, word: str) -> str:
+    """A time for a message."""
+    return word if time is None else f"{time:g} s"
+
+
+def _cut_options(run: Archive, numbers: Sequence[int], variant: int, compression: str) -> ArchiveOptions:
+    """Options with which an archive is written as one was, of variants of these numbers."""
+    content = run.trajectories.chunk_layout(variant).content
+    packed = content.values == "float32" and content.precision == "float64"
+    return ArchiveOptions(
+        compression=compression,  # type: ignore[arg-type]  # which it checks
+        values="float32" if packed else "run",
+        exact_positions=content.has_exact_positions,
+        numbers=None if numbers == list(range(len(numbers))) else numbers,
+        seed=run.info.seed,
+        attachments={name: run.attachment(name) for name in run.attachments},
+    )
+
+
+def _whole_precision_blocks(run: Archive, variant: int, start: float | None, end: float | None) -> Iterator[Trajectory]:
+    """Frames of a variant chunk by chunk, all channels in the run's precision, which packing rounds as before."""
+    precision = run.trajectories.chunk_layout(variant).content.precision
+    for block in run.blocks(variant, start, end):
+        held = {name: np.array(values, dtype=precision) for name, values in block.channels().items()}
+        yield Trajectory(block.drive, np.array(block.time), **held)
