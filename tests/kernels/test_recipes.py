@@ -34,11 +34,12 @@ SEALED = """
 import sys
 import numpy as np
 from warpchain import Record, load_drive, simulate
-from warpchain.results.channels import NAMES
+from warpchain.results.channels import CHANNEL_NAMES
 
 mu = float(sys.argv[2])
 drive = load_drive(sys.argv[1]).with_values({"chain.joint": {"friction": mu, "pin_radius": 0.0075, "seal": 0.5}})
-run = simulate(drive, duration=0.005, device="cpu", window=(0.0, 0.005), record=Record(rate=20000.0, channels=NAMES))
+record = Record(rate=20000.0, channels=CHANNEL_NAMES)
+run = simulate(drive, duration=0.005, device="cpu", window=(0.0, 0.005), record=record)
 one = run[0]
 d, w = (np.roll(values, -1, axis=1) - values for values in (one.position, one.velocity))
 turning = (d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0]) / (d * d).sum(axis=2)
