@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 import warpchain
 from pages.tables import markdown_table
+from warpchain.cli.output_schema import output_schema
 from warpchain.cli.parser import command_line_parser as command_line
 from warpchain.drive import Drive
 from warpchain.drive.json_schema import drive_schema, schema_text
@@ -132,6 +133,7 @@ def reference_pages() -> dict[str, str]:
         "study-keys.md": keys_page(Study, "Python classes of study files", more.format("study", "studies")),
         "drive.schema.json": schema_text(drive_schema()),
         "study.schema.json": schema_text(study_schema()),
+        "output.schema.json": schema_text(output_schema()),
         "commands.md": commands_page(),
         **python_pages(),
     }

@@ -44,7 +44,16 @@ GROUPS = {
         "jump",
         "judged-runs",
     ),
-    "Playback and archive": ("playback", "report", "modes", "modes-validation", "interchange", "archive", "formats"),
+    "Playback and archive": (
+        "playback",
+        "report",
+        "modes",
+        "modes-validation",
+        "scripts",
+        "interchange",
+        "archive",
+        "formats",
+    ),
     "Model and limits": (
         "friction",
         "validation",

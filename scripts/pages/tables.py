@@ -7,6 +7,7 @@ from pathlib import Path
 
 from common.cases import ROOT, Line, case, case_option
 
+from warpchain.cli.output_schema import described_values, output_schema
 from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.results.channels import BODY_CHANNELS, CHANNELS, Channel
 from warpchain.results.judgement import LIMIT_RULES, Limits
@@ -83,6 +84,24 @@ def limit_table() -> str:
     return markdown_table(("limit", "default", "of the metrics", "what to change"), rows)
 
 
+def output_tables() -> dict[str, str]:
+    """The tables of the keys of `--json`: of each output, of one chain, of several, and of a run."""
+    schema = output_schema()
+    rows = list(described_values(schema))
+    of_run = [row for row in rows if re.split(r"[.\[]", row[0])[0] in schema["dependentRequired"]]
+    one, several = (list(described_values(of)) for of in schema["anyOf"])
+    parts = {
+        "output_head": [row for row in rows if row not in of_run],
+        "output_chain": one,
+        "output_chains": [row for row in several if row not in one],
+        "output_run": of_run,
+    }
+    return {
+        name: markdown_table(("key", "unit", "what it is"), [(f"`{key}`", unit, text) for key, unit, text in found])
+        for name, found in parts.items()
+    }
+
+
 def made_tables() -> dict[str, str]:
     """Every table by the name that its place in the documents has."""
     return {
@@ -95,6 +114,7 @@ def made_tables() -> dict[str, str]:
         "design": metric_table(group for groups in DESIGN_METRICS for group in groups),
         "recorded": metric_table(RECORDED_METRICS),
         "engineering_report": metric_table(REPORT_METRICS),
+        **output_tables(),
     }
 
 
@@ -115,7 +135,7 @@ def document_with_tables(text: str) -> str:
 def tables(asked: argparse.Namespace) -> Iterator[Line]:
     """Writes what is made of the package: tables of channels, metrics and limits in the documents, examples' schemas.
 
-    python scripts/docs.py tables            # writes docs/archive.md, metrics.md, judged-runs.md, *.schema.json
+    python scripts/docs.py tables            # writes docs/archive.md, metrics.md, scripts.md, ..., *.schema.json
     python scripts/docs.py tables --check    # only looks whether they are up to date; status 1 if not
 
     Each table stands between `<!-- NAME: scripts/docs.py tables -->` and `<!-- end -->`.

@@ -205,7 +205,7 @@ def test_check_tells_what_the_chain_touches():
     values = derive(drive)
     (guide,), strand = values["guides"], values["strands"][1]
     touch, pull = guide["touch"], strand["working_tension"] - strand["centrifugal_tension"]
-    wrap = math.radians(touch["wrap"])
+    wrap = touch["wrap"]
     assert touch["strand"] == "driven->driver"
     assert touch["load"] == pytest.approx(pull / (FACE + ROLLER), rel=1e-12)
     assert touch["force"] == pytest.approx(2.0 * pull * math.sin(0.5 * wrap), rel=1e-12)
@@ -224,11 +224,15 @@ def test_check_tells_arms_and_tensioners():
     (arm,), (tensioner,) = values["arms"], values["tensioners"]
     drive, text = timing(), report(values)
     part = drive.tensioners[0]
-    assert arm["stops"] == [-12.0, 12.0] and arm["on_stop"] is None
-    assert -12.0 < arm["working_angle"] < arm["standing_angle"] < arm["angle"] < 0.0
+    assert arm["stops"] == pytest.approx([-math.radians(12.0), math.radians(12.0)]) and arm["on_stop"] is None
+    assert arm["stops"][0] < arm["working_angle"] < arm["standing_angle"] < arm["angle"] < 0.0
     assert tensioner["working_force"] == pytest.approx(static_force(part, tensioner["working_extension"]))
     assert tensioner["static_pressure"] > 1e5
-    assert f"{arm['working_angle']:+.3f} deg" in text and f"{1e3 * tensioner['extension']:+.3f} mm" in text
+    assert (
+        f"{math.degrees(arm['working_angle']):+.3f} deg" in text
+        and "-12 to 12 deg" in text
+        and f"{1e3 * tensioner['extension']:+.3f} mm" in text
+    )
 
 
 def told(**changes):

@@ -43,7 +43,7 @@ def test_check_as_json_in_si(capsys):
     assert values["sprockets"][1]["name"] == "tightener"
     # around a loop that does not cross itself the wraps, signed, add up to a full turn
     wraps = [sprocket["wrap"] for sprocket in values["sprockets"]]
-    assert wraps[0] - wraps[1] + wraps[2] == pytest.approx(360.0)
+    assert wraps[0] - wraps[1] + wraps[2] == pytest.approx(2 * np.pi)
     assert values["tooth_passing_frequency"] == pytest.approx(9.53 * 57 / (2 * np.pi))
 
 

@@ -37,7 +37,7 @@ def touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[
             return {
                 "strand": drive.strand_names[k],
                 "places": [min(ends), max(ends)],
-                "wrap": math.degrees(sum(touch.wrap for touch in own)),
+                "wrap": sum(touch.wrap for touch in own),
                 "load": tension / min(touch.arc.radius for touch in own),
                 "force": tension * math.hypot(bx - ax, by - ay),
             }
@@ -45,16 +45,16 @@ def touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[
 
 
 def arms(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
-    """Angles of the arms [degrees], as drawn 0, and on which stop they stand at work (else at assembly)."""
+    """Angles of the arms [rad], as drawn 0, and on which stop they stand at work (else at assembly)."""
     found = []
     for a, arm in enumerate(drive.arms):
-        angles = _thrice(assembly, resting, running, lambda angles, a=a: math.degrees(angles[a]))
+        angles = _thrice(assembly, resting, running, lambda angles, a=a: angles[a])
         last = float(assembly.arm_angle[a] if running.failure else running.arm_angle[a])
         found.append(
             {
                 "name": arm.name,
                 **dict(zip(("angle", "standing_angle", "working_angle"), angles, strict=True)),
-                "stops": None if arm.stops is None else list(arm.stops),
+                "stops": None if arm.stops is None else [math.radians(stop) for stop in arm.stops],
                 "on_stop": stop_of(drive, a, last),
             }
         )

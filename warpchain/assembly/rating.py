@@ -92,9 +92,9 @@ def rating(drive: Drive, strands: Strands, speed: float) -> dict[str, Any] | Non
         "limited_by": rated.limited_by,
         "teeth": teeth,
         "speed": turning,
-        "hours": RATED_HOURS,
+        "rated_life": 3600.0 * RATED_HOURS,
         "elongation_limit": limit,
-        "wear_hours": limit / worn / 3600.0 if worn else None,
+        "wear_life": limit / worn if worn else None,
         "lubrication": lubrication_class(chain.pitch, abs(speed)),
         "lubrication_limits": list(lubrication_limits(chain.pitch)),
         "left_out": LEFT_OUT,
@@ -225,16 +225,16 @@ def rating_lines(found: Mapping[str, Any] | None) -> list[str]:
     if found is None:
         return []
     rpm, (slow, fast) = found["speed"] * 30.0 / math.pi, found["lubrication_limits"]
-    worn = "" if found["wear_hours"] is None else (
-        f"; by Archard's law {found['wear_hours']:.3g} h at work, k = {WEAR_COEFFICIENT:g} m^2/N (docs/wear.md)"
+    worn = "" if found["wear_life"] is None else (
+        f"; by Archard's law {found['wear_life'] / 3600.0:.3g} h at work, k = {WEAR_COEFFICIENT:g} m^2/N (docs/wear.md)"
     )  # fmt: skip
     kind = found["lubrication"]
     return [
         f"rating: {1e-3 * found['power']:.4g} kW at work, {found['use']:.3g} of the {1e-3 * found['rated_power']:.4g} "
         f"kW for {found['teeth']} teeth at {rpm:.4g} rpm ({found['standard']}), by {found['limited_by']}",
         f"  that leaves out {found['left_out']}: run the drive",
-        f"life: at its rated power {found['hours']:g} h until it is {100.0 * found['elongation_limit']:.3g} % longer "
-        f"(ACA){worn}",
+        f"life: at its rated power {found['rated_life'] / 3600.0:g} h until it is "
+        f"{100.0 * found['elongation_limit']:.3g} % longer (ACA){worn}",
         f"lubrication: {kind}, {LUBRICATION[kind]} (ASME B29.1); A up to {slow:.3g} m/s, B up to {fast:.3g} m/s "
         "(Machinery's Handbook)",
     ]

@@ -81,10 +81,10 @@ def _links_and_joints(drive: Drive) -> dict[str, Any]:
 
 
 def derive(drive: Drive) -> dict[str, Any]:
-    """All derived quantities by name, in SI units, angles in degrees; lists follow the drive's parts and strands.
+    """All derived quantities by name, in SI units; lists follow the drive's parts and strands.
 
     Tensions are those of `warpchain.assembly.statics`, `tensions_estimated` None. Where it finds no steady state,
-    `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/check.md lists the keys.
+    `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/scripts.md lists the keys.
 
     Of several chains "chains" has those of each by name, with the loads that it passes on; the step is of all.
 
@@ -140,8 +140,8 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
                 "pitch_radius": drive.pitch_radius(s),
                 "riding_radius": float(path.radius[s]),
                 "tip_radius": drive.tip_radius(s),
-                "seat_angle": math.degrees(drive.seat_angle(s)),
-                "wrap": math.degrees(float(path.wrap_angle[s])),
+                "seat_angle": drive.seat_angle(s),
+                "wrap": float(path.wrap_angle[s]),
                 "contact_stiffness": drive.sprocket_stiffness(s),
                 "catches": s in drive.catching(),
             }
@@ -433,8 +433,8 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
                 str(s["teeth"]),
                 f"{s['pitch_radius']:.5f} m",
                 f"{s['tip_radius']:.5f} m",
-                f"{s['wrap']:.2f} deg",
-                f"{s['seat_angle']:.1f} deg",
+                f"{math.degrees(s['wrap']):.2f} deg",
+                f"{math.degrees(s['seat_angle']):.1f} deg",
                 f"{s['contact_stiffness']:.4g} N/m^n",
             )
             for s in values["sprockets"]
@@ -492,7 +492,7 @@ def _touch_lines(values: dict[str, Any]) -> list[str]:
             g["name"],
             touch["strand"],
             "{:.1f} to {:.1f} of {:.1f} mm".format(*(1e3 * x for x in (*touch["places"], g["face_length"]))),
-            f"{touch['wrap']:.2f} deg",
+            f"{math.degrees(touch['wrap']):.2f} deg",
             f"{touch['load']:.4g} N/m",
             f"{touch['force']:.4g} N",
         )
@@ -516,8 +516,8 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
         rows = [
             (
                 a["name"],
-                *_cells([a["angle"], a["standing_angle"], a["working_angle"]], "{:+.3f} deg"),
-                "-" if a["stops"] is None else "{:g} to {:g} deg".format(*a["stops"]),
+                *_cells([_degrees(a[key]) for key in ("angle", "standing_angle", "working_angle")], "{:+.3f} deg"),
+                "-" if a["stops"] is None else "{:.6g} to {:.6g} deg".format(*map(math.degrees, a["stops"])),
                 a["on_stop"] or "",
             )
             for a in values["arms"]
@@ -543,6 +543,10 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
 
 def _milli(value: float | None) -> float | None:
     return None if value is None else 1e3 * value
+
+
+def _degrees(value: float | None) -> float | None:
+    return None if value is None else math.degrees(value)
 
 
 def _train_lines(values: dict[str, Any]) -> list[str]:

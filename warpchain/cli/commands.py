@@ -6,7 +6,7 @@ import argparse
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,11 @@ from warpchain.cli.shared_options import CommandBody
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from warpchain.drive import Drive
     from warpchain.engine.device_choice import Speed
+    from warpchain.results.run import Run
 
 DONE, UNFINISHED, WRONG, NOT_OK = 0, 1, 2, 3
 """Exit statuses: done; diverged, no row ok, or interrupted; a user's mistake; suspect with `run --strict`."""
@@ -81,19 +84,17 @@ def _drive_of_arguments(arguments: argparse.Namespace) -> Any:
 def check_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain check`: prints what follows from a drive before it runs."""
     from warpchain.assembly.summary import derive, report
+    from warpchain.cli.json_output import check_values, json_text
 
     drive = _drive_of_arguments(arguments)
     if arguments.output is not None:  # also of a drive whose number of links does not fit
         from warpchain.cli.draw_command import draw_drive
 
         draw_drive(drive, arguments.output)
-    values, defaults = derive(drive), _defaults_of_file(arguments)
+    defaults = _defaults_of_file(arguments)
     if arguments.json:
-        import json
-
-        print(json.dumps({"units": "SI, angles in degrees", "defaults": defaults, **values}, indent=2))
-        return DONE
-    return _print_lines([*_default_lines(defaults), report(values)])
+        return _print_lines([json_text(check_values(drive, arguments.drive, defaults))])
+    return _print_lines([*_default_lines(defaults), report(derive(drive))])
 
 
 def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -161,11 +162,13 @@ def metrics_command(arguments: argparse.Namespace) -> int:
 
 
 def schema_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain schema`: prints the JSON schema of drive or study files."""
+    """Body of `warpchain schema`: prints the JSON schema of drive files, study files or output."""
+    from warpchain.cli.output_schema import output_schema
     from warpchain.drive.json_schema import drive_schema, schema_text
     from warpchain.study.spec import study_schema
 
-    print(schema_text(drive_schema() if arguments.of == "drive" else study_schema()), end="")
+    schemas = {"drive": drive_schema, "study": study_schema, "output": output_schema}
+    print(schema_text(schemas[arguments.of]()), end="")
     return DONE
 
 
@@ -250,6 +253,8 @@ def jump_command(arguments: argparse.Namespace) -> int:
 
 def run_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain run`: simulates a drive, writes its archive, prints a summary."""
+    if arguments.output is None and not arguments.json:
+        raise WarpchainError("the following arguments are required: -o/--output; see warpchain run --help")
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine import start_warp
     from warpchain.engine.simulation import simulate
@@ -262,7 +267,8 @@ def run_command(arguments: argparse.Namespace) -> int:
         exact_positions=arguments.exact_positions,
         split_size=arguments.split_size,
     )
-    record = Record(rate=arguments.rate, channels=_channels_from_words(arguments.channels))
+    channels = _channels_from_words(arguments.channels)
+    record = Record("none" if arguments.output is None else "all", arguments.rate, channels)
     start_warp(precompiled=False)
     drive = _drive_of_arguments(arguments)
     run = simulate(
@@ -276,21 +282,35 @@ def run_command(arguments: argparse.Namespace) -> int:
         progress=not arguments.quiet,
         memory=arguments.memory,
         archive=arguments.output,
-        archive_options=options,
+        archive_options=None if arguments.output is None else options,
         overwrite=arguments.overwrite,
         limits=_limits_from_words(arguments.limit),
     )
     row = run.metrics.to_pylist()[0]
-    for line in _run_summary(drive, row, run.info.wall_time):
-        print(line)
-    if run.info.choice:
-        print(f"device: {run.info.device}, {run.info.choice}")
-    print(f"archive: {arguments.output}; look at it with: warpchain view {shlex.quote(str(arguments.output))}")
-    if run.info.ended != "complete":
-        print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
+    _print_lines(_run_json(drive, run, arguments) if arguments.json else _run_lines(drive, run, arguments.output))
     if row["diverged"] or run.info.ended != "complete":
         return UNFINISHED
     return NOT_OK if arguments.strict and row["status"] != OK else DONE
+
+
+def _run_lines(drive: Drive, run: Run, archive: Path) -> Iterator[str]:
+    """Lines to print on a run and its archive."""
+    yield from _run_summary(drive, run.metrics.to_pylist()[0], run.info.wall_time)
+    if run.info.choice:
+        yield f"device: {run.info.device}, {run.info.choice}"
+    yield f"archive: {archive}; look at it with: warpchain view {shlex.quote(str(archive))}"
+    if run.info.ended != "complete":
+        yield f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)"
+
+
+def _run_json(drive: Drive, run: Run, arguments: argparse.Namespace) -> Iterator[str]:
+    """The text of `run --json`: what `check` says of the drive with the options' duration and step, and the run."""
+    from warpchain.cli.json_output import check_values, json_text, run_values
+
+    given = {key: value for key in ("duration", "step") if (value := getattr(arguments, key)) is not None}
+    drive = drive.with_values({f"run.{key}": value for key, value in given.items()}) if given else drive
+    values = check_values(drive, arguments.drive, _defaults_of_file(arguments))
+    yield json_text(values | run_values(drive, run.metrics.to_pylist()[0], run.info, arguments.output))
 
 
 def _channels_from_words(words: list[str]) -> tuple[str, ...]:
@@ -371,22 +391,22 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 
 def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
     """A line on a run's losses by group: power, and share of the input."""
-    from warpchain.results.losses import losses
+    from warpchain.results.losses import loss_shares
     from warpchain.results.units import quantity_words
 
-    seconds, works = row["window_end"] - row["window_start"], row["input_work"]
-    found = losses(drive, row)
-    total = sum(found.values())
-    if total <= 0.0 or seconds <= 0.0:
+    found, works = loss_shares(drive, row), row["input_work"]
+    total = sum(loss.energy for loss in found.values())
+    if total <= 0.0:
         return []
     shares = [
-        f"{group} {quantity_words(energy / seconds, 'W')}"
-        + (f" ({100.0 * energy / works:.2g} %)" if works > 0.0 else "")
-        for group, energy in found.items()
-        if energy != 0.0
+        f"{group} {quantity_words(loss.power, 'W')}"
+        + ("" if loss.input_share is None else f" ({100.0 * loss.input_share:.2g} %)")
+        for group, loss in found.items()
+        if loss.energy != 0.0
     ]
     part = f", {100.0 * total / works:.3g} % of the input" if works > 0.0 else ""
-    return [f"losses: {quantity_words(total / seconds, 'W')}{part}: {', '.join(shares)}"]
+    power = quantity_words(sum(loss.power for loss in found.values()), "W")
+    return [f"losses: {power}{part}: {', '.join(shares)}"]
 
 
 def _run_status_lines(row: dict[str, Any]) -> list[str]:

@@ -55,6 +55,9 @@ HELP_EXAMPLES = """examples:
 SHELLS = ("bash", "zsh", "fish")
 """Shells that `--completions` knows."""
 
+JSON_HELP = "print JSON, in SI units (warpchain schema output; docs/scripts.md)"
+"""Help of the option of `check` and `run`."""
+
 
 class _OneLineParser(argparse.ArgumentParser):
     """An argument parser that prints a mistake in one line, without the usage."""
@@ -123,7 +126,7 @@ def _add_check_command(commands: Any) -> None:
         commands, do.check_command, "check a drive without running it", "warpchain check marine"
     )
     add_shared_options(parser, "drive", "--set")
-    parser.add_argument("--json", action="store_true", help="as JSON, in SI units, angles in degrees")
+    parser.add_argument("--json", action="store_true", help=JSON_HELP)
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also draw the drive there: .png or .svg")
 
 
@@ -162,9 +165,9 @@ def _add_metrics_command(commands: Any) -> None:
 
 def _add_schema_command(commands: Any) -> None:
     """Adds `warpchain schema` to the command line."""
-    text = "print the JSON schema of drive files or study files, from which editors complete and check keys"
+    text = "print the JSON schema of drive files or study files, for editors, or of the output of --json, for scripts"
     parser = _add_function_command(commands, do.schema_command, text, "warpchain schema drive > drive.schema.json")
-    parser.add_argument("of", choices=["drive", "study"], help="which files")
+    parser.add_argument("of", choices=["drive", "study", "output"], help="which one")
 
 
 def _add_devices_command(commands: Any) -> None:
@@ -322,9 +325,9 @@ def _add_run_command(commands: Any) -> None:
         "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
     )
     add_shared_options(parser, "drive")
-    parser.add_argument(
-        "-o", "--output", metavar="OUT.mcap", type=archive_path_from_word, required=True, help="the archive to write"
-    )
+    text = "the archive to write; may be left out with --json"
+    parser.add_argument("-o", "--output", metavar="OUT.mcap", type=archive_path_from_word, help=text)
+    parser.add_argument("--json", action="store_true", help=JSON_HELP)
     add_shared_options(parser, "--set")
     parser.add_argument(
         "--device",

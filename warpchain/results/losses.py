@@ -12,7 +12,7 @@ as the kernels have it, but for their bound on what a step can stop.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,29 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
     }
     totals = {group: sum(values) for group, values in found.items() if values}
     return dict(sorted(totals.items(), key=lambda item: -item[1]))
+
+
+class Loss(NamedTuple):
+    """Energy that a group dissipates over the window [J], its power [W] and its share of the input work [-].
+
+    The share is None where no work came in.
+    """
+
+    energy: float
+    power: float
+    input_share: float | None
+
+
+def loss_shares(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, Loss]:
+    """`losses` with power and share of the input; empty for a run that did not come to its window."""
+    work = metrics.get("input_work")
+    if work is None:
+        return {}
+    seconds = metrics["window_end"] - metrics["window_start"]
+    return {
+        group: Loss(energy, energy / seconds, energy / work if work > 0.0 else None)
+        for group, energy in losses(drive, metrics).items()
+    }
 
 
 Array = NDArray[np.float64]

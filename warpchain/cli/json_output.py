@@ -1,0 +1,62 @@
+"""The JSON of `check --json` and `run --json`, by `warpchain.cli.output_schema`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from warpchain.cli.output_schema import FORMAT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from warpchain.drive import Drive
+    from warpchain.results.run import RunInfo
+
+
+def json_text(values: Mapping[str, Any]) -> str:
+    """Values as the text of a JSON object; numbers that are not finite are null."""
+    return json.dumps(_finite(values), indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def _finite(value: Any) -> Any:
+    """A value with None for numbers that are not finite, however deep."""
+    if isinstance(value, Mapping):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def check_values(drive: Drive, name: str, defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that `check --json` prints of a drive.
+
+    Args:
+        name: of its file or example.
+        defaults: what the file leaves out, by key path.
+    """
+    from warpchain.assembly.summary import derive
+    from warpchain.version import installed_version
+
+    head = {"format": FORMAT, "version": installed_version(), "units": "SI", "drive": name, "defaults": defaults}
+    return head | derive(drive)
+
+
+def run_values(drive: Drive, metrics: Mapping[str, Any], info: RunInfo, archive: Path | None) -> dict[str, Any]:
+    """The values that `run --json` prints beside `check_values`.
+
+    Args:
+        metrics: the row of the run.
+    """
+    from warpchain.results.losses import loss_shares
+
+    made = {key: getattr(info, key) for key in ("ended", "device", "precision", "step", "created", "wall_time")}
+    return {
+        "run": made | {"archive": None if archive is None else str(archive)},
+        "status": metrics["status"],
+        "reasons": metrics["reason"].split("; ") if metrics["reason"] else [],
+        "losses": {group: loss._asdict() for group, loss in loss_shares(drive, metrics).items()},
+        "metrics": {name: value for name, value in metrics.items() if name not in ("variant", "status", "reason")},
+    }
