@@ -17,10 +17,10 @@ from warpchain import Drive, dumps_drive, load_drive
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
 from warpchain.drive.stacks import stacks_of_drives
-from warpchain.engine.arrays import TABLE, empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
-from warpchain.engine.buckets import block_shape, kind_columns, room_for
-from warpchain.engine.buckets import kind_of as engine_kind
-from warpchain.engine.chains import Rows
+from warpchain.engine.arrays import ARRAYS, device_values, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.chain_rows import ChainRows
+from warpchain.engine.gpu_kernels import block_kind as engine_kind
+from warpchain.engine.gpu_kernels import block_shape, roller_capacity, variant_kind_columns
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.shared_memory import room
@@ -112,8 +112,8 @@ def large(kind, blocks):
 
 def kind_of(packed, shape, measuring=True):
     """The kind of the block kernel, with metrics or without, for an ensemble of like drives that has these blocks."""
-    columns = {name: values.max() for name, values in kind_columns(packed).items()}
-    columns["linear_hysteretic"] = packed.linear_hysteretic.all()
+    columns = {name: values.max() for name, values in variant_kind_columns(packed).items()}
+    columns["linear_hysteretic"] = packed.has_linear_hysteretic_contacts.all()
     kind = engine_kind(packed.real, columns, 1)
     moving = kind.moving or packed.frame.holds("hub_force")
     return replace(kind, shape=shape, measuring=measuring, moving=moving)
@@ -525,7 +525,7 @@ def run_blocks(packed, kind, blocks, order, frames):
     state = upload_state(packed, "cpu", large(kind, len(order)))
     sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
     shape, kernel = kind.shape, on_fibers(block_kernel(kind, 4, packed.frame))
-    turn = wp.array(packed.begins[order], dtype=wp.int32, device="cpu")
+    turn = wp.array(packed.first_rows[order], dtype=wp.int32, device="cpu")
     begun = wp.zeros(len(order), dtype=wp.int32, device="cpu")
     for end in accumulate(blocks):
         ends = wp.full(len(order), end, dtype=wp.int32, device="cpu")
@@ -533,7 +533,7 @@ def run_blocks(packed, kind, blocks, order, frames):
         dim = shape.launched(len(order))
         wp.launch(kernel, dim=dim, inputs=inputs, block_dim=shape.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
-    return state, {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in TABLE["sums"]}
+    return state, {name: device_values(getattr(sums, name), "sums", name, packed.real) for name in ARRAYS["sums"]}
 
 
 def flat(rows):
@@ -552,16 +552,16 @@ def joint_powers(packed, drive, frames):
 
 def shape_of(variants, each):
     """The shape of variants' blocks, of which a multiprocessor has so many."""
-    return block_shape(int(room_for(np.array([drive.links for drive in variants])).max()), each)
+    return block_shape(int(roller_capacity(np.array([drive.links for drive in variants])).max()), each)
 
 
 def pack_for(variants, schedules, precision):
     """An ensemble whose frames have every channel that its drives have."""
-    rows = Rows(variants, stacks_of_drives(variants))
-    packed = pack(rows.drives, rows.spread(schedules))
-    rows.couple(packed)
+    rows = ChainRows(variants, stacks_of_drives(variants))
+    packed = pack(rows.drives, rows.values_by_row(schedules))
+    rows.couple_chains(packed)
     packed = packed.at_precision(precision)
-    return replace(packed, frame=frame_with_channels(CHANNEL_NAMES if packed.rubbing.any() else ()))
+    return replace(packed, frame=frame_with_channels(CHANNEL_NAMES if packed.joint_friction_kinds.any() else ()))
 
 
 SPARE = {
@@ -609,7 +609,7 @@ def sharing(family, many, precision):
     drives = alike(family)
     variants = [drive for some in drives.values() for drive in some]
     packed = pack_for(variants, [Schedule(drive.run.step, 1, 0, 1, 0) for drive in variants], precision)
-    columns = kind_columns(packed)
+    columns = variant_kind_columns(packed)
     # a kernel goes through so many parts of each drive
     assert all(np.ptp(columns[sort]) == 0 for sort in ("sprockets", "guides", "arms", "tensioners", "others", "rings"))
     return drives, kind_of(packed, shape_of(variants, 100 if many else 1)), packed.frame
@@ -625,7 +625,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
     looks = 64 if precision == "float64" else 32
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
     packed = replace(pack_for(variants, schedules, precision), frame=frame)
-    bends = np.flatnonzero(packed.rubbing)
+    bends = np.flatnonzero(packed.joint_friction_kinds)
     each = [chain_drive.drive for drive in variants for chain_drive in chain_drives(drive)]
     widths = [drive_frame_width(chain, packed.frame) * 16 for chain in each]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
@@ -648,7 +648,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
     else:
         close(mine, theirs_)
     np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
-    bodies = rows_of(state.bodies, "state", "bodies", packed.real)
+    bodies = device_values(state.bodies, "state", "bodies", packed.real)
     for name in ("angle", "speed", "center", "velocity"):
         close(bodies[name], serial.bodies()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
@@ -660,8 +660,8 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
         close(*powers, atol=(1e-9 if precision == "float64" else 5e-3) * powers[1].max())
         assert powers[1].max() > 0.0
     summed = serial.sums()
-    assert (packed.sliding > 0).all() == (summed["contact"]["friction"] > 0.0).any()
-    for name in (name for name in TABLE["sums"] if name != "tension_counts"):
+    assert (packed.contact_friction_kinds > 0).all() == (summed["contact"]["friction"] > 0.0).any()
+    for name in (name for name in ARRAYS["sums"] if name != "tension_counts"):
         mine, theirs_ = flat(sums[name]), flat(summed[name])
         for field in mine:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)

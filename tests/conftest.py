@@ -84,13 +84,13 @@ def device(request, monkeypatch):
     """Each device in turn as the one that `simulate` takes where none is named; what a GPU cannot run is skipped."""
     from warpchain.engine import devices, gpu
 
-    chosen = devices.chosen_devices
+    chosen = devices.devices_by_name
 
     def forced(wanted, packed):
-        if wanted is None and request.param == "cuda" and gpu.refusal(packed) is not None:
-            pytest.skip(str(gpu.refusal(packed)))
+        if wanted is None and request.param == "cuda" and gpu.gpu_refusal(packed) is not None:
+            pytest.skip(str(gpu.gpu_refusal(packed)))
         return chosen(wanted or request.param, packed)
 
-    monkeypatch.setattr(devices, "chosen_devices", forced)
-    monkeypatch.setattr(devices, "quickest", lambda gpus, *_: devices.Choice(tuple(gpus), None))
+    monkeypatch.setattr(devices, "devices_by_name", forced)
+    monkeypatch.setattr(devices, "fastest_devices", lambda gpus, *_: devices.DeviceChoice(tuple(gpus), None))
     return request.param

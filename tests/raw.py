@@ -7,9 +7,9 @@ import warp as wp
 
 from warpchain.assembly.stack_assembly import Assemblies
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.fill import JOINT_INERTIA
-from warpchain.engine.pack import fill_bristles, fill_steps
-from warpchain.engine.packed import REAL, Packed, state_rows
+from warpchain.engine.pack import fill_bristles, fill_step_dependence
+from warpchain.engine.packed_ensemble import REAL_TYPES, PackedEnsemble, roller_state_rows
+from warpchain.engine.struct_rows import JOINT_INERTIA
 from warpchain.kernels import structs
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.mount import CARRIED
@@ -47,14 +47,14 @@ def chain(
     After the sprockets' bodies come those of `carriers`, whose rows are left at zero, then those of `arms`. A guide
     with `pieces`, (start, heading, curvature, length) each, has a profile.
     """
-    kinds = structs.types(REAL[precision])
+    kinds = structs.types(REAL_TYPES[precision])
     n, wheels, bars = len(position), len(sprockets), len(guides)
-    rows = state_rows(np.asarray(position, dtype=float), np.asarray(velocity, dtype=float))
+    rows = roller_state_rows(np.asarray(position, dtype=float), np.asarray(velocity, dtype=float))
     rows[4:6] = rows[0:2] - rows[0:2].astype(precision)  # what it rounds off
     bodies = wheels + carriers + len(arms)
     pieces = sum(len(bar["pieces"]) + 1 for bar in guides if "pieces" in bar)
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
-    packed = Packed(
+    packed = PackedEnsemble(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
         lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
@@ -134,7 +134,7 @@ def chain(
         packed.seats = np.concatenate(seats)
     for a, values in enumerate(arms):
         put_arm(packed, a, gravity, **values)
-    fill_steps(packed)
+    fill_step_dependence(packed)
     return packed
 
 

@@ -9,7 +9,7 @@ from own_kernels import kernel
 
 from warpchain import loads_drive
 from warpchain.drive.examples import FOLDER
-from warpchain.engine.fill_bodies import oil_energies
+from warpchain.engine.body_struct_rows import oil_energies
 from warpchain.kernels.physics.tensioner import (
     advance_tensioner,
     chamber_pressure,

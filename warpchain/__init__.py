@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
-    from warpchain.engine.rig import bench_tensioner
     from warpchain.engine.simulation import simulate
+    from warpchain.engine.tensioner_bench import bench_tensioner
     from warpchain.errors import WarpchainError
     from warpchain.modal import Modes, modes
     from warpchain.results.engineering_report import Wear
@@ -32,7 +32,7 @@ _HOME = {
     "WarpchainError": "errors",
     "Wear": "results.engineering_report",
     "assemble": "assembly",
-    "bench_tensioner": "engine.rig",
+    "bench_tensioner": "engine.tensioner_bench",
     "dumps_drive": "drive",
     "load_drive": "drive",
     "loads_drive": "drive",

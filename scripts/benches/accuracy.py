@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from benches.drives import drive_by_name
 from warpchain import Drive, Record, simulate
 from warpchain.drive.stacks import stacks_of_drives
-from warpchain.engine.recorder import Recording
-from warpchain.engine.share import How, Members, Share
+from warpchain.engine.recorder import RecordingOptions
 from warpchain.engine.simulation import MEMORY, schedules_of
+from warpchain.engine.subensemble import DeviceSettings, Subensemble, Variants
 from warpchain.progress import StopRequest
 from warpchain.results.channels import frame_with_channels
 from warpchain.results.metrics import metrics_table
@@ -53,11 +53,13 @@ def _short_run(drive: Drive, device: str, rounding: float) -> tuple[NDArray[np.f
     """Rollers and metrics of 10 ms of a drive whose coordinates are off by `rounding` of them before settling."""
     record = Record("none")
     schedules = schedules_of((drive,), 0.01, None, record, (0.0, 0.01))
-    share = Share(Members((drive,), schedules, stacks_of_drives((drive,)), np.arange(1)), frame_with_channels(()))
+    share = Subensemble(
+        Variants((drive,), schedules, stacks_of_drives((drive,)), np.arange(1)), frame_with_channels(())
+    )
     share.packed.rollers *= 1.0 + rounding * np.random.default_rng(1).standard_normal(len(share.packed.rollers))
-    recorder = share.recorder(Recording(record, "float64", MEMORY), 1)
-    outcome = share.run(How(device, "float64", 1), recorder, None, lambda *_: None, StopRequest())
-    return share.packed.rollers, metrics_table(outcome.ended, outcome.blocks()).to_pylist()[0]
+    recorder = share.make_recorder(RecordingOptions(record, "float64", MEMORY), 1)
+    outcome = share.run(DeviceSettings(device, "float64", 1), recorder, None, lambda *_: None, StopRequest())
+    return share.packed.rollers, metrics_table(outcome.ends, outcome.metric_blocks()).to_pylist()[0]
 
 
 @case(

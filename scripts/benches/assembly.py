@@ -22,7 +22,7 @@ from warpchain.drive import Drive
 from warpchain.drive.changed_copies import DriveChanges
 from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine import pack as packing
-from warpchain.engine import share, simulation, start_warp
+from warpchain.engine import simulation, start_warp, subensemble
 from warpchain.study.run.row_drives import adjusted_drives
 from warpchain.study.spec.study_tables import Adjust
 
@@ -122,7 +122,7 @@ def metrics_time(base: Drive, count: int) -> float:
     random, times = np.random.default_rng(2), []
     drives = [base.with_values({"run.settle": False} | variant_values(base, "", random)) for _ in range(count)]
     for _ in range(2):
-        with function_times(time.thread_time, (share, "metrics_blocks"), (simulation, "metrics_table")) as found:
+        with function_times(time.thread_time, (subensemble, "metric_blocks"), (simulation, "metrics_table")) as found:
             simulate(drives, device="cpu", duration=40 * simulation.resolve_step(base), record=NONE)
         times.append(sum(found))
     return 1e6 * min(times) / count

@@ -13,7 +13,7 @@ from common.timing import run_in_turns, second_best_rate
 from benches.probe import endless_schedule, launch_seconds
 from warpchain import Drive
 from warpchain.drive.stacks import stacks_of_drives
-from warpchain.engine.chains import Rows
+from warpchain.engine.chain_rows import ChainRows
 from warpchain.engine.pack import pack
 
 PITCH, SIDE = 0.05, 23
@@ -63,11 +63,11 @@ def roller_step_rate(
 ) -> float:
     """1e6 roller-steps a second, on the CPU of CPU time on one core, compilation and start apart."""
     drives = [drive] * count
-    rows = Rows(drives, stacks_of_drives(drives))
+    rows = ChainRows(drives, stacks_of_drives(drives))
     when = endless_schedule(rows.drives[0], metrics)
     packed = pack(rows.drives, [when] * len(rows.drives), rows.stacks)
     if tied:
-        rows.couple(packed)
+        rows.couple_chains(packed)
     return count * drive.links * steps / launch_seconds(packed.at_precision(precision), device, steps)[0] / 1e6
 
 

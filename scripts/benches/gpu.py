@@ -25,7 +25,7 @@ from benches.reference import cuda_seconds
 from warpchain import Drive, Record, Run, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.pack import pack
-from warpchain.engine.packed import Packed
+from warpchain.engine.packed_ensemble import PackedEnsemble
 
 DEVICE = "cuda:0"
 DRIVES = ("two", "smooth")
@@ -86,7 +86,7 @@ def gpu_part(
 
 
 @cache
-def packed_designs(drive: Drive, name: str, variants: int, metrics: bool) -> Packed:
+def packed_designs(drive: Drive, name: str, variants: int, metrics: bool) -> PackedEnsemble:
     """Designs of a drive, varied as drives of its name are, packed."""
     many = varied_designs(drive, name, variants)
     return pack(many, [endless_schedule(each, metrics) for each in many])

@@ -12,11 +12,19 @@ from benches.drives import RANGES, drive_by_name, varied_designs
 from benches.gpu import DESIGNS
 from warpchain import Record
 from warpchain.drive.stacks import stacks_of_drives
-from warpchain.engine.gpu import launch_steps
-from warpchain.engine.launches import PARTS, Launch, groups, launches_of, measured_from, shares, steps_left
-from warpchain.engine.pipeline import MOST, parts_of
-from warpchain.engine.share import Members
+from warpchain.engine.gpu import gpu_launch_steps
+from warpchain.engine.launches import (
+    LAUNCH_PARTS,
+    Launch,
+    launch_groups,
+    metrics_start_steps,
+    next_launch_steps,
+    split_launches,
+    steps_left,
+)
+from warpchain.engine.pipeline import MOST_PER_GPU, split_variants
 from warpchain.engine.simulation import schedules_of
+from warpchain.engine.subensemble import Variants
 
 DRIVES = np.dtype([("steps", int), ("window_start", int), ("window_end", int)])
 PROGRESS = np.dtype([("step", int), ("diverged", int)])
@@ -37,10 +45,10 @@ def launch_calls(drives: NDArray[np.void], most: int, turn: int) -> Iterator[Lan
     """Launches of a run, call by call and group by group, as the engine makes them."""
     progress = np.zeros(len(drives), PROGRESS)
     while (left := steps_left(drives, progress)).any():
-        share, step = shares(left, most), progress["step"]
+        share, step = next_launch_steps(left, most), progress["step"]
         order = np.argsort(-share, kind="stable")
-        parts, begins = groups(order[share[order] > 0], turn), measured_from(drives, step)
-        yield [list(launches_of(part, step, share, begins, PARTS if len(parts) > 1 else 1)) for part in parts]
+        parts, begins = launch_groups(order[share[order] > 0], turn), metrics_start_steps(drives, step)
+        yield [list(split_launches(part, step, share, begins, LAUNCH_PARTS if len(parts) > 1 else 1)) for part in parts]
         progress["step"] += share
 
 
@@ -51,12 +59,12 @@ def slots_time(lanes: Lanes, slots: int, at: NDArray[np.integer]) -> float:
     while waiting:
         ready, number, lane = heappop(waiting)
         launch, over = lanes[lane][number], ready
-        each = (launch.ends - at[launch.variants]) * (MEASURED if launch.kernel == "measure" else 1.0)
+        each = (launch.end_steps - at[launch.variants]) * (MEASURED if launch.kernel == "measure" else 1.0)
         for length in each.tolist():
             ends = max(free[0], ready) + length
             heapreplace(free, ends)
             over = max(over, ends)
-        at[launch.variants] = launch.ends
+        at[launch.variants] = launch.end_steps
         if number + 1 < len(lanes[lane]):
             heappush(waiting, (over, number + 1, lane))
     return max(free)
@@ -66,7 +74,7 @@ def occupied_share(drives: NDArray[np.void], most: int, slots: int) -> float:
     """Time of a run in launches of at most so many steps, over that of as many steps spread evenly over all slots."""
     at = np.zeros(len(drives), int)
     taken = sum(slots_time(lanes, slots, at) for lanes in launch_calls(drives, most, slots))
-    bare = np.minimum(measured_from(drives, at * 0), drives["steps"] + 1)
+    bare = np.minimum(metrics_start_steps(drives, at * 0), drives["steps"] + 1)
     return taken * slots / float((bare + MEASURED * (drives["steps"] + 1 - bare)).sum())
 
 
@@ -87,7 +95,7 @@ def launches(asked: argparse.Namespace) -> Iterator[Line]:
         drives = varied_designs(drive_by_name(name), name, DESIGNS)
         stacks = stacks_of_drives(drives, DESIGNS)
         schedules = schedules_of(drives, None, None, Record("none"), None, stacks)
-        parts = parts_of(Members(drives, schedules, stacks, np.arange(DESIGNS)), 1, MOST)
+        parts = split_variants(Variants(drives, schedules, stacks, np.arange(DESIGNS)), 1, MOST_PER_GPU)
         steps = np.array([schedule.steps for schedule in schedules])
         found = [
             sum(
@@ -101,6 +109,6 @@ def launches(asked: argparse.Namespace) -> Iterator[Line]:
         yield (name, steps.max() / steps.min(), *map(float, found), float(found[0] / found[1]))
 
 
-def most_steps(members: Members) -> int:
+def most_steps(members: Variants) -> int:
     """Most steps of a launch of some variants."""
-    return launch_steps(float(sum(drive.links for drive in members.drives)), 2**31 - 1)
+    return gpu_launch_steps(float(sum(drive.links for drive in members.drives)), 2**31 - 1)

@@ -13,16 +13,12 @@ from typing import Any
 import warp as wp
 
 import warpchain
+import warpchain.engine.simulation as simulation
 from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.gpu import GpuEngine
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
-
-try:
-    from warpchain.engine.simulation import longest_apart
-except ImportError:  # of a tree before commit a898f41
-    from warpchain.engine.looks import longest_apart  # type: ignore[no-redef]
 
 FOREVER = 10**9
 
@@ -30,13 +26,17 @@ FOREVER = 10**9
 def endless_schedule(drive: Any, metrics: bool) -> Any:
     """A run without end, without frames; the window is either all of it or far away."""
     step = resolve_step(drive)
-    apart = int(longest_apart(drive, step))  # as in a long window
+    known = vars(simulation)
+    interval = known.get("longest_sample_interval") or known["longest_apart"]  # its name in older trees
+    apart = int(interval(drive, step))  # as in a long window
     return Schedule(step, FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0, apart)
 
 
 def packed_copies(drive: Any, variants: int, precision: str, when: Any) -> Any:
     """A drive packed so many times over, without assembling each."""
-    return pack([drive], [when]).at_precision(precision).taken([0] * variants)
+    packed: Any = pack([drive], [when]).at_precision(precision)
+    pick = getattr(packed, "pick_variants", None) or packed.taken  # its name in older trees
+    return pick([0] * variants)
 
 
 def engine_of_device(packed: Any, device: str, cores: int) -> Any:

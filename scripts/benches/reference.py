@@ -13,7 +13,7 @@ from common.cases import SCRIPTS
 
 from benches.probe import endless_schedule, packed_copies
 from warpchain import Drive
-from warpchain.engine.packed import Packed
+from warpchain.engine.packed_ensemble import PackedEnsemble
 
 LAW = "form stiffness exponent damping speed_floor lag yielding answer ahead"
 FRICTION = "spring damper mu_dynamic mu_static stribeck_speed"
@@ -42,7 +42,7 @@ def struct_numbers(row: Any, names: str) -> list[float]:
     return [float(value) for name in names.split() for value in np.ravel(row[name])]
 
 
-def motion_harmonics(packed: Packed, motion: Any) -> tuple[int, list[float]]:
+def motion_harmonics(packed: PackedEnsemble, motion: Any) -> tuple[int, list[float]]:
     """Number of a motion's harmonics, and their orders, amplitudes and phases with room for eight."""
     rows, found = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"], np.zeros((8, 3))
     found[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
@@ -55,7 +55,7 @@ def friction_numbers(partner: Any, names: str, friction: Any) -> list[float]:
     return [*struct_numbers(partner, names), *law, friction["inertia"] > 0.0, *struct_numbers(friction, FRICTION)]
 
 
-def unknown_parts(packed: Packed) -> list[str]:
+def unknown_parts(packed: PackedEnsemble) -> list[str]:
     """Parts of variant 0 that the programs do not know."""
     drive = packed.drives[0]
     found = {
@@ -63,7 +63,7 @@ def unknown_parts(packed: Packed) -> list[str]:
         "shafts": drive["tied"] != 0,
         "hubs": drive["hubs"] != 0,
         "mounts": packed.mounts["active"].any() or packed.mounts["moves"].any(),
-        "links that differ": packed.varied_links.any() or np.ptp(packed.lengths[: drive["rollers"]]) > 0.0,
+        "links that differ": packed.has_varied_links.any() or np.ptp(packed.lengths[: drive["rollers"]]) > 0.0,
         "tables": packed.motions["drive_table"]["cells"].any() or packed.motions["load_table"]["cells"].any(),
         "curved flanks": packed.sprockets["flank_curvature"].any(),
         "ratchets": packed.tensioners["ratchet_pitch"].any(),
@@ -71,7 +71,7 @@ def unknown_parts(packed: Packed) -> list[str]:
     return [name for name, there in found.items() if there]
 
 
-def part_counts(packed: Packed) -> dict[str, int]:
+def part_counts(packed: PackedEnsemble) -> dict[str, int]:
     """Numbers of variant 0's parts."""
     drive = packed.drives[0]
     return {
@@ -84,7 +84,7 @@ def part_counts(packed: Packed) -> dict[str, int]:
     }
 
 
-def variant_layout(packed: Packed) -> bytes:
+def variant_layout(packed: PackedEnsemble) -> bytes:
     """Variant 0 in the layout that the programs read.
 
     Raises:
@@ -124,7 +124,7 @@ def variant_layout(packed: Packed) -> bytes:
     return np.array(values, dtype=np.float64).tobytes()
 
 
-def packed_variant(drive: Drive) -> Packed:
+def packed_variant(drive: Drive) -> PackedEnsemble:
     """One variant of a drive, as the programs take it."""
     return packed_copies(drive, 1, "float64", endless_schedule(drive, False))
 
@@ -155,7 +155,7 @@ def c_program(folder: Path, *flags: str) -> Path | None:
     return compiled_program(folder, "cc", "-march=native", *flags, "chain_reference.c", "-lm")
 
 
-def cuda_constants(packed: Packed, precision: str) -> dict[str, object]:
+def cuda_constants(packed: PackedEnsemble, precision: str) -> dict[str, object]:
     """Numbers that the CUDA program is compiled for."""
     joint, contacts = packed.chains[0]["joint"], (packed.tooth_friction, packed.guide_friction)
     rubs = joint["inertia"] > 0.0 or any(of["inertia"].any() for of in contacts)

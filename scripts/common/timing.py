@@ -9,10 +9,10 @@ from unittest.mock import patch
 
 def machine_line() -> Iterator[str]:
     """The machine and the versions that times are of, as lines."""
-    from warpchain.engine.device_choice import machine
+    from warpchain.engine.device_choice import machine_facts
     from warpchain.engine.devices import usable_gpus
 
-    yield ", ".join(f"{name}: {value}" for name, value in machine(usable_gpus()).items())
+    yield ", ".join(f"{name}: {value}" for name, value in machine_facts(usable_gpus()).items())
 
 
 def run_in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:

@@ -17,7 +17,7 @@ FORTH = (
 BACK = (
     ("Run", "warpchain/results/run.py", "metrics, trajectories;\nto archive, view, study", "run.metrics"),
     ("Metrics", "warpchain/results/metrics.py", "columns of a registry,\njudged by limits", "tension_max [N]"),
-    ("Outcomes", "warpchain/engine/outcomes.py", "sums of the variants,\nwhy one diverged", "ChainSums.tension_max"),
+    ("Outcomes", "warpchain/engine/window_sums.py", "sums of the variants,\nwhy one diverged", "ChainSums.tension_max"),
     ("Sums and frames", "kernels/sums.py", "added at each step,\nwritten at some", "the largest so far"),
 )
 """Stages: name, place, what there is, and what the links' stiffness comes to there."""

@@ -17,7 +17,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import static_force, static_pressure, valve_flow
 from warpchain.drive.viscosity import by_slope
-from warpchain.engine.rig import Shake, shake
+from warpchain.engine.tensioner_bench import PlungerMotion, shake_tensioner
 from warpchain.results.outlines import DrivePose, guide_arm_tensioner_parts, teeth_parts, turn_points
 from warpchain.results.run import require_channels
 from warpchain.results.strand_passing import strand_displacement
@@ -139,8 +139,8 @@ TRENDS = {
 
 def tensioner_rides(drive: Drive, frequencies: Any, samples: bool = False, oil: float | None = None) -> Any:
     """Rides of the tensioner at frequencies [Hz]."""
-    shakes = [Shake(AMPLITUDE, frequency, viscosity=oil) for frequency in frequencies]
-    return shake(drive, drive.tensioners[-1].name, shakes, CYCLES, samples)
+    shakes = [PlungerMotion(AMPLITUDE, frequency, viscosity=oil) for frequency in frequencies]
+    return shake_tensioner(drive, drive.tensioners[-1].name, shakes, CYCLES, samples)
 
 
 def tensioner_trends(drive: Drive, figure: Figure) -> Iterator[Line]:

@@ -69,7 +69,7 @@ def sampling(asked: argparse.Namespace) -> Iterator[Line]:
 
     python scripts/figures.py sampling
 
-    Tensions of links are added up every 32nd or 64th step (`engine.sampling`); forces, speeds and the largest of all
+    Tensions of links are added up every 32nd or 64th step (`engine.simulation`); forces, speeds and the largest of all
     are of every step (`kernels.sums`). A window of each drive is recorded step by step. Of means: how far off they
     are, in standard deviations. Of largest values: the share that is missed; of the smallest tension and of speeds, of
     their range. Without friction on teeth, which the hub forces of frames leave out.

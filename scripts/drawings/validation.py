@@ -18,7 +18,7 @@ from drawings.other_codes import other_codes
 from drawings.vibration import vibration
 from warpchain import loads_drive
 from warpchain.drive.examples import drive_path
-from warpchain.engine.rig import Shake, shake
+from warpchain.engine.tensioner_bench import PlungerMotion, shake_tensioner
 
 
 def tensioner_work() -> ValidationRow:
@@ -30,7 +30,9 @@ def tensioner_work() -> ValidationRow:
     def work(parts: tuple[float, ...]) -> float:
         scaled = {key: part * getattr(plunger, key) for key, part in zip(keys, parts, strict=True)}
         changed = drive.with_values({f"tensioners.{name}.plunger.{key}": value for key, value in scaled.items()})
-        return float(shake(changed, name, [Shake(AMPLITUDE, 100.0)], CYCLES, False).rides["work"][0].as_py())
+        return float(
+            shake_tensioner(changed, name, [PlungerMotion(AMPLITUDE, 100.0)], CYCLES, False).rides["work"][0].as_py()
+        )
 
     base = work((1.0, 1.0, 1.0))
     gains = [max(map(work, product((1.0 - part, 1.0 + part), repeat=3))) / base - 1.0 for part in ranges]

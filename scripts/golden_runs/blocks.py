@@ -12,11 +12,11 @@ from common.drives import example_drive, two_sprockets
 from golden_runs.drives import MOUNTS, PROFILES, TABLES, WORN
 from warpchain import Drive
 from warpchain.assembly.timestep import resolve_step, step_limit
-from warpchain.engine.arrays import empty_sums, empty_tallies, rows_of, upload_ensemble, upload_state
-from warpchain.engine.buckets import block_shape, room_for
+from warpchain.engine.arrays import device_values, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.gpu_kernels import block_shape, roller_capacity
 from warpchain.engine.pack import pack
-from warpchain.engine.packed import Packed
-from warpchain.engine.settling import elastic
+from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.engine.settling import settling_ensemble
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import BY_SPEED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
@@ -45,10 +45,12 @@ def fiber_blocks() -> Iterator[None]:
         wp.config.enable_cpu_blocks = before
 
 
-def block_kind(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
+def block_kind(packed: PackedEnsemble, shape: BlockShape, measuring: bool) -> BlockKind:
     """The kind of the block kernel for an ensemble of like drives."""
-    varied = bool(packed.varied_links.any())
-    contacts, joints = (BY_SPEED * bool(rubs.any()) for rubs in (packed.sliding, packed.rubbing))
+    varied = bool(packed.has_varied_links.any())
+    contacts, joints = (
+        BY_SPEED * bool(rubs.any()) for rubs in (packed.contact_friction_kinds, packed.joint_friction_kinds)
+    )
     return BlockKind(
         packed.real,
         shape,
@@ -63,7 +65,9 @@ def block_kind(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
 
 def run_on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool = True) -> dict[str, Any]:
     """300 steps on blocks of fibers: state, sums and frames."""
-    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in drives])).max()), 100 if many else 1)
+    shape = block_shape(
+        int(roller_capacity(np.array([drive.chain.links for drive in drives])).max()), 100 if many else 1
+    )
     packed = pack(drives, [Schedule(resolve_step(drive), 300, 111, 290, 20) for drive in drives]).at_precision(
         precision
     )
@@ -84,10 +88,10 @@ def run_on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bo
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
         wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     held = {name: getattr(state, name) for name in ("rollers", "seat", "progress")}
-    bodies = rows_of(state.bodies, "state", "bodies", packed.real)
+    bodies = device_values(state.bodies, "state", "bodies", packed.real)
     held["sprockets"] = {name: np.array(bodies[name]) for name in ("angle", "speed", "center", "velocity")}
     names = ("chain", "strand", "sprocket", "mount", "contact")
-    found = {name: rows_of(getattr(sums, name), "sums", name, packed.real) for name in names}
+    found = {name: device_values(getattr(sums, name), "sums", name, packed.real) for name in names}
     return held | {"frames": frames, "sums": found}
 
 
@@ -121,12 +125,12 @@ def rk4_blocks(_: Path) -> dict[str, Any]:
 def settling_blocks(_: Path) -> dict[str, Any]:
     """Settling, by both shapes of blocks."""
     drive = two_sprockets()
-    still = elastic(pack([drive], [Schedule(resolve_step(drive), 10, 0, 10, 0)]))
+    still = settling_ensemble(pack([drive], [Schedule(resolve_step(drive), 10, 0, 10, 0)]))
     shapes = {"64": BlockShape(96, 1), "32": BlockShape(32, 2)}
     return {name: settled_on_block(still, drive, shape) for name, shape in shapes.items()}
 
 
-def settled_on_block(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
+def settled_on_block(still: PackedEnsemble, drive: Drive, shape: BlockShape) -> dict[str, Any]:
     """4000 steps of relaxation on a block of fibers."""
     start = np.zeros(1, dtype=Settling.numpy_dtype())
     start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 4000

@@ -63,7 +63,7 @@ def test_a_variant_that_is_not_there_is_one_line(run, tmp_path, variant):
 
 
 def test_streamed_while_running_equals_written_afterwards(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
+    monkeypatch.setattr("warpchain.engine.subensemble.LAUNCH_WORK", 60 * 101)
     streamed = simulate(unlike(), archive=tmp_path / "s.mcap")
     assert_same(run, streamed)
     assert [path.name for path in tmp_path.iterdir()] == ["s.mcap"]

@@ -436,11 +436,11 @@ def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, caps
         raise KeyboardInterrupt
 
     monkeypatch.setattr("warpchain.archive.writer.CHUNK_BYTES", 2**14)
-    monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
+    monkeypatch.setattr("warpchain.engine.subensemble.LAUNCH_WORK", 60 * 101)
     if moment == "finish":
         monkeypatch.setattr(ArchiveParts, "finish_archive", interrupted)
     else:
-        plain, left = Recorder.take, [3]
+        plain, left = Recorder.take_frames, [3]
 
         def take(*words):
             left[0] -= 1
@@ -450,7 +450,7 @@ def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, caps
                 wait_for(lambda: bytes_in(tmp_path) > 30_000)
                 interrupted()
 
-        monkeypatch.setattr(Recorder, "take", take)
+        monkeypatch.setattr(Recorder, "take_frames", take)
     told = pytest.warns(UserWarning, match=r"a\.mcap: was not finished; what was written until then is in .*recover")
     with told, pytest.raises(KeyboardInterrupt):
         simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")

@@ -118,7 +118,7 @@ def test_files_do_not_depend_on_the_number_of_encoders(run, tmp_path, small_chun
 def test_a_split_set_opens_as_one(run, tmp_path, small_chunks, options, files, streamed, monkeypatch):
     path = tmp_path / "set.mcap"
     if streamed:
-        monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
+        monkeypatch.setattr("warpchain.engine.subensemble.LAUNCH_WORK", 60 * 101)
         record = Record(variants=[0, 1, 3, 4], rate=5e4)
         assert_same(run, simulate(run.drives, record=record, archive=path, archive_options=options))
     else:

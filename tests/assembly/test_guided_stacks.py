@@ -15,7 +15,7 @@ from warpchain.assembly.layout_checks import findings, suspects
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.drive.stacks import pick_variants, stacks_of_drives
 from warpchain.engine.arrays import dtype_of
-from warpchain.engine.fill_bodies import fill_element
+from warpchain.engine.body_struct_rows import fill_tensioner_element
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
@@ -143,10 +143,10 @@ def test_valves_of_a_stack_have_their_rows_to_the_bit():
     base, tensioner = car(), car().tensioners[0]
     stack = tensioner.model_copy(update={"valve": tensioner.valve.model_copy(update={"seat_angle": angles})})
     rows = np.zeros(len(angles), dtype=dtype_of(structs.Tensioner))
-    fill_element(rows, base, stack)
+    fill_tensioner_element(rows, base, stack)
     for v in range(len(angles)):
         alone = np.zeros(1, dtype=rows.dtype)
-        fill_element(alone, base, pick_variants(stack, v))
+        fill_tensioner_element(alone, base, pick_variants(stack, v))
         assert all(rows[name][v] == alone[name][0] for name in ("rest", "leak"))
         assert all(rows["check"][name][v] == alone["check"][name][0] for name in ("seat_width", "seat_growth"))
 

@@ -23,7 +23,7 @@ from warpchain.drive.stacks import (
     stacks_of_drives,
     variant_count,
 )
-from warpchain.engine.chains import Rows
+from warpchain.engine.chain_rows import ChainRows
 from warpchain.errors import DriveError
 
 
@@ -74,7 +74,7 @@ def test_with_any_other_number_each_chain_is_assembled_as_if_alone(name):
             drive = base.with_values({path: value + 1 if isinstance(value, int) else 1.001 * value})
             assemble_chains(drive)
             drives.append(drive)
-    rows = Rows(drives, stacks_of_drives(drives))
+    rows = ChainRows(drives, stacks_of_drives(drives))
     for found, drive in zip(assemble_stacks(rows.stacks), rows.drives, strict=True):
         alone = assemble(drive)
         for of in ("position", "velocity", "sprocket_angle", "sprocket_speed", "shaft_speed", "arm_angle"):
@@ -86,9 +86,9 @@ def test_a_chain_that_another_turns_begins_as_fast_as_that_turns_it():
     """Nothing of its own differs: only how the driver's speed, the mean of which is the same, swings."""
     base = example("v6").with_values({"sprockets.crank.prescribed.ramp_time": 0.0})
     drives = [base, base.with_values({"sprockets.crank.prescribed.harmonics.0.amplitude": 0.1})]
-    rows = Rows(drives, stacks_of_drives(drives))
+    rows = ChainRows(drives, stacks_of_drives(drives))
     speeds = [state.sprocket_speed for state in assemble_stacks(rows.stacks)]
-    left = [r for r, chain in enumerate(rows.rings) if chain.name == "left"]
+    left = [r for r, chain in enumerate(rows.chains) if chain.name == "left"]
     for r in left:
         assert np.array_equal(speeds[r], assemble(rows.drives[r]).sprocket_speed)
     assert abs(speeds[left[0]][0] / speeds[left[1]][0] - 1.0) > 0.05

@@ -206,7 +206,7 @@ def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
 
 
 def test_messages_name_the_options_of_a_command(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("warpchain.engine.devices._gpus", dict)
+    monkeypatch.setattr("warpchain.engine.devices._gpu_architectures", dict)
     status, _, err = run(capsys, *RUN, "--device", "cuda", "--quiet")
     assert status == 2
     assert err[0].startswith("warpchain: error: --device cuda: no NVIDIA GPU")

@@ -6,15 +6,15 @@ import warp as wp
 from drives import example
 
 from warpchain.engine.arrays import (
-    KINDS,
-    PACKED,
-    TABLE,
+    ARRAYS,
+    DIMENSIONS,
+    PACKED_ARRAYS,
+    array_lengths,
     array_type,
     dtype_of,
     empty_sums,
     empty_tallies,
-    lengths,
-    starts,
+    first_places,
     upload_ensemble,
     upload_state,
 )
@@ -51,37 +51,39 @@ def test_each_array_has_its_row(real):
         "sums": structs.Sums,
         "tallies": structs.Tallies,
     }
-    assert of_group.keys() == TABLE.keys()
+    assert of_group.keys() == ARRAYS.keys()
     for group, struct in of_group.items():
         arrays = {name for name, var in struct.vars.items() if isinstance(var.type, type(wp.array[real]))}
-        assert arrays == TABLE[group].keys()
+        assert arrays == ARRAYS[group].keys()
         assert struct.vars.keys() == arrays
 
 
 def test_arrays_are_as_the_table_says():
     """Types are the structs', lengths those of the rows; what is packed, and zeros elsewhere, is what devices get."""
     packed, groups = held([example("marine")] * 2)
-    first = starts(packed.drives)
+    first = first_places(packed.drives)
     for group, struct in groups.items():
-        for name, row in TABLE[group].items():
+        for name, row in ARRAYS[group].items():
             array, kind = getattr(struct, name), array_type(group, name, wp.float64)
             assert array.dtype == kind, name
-            if row.kind and row.made is None and row.where != "cpu":
-                assert len(array) == lengths(packed.drives, group)[name] >= row.width * first[row.kind][-1], name
-            if row.packed and row.made is None:
-                assert getattr(packed, row.packed).dtype == dtype_of(kind), name
-                np.testing.assert_array_equal(array.numpy(), getattr(packed, row.packed), err_msg=name)
-            elif group in ("state", "tallies") and row.kind:
+            if row.dimension and row.values_for_device is None and row.where != "cpu":
+                assert (
+                    len(array) == array_lengths(packed.drives, group)[name] >= row.width * first[row.dimension][-1]
+                ), name
+            if row.packed_name and row.values_for_device is None:
+                assert getattr(packed, row.packed_name).dtype == dtype_of(kind), name
+                np.testing.assert_array_equal(array.numpy(), getattr(packed, row.packed_name), err_msg=name)
+            elif group in ("state", "tallies") and row.dimension:
                 assert not any(array.numpy().tobytes()), name
     for kind, places in first.items():
-        if KINDS[kind].first:
-            np.testing.assert_array_equal(packed.drives[KINDS[kind].first], places[:-1])
+        if DIMENSIONS[kind].first:
+            np.testing.assert_array_equal(packed.drives[DIMENSIONS[kind].first], places[:-1])
 
 
 def test_precisions_and_copies_go_by_the_table():
     packed, _ = held([example("marine")])
     single, twin = packed.at_precision("float32"), packed.copy()
-    for name, place in PACKED.items():
+    for name, place in PACKED_ARRAYS.items():
         assert getattr(single, name).dtype == dtype_of(array_type(*place, wp.float32)), name
         np.testing.assert_array_equal(getattr(twin, name), getattr(packed, name), err_msg=name)
         assert not np.shares_memory(getattr(twin, name), getattr(packed, name)), name
@@ -89,5 +91,5 @@ def test_precisions_and_copies_go_by_the_table():
 
 def test_states_on_disk_keep_their_order():
     """The bytes of a state are these arrays', one after the other: another order makes other files."""
-    kept = {group: " ".join(name for name, row in rows.items() if row.kept) for group, rows in TABLE.items()}
+    kept = {group: " ".join(name for name, row in rows.items() if row.in_checkpoints) for group, rows in ARRAYS.items()}
     assert {group: names for group, names in kept.items() if names} == KEPT

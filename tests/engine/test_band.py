@@ -6,8 +6,8 @@ from drives import two_sprockets
 
 from warpchain import Record, loads_drive, simulate
 from warpchain.assembly.fitting import fit_position
-from warpchain.engine.fill import AHEAD
 from warpchain.engine.pack import pack
+from warpchain.engine.struct_rows import CONTACT_MARGIN
 from warpchain.results.schedule import Schedule
 
 MAXIMUM = {"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "maximum"}
@@ -52,7 +52,7 @@ def test_the_band_reaches_from_where_tips_end_as_far_inward():
     assert drive.engagement(0) == reach
     assert two_sprockets().engagement(0) == pytest.approx(0.5 * 0.05, rel=1e-12)
     packed = pack([drive], [Schedule(5e-6, 1, 0, 1, 0)]).sprockets[0]
-    reach += AHEAD * drive.chain.roller_radius  # and what may touch a tip within a step
+    reach += CONTACT_MARGIN * drive.chain.roller_radius  # and what may touch a tip within a step
     np.testing.assert_allclose(np.sqrt(packed["far_square"]), drive.pitch_radius(0) + reach, rtol=1e-12)
     np.testing.assert_allclose(np.sqrt(packed["near_square"]), drive.pitch_radius(0) - reach, rtol=1e-12)
 

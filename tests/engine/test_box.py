@@ -12,9 +12,9 @@ from warpchain import Record, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.bounds import ESCAPE_PITCHES, escape
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.outcomes import causes_of
+from warpchain.engine.end_states import divergence_causes
 from warpchain.engine.pack import pack
-from warpchain.engine.settling import settle
+from warpchain.engine.settling import settle_variants
 from warpchain.engine.simulation import schedules_of
 from warpchain.results.judgement import DIVERGENCE_CAUSES
 
@@ -77,9 +77,11 @@ def test_the_box_holds_the_settled_chain_and_what_its_slack_lets_it_do(gravity, 
     spare = 2.0 * chord * (1.05 / (1.0 + min(packed.assemblies[0].strain, 0.0)) - 1.0)
     half = 0.5 * (chord + spare)
     assert margin == pytest.approx(half * math.sqrt(1.0 - (0.5 * chord / half) ** 2), rel=1e-3)
-    before = packed.rows(0)[0:2].copy()
-    assert settle(packed, [drive], "cpu", 1, 10**6, lambda futures, _: not wait(futures).not_done)["settled"].all()
-    after, (row,) = packed.rows(0)[0:2], packed.drives
+    before = packed.roller_rows(0)[0:2].copy()
+    assert settle_variants(packed, [drive], "cpu", 1, 10**6, lambda futures, _: not wait(futures).not_done)[
+        "settled"
+    ].all()
+    after, (row,) = packed.roller_rows(0)[0:2], packed.drives
     for place in (before, after):
         assert (place.min(axis=1) - margin >= row["low"]).all() and (place.max(axis=1) + margin <= row["high"]).all()
 
@@ -98,16 +100,16 @@ def moved(drives, change):
         future.result()
     gone = engine.progress()["diverged"] != 0
     engine.close()
-    return gone.tolist(), causes_of(engine, drives, gone)
+    return gone.tolist(), divergence_causes(engine, drives, gone)
 
 
 def test_the_cause_is_told_by_where_everything_is():
     drives = [two_sprockets(), *(two_sprockets(settle="false") for _ in range(2)), *(two_sprockets() for _ in range(3))]
 
     def change(packed):
-        packed.rows(1)[0] += 50.0  # whole, elsewhere
-        packed.rows(2)[1, 3] = 9.0  # one roller
-        packed.rows(3)[0, 5] = np.nan
+        packed.roller_rows(1)[0] += 50.0  # whole, elsewhere
+        packed.roller_rows(2)[1, 3] = 9.0  # one roller
+        packed.roller_rows(3)[0, 5] = np.nan
         packed.bodies["center"][packed.drives["first_body"][4] + 1] = (0.0, -90.0)
 
     gone, causes = moved(drives, change)

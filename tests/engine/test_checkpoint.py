@@ -5,8 +5,17 @@ import pytest
 from drives import example, timing, two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.engine.checkpoint import STOPS, Keeper, Kept, States, notes_from, stop_of, stops_of, takes_sums
-from warpchain.engine.outcomes import PARTS, note_steps
+from warpchain.engine.checkpoint import (
+    MOST_STOPS,
+    StateKeeper,
+    States,
+    VariantState,
+    has_usable_sums,
+    latest_stop_step,
+    stop_steps,
+    usable_notes,
+)
+from warpchain.engine.window_sums import LONG_BATCHES, note_steps
 from warpchain.errors import SimulationError
 from warpchain.results.schedule import Schedule
 
@@ -48,7 +57,7 @@ def test_a_run_that_is_gone_on_with_has_the_bits_of_one_run(precision, window, l
     short = States()
     simulate(drives, duration=SHORT, window=window, states=short, **same_run)
     assert all(kept is not None for kept in short.kept) and short.used == [False] * 5
-    begin = [Kept.from_bytes(kept.to_bytes()) for kept in short.kept]
+    begin = [VariantState.from_bytes(kept.to_bytes()) for kept in short.kept]
     on, whole = States(begin=begin), States()
     gone_on = simulate(drives, duration=LONG, window=longer, states=on, **same_run)
     assert on.used == [True] * 5
@@ -106,7 +115,7 @@ def test_a_gpu_goes_on_with_the_same_window():
     drive = two_sprockets().with_values({"run.step": STEP})
     short, run = States(), "float64 cuda"
     simulate([drive], duration=SHORT, step=STEP, window=(0.0, SHORT), states=short, device="cpu", record=Record("none"))
-    kept = Kept({**short.kept[0].facts, "run": run}, short.kept[0].data)
+    kept = VariantState({**short.kept[0].facts, "run": run}, short.kept[0].data)
     twice, later = (Schedule(STEP, 2048, first, 2048, 0) for first in (0, 1024))
     for begin, schedule, used in (
         ([kept, kept], twice, [True, True]),
@@ -115,7 +124,7 @@ def test_a_gpu_goes_on_with_the_same_window():
     ):
         states = States(begin=begin)
         states.prepare(2)
-        Keeper(states, [drive] * 2, [schedule] * 2, np.arange(2), run)
+        StateKeeper(states, [drive] * 2, [schedule] * 2, np.arange(2), run)
         assert states.used == used
 
 
@@ -124,23 +133,25 @@ def test_notes_are_taken_over_where_they_were_taken():
 
     def kept(first, last):
         facts = {"window": [first, last], "look_every": 32}
-        return Kept({**facts, "next": stop_of(Schedule(STEP, last, first, last, 0))}, b"")
+        return VariantState({**facts, "next": latest_stop_step(Schedule(STEP, last, first, last, 0))}, b"")
 
     assert note_steps(0, 3200, 32).tolist() == [32 * -(-40 * k // 32) for k in range(1, 80)]
-    assert note_steps(0, 3200, 32, PARTS).tolist() == [160 * k for k in range(1, 20)]
+    assert note_steps(0, 3200, 32, LONG_BATCHES).tolist() == [160 * k for k in range(1, 20)]
     later = note_steps(np.array([0, 3]), np.array([3200, 3203]), 32)[1]
     assert later.tolist() == [32 * -(-(3 + 40 * k) // 32) for k in range(1, 80)]
-    assert notes_from(kept(0, 3200), Schedule(STEP, 6400, 0, 6400, 0)) == [(k, 2 * k + 1) for k in range(39)]
-    assert notes_from(kept(0, 3200), Schedule(STEP, 4800, 0, 4800, 0)) is None
-    assert notes_from(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0)) == [(0, 19), (1, 39), (2, 59)]
-    assert notes_from(kept(0, 3200), Schedule(STEP, 256000, 0, 256000, 0)) == []  # the first is still ahead
-    assert takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0))
-    assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 8, 64008, 0))
-    assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0, look_every=64))  # looks weigh otherwise
+    assert usable_notes(kept(0, 3200), Schedule(STEP, 6400, 0, 6400, 0)) == [(k, 2 * k + 1) for k in range(39)]
+    assert usable_notes(kept(0, 3200), Schedule(STEP, 4800, 0, 4800, 0)) is None
+    assert usable_notes(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0)) == [(0, 19), (1, 39), (2, 59)]
+    assert usable_notes(kept(0, 3200), Schedule(STEP, 256000, 0, 256000, 0)) == []  # the first is still ahead
+    assert has_usable_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0))
+    assert not has_usable_sums(kept(0, 3200), Schedule(STEP, 64000, 8, 64008, 0))
+    assert not has_usable_sums(
+        kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0, look_every=64)
+    )  # looks weigh otherwise
     before = kept(0, 3200)  # of a version in which looks were always 32 steps apart
-    before = Kept({name: value for name, value in before.facts.items() if name != "look_every"}, before.data)
-    assert takes_sums(before, Schedule(STEP, 64000, 0, 64000, 0))
-    assert not takes_sums(before, Schedule(STEP, 64000, 0, 64000, 0, look_every=64))
+    before = VariantState({name: value for name, value in before.facts.items() if name != "look_every"}, before.data)
+    assert has_usable_sums(before, Schedule(STEP, 64000, 0, 64000, 0))
+    assert not has_usable_sums(before, Schedule(STEP, 64000, 0, 64000, 0, look_every=64))
 
 
 @pytest.mark.parametrize("every", [0, 16, 48, 96, -32])
@@ -151,9 +162,9 @@ def test_looks_fall_on_steps_at_which_sums_are_merged(every):
 
 def test_variants_of_many_steps_are_kept_at_few():
     schedules = [Schedule(STEP, n, 0, n, 0) for n in range(1000, 3000, 7)]
-    stops = stops_of(schedules)
-    assert len(set(stops.tolist())) == STOPS and (stops % 32 == 0).all()
-    wanted = np.array([stop_of(schedule) for schedule in schedules])
+    stops = stop_steps(schedules)
+    assert len(set(stops.tolist())) == MOST_STOPS and (stops % 32 == 0).all()
+    wanted = np.array([latest_stop_step(schedule) for schedule in schedules])
     assert (stops <= wanted).all() and (stops > 0.9 * wanted - 160).all()
 
 

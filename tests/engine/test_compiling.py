@@ -15,18 +15,18 @@ from drives import example, two_sprockets
 from study_helpers import write_study
 
 from warpchain import progress, run_study, simulate
-from warpchain.engine import buckets, compiling
-from warpchain.engine.buckets import COLLECTING, GpuKernels
-from warpchain.engine.compiling import Wanted, compile_in_processes, compile_job, jobs_of, loading_on_cpu
-from warpchain.engine.gpu import compile_lacking
+from warpchain.engine import compilation, gpu_kernels
+from warpchain.engine.compilation import KernelSpec, compile_in_processes, compile_job, compile_jobs, load_cpu_kernels
+from warpchain.engine.gpu import compile_missing_kernels
+from warpchain.engine.gpu_kernels import COLLECT_THREADS, GpuKernels
 from warpchain.engine.pack import pack
-from warpchain.engine.settling import cushion, elastic
+from warpchain.engine.settling import damp_arm_contacts, settling_ensemble
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.progress import StopRequest
 from warpchain.results.schedule import Schedule
 
 TELLS = "compiling kernels (first run of this kind of drive only): "
-COLLECT = [Wanted(collect_kernel, (real,), COLLECTING) for real in (wp.float64, wp.float32)]
+COLLECT = [KernelSpec(collect_kernel, (real,), COLLECT_THREADS) for real in (wp.float64, wp.float32)]
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def cache(monkeypatch, tmp_path):
     )
     monkeypatch.setattr(wp, "get_device", lambda name: gpu)
     order = SimpleNamespace(get_device=wp.get_device, array=lambda values, **_: values, int32=wp.int32)
-    monkeypatch.setattr(buckets, "wp", order)
+    monkeypatch.setattr(gpu_kernels, "wp", order)
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     return tmp_path
 
@@ -56,20 +56,20 @@ def compiled(jobs, cores=2, stop=None, report=lambda *_: None):
 @pytest.mark.long
 def test_a_process_compiles_what_the_caller_looks_for(cache, monkeypatch):
     monkeypatch.setattr(wp.config, "use_precompiled_headers", True)  # the process does without
-    jobs, seen = list(jobs_of(COLLECT, "cuda:0")), []
+    jobs, seen = list(compile_jobs(COLLECT, "cuda:0")), []
     assert all(compiled([*jobs, jobs[0]], report=lambda *told: seen.append(told)))
     assert {told[0] for told in seen} == {"compiling"} and seen[-1] == ("compiling", 2, 2)
     assert {path.suffix for path in cache.glob("*/*.sm90.*")} == {".cubin"}
     assert {path.name for path in cache.iterdir()} == {job.path.parent.name for job in jobs}  # nothing unfinished
-    assert not list(jobs_of(COLLECT, "cuda:0"))
+    assert not list(compile_jobs(COLLECT, "cuda:0"))
     for job in jobs:
-        options = job.wanted.module.resolved_options[COLLECTING]
-        assert not job.wanted.module._compile(None, None, job.path.name, 90, False, options=options)  # Warp finds it
+        options = job.spec.module.resolved_options[COLLECT_THREADS]
+        assert not job.spec.module._compile(None, None, job.path.name, 90, False, options=options)  # Warp finds it
 
 
 def test_where_processes_gain_nothing_there_are_none(cache, monkeypatch):
-    monkeypatch.setattr(compiling, "_started", lambda job: pytest.fail("started"))
-    jobs, seen = list(jobs_of(COLLECT, "cuda:0")), []
+    monkeypatch.setattr(compilation, "_start_compiler", lambda job: pytest.fail("started"))
+    jobs, seen = list(compile_jobs(COLLECT, "cuda:0")), []
     assert not any(compiled([]) or compiled(jobs, cores=1))
     assert not any(compiled(jobs[:1], report=lambda *told: seen.append(told)))
     assert seen == [("compiling", 0, 1)]  # the caller compiles it
@@ -80,20 +80,22 @@ def test_where_processes_gain_nothing_there_are_none(cache, monkeypatch):
 @pytest.mark.parametrize("program", ["/bin/false", "/nowhere"])
 def test_a_process_that_fails_leaves_its_kernel_to_the_caller(cache, monkeypatch, program):
     monkeypatch.setattr(sys, "executable", program)
-    assert not any(compiled(list(jobs_of(COLLECT, "cuda:0"))))
+    assert not any(compiled(list(compile_jobs(COLLECT, "cuda:0"))))
 
 
 def test_what_is_not_the_kernel_that_was_meant_is_not_compiled(cache):
-    (job,) = jobs_of(COLLECT[:1], "cuda:0")
+    (job,) = compile_jobs(COLLECT[:1], "cuda:0")
     compile_job(replace(job, path=cache / "wp_of_other_laws" / job.path.name))
     assert not list(cache.iterdir())
 
 
 def test_a_stop_ends_processes_and_leaves_nothing_unfinished(cache, monkeypatch):
-    stop, processes, start = StopRequest(), [], compiling._started
-    monkeypatch.setattr(compiling, "_started", lambda job: processes.append(start(job)) or processes[-1])
+    stop, processes, start = StopRequest(), [], compilation._start_compiler
+    monkeypatch.setattr(compilation, "_start_compiler", lambda job: processes.append(start(job)) or processes[-1])
     compiled(
-        list(jobs_of(COLLECT, "cuda:0")), stop=stop, report=lambda *_: list(cache.glob("*_p*")) and stop.ask_to_stop()
+        list(compile_jobs(COLLECT, "cuda:0")),
+        stop=stop,
+        report=lambda *_: list(cache.glob("*_p*")) and stop.ask_to_stop(),
     )
     assert len(processes) == 2 and all(process.returncode is not None for process in processes)
     assert not list(cache.glob("*_p*"))
@@ -104,15 +106,15 @@ def test_all_that_a_run_needs_is_compiled_at_once(cache, monkeypatch, settles):
     """Settling's kernel in float64, and as the settling of the ensemble asks for it."""
     drives = [example("marine"), two_sprockets()]
     packed = pack(drives, [Schedule(1e-6, 500, 250, 500, 0)] * 2)
-    still = elastic(packed)
-    cushion(still)
+    still = settling_ensemble(packed)
+    damp_arm_contacts(still)
     asked = []
     monkeypatch.setattr("warpchain.engine.gpu.compile_in_processes", lambda jobs, *_: asked.extend(jobs))
-    compile_lacking("cuda:0", packed, "float32", settles, 2, print, StopRequest())
-    steps = GpuKernels(packed.at_precision("float32"), "cuda:0").wanted()
+    compile_missing_kernels("cuda:0", packed, "float32", settles, 2, print, StopRequest())
+    steps = GpuKernels(packed.at_precision("float32"), "cuda:0").kernel_specs()
     assert len(steps) == 5
-    relax = GpuKernels(still, "cuda:0").wanted("relax") if settles else []
-    assert [job.wanted for job in asked] == [*steps, *relax]
+    relax = GpuKernels(still, "cuda:0").kernel_specs("relax") if settles else []
+    assert [job.spec for job in asked] == [*steps, *relax]
 
 
 def test_bars_follow_phases_that_come_again(capsys, monkeypatch):
@@ -156,23 +158,23 @@ def test_the_cpu_tells_of_kernels_that_it_compiles(monkeypatch):
         loaded.append(module)
 
     monkeypatch.setattr(wp, "load_module", load)
-    monkeypatch.setattr(compiling, "in_cache", lambda *_: False)
-    with loading_on_cpu(["relax", "advance"], lambda *told: seen.append(told)):
+    monkeypatch.setattr(compilation, "is_cached", lambda *_: False)
+    with load_cpu_kernels(["relax", "advance"], lambda *told: seen.append(told)):
         assert loaded == ["relax"] and seen[-1][1] >= 1.0
         settled.set()
     assert {(phase, total) for phase, _, total in seen} == {("compiling", 2)}
     done = [done for _, done, _ in seen]
     assert done == sorted(done) and done[-1] == 2.0 and loaded == ["relax", "advance"]
     seen.clear()
-    monkeypatch.setattr(compiling, "in_cache", lambda *_: True)
-    with loading_on_cpu(["relax"], lambda *told: seen.append(told)):
+    monkeypatch.setattr(compilation, "is_cached", lambda *_: True)
+    with load_cpu_kernels(["relax"], lambda *told: seen.append(told)):
         pass
     assert not seen
 
 
 def test_a_run_and_a_study_say_that_they_compile(capsys, monkeypatch, tmp_path):
     """With a cache that is said to be empty: the kernels of settling and of steps; a command's bars, and a study's."""
-    monkeypatch.setattr(compiling, "in_cache", lambda *_: False)
+    monkeypatch.setattr(compilation, "is_cached", lambda *_: False)
     seen = []
     simulate(two_sprockets(duration=0.001), progress=lambda *told: seen.append(told))
     assert seen[0][0] == "compiling" and seen[0][2] == 2 and seen[-1][0] == "simulating"

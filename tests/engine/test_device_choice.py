@@ -11,12 +11,12 @@ from drives import two_sprockets
 
 from warpchain import Record, read_archive, simulate
 from warpchain.engine import device_choice, devices
-from warpchain.engine.device_choice import Speed, quickest, seconds_on
+from warpchain.engine.device_choice import DeviceSpeed, estimated_seconds, fastest_devices
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
 
-CPU = Speed(1e8, cores=4.0)
-GPU = Speed(5e10, latency=2e-6, start=0.5)
+CPU = DeviceSpeed(1e8, cores=4.0)
+GPU = DeviceSpeed(5e10, latency=2e-6, start=0.5)
 STEPS = 100_000
 ROLLERS = 60
 
@@ -29,56 +29,60 @@ def ensemble(variants, steps=STEPS, measured=False):
 @pytest.fixture
 def known(monkeypatch, tmp_path):
     """A machine of one CPU and two GPUs, whose speeds are `CPU` and `GPU` by their class; nothing is stored."""
-    monkeypatch.setattr(device_choice, "store", lambda: tmp_path / "speeds.json")
-    monkeypatch.setattr(device_choice, "machine", lambda gpus: {"cpu": "a", "gpus": list(gpus)})
+    monkeypatch.setattr(device_choice, "speeds_file", lambda: tmp_path / "speeds.json")
+    monkeypatch.setattr(device_choice, "machine_facts", lambda gpus: {"cpu": "a", "gpus": list(gpus)})
     monkeypatch.setattr(device_choice, "class_speed", lambda device, *_: CPU if device == "cpu" else GPU)
-    monkeypatch.setattr(device_choice, "measured", lambda *_: pytest.fail("measured"))
-    monkeypatch.setattr(device_choice, "uncompiled", lambda *_: False)
+    monkeypatch.setattr(device_choice, "measure_speeds", lambda *_: pytest.fail("measured"))
+    monkeypatch.setattr(device_choice, "has_uncompiled_kernels", lambda *_: False)
     return tmp_path / "speeds.json"
 
 
 def test_estimates_are_what_the_equations_say():
     # one step with metrics more is 1e-5 of all
-    assert seconds_on(["cpu"], ensemble(1), 4, CPU) == pytest.approx(STEPS * ROLLERS / 1e8, rel=2e-5)
-    assert seconds_on(["cpu"], ensemble(8), 4, CPU) == pytest.approx(2 * STEPS * ROLLERS / 1e8, rel=2e-5)
-    assert seconds_on(["cpu"], ensemble(8), 2, CPU) == pytest.approx(4 * STEPS * ROLLERS / 1e8, rel=2e-5)  # two threads
+    assert estimated_seconds(["cpu"], ensemble(1), 4, CPU) == pytest.approx(STEPS * ROLLERS / 1e8, rel=2e-5)
+    assert estimated_seconds(["cpu"], ensemble(8), 4, CPU) == pytest.approx(2 * STEPS * ROLLERS / 1e8, rel=2e-5)
+    assert estimated_seconds(["cpu"], ensemble(8), 2, CPU) == pytest.approx(
+        4 * STEPS * ROLLERS / 1e8, rel=2e-5
+    )  # two threads
     for count, gpus in ((1, ["cuda:0"]), (1000, ["cuda:0"]), (1000, ["cuda:0", "cuda:1"])):
         full = count * STEPS * ROLLERS / 5e10 / len(gpus)
-        assert seconds_on(gpus, ensemble(count), 4, GPU) == pytest.approx(
+        assert estimated_seconds(gpus, ensemble(count), 4, GPU) == pytest.approx(
             0.5 + math.hypot(STEPS * 2e-6, full), rel=2e-5
         )
-    for names, kind, speed in ((["cpu"], "cpu", CPU), (["cuda:0"], "gpu", Speed(5e10, 2e-6))):
-        bare, measured = (seconds_on(names, ensemble(1, measured=of), 4, speed) for of in (False, True))
-        assert measured / bare == pytest.approx(device_choice.METRICS[kind], rel=3e-5)
+    for names, kind, speed in ((["cpu"], "cpu", CPU), (["cuda:0"], "gpu", DeviceSpeed(5e10, 2e-6))):
+        bare, measured = (estimated_seconds(names, ensemble(1, measured=of), 4, speed) for of in (False, True))
+        assert measured / bare == pytest.approx(device_choice.METRICS_FACTOR[kind], rel=3e-5)
 
 
 def test_what_finishes_first_is_chosen_and_told(known):
     gpus = ("cuda:0", "cuda:1")
-    alone = quickest(gpus, ensemble(1), "float64", 4)
+    alone = fastest_devices(gpus, ensemble(1), "float64", 4)
     # 0.06 s of the CPU; 0.5 + 0.2 s of a GPU
     assert alone == (("cpu",), "0.06 s estimated against 0.7 s on cuda:0 and 0.7 s on cuda:0,cuda:1")
     # 1.5 s of four cores, 0.5 + hypot(0.2, 0.012) s of a GPU, hardly less of two: not worth a second one
-    crowd = quickest(gpus, ensemble(100), "float64", 4)
+    crowd = fastest_devices(gpus, ensemble(100), "float64", 4)
     assert crowd == (("cuda:0",), "0.7 s estimated against 1.5 s on cpu and 0.7 s on cuda:0,cuda:1")
     # 0.5 + hypot(0.2, 1.2) s of a GPU, 0.6 s less of two
-    assert quickest(gpus, ensemble(10_000), "float64", 4).devices == gpus
+    assert fastest_devices(gpus, ensemble(10_000), "float64", 4).devices == gpus
 
 
 def test_of_equal_ones_the_plainest_is_chosen(known, monkeypatch):
-    monkeypatch.setattr(device_choice, "class_speed", lambda device, *_: Speed(1e8))
-    assert quickest(("cuda:0",), ensemble(1), "float64", 4).devices == ("cpu",)
+    monkeypatch.setattr(device_choice, "class_speed", lambda device, *_: DeviceSpeed(1e8))
+    assert fastest_devices(("cuda:0",), ensemble(1), "float64", 4).devices == ("cpu",)
 
 
 def test_what_has_to_be_compiled_first_counts(known, monkeypatch):
     """100 variants: 1.5 s of the CPU, 0.7 s of a GPU; 8 s and 10 s of compiling where kernels are not there."""
-    found = {"cpu": replace(CPU, compiling=8.0), "cuda:0": replace(GPU, compiling=10.0)}
+    found = {"cpu": replace(CPU, compile_seconds=8.0), "cuda:0": replace(GPU, compile_seconds=10.0)}
     monkeypatch.setattr(device_choice, "class_speed", lambda device, *_: found[device])
     looked = []
 
     def chosen(*lacking):
         looked.clear()
-        monkeypatch.setattr(device_choice, "uncompiled", lambda device, *_: looked.append(device) or device in lacking)
-        return quickest(("cuda:0", "cuda:1"), ensemble(100), "float64", 4)
+        monkeypatch.setattr(
+            device_choice, "has_uncompiled_kernels", lambda device, *_: looked.append(device) or device in lacking
+        )
+        return fastest_devices(("cuda:0", "cuda:1"), ensemble(100), "float64", 4)
 
     assert chosen().devices == ("cuda:0",) and looked == ["cuda:0"]
     assert chosen("cpu").devices == ("cuda:0",) and looked == ["cuda:0"]  # nobody asks: it is slower anyway
@@ -93,9 +97,9 @@ def test_a_kernel_is_known_to_be_compiled(on, monkeypatch, tmp_path):
     (device, precision), drive = on, two_sprockets(duration=5e-4, settle="false")
     simulate(drive, device=device, precision=precision, step=1e-6, record=Record("none"))
     packed = pack([drive], [Schedule(1e-6, 500, 250, 500, 0)])
-    assert not device_choice.uncompiled(device, packed, precision)
+    assert not device_choice.has_uncompiled_kernels(device, packed, precision)
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
-    assert device_choice.uncompiled(device, packed, precision)
+    assert device_choice.has_uncompiled_kernels(device, packed, precision)
 
 
 def test_it_is_measured_once_and_only_where_it_pays(known, monkeypatch):
@@ -103,20 +107,20 @@ def test_it_is_measured_once_and_only_where_it_pays(known, monkeypatch):
 
     def measured(gpus, precision, cores):
         asked.append(precision)
-        found = {f"cpu {precision}": CPU, f"cuda:0 {precision}": Speed(1e7, 2e-6, 0.5)}  # slower than its class
+        found = {f"cpu {precision}": CPU, f"cuda:0 {precision}": DeviceSpeed(1e7, 2e-6, 0.5)}  # slower than its class
         held = {name: device_choice.asdict(speed) for name, speed in found.items()}
-        known.write_text(json.dumps({"machine": device_choice.machine(gpus), "speeds": held}))
+        known.write_text(json.dumps({"machine": device_choice.machine_facts(gpus), "speeds": held}))
         return found
 
-    monkeypatch.setattr(device_choice, "measured", measured)
+    monkeypatch.setattr(device_choice, "measure_speeds", measured)
     long = ensemble(1, 1500 * STEPS)  # 90 s of the CPU, 300 s of the GPU by their class
-    quickest(("cuda:0",), ensemble(1), "float64", 4)  # too short for that
-    quickest(("cuda:0",), ensemble(10_000, 60 * STEPS), "float64", 4)  # 9000 s and 73 s: plain
+    fastest_devices(("cuda:0",), ensemble(1), "float64", 4)  # too short for that
+    fastest_devices(("cuda:0",), ensemble(10_000, 60 * STEPS), "float64", 4)  # 9000 s and 73 s: plain
     assert asked == []
-    assert quickest(("cuda:0",), long, "float64", 4) == (("cpu",), "90 s estimated against 9.5e+02 s on cuda:0")
-    assert quickest(("cuda:0",), ensemble(100), "float64", 4).devices == ("cpu",)  # from what is stored
+    assert fastest_devices(("cuda:0",), long, "float64", 4) == (("cpu",), "90 s estimated against 9.5e+02 s on cuda:0")
+    assert fastest_devices(("cuda:0",), ensemble(100), "float64", 4).devices == ("cpu",)  # from what is stored
     assert asked == ["float64"]
-    quickest(("cuda:0",), long, "float32", 4)
+    fastest_devices(("cuda:0",), long, "float32", 4)
     assert asked == ["float64", "float32"]
 
 
@@ -138,26 +142,26 @@ def test_it_is_measured_once_and_only_where_it_pays(known, monkeypatch):
 )
 def test_what_is_broken_or_of_another_machine_does_not_count(known, text):
     known.write_bytes(text.encode(errors="surrogateescape"))
-    assert device_choice.stored(["cuda:0"]) == {}
+    assert device_choice.stored_speeds(["cuda:0"]) == {}
 
 
 def test_what_is_measured_is_stored_beside_what_was(monkeypatch, tmp_path):
-    monkeypatch.setattr(device_choice, "store", lambda: tmp_path / "speeds.json")
-    monkeypatch.setattr(device_choice, "measured_cpu", lambda precision, cores: CPU)
-    assert device_choice.stored([]) == {}
-    device_choice.measured([], "float64", 4)
-    device_choice.measured([], "float32", 4)
-    assert device_choice.stored([]) == {"cpu float64": CPU, "cpu float32": CPU}
+    monkeypatch.setattr(device_choice, "speeds_file", lambda: tmp_path / "speeds.json")
+    monkeypatch.setattr(device_choice, "measure_cpu", lambda precision, cores: CPU)
+    assert device_choice.stored_speeds([]) == {}
+    device_choice.measure_speeds([], "float64", 4)
+    device_choice.measure_speeds([], "float32", 4)
+    assert device_choice.stored_speeds([]) == {"cpu float64": CPU, "cpu float32": CPU}
     (tmp_path / "speeds.json").write_text("{")
-    device_choice.measured([], "float64", 4)  # made anew
-    assert device_choice.stored([]) == {"cpu float64": CPU}
+    device_choice.measure_speeds([], "float64", 4)  # made anew
+    assert device_choice.stored_speeds([]) == {"cpu float64": CPU}
 
 
 def test_where_nothing_can_be_stored_runs_go_on(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(device_choice, "store", lambda: tmp_path / "file" / "speeds.json")
-    monkeypatch.setattr(device_choice, "measured_cpu", lambda precision, cores: CPU)
-    assert device_choice.measured([], "float64", 4) == {"cpu float64": CPU}
+    monkeypatch.setattr(device_choice, "speeds_file", lambda: tmp_path / "file" / "speeds.json")
+    monkeypatch.setattr(device_choice, "measure_cpu", lambda precision, cores: CPU)
+    assert device_choice.measure_speeds([], "float64", 4) == {"cpu float64": CPU}
 
 
 def test_a_device_that_cannot_be_measured_has_the_numbers_of_its_class(known, monkeypatch):
@@ -165,19 +169,21 @@ def test_a_device_that_cannot_be_measured_has_the_numbers_of_its_class(known, mo
         raise RuntimeError("no compiler")
 
     monkeypatch.undo()
-    monkeypatch.setattr(device_choice, "store", lambda: known)
-    monkeypatch.setattr(device_choice, "measured_cpu", refuses)
-    assert device_choice.measured([], "float64", 4) == {"cpu float64": device_choice.class_speed("cpu", "float64", 4)}
+    monkeypatch.setattr(device_choice, "speeds_file", lambda: known)
+    monkeypatch.setattr(device_choice, "measure_cpu", refuses)
+    assert device_choice.measure_speeds([], "float64", 4) == {
+        "cpu float64": device_choice.class_speed("cpu", "float64", 4)
+    }
 
 
 def test_a_processor_is_measured():
     # the machine is what it is: within a factor of a hundred of a core's 1e8 roller-steps a second
-    speed = device_choice.measured_cpu("float64", 2)
-    assert speed.sound and 1e6 < speed.rate < 1e10 and 1.0 <= speed.cores < 8.0
+    speed = device_choice.measure_cpu("float64", 2)
+    assert speed.is_plausible and 1e6 < speed.rate < 1e10 and 1.0 <= speed.cores < 8.0
 
 
 def test_a_run_tells_why_it_ran_where_it_did(known, monkeypatch, tmp_path):
-    monkeypatch.setattr(devices, "_gpus", lambda: {"cuda:0": 90})
+    monkeypatch.setattr(devices, "_gpu_architectures", lambda: {"cuda:0": 90})
     drive = two_sprockets(duration=5e-4, settle="false")
     run = simulate(drive, archive=tmp_path / "a.mcap")
     assert run.info.device == "cpu"
@@ -188,15 +194,15 @@ def test_a_run_tells_why_it_ran_where_it_did(known, monkeypatch, tmp_path):
 
 
 def test_without_a_gpu_there_is_no_choice_and_nothing_is_estimated(monkeypatch):
-    monkeypatch.setattr(devices, "_gpus", dict)
-    monkeypatch.setattr(devices, "quickest", lambda *_: pytest.fail("estimated"))
-    assert devices.devices_for(None, ensemble(1), "float64", 4, 1) == (("cpu",), None)
+    monkeypatch.setattr(devices, "_gpu_architectures", dict)
+    monkeypatch.setattr(devices, "fastest_devices", lambda *_: pytest.fail("estimated"))
+    assert devices.choose_devices(None, ensemble(1), "float64", 4, 1) == (("cpu",), None)
 
 
 def test_the_command_lists_and_measures(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(devices, "_gpus", dict)
-    monkeypatch.setattr(device_choice, "store", lambda: tmp_path / "speeds.json")
-    monkeypatch.setattr(device_choice, "measured_cpu", lambda precision, cores: replace(CPU, compiling=7.5))
+    monkeypatch.setattr(devices, "_gpu_architectures", dict)
+    monkeypatch.setattr(device_choice, "speeds_file", lambda: tmp_path / "speeds.json")
+    monkeypatch.setattr(device_choice, "measure_cpu", lambda precision, cores: replace(CPU, compile_seconds=7.5))
     status, out, _ = command(capsys, "devices")
     assert status == 0 and out[1:] == [
         "no NVIDIA GPU that Warp can use: runs take the CPU",

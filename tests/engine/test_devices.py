@@ -12,23 +12,23 @@ from drives import assert_same_frames, example, timing, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.assembly.timestep import resolve_step
-from warpchain.engine.buckets import (
-    FEW,
+from warpchain.engine.devices import devices_by_name
+from warpchain.engine.gpu import GpuEngine, gpu_launch_steps, gpu_refusal
+from warpchain.engine.gpu_kernels import (
+    FEW_VARIANTS,
     FULL_AT_FLOAT32,
     FULL_OF_OIL,
     FULL_WITH_METRICS,
-    ROOMS,
+    ROLLER_CAPACITIES,
     VARIANTS_PER_BLOCK,
     Bucket,
-    _distinct,
+    _distinct_rows,
     block_shape,
+    global_memory_values,
     kernel_kind,
-    resident,
-    room_for,
-    rows_apart,
+    resident_variants,
+    roller_capacity,
 )
-from warpchain.engine.devices import chosen_devices
-from warpchain.engine.gpu import GpuEngine, launch_steps, refusal
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.kind import DECLARED, EVEN, BlockKind, BlockShape, Friction, Parts
@@ -43,10 +43,10 @@ def mixed():
 
 
 def test_launches_take_whole_units_of_steps_and_about_equal_time():
-    assert launch_steps(162.0, 10**9) == 131_072  # one marine drive: bounded by steps
-    assert launch_steps(1.62e6, 10**9) == 6144  # ten thousand: by work, 1e10 / 1.62e6 = 6172, down to units of 32
-    assert launch_steps(162.0, 50) == 32
-    assert launch_steps(162.0, 7) == 7  # a frame buffer this small
+    assert gpu_launch_steps(162.0, 10**9) == 131_072  # one marine drive: bounded by steps
+    assert gpu_launch_steps(1.62e6, 10**9) == 6144  # ten thousand: by work, 1e10 / 1.62e6 = 6172, down to units of 32
+    assert gpu_launch_steps(162.0, 50) == 32
+    assert gpu_launch_steps(162.0, 7) == 7  # a frame buffer this small
 
 
 def kinds_of(real=wp.float64, *, links=128, each=100, most_shared=DECLARED, guides=0, **more):
@@ -77,9 +77,11 @@ def test_oil_has_a_warp_where_a_multiprocessor_gets_more_variants_than_it_holds_
 
 
 def test_registers_of_a_block_fit_a_multiprocessor():
-    for real, links, each in product((wp.float64, wp.float32), (*ROOMS, 2048, 4096, 16_384), (1, 4, 8, 100)):
+    for real, links, each in product(
+        (wp.float64, wp.float32), (*ROLLER_CAPACITIES, 2048, 4096, 16_384), (1, 4, 8, 100)
+    ):
         for kind in kinds_of(real, links=links, each=each, linear_hysteretic=True, most_shared=232_448):
-            assert 65536 // (kind.shape.threads * resident(kind)) >= 64, kind
+            assert 65536 // (kind.shape.threads * resident_variants(kind)) >= 64, kind
 
 
 def test_a_drive_has_two_kernels_however_many_there_are():
@@ -116,23 +118,23 @@ def test_short_kernels_that_share_blocks_are_more_on_a_multiprocessor():
         replace(kind, friction=Friction(EVEN)),
         replace(kind, shape=replace(kind.shape, rollers_per_thread=6)),
     )
-    assert [resident(one) for one in (kind, rubs, longer)] == [20, 16, 16]
+    assert [resident_variants(one) for one in (kind, rubs, longer)] == [20, 16, 16]
 
 
 def test_blocks_have_room_for_the_chain_and_little_more():
     links = np.array([3, 32, 33, 118, 162, 257, 1000, 1024, 1025, 2049, 4000, 4097, 16_384])
-    most = room_for(links)
+    most = roller_capacity(links)
     assert (most >= links).all()
     assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 1280, 2560, 4096, 5120, 16_384]
-    for each in (1, FEW + 1):
+    for each in (1, FEW_VARIANTS + 1):
         shapes = [block_shape(int(r), each) for r in most]
         assert [shape.room for shape in shapes] == most.tolist()
         # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
         assert all(shape.threads == 32 or shape.room <= ORDERED or shape.room > 512 for shape in shapes)
         assert all(shape.body_warp == (each == 1 and shape.room <= 512) for shape in shapes)
     # longer chains have one shape however many they are: their order is that of threads
-    assert all(block_shape(int(r), 1) == block_shape(int(r), FEW + 1) for r in most if r > 512)
-    assert [block_shape(room, FEW + 1) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]
+    assert all(block_shape(int(r), 1) == block_shape(int(r), FEW_VARIANTS + 1) for r in most if r > 512)
+    assert [block_shape(room, FEW_VARIANTS + 1) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -142,8 +144,8 @@ def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
     kind = BlockKind(wp.float64, block_shape(room_, 1, most), Parts(3, 1), moving=moves)
     bucket = Bucket(kind, np.arange(7), None)
-    other = Bucket(BlockKind(wp.float64, block_shape(32, FEW + 1, most), Parts(2, 0)), np.arange(5), None)
-    there = rows_apart([other, bucket])
+    other = Bucket(BlockKind(wp.float64, block_shape(32, FEW_VARIANTS + 1, most), Parts(2, 0)), np.arange(5), None)
+    there = global_memory_values([other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
         found = kernel_kind(name, bucket)
         assert found.shape.room >= room_
@@ -156,41 +158,43 @@ def test_every_kernel_finds_its_rows(room_, most, moves):
 
 def test_kinds_of_variants_are_found_the_largest_first():
     keys = np.array([[32, 0, 1], [64, 0, 0], [32, 0, 1], [64, 0, 1]])
-    assert _distinct(keys) == [(64, 0, 1), (64, 0, 0), (32, 0, 1)]
-    assert _distinct(keys[[0, 2]]) == [(32, 0, 1)]
+    assert _distinct_rows(keys) == [(64, 0, 1), (64, 0, 0), (32, 0, 1)]
+    assert _distinct_rows(keys[[0, 2]]) == [(32, 0, 1)]
 
 
 def test_no_gpu_is_told_in_one_line(monkeypatch):
-    monkeypatch.setattr("warpchain.engine.devices._gpus", dict)
+    monkeypatch.setattr("warpchain.engine.devices._gpu_architectures", dict)
     packed = pack([two_sprockets()], [Schedule(1e-5, 100, 0, 100, 0)])
-    assert chosen_devices(None, packed) == ("cpu",)
-    assert chosen_devices("cpu", packed) == ("cpu",)
+    assert devices_by_name(None, packed) == ("cpu",)
+    assert devices_by_name("cpu", packed) == ("cpu",)
     with pytest.raises(SimulationError, match=r"device = 'cuda': no NVIDIA GPU .*use device=\"cpu\""):
-        chosen_devices("cuda", packed)
+        devices_by_name("cuda", packed)
     with pytest.raises(SimulationError, match=r"device = 'gpu': allowed are \"cpu\", \"cuda\""):
-        chosen_devices("gpu", packed)
+        devices_by_name("gpu", packed)
 
 
 def test_gpus_are_chosen_by_name_and_age(monkeypatch):
-    monkeypatch.setattr("warpchain.engine.devices._gpus", lambda: {"cuda:0": 90, "cuda:1": 61, "cuda:2": 75})
+    monkeypatch.setattr(
+        "warpchain.engine.devices._gpu_architectures", lambda: {"cuda:0": 90, "cuda:1": 61, "cuda:2": 75}
+    )
     packed = pack([two_sprockets()], [Schedule(1e-5, 100, 0, 100, 0)])
-    assert chosen_devices(None, packed) == ("cuda:0", "cuda:2")
-    assert chosen_devices("cuda:2", packed) == ("cuda:2",)
+    assert devices_by_name(None, packed) == ("cuda:0", "cuda:2")
+    assert devices_by_name("cuda:2", packed) == ("cuda:2",)
     with pytest.raises(SimulationError, match=r"device cuda:1: compute capability 6.1 is too old"):
-        chosen_devices("cuda", packed)
+        devices_by_name("cuda", packed)
     with pytest.raises(SimulationError, match=r"there is no such GPU; there are cuda:0, cuda:1, cuda:2"):
-        chosen_devices("cuda:7", packed)
+        devices_by_name("cuda:7", packed)
 
 
 def test_what_a_gpu_cannot_run_goes_to_the_cpu_or_is_told(monkeypatch):
-    monkeypatch.setattr("warpchain.engine.devices._gpus", lambda: {"cuda:0": 90})
+    monkeypatch.setattr("warpchain.engine.devices._gpu_architectures", lambda: {"cuda:0": 90})
     drives = [two_sprockets(), two_sprockets().with_values({"run.integrator": "rk4"})]
     packed = pack(drives, [Schedule(1e-5, 100, 0, 100, 0)] * 2)
-    assert refusal(packed) is None
+    assert gpu_refusal(packed) is None
     packed.drives["rollers"][1] = 20_000
-    assert chosen_devices(None, packed) == ("cpu",)
+    assert devices_by_name(None, packed) == ("cpu",)
     with pytest.raises(SimulationError, match=r"variant 1: chain.links = 20000: a GPU takes up to 16384"):
-        chosen_devices("cuda", packed)
+        devices_by_name("cuda", packed)
 
 
 @pytest.mark.gpu
@@ -227,7 +231,7 @@ def test_oil_is_the_same_whichever_warp_has_it():
         engine = GpuEngine(packed, "cuda:0")
         for future in engine.advance(2001, engine.frame_buffer(0)):
             future.result()
-        sums, oil = engine.sums(), engine.fetch("state", "tensioners")
+        sums, oil = engine.sums(), engine.fetch_array("state", "tensioners")
         assert kernel_kind("measure", engine.buckets[0]).shape.oil_warp == (count > FULL_OF_OIL * processors)
         ends.append((engine.rollers()[-6 * drive.chain.links :], oil[-1], sums["chain"][-1], sums["tensioner"][-1]))
         engine.close()
@@ -253,7 +257,7 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
     drive = two_sprockets() if teeth == 30 else two_sprockets(teeth=150, links=250, span=50.0)
     processors = wp.get_device("cuda:0").sm_count
     ends = []
-    for count in (1, (FEW + 1) * processors, 16 * processors):
+    for count in (1, (FEW_VARIANTS + 1) * processors, 16 * processors):
         packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
         engine = GpuEngine(packed, "cuda:0")
         frames = engine.frame_buffer(0)
@@ -282,7 +286,7 @@ def test_metrics_leave_a_large_crowds_rollers_their_bits(name, precision):
     ends = []
     for start in (0, 400):  # metrics of all steps, or of the last one alone
         packed = pack([drive], [Schedule(resolve_step(drive), 400, start, 400, 0)]).at_precision(precision)
-        engine = GpuEngine(packed.taken([0] * count), "cuda:0")
+        engine = GpuEngine(packed.pick_variants([0] * count), "cuda:0")
         for future in engine.advance(401, engine.frame_buffer(0)):
             future.result()
         ends.append(engine.rollers())

@@ -8,7 +8,7 @@ from drives import STARTING, assert_alone_as_in_a_crowd, ran, with_parts
 from parts import coupling, shaft
 
 from warpchain import Record, simulate
-from warpchain.engine.checkpoint import Kept, States
+from warpchain.engine.checkpoint import States, VariantState
 
 FIRST, SECOND = 0.5, 0.3
 """Inertias of the two shafts [kg m^2]."""
@@ -147,7 +147,7 @@ def test_a_longer_run_goes_on_in_the_gear_that_is_in(device):
     short, on = States(), States()
     start, end = 8192 * step, 14000 * step  # the change is at 10486 and 13107
     simulate(drives, duration=end, window=(start, end), states=short, **same)
-    on = States(begin=[Kept.from_bytes(kept.to_bytes()) for kept in short.kept])
+    on = States(begin=[VariantState.from_bytes(kept.to_bytes()) for kept in short.kept])
     longer = {"duration": 2.0 * end, "window": (start, 2.0 * end - start)}
     gone_on = simulate(drives, states=on, **longer, **same)
     assert on.used == [True] * 4

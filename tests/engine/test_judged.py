@@ -12,9 +12,9 @@ from warpchain import Limits, Record, read_archive, simulate
 from warpchain.assembly.timestep import automatic_step
 from warpchain.drive import Drive, dumps_drive, loads_drive
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.outcomes import engaged
+from warpchain.engine.end_states import engaged_fractions
 from warpchain.engine.pack import pack
-from warpchain.engine.settling import net_force
+from warpchain.engine.settling import largest_net_forces
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import LayoutWarning, SuspectWarning
 from warpchain.results.objectives import add_objectives
@@ -96,14 +96,14 @@ def test_a_chain_off_a_sprocket_is_seen_by_its_rollers():
     small = two_sprockets(teeth=12, links=52)
     drives = [two_sprockets(), small, two_sprockets()]
     packed = pack(drives, schedules_of(drives, None, None, NONE, None))
-    off = packed.rows(2)
+    off = packed.roller_rows(2)
     away = off[0:2].T - (1.0, 0.0)
     near = np.hypot(*away.T) < 0.17
     for outward, share in ((0.005, None), (0.05, 0.0)):
         rows = off[0:2].copy()
         off[0:2] = rows + outward * (near[:, None] * away / np.hypot(*away.T)[:, None]).T
         engine = CpuEngine(packed, 1)
-        shares = engaged(engine, drives)
+        shares = engaged_fractions(engine, drives)
         engine.close()
         off[0:2] = rows
         assert (shares[:2] >= 1.0).all() and shares[2, 0] >= 1.0
@@ -118,7 +118,7 @@ def engaged_alone(drive):
 
 def engaged_together(drives):
     engine = CpuEngine(pack(drives, schedules_of(drives, None, None, NONE, None)), 1)
-    shares = engaged(engine, drives)
+    shares = engaged_fractions(engine, drives)
     engine.close()
     return shares
 
@@ -128,15 +128,17 @@ def test_the_force_that_settling_left_is_the_residual_of_its_links():
     drive, heavy = two_sprockets(), two_sprockets(gravity=1e4)
     packed = pack([drive, heavy], schedules_of([drive, heavy], None, None, NONE, None))
     for v in range(2):
-        rows = packed.rows(v)
+        rows = packed.roller_rows(v)
         rows[0, -1] = rows[0, 0] + 0.05 * (1.0 + 1e-4)
         rows[1, -1] = rows[1, 0]
     each = []
     for v, one in enumerate((drive, heavy)):
-        x, y = packed.rows(v)[:2]
+        x, y = packed.roller_rows(v)[:2]
         span = np.hypot(np.roll(x, -1) - x, np.roll(y, -1) - y)
         each.append(max(np.abs(5e7 * (span - one.chain.link_lengths)).max(), (0.0, 1e4)[v]))
-    np.testing.assert_allclose(net_force(packed, np.array([0.5, 0.25])), [0.5 * each[0], 0.25 * each[1]], rtol=1e-12)
+    np.testing.assert_allclose(
+        largest_net_forces(packed, np.array([0.5, 0.25])), [0.5 * each[0], 0.25 * each[1]], rtol=1e-12
+    )
 
 
 def test_archives_keep_what_was_judged_and_objectives_leave_it_out(tmp_path):

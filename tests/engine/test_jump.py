@@ -14,7 +14,7 @@ from warpchain.assembly import assemble, statics
 from warpchain.assembly.tooth_hold import ratio_held, top_radius
 from warpchain.drive import dumps_drive
 from warpchain.drive.reversed_drive import reversed_drive
-from warpchain.engine.jump import find_jumps, jumped_on
+from warpchain.engine.jump import find_jumps, jump_in_metrics
 from warpchain.errors import DriveError, SimulationError
 from warpchain.fit import fit_links
 
@@ -121,10 +121,10 @@ def test_where_nothing_jumps_the_search_says_so(triangle):
 def test_a_chain_that_leaves_its_teeth_has_jumped(triangle):
     row = {f"{name}.slips": 0 for name in ("driver", "tensioner", "driven")} | {"diverged": False}
     row |= {"driver.engaged": 1.1, "tensioner.engaged": 0.9, "driven.engaged": 1.0}
-    assert jumped_on(triangle, row) == (False, None)
-    assert jumped_on(triangle, row | {"tensioner.engaged": 0.49}) == (True, "tensioner")
-    assert jumped_on(triangle, row | {"driver.slips": 1, "driven.slips": 3}) == (True, "driven")
-    assert jumped_on(triangle, {"diverged": True}) == (True, None)
+    assert jump_in_metrics(triangle, row) == (False, None)
+    assert jump_in_metrics(triangle, row | {"tensioner.engaged": 0.49}) == (True, "tensioner")
+    assert jump_in_metrics(triangle, row | {"driver.slips": 1, "driven.slips": 3}) == (True, "driven")
+    assert jump_in_metrics(triangle, {"diverged": True}) == (True, None)
 
 
 @pytest.mark.parametrize("name", ["car", "engine", "marine", "v6"])

@@ -10,17 +10,17 @@ from blocks import on_fibers
 from drives import two_sprockets
 from loading import load_script
 
-from warpchain.engine import buckets, gpu
-from warpchain.engine.launches import UNIT, groups, shares, steps_left
+from warpchain.engine import gpu, gpu_kernels
+from warpchain.engine.launches import STEP_UNIT, launch_groups, next_launch_steps, steps_left
 from warpchain.engine.pack import pack
-from warpchain.engine.share import _steps_of
+from warpchain.engine.subensemble import _next_launch_steps
 from warpchain.results.channels import drive_frame_width
 from warpchain.results.schedule import Schedule
 
 
 @pytest.mark.parametrize("count", [1, 1584, 1585, 16_896, 10_001])
 def test_every_variant_is_in_one_group(count):
-    parts = groups(np.arange(count), 1584)
+    parts = launch_groups(np.arange(count), 1584)
     assert sorted(v for part in parts for v in part.tolist()) == list(range(count))
     assert len(parts) == (1 if count <= 1584 else 2)
     assert max(map(len, parts)) - min(map(len, parts)) <= 1
@@ -45,12 +45,12 @@ def test_every_variant_takes_every_step_once_and_in_order_by_the_kernel_of_its_o
         for launch in (launch for lane in lanes for launch in lane):
             assert len(set(launch.variants)) == len(launch.variants)
             mine, begin = drives[launch.variants], at[launch.variants]
-            first = mine["window_start"] // UNIT * UNIT
-            assert (launch.ends > begin).all()
+            first = mine["window_start"] // STEP_UNIT * STEP_UNIT
+            assert (launch.end_steps > begin).all()
             # results do not depend on where launches end where that is at whole units
-            assert ((launch.ends % UNIT == 0) | (launch.ends == mine["steps"] + 1)).all()
-            assert (launch.ends <= first).all() if launch.kernel == "advance" else (begin >= first).all()
-            at[launch.variants] = launch.ends
+            assert ((launch.end_steps % STEP_UNIT == 0) | (launch.end_steps == mine["steps"] + 1)).all()
+            assert (launch.end_steps <= first).all() if launch.kernel == "advance" else (begin >= first).all()
+            at[launch.variants] = launch.end_steps
     np.testing.assert_array_equal(at, drives["steps"] + 1)
 
 
@@ -60,7 +60,7 @@ def test_all_variants_end_in_the_same_call_and_none_takes_more_than_it_may(count
     progress["step"][0], progress["diverged"][1] = drives["steps"][0] + 1, 1
     assert steps_left(drives, progress)[:2].tolist() == [0, 0]
     for calls_left in reversed(range(-(-drives["steps"].max() // 512))):
-        share = shares(steps_left(drives, progress), 512)
+        share = next_launch_steps(steps_left(drives, progress), 512)
         assert share.max() <= 512
         progress["step"] += share
         assert (steps_left(drives, progress)[2:] == 0).all() == (calls_left == 0)
@@ -68,7 +68,7 @@ def test_all_variants_end_in_the_same_call_and_none_takes_more_than_it_may(count
 
 @pytest.mark.parametrize(("left", "most", "wanted"), [([7, 3], 2, [2, 1]), ([32], 4096, [32]), ([], 32, [])])
 def test_short_launches_stay_whole(left, most, wanted):
-    assert shares(np.array(left, int), most).tolist() == wanted
+    assert next_launch_steps(np.array(left, int), most).tolist() == wanted
 
 
 @pytest.mark.parametrize("count", [10_000, 5000])
@@ -117,8 +117,8 @@ ENDS, EVERY = (300, 231, 160, 288), (32, 0, 20, 0)
 def test_how_steps_are_shared_out_changes_no_bit(fibers, monkeypatch):
     """Variants of unlike steps and windows, two of them with frames, in calls of 64 steps and in one call of all."""
     monkeypatch.setattr(gpu, "wp", WithoutStreams())
-    monkeypatch.setattr(buckets, "wp", WithoutStreams())
-    monkeypatch.setattr(buckets, "resident", lambda kind: 1)  # so that four variants go in two groups
+    monkeypatch.setattr(gpu_kernels, "wp", WithoutStreams())
+    monkeypatch.setattr(gpu_kernels, "resident_variants", lambda kind: 1)  # so that four variants go in two groups
     drives = [two_sprockets(torque=torque) for torque in (100.0, 120.0, 140.0, 160.0)]
     schedules = [Schedule(1e-5, end, end // 2, end - 10, every) for end, every in zip(ENDS, EVERY, strict=True)]
 
@@ -130,7 +130,7 @@ def test_how_steps_are_shared_out_changes_no_bit(fibers, monkeypatch):
         buffer = engine.frame_buffer(width * (most // 32 + most // 20 + 2))
         before = engine.progress().copy()
         while steps_left(packed.drives, before).any():
-            for future in engine.advance(_steps_of(engine, most, before, None), buffer):
+            for future in engine.advance(_next_launch_steps(engine, most, before, None), buffer):
                 future.result()
             after = engine.progress().copy()
             for v, taken in frames.items():

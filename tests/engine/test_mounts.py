@@ -80,7 +80,7 @@ def test_momentum_of_chain_and_free_sprocket_is_conserved(precision):
     packed = struck_sprocket(step=5e-6, steps=10_000, precision=precision)
     on_springs(packed, mass=own)
     packed.bodies[0]["velocity"] = (-0.5, 0.2)
-    before = momenta(packed.rows(0)[:4], packed.bodies[0], own)
+    before = momenta(packed.roller_rows(0)[:4], packed.bodies[0], own)
     engine, _ = run(packed)
     body = engine.state.bodies.numpy()[0]
     assert engine.sums()["contact"][0]["impacts"] > 10

@@ -5,7 +5,7 @@ import pytest
 from drives import example, timing, two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.engine.cpu import kernel_of
+from warpchain.engine.cpu import cpu_kernel
 from warpchain.engine.pack import pack
 from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.schedule import Schedule
@@ -24,7 +24,7 @@ KINDS = {
 
 @pytest.mark.parametrize("name", ["advance", "relax"])
 def test_all_kinds_of_drives_share_a_kernel(name):
-    kernels = {kernel_of(name, pack([drive], [SHORT]), "float64") for drive in KINDS.values()}
+    kernels = {cpu_kernel(name, pack([drive], [SHORT]), "float64") for drive in KINDS.values()}
     assert len(kernels) == 1
 
 

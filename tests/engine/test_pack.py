@@ -69,7 +69,7 @@ def test_each_variant_is_packed_as_if_alone():
     packed = pack(drives, plan)
     at = dict.fromkeys(PLACES, 0)
     for v, drive in enumerate(drives):
-        part, alone = packed.part(v, v + 1), pack([drive], [plan[v]])
+        part, alone = packed.variant_range(v, v + 1), pack([drive], [plan[v]])
         row = packed.drives[v]
         assert {name: int(row[name]) for name in PLACES} == at
         rollers, wheels, bars = (int(row[name]) for name in ("rollers", "sprockets", "guides"))
@@ -100,7 +100,7 @@ def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
         for k in (stiffness, 0.9 * stiffness)
     ]
     packed = pack(drives, schedules(2))
-    assert packed.varied_links.tolist() == [False, True] and packed.chains["play"].tolist() == [0.0, 0.0]
+    assert packed.has_varied_links.tolist() == [False, True] and packed.chains["play"].tolist() == [0.0, 0.0]
     assert packed.chains["outer_stiffness"].tolist() == [stiffness, stiffness]
     assert packed.chains["outer_damping"].tolist() == [damping, damping]
 

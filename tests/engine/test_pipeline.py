@@ -19,12 +19,12 @@ from raw import Frames
 
 from warpchain import Record, read_archive, simulate
 from warpchain.drive.stacks import stacks_of_drives
-from warpchain.engine import devices, gpu, pipeline, share
+from warpchain.engine import devices, gpu, pipeline, subensemble
 from warpchain.engine.arrays import sums_bytes
 from warpchain.engine.checkpoint import States
 from warpchain.engine.pack import pack
-from warpchain.engine.share import Members
 from warpchain.engine.simulation import schedules_of
+from warpchain.engine.subensemble import Variants
 from warpchain.errors import DeviceError, DriveError, LayoutWarning, SimulationError, SuspectWarning
 
 NONE = Record("none")
@@ -33,12 +33,12 @@ NONE = Record("none")
 @pytest.fixture
 def gpus(monkeypatch):
     """A machine of two GPUs, each of which gets up to two shares of two variants or more."""
-    monkeypatch.setattr(devices, "_gpus", lambda: {"cuda:0": 90, "cuda:1": 90})
-    monkeypatch.setattr(devices, "quickest", lambda names, *_: devices.Choice(tuple(names), "as told"))
+    monkeypatch.setattr(devices, "_gpu_architectures", lambda: {"cuda:0": 90, "cuda:1": 90})
+    monkeypatch.setattr(devices, "fastest_devices", lambda names, *_: devices.DeviceChoice(tuple(names), "as told"))
     monkeypatch.setattr(gpu, "GpuEngine", lambda packed, name: Frames(packed, 1))
-    monkeypatch.setattr(gpu, "compile_lacking", lambda *_: None)
-    monkeypatch.setattr(pipeline, "LEAST", 2)
-    monkeypatch.setattr(pipeline, "MOST", 2)
+    monkeypatch.setattr(gpu, "compile_missing_kernels", lambda *_: None)
+    monkeypatch.setattr(pipeline, "FEWEST_PER_SUBENSEMBLE", 2)
+    monkeypatch.setattr(pipeline, "MOST_PER_GPU", 2)
 
 
 def short(**changes):
@@ -64,7 +64,7 @@ def run(drives, **options):
 
 def shared(counts):
     """Notes how many variants are packed at a time."""
-    made = share.pack
+    made = subensemble.pack
 
     def pack(drives, *rest):
         counts.append(len(drives))
@@ -80,7 +80,7 @@ def test_a_run_in_shares_gives_the_same_table(gpus, monkeypatch, precision):
     made, noting = shared(counts)
     drives = mixed()
     alone, told = run(drives, device="cpu", workers=1, precision=precision)
-    monkeypatch.setattr(share, "pack", noting)
+    monkeypatch.setattr(subensemble, "pack", noting)
     for device, parts in (("cuda", 4), (None, 4), ("cuda:1", 2)):
         counts.clear()
         several, said = run(drives, device=device, workers=1, precision=precision)
@@ -114,7 +114,7 @@ def test_what_is_recorded_has_the_same_frames_in_shares(gpus, monkeypatch, tmp_p
     counts = []
     _, noting = shared(counts)
     drives = mixed()
-    monkeypatch.setattr(share, "pack", noting)
+    monkeypatch.setattr(subensemble, "pack", noting)
     one, _ = run(drives, device="cpu", record=Record((1, 6)), workers=1)
     many, _ = run(drives, device="cuda", record=Record((1, 6)), workers=1)
     run(drives, device="cuda", archive=tmp_path / "x.mcap", record=Record((1, 6)), workers=1)
@@ -159,7 +159,7 @@ def test_shares_have_their_variants_part_of_the_memory(gpus):
 def test_the_second_share_is_packed_before_the_first_has_ended(gpus, monkeypatch):
     """The first share's engine does not end before the last share has been packed: else this would wait for ever."""
     packing, packed = [], threading.Event()
-    made = share.pack
+    made = subensemble.pack
 
     def pack(drives, schedules, stacks, numbers):
         packing.append(numbers.tolist())
@@ -173,7 +173,7 @@ def test_the_second_share_is_packed_before_the_first_has_ended(gpus, monkeypatch
             assert packed.wait(30.0)
             return super().advance(steps, frames)
 
-    monkeypatch.setattr(share, "pack", pack)
+    monkeypatch.setattr(subensemble, "pack", pack)
     monkeypatch.setattr(gpu, "GpuEngine", lambda part, name: Waiting(part, 1))
     found, _ = run([short(torque=float(k)) for k in range(8)], device="cuda")
     assert sorted(v for of in packing for v in of) == list(range(8)) and found.info.ended == "complete"
@@ -205,7 +205,7 @@ def test_progress_of_compiling_is_told_by_the_caller_too(gpus, monkeypatch):
         if phase == "compiling":
             told.set()
 
-    monkeypatch.setattr(gpu, "compile_lacking", compile_lacking)
+    monkeypatch.setattr(gpu, "compile_missing_kernels", compile_lacking)
     run([short()] * 8, device="cuda", progress=report)
     assert ("compiling", 1, 2) in seen and seen[-1][0] == "simulating"
 
@@ -229,7 +229,7 @@ def test_a_chain_that_does_not_fit_is_named_and_stops_the_others(gpus, bad, tmp_
 
 
 def test_steps_beyond_their_limit_are_told_before_anything_is_packed(gpus, monkeypatch):
-    monkeypatch.setattr(share, "pack", lambda *_: pytest.fail("packed"))
+    monkeypatch.setattr(subensemble, "pack", lambda *_: pytest.fail("packed"))
     drives = [short(), short(), short(), short(stiffness=1.5e8, contact=1.5e8)]
     with pytest.raises(DriveError, match=r"variant 3: run\.step = 7e-05"):
         run(drives, device="cuda", step=7e-5)
@@ -264,7 +264,7 @@ def test_a_raise_of_the_callers_own_ends_the_run(gpus):
 def cut_into(monkeypatch, cut):
     """Makes shares of variants (V,) by the numbers in `cut`."""
     ways = [cut == k for k in range(int(cut.max()) + 1)]
-    monkeypatch.setattr(pipeline, "parts_of", lambda members, *_: [members.part(way) for way in ways])
+    monkeypatch.setattr(pipeline, "split_variants", lambda members, *_: [members.select(way) for way in ways])
 
 
 def test_ctrl_c_keeps_all_variants_in_their_order(gpus, monkeypatch):
@@ -282,7 +282,7 @@ def test_ctrl_c_keeps_all_variants_in_their_order(gpus, monkeypatch):
 
 
 def test_a_stop_while_kernels_are_compiled_launches_none(gpus, monkeypatch):
-    monkeypatch.setattr(gpu, "compile_lacking", lambda *rest: rest[-1].ask_to_stop())
+    monkeypatch.setattr(gpu, "compile_missing_kernels", lambda *rest: rest[-1].ask_to_stop())
     for name in ("settle", "advance"):
         monkeypatch.setattr(Frames, name, lambda *_: pytest.fail("launched"))
     found, _ = run([two_sprockets(duration=0.002)] * 8, device="cuda")
@@ -293,14 +293,14 @@ def test_a_stop_while_kernels_are_compiled_launches_none(gpus, monkeypatch):
 def test_where_not_all_gpus_are_chosen_variants_are_cut_anew(gpus, monkeypatch, chosen, packed):
     counts = []
     _, noting = shared(counts)
-    monkeypatch.setattr(share, "pack", noting)
+    monkeypatch.setattr(subensemble, "pack", noting)
     asked = []
 
     def quickest(names, packed, precision, cores, times):
         asked.append((packed.variants, times))
-        return devices.Choice(chosen, "small")
+        return devices.DeviceChoice(chosen, "small")
 
-    monkeypatch.setattr(devices, "quickest", quickest)
+    monkeypatch.setattr(devices, "fastest_devices", quickest)
     found, _ = run([short()] * 8, device=None)
     assert counts == [1, *packed] and asked == [(1, 8.0)]
     assert (found.info.device, found.info.choice) == (*chosen, "small")
@@ -320,18 +320,18 @@ def test_layouts_are_told_once_for_all(gpus):
 def members_of(drives):
     """Variants of a run of these drives."""
     schedules = schedules_of(drives, None, None, NONE, None)
-    return Members(drives, schedules, stacks_of_drives(drives, len(drives)), np.arange(len(drives)))
+    return Variants(drives, schedules, stacks_of_drives(drives, len(drives)), np.arange(len(drives)))
 
 
 def test_a_gpu_gets_shares_of_2048_variants_or_more_and_each_one_at_least():
     members = members_of([short()] * 10_000)
     for gpus, most, number in ((0, 4, 1), (1, 4, 4), (1, 1, 1), (2, 4, 4), (4, 4, 4), (8, 4, 8), (2, 1, 2)):
-        assert len(pipeline.parts_of(members, gpus, most)) == number
+        assert len(pipeline.split_variants(members, gpus, most)) == number
     few = members_of([short()] * 3)
-    assert [len(part.drives) for part in pipeline.parts_of(few, 2, 4)] == [2, 1]
-    assert len(pipeline.parts_of(few, 8, 4)) == 3
+    assert [len(part.drives) for part in pipeline.split_variants(few, 2, 4)] == [2, 1]
+    assert len(pipeline.split_variants(few, 8, 4)) == 3
     long = two_sprockets(links=20_000, span=9990.0)
-    assert len(pipeline.parts_of(members_of([long, long]), 2, 4)) == 1  # which a GPU does not take
+    assert len(pipeline.split_variants(members_of([long, long]), 2, 4)) == 1  # which a GPU does not take
 
 
 def test_shares_have_alike_work_and_variants_of_all_lengths():
@@ -340,10 +340,10 @@ def test_shares_have_alike_work_and_variants_of_all_lengths():
     drives += [short(links=links) for links in (62, 64) for _ in range(50)]
     members = members_of(drives)
     rollers = np.array([drive.chain.links for drive in drives])
-    np.testing.assert_array_equal(members.work, rollers * [of.steps + 1.0 for of in members.schedules])
-    parts = [members.part(chosen) for chosen in pipeline.deal_variants(members, 5, 5)]
+    np.testing.assert_array_equal(members.roller_steps, rollers * [of.steps + 1.0 for of in members.schedules])
+    parts = [members.select(chosen) for chosen in pipeline.deal_variants(members, 5, 5)]
     assert sorted(v for part in parts for v in part.numbers.tolist()) == list(range(len(drives)))
-    work = [part.work.sum() for part in parts]
+    work = [part.roller_steps.sum() for part in parts]
     assert max(work) < 1.02 * min(work)
     for part in parts:
         assert part.drives == [drives[v] for v in part.numbers]
@@ -358,7 +358,7 @@ def test_shares_have_alike_work_and_variants_of_all_lengths():
 def test_the_first_shares_of_several_gpus_have_two_fifths_of_the_work_of_others():
     members = members_of([short()] * 2800)
     for gpus, wanted in ((1, [700] * 4), (2, [400, 400, 1000, 1000]), (4, [700] * 4)):
-        parts = [members.part(chosen) for chosen in pipeline.deal_variants(members, 4, gpus)]
+        parts = [members.select(chosen) for chosen in pipeline.deal_variants(members, 4, gpus)]
         assert [len(part.drives) for part in parts] == pytest.approx(wanted, rel=0.05)
 
 
@@ -416,8 +416,8 @@ def test_what_a_failed_gpu_had_is_done_again_on_another(gpus, monkeypatch, faili
     options = {"record": Record((1, 6)), "workers": 1}
     whole, told = run(drives, device="cpu", **options)
     monkeypatch.setattr(gpu, "GpuEngine", lambda packed, name: Lost(packed, name, [failing]))
-    monkeypatch.setattr(devices, "launch_steps", lambda *_: 64)
-    monkeypatch.setattr(share, "launch_steps", lambda *_: 64)
+    monkeypatch.setattr(devices, "launch_step_limit", lambda *_: 64)
+    monkeypatch.setattr(subensemble, "launch_step_limit", lambda *_: 64)
     found, said = run(drives, device="cuda", **options)
     assert bits(found.metrics) == bits(whole.metrics)
     for v in (1, 6):
@@ -432,7 +432,7 @@ def test_what_a_failed_gpu_had_is_done_again_on_another(gpus, monkeypatch, faili
 
 def test_a_run_ends_in_one_line_where_no_gpu_is_left(gpus, monkeypatch):
     monkeypatch.setattr(gpu, "GpuEngine", lambda packed, name: Lost(packed, name, ["cuda:0", "cuda:1"]))
-    monkeypatch.setattr(share, "launch_steps", lambda *_: 64)
+    monkeypatch.setattr(subensemble, "launch_step_limit", lambda *_: 64)
     for drives in ([short()] * 8, [short()]):
         with pytest.raises(SimulationError, match=r"^device cuda:. failed, see nvidia-smi: CUDA error 719$"):
             run(drives, device="cuda", duration=1.0)
@@ -442,7 +442,7 @@ def test_a_run_ends_in_one_line_where_no_gpu_is_left(gpus, monkeypatch):
 def test_an_archive_keeps_what_was_written_before_a_gpu_failed(gpus, monkeypatch, tmp_path):
     """Frames of its share are there already: nothing is run again."""
     monkeypatch.setattr(gpu, "GpuEngine", lambda packed, name: Lost(packed, name, ["cuda:1"]))
-    monkeypatch.setattr(share, "launch_steps", lambda *_: 6400)
+    monkeypatch.setattr(subensemble, "launch_step_limit", lambda *_: 6400)
     drives = [short(duration=0.1, torque=float(k)).with_values({"run.sample_rate": 2e5}) for k in range(4)]
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -468,7 +468,7 @@ def test_a_gpu_that_does_not_answer_is_told_from_one_without_memory(monkeypatch)
         (answers, "anything else", "anything else"),
     ):
         monkeypatch.setattr(gpu, "wp", warp)
-        with pytest.raises(Exception, match=f"^{re.escape(line)}") as found, gpu.name_failures("cuda:0", 5):
+        with pytest.raises(Exception, match=f"^{re.escape(line)}") as found, gpu.explain_gpu_failures("cuda:0", 5):
             raise RuntimeError(raised)
         assert isinstance(found.value, RuntimeError) == (raised == "anything else")
         assert isinstance(found.value, DeviceError) == (warp is failed)
@@ -485,7 +485,7 @@ def test_no_cut_into_shares_changes_a_bit_on_a_gpu(monkeypatch, name, precision)
     drives = load_script("benches.drives").varied_designs(example(name), name, 600)
     options = {"device": "cuda:0", "precision": precision, "duration": 0.002}
     whole = bits(run(drives, **options)[0].metrics)
-    monkeypatch.setattr(pipeline, "LEAST", 20)
+    monkeypatch.setattr(pipeline, "FEWEST_PER_SUBENSEMBLE", 20)
     found = bits(run(drives, **options)[0].metrics)
     assert [column for column in whole if found[column] != whole[column]] == []
 

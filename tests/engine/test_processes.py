@@ -5,20 +5,20 @@ from functools import partial
 
 import pytest
 
-from warpchain.engine import processes
-from warpchain.engine.processes import each
+from warpchain.engine import process_pool
+from warpchain.engine.process_pool import map_in_processes
 from warpchain.errors import SimulationError
 
 
 @pytest.fixture
 def at_once(monkeypatch):
     """Processes start for a single thing."""
-    monkeypatch.setattr(processes, "FEWEST", 1)
+    monkeypatch.setattr(process_pool, "FEWEST_THINGS", 1)
 
 
 def test_answers_come_in_order_and_errors_are_answers(at_once):
     done = []
-    answers = each(partial(divmod, 7), [3, 0, 2], 2, "dividing", lambda *told: done.append(told))
+    answers = map_in_processes(partial(divmod, 7), [3, 0, 2], 2, "dividing", lambda *told: done.append(told))
     assert answers[0] == (2, 1)
     assert isinstance(answers[1], ZeroDivisionError)
     assert answers[2] == (3, 1)
@@ -27,11 +27,11 @@ def test_answers_come_in_order_and_errors_are_answers(at_once):
 
 def test_many_things_go_to_others_and_few_stay_here():
     """A process's environment has the variable that this one's lacks."""
-    assert each(os.getenv, ["CUDA_VISIBLE_DEVICES"] * 3, 2) == [os.getenv("CUDA_VISIBLE_DEVICES")] * 3
-    many = ["OPENBLAS_NUM_THREADS", "CUDA_VISIBLE_DEVICES"] * processes.FEWEST
-    assert each(os.getenv, many, 2) == ["1", ""] * processes.FEWEST
+    assert map_in_processes(os.getenv, ["CUDA_VISIBLE_DEVICES"] * 3, 2) == [os.getenv("CUDA_VISIBLE_DEVICES")] * 3
+    many = ["OPENBLAS_NUM_THREADS", "CUDA_VISIBLE_DEVICES"] * process_pool.FEWEST_THINGS
+    assert map_in_processes(os.getenv, many, 2) == ["1", ""] * process_pool.FEWEST_THINGS
 
 
 def test_a_process_that_dies_is_told_in_one_line(at_once):
     with pytest.raises(SimulationError, match=r"^a process ended before its work \(exit status 3\)$"):
-        each(os._exit, [3, 3], 2)
+        map_in_processes(os._exit, [3, 3], 2)

@@ -12,8 +12,8 @@ from warpchain import bench_tensioner, loads_drive
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import oil
 from warpchain.drive.viscosity import by_slope
-from warpchain.engine.fill_bodies import fill_tensioner
-from warpchain.engine.rig import SAMPLES, Shake, shake
+from warpchain.engine.body_struct_rows import fill_tensioner_row
+from warpchain.engine.tensioner_bench import SAMPLES_PER_CYCLE, PlungerMotion, shake_tensioner
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.structs import Tensioner, Valve
 
@@ -28,7 +28,7 @@ def drive():
 
 def filled(drive, t):
     row = np.zeros(1, dtype=Tensioner.numpy_dtype())[0]
-    fill_tensioner(row, drive, t, TableList())
+    fill_tensioner_row(row, drive, t, TableList())
     return row
 
 
@@ -124,7 +124,7 @@ def test_a_ride_is_a_table_with_units(drive):
     assert isinstance(table, pa.Table)
     assert table.column_names[:6] == ["time", "extension", "force", "pressure", "valve_lift", "leaked"]
     assert table.schema.field("pressure").metadata == {b"unit": b"Pa"}
-    assert len(table) == 3 * SAMPLES + 1
+    assert len(table) == 3 * SAMPLES_PER_CYCLE + 1
     time, x = np.asarray(table["time"]), np.asarray(table["extension"])
     assert time[-1] == pytest.approx(0.03)
     assert x == pytest.approx(2e-4 * np.sin(2.0 * np.pi * 100.0 * time), abs=1e-16)
@@ -135,7 +135,7 @@ def test_a_ride_is_a_table_with_units(drive):
 
 def test_slowly_it_is_a_damper_of_a_square_over_g(drive):
     part = drive.tensioners[0]
-    row = shake(drive, "element", [Shake(2e-4, 10.0)]).rides.to_pylist()[0]
+    row = shake_tensioner(drive, "element", [PlungerMotion(2e-4, 10.0)]).rides.to_pylist()[0]
     fastest = 2e-4 * 2.0 * math.pi * 10.0
     damping = part.area * (part.area + part.drag_flow) / part.leak_conductance
     # 197 N on 90 of the spring; compressed oil, in series, is 1 / (omega tau) = 7 times as stiff and takes 1 % of it
@@ -146,7 +146,7 @@ def test_slowly_it_is_a_damper_of_a_square_over_g(drive):
 
 @pytest.mark.parametrize("frequency", [10.0, 100.0, 400.0])
 def test_a_cycle_s_energy_is_accounted_for(drive, frequency):
-    row = shake(drive, "element", [Shake(2e-4, frequency)]).rides.to_pylist()[0]
+    row = shake_tensioner(drive, "element", [PlungerMotion(2e-4, frequency)]).rides.to_pylist()[0]
     assert abs(left_over(row)) < 1e-6 * row["work"]  # h^2 of 2500 steps
     assert row["openings"] == 1 and row["lift_max"] > 0.0 and row["suction_work"] == row["damper_loss"] == 0.0
 
@@ -163,7 +163,7 @@ def test_what_draws_a_plunger_out_is_no_loss_of_its_damper(drive, frequency, dam
     """Hardly any oil comes in, and the weak spring does not hold the plunger to what it touches: it only goes along."""
     weak = {"spring.preload": 0.6, "spring.stiffness": 35.0, "spring.damping": damping, "valve.stiffness": 5e4}
     slack = drive.with_values({f"tensioners.element.{path}": value for path, value in weak.items()})
-    row = shake(slack, "element", [Shake(2e-4, frequency)]).rides.to_pylist()[0]
+    row = shake_tensioner(slack, "element", [PlungerMotion(2e-4, frequency)]).rides.to_pylist()[0]
     assert row["pressure_min"] < 2e4 and row["force_min"] == 0.0
     assert row["damper_loss"] >= 0.0 and (row["damper_loss"] > 0.0) == (damping > 0.0)
     assert row["suction_work"] > 0.04 * row["work"]
@@ -173,22 +173,32 @@ def test_what_draws_a_plunger_out_is_no_loss_of_its_damper(drive, frequency, dam
 def test_the_tenth_cycle_is_like_the_ninth(drive):
     table = bench_tensioner(drive, "element", amplitude=2e-4, frequency=100.0, cycles=10)
     force = np.asarray(table["force"])
-    assert force[-SAMPLES:] == pytest.approx(force[-2 * SAMPLES : -SAMPLES], rel=1e-6)
+    assert force[-SAMPLES_PER_CYCLE:] == pytest.approx(force[-2 * SAMPLES_PER_CYCLE : -SAMPLES_PER_CYCLE], rel=1e-6)
 
 
 def test_rides_together_are_those_alone(drive):
-    shakes = [Shake(2e-4, 50.0), Shake(1e-4, 200.0, extension=1e-4), Shake(2e-4, 50.0, viscosity=1e-5)]
+    shakes = [
+        PlungerMotion(2e-4, 50.0),
+        PlungerMotion(1e-4, 200.0, extension=1e-4),
+        PlungerMotion(2e-4, 50.0, viscosity=1e-5),
+    ]
     told = []
-    together = shake(drive, "element", shakes, cycles=2, progress=lambda *of: told.append(of)).rides.to_pylist()
+    together = shake_tensioner(
+        drive, "element", shakes, cycles=2, progress=lambda *of: told.append(of)
+    ).rides.to_pylist()
     assert told == [("rides", k, 3) for k in (1, 2, 3)]
     for row, one in zip(together, shakes, strict=True):
-        assert shake(drive, "element", [one], cycles=2).rides.to_pylist()[0] == row
+        assert shake_tensioner(drive, "element", [one], cycles=2).rides.to_pylist()[0] == row
     assert together[2]["viscosity"] == 1e-5 and together[0]["viscosity"] == 8e-5
 
 
 def force_max(drive, **change):
     values = {f"tensioners.element.{path.replace('__', '.')}": value for path, value in change.items()}
-    return shake(drive.with_values(values), "element", [Shake(2e-4, 100.0)], cycles=3).rides["force_max"][0].as_py()
+    return (
+        shake_tensioner(drive.with_values(values), "element", [PlungerMotion(2e-4, 100.0)], cycles=3)
+        .rides["force_max"][0]
+        .as_py()
+    )
 
 
 def test_the_force_rises_as_the_gap_shrinks_and_falls_with_thin_oil_and_air(drive):
@@ -202,7 +212,7 @@ def test_the_force_rises_as_the_gap_shrinks_and_falls_with_thin_oil_and_air(driv
 
 
 def test_a_spring_with_a_damper_loses_its_ellipse(drive):
-    row = shake(drive, "plain", [Shake(2e-4, 100.0)]).rides.to_pylist()[0]
+    row = shake_tensioner(drive, "plain", [PlungerMotion(2e-4, 100.0)]).rides.to_pylist()[0]
     omega = 2.0 * math.pi * 100.0
     assert row["work"] == pytest.approx(math.pi * 20.0 * omega * 2e-4**2, rel=1e-5)  # pi c omega X^2; h^2
     assert row["damper_loss"] == pytest.approx(row["work"], rel=1e-5)
@@ -243,10 +253,10 @@ def test_what_cannot_be_ridden_is_refused(drive, name, values, told):
 
 def test_rides_of_very_many_cycles_together_are_refused(drive):
     with pytest.raises(SimulationError, match="2 rides of 5001 cycles: must be 10000 cycles together at most"):
-        shake(drive, "element", [Shake(1e-4, 10.0)] * 2, 5001, samples=True)
+        shake_tensioner(drive, "element", [PlungerMotion(1e-4, 10.0)] * 2, 5001, samples=True)
 
 
 def test_another_oil_is_for_those_with_oil(drive):
     for name, viscosity in (("plain", 1e-5), ("element", 0.0), ("element", math.nan)):
         with pytest.raises(SimulationError, match="viscosity = "):
-            shake(drive, name, [Shake(1e-4, 10.0, viscosity=viscosity)])
+            shake_tensioner(drive, name, [PlungerMotion(1e-4, 10.0, viscosity=viscosity)])

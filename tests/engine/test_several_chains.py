@@ -13,11 +13,11 @@ from drives import assert_alone_as_in_a_crowd, example, two_sprockets
 from warpchain import Limits, Record, loads_drive, simulate
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.stacks import stacks_of_drives
-from warpchain.engine import buckets
-from warpchain.engine.chains import Rows
-from warpchain.engine.gpu import refusal
+from warpchain.engine import gpu_kernels
+from warpchain.engine.chain_rows import ChainRows
+from warpchain.engine.gpu import gpu_refusal
 from warpchain.engine.pack import pack
-from warpchain.engine.settling import SETTLE_TOLERANCE, settle
+from warpchain.engine.settling import SETTLE_TOLERANCE, settle_variants
 from warpchain.errors import DriveError, SuspectWarning
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.schedule import Schedule
@@ -172,12 +172,14 @@ def test_only_where_a_chain_is_slack_does_settling_go_by_rounding():
     1e-10 m: round-off of some thousand steps of relaxation; 1e-4 m: a hundredth of a pitch.
     """
     drive = example("v6")
-    rows = Rows([drive], stacks_of_drives([drive]))
+    rows = ChainRows([drive], stacks_of_drives([drive]))
     first, second = (pack(rows.drives, [Schedule(1e-6, 1, 0, 1, 0)] * 4, rows.stacks) for _ in range(2))
     second.rollers *= 1.0 + 1e-16 * np.random.default_rng(1).standard_normal(len(second.rollers))
     for packed in (first, second):
-        rows.couple(packed)
-        found = settle(packed, rows.drives, "cpu", 1, 100_000, lambda futures, _: [f.result() for f in futures] or True)
+        rows.couple_chains(packed)
+        found = settle_variants(
+            packed, rows.drives, "cpu", 1, 100_000, lambda futures, _: [f.result() for f in futures] or True
+        )
         assert (found["residual"] < SETTLE_TOLERANCE).all()
     apart = [np.abs(one - other).max() for one, other in zip(rollers_of(first), rollers_of(second), strict=True)]
     assert max(apart[:3]) < 1e-10
@@ -186,7 +188,7 @@ def test_only_where_a_chain_is_slack_does_settling_go_by_rounding():
 
 def rollers_of(packed):
     """Coordinates of the rollers of each row."""
-    return [packed.rows(r)[:2] for r in range(packed.variants)]
+    return [packed.roller_rows(r)[:2] for r in range(packed.variants)]
 
 
 def test_channels_of_a_chain_are_parts_of_the_drives():
@@ -246,27 +248,27 @@ def packed_for(drives, steps=100):
 
 def test_a_gpu_takes_as_much_of_all_chains_as_of_one():
     packed = packed_for([two_sprockets(), chains.two_stages()])
-    assert refusal(packed) is None
+    assert gpu_refusal(packed) is None
     packed.drives["sprockets"][1:] = 16
     assert (
-        refusal(packed, np.array([3, 4]))
+        gpu_refusal(packed, np.array([3, 4]))
         == 'variant 4: 32 sprockets and guide-bars: a GPU takes up to 31; use device="cpu"'
     )
     packed.drives["rollers"][1:] = 9000
-    assert refusal(packed) == 'variant 1: links of all chains: 18000: a GPU takes up to 16384; use device="cpu"'
+    assert gpu_refusal(packed) == 'variant 1: links of all chains: 18000: a GPU takes up to 16384; use device="cpu"'
 
 
 def test_on_a_gpu_chains_are_stepped_together_and_settle_each_by_itself(monkeypatch):
     """Two stages and a drive of one chain: a kernel each for the steps; all three chains have two sprockets."""
     gpu = SimpleNamespace(sm_count=132, max_shared_memory_per_block=232_448)
     array = lambda values, **_: values  # noqa: E731
-    monkeypatch.setattr(buckets, "wp", SimpleNamespace(get_device=lambda _: gpu, array=array, int32=None))
-    kernels = buckets.GpuKernels(packed_for([two_sprockets(), chains.two_stages(), chains.two_stages()]), "cuda:0")
-    steps = {bucket.kind.parts.rings: bucket for bucket in kernels.buckets_of("advance")}
+    monkeypatch.setattr(gpu_kernels, "wp", SimpleNamespace(get_device=lambda _: gpu, array=array, int32=None))
+    kernels = gpu_kernels.GpuKernels(packed_for([two_sprockets(), chains.two_stages(), chains.two_stages()]), "cuda:0")
+    steps = {bucket.kind.parts.rings: bucket for bucket in kernels.buckets_of_kernel("advance")}
     assert steps.keys() == {1, 2}
     assert steps[1].order.tolist() == [0] and steps[2].order.tolist() == [1, 3]
     assert steps[2].kind.shape.room >= 66 + 68 and steps[2].kind.parts.sprockets == 4
-    alone = kernels.buckets_of("relax")
+    alone = kernels.buckets_of_kernel("relax")
     assert sorted(row for bucket in alone for row in bucket.order.tolist()) == [0, 1, 2, 3, 4]
     assert {bucket.kind.parts.sprockets for bucket in alone} == {2}
 

@@ -10,7 +10,7 @@ import warp as wp
 from drives import example, two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.engine.arrays import TABLE, empty_sums, sums_bytes
+from warpchain.engine.arrays import ARRAYS, empty_sums, sums_bytes
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError, SimulationError
@@ -45,7 +45,7 @@ def test_a_variant_alone_equals_itself_in_a_crowd_bitwise(precision):
 
 def test_blocks_do_not_change_the_result(monkeypatch):
     whole = simulate(short())
-    monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 37)
+    monkeypatch.setattr("warpchain.engine.subensemble.LAUNCH_WORK", 60 * 37)
     parts = simulate(short())
     assert same(whole[0], parts[0])
     assert np.array_equal(whole[0].time, parts[0].time)
@@ -203,7 +203,7 @@ def test_sums_and_statistics_count_in_the_memory_budget():
     drives = [short(), short(teeth=12, links=52), short()]
     packed = pack(drives, schedules_of(drives, 1e-4, None, Record(), None))
     sums = empty_sums(packed, "cpu")
-    held = [getattr(sums, name) for name in TABLE["sums"]]
+    held = [getattr(sums, name) for name in ARRAYS["sums"]]
     taken = sums_bytes(packed)
     assert taken == sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in held)
     assert taken > 3 * 3 * 1000  # about a kilobyte a strand, and of links on none

@@ -59,15 +59,15 @@ def finished(engine, futures) -> None:
 def on_the_cpu(drives, precision: str) -> None:
     """Settling, and steps with frames of every channel, by the serial kernels."""
     from warpchain.engine.cpu import CpuEngine
-    from warpchain.engine.settling import elastic
+    from warpchain.engine.settling import settling_ensemble
 
     packed, values = ensemble_of(drives)
-    engine = CpuEngine(elastic(packed), 1)
+    engine = CpuEngine(settling_ensemble(packed), 1)
     engine.start_settling(begun(packed))
     finished(engine, engine.settle(STEPS))
     engine = CpuEngine(packed.at_precision(precision), 1)
     finished(engine, engine.advance(STEPS + 1, engine.frame_buffer(values)))
-    ended(engine.progress()[packed.begins], drives)
+    ended(engine.progress()[packed.first_rows], drives)
 
 
 def on_blocks(drives, family, many: bool, precision: str, shape=None) -> None:
@@ -81,7 +81,7 @@ def on_blocks(drives, family, many: bool, precision: str, shape=None) -> None:
     frames = wp.empty(values, dtype=packed.real, device="cpu")
     kind = replace(kind, shape=shape or kind.shape)
     state, _ = blocks.run_blocks(packed, kind, [STEPS + 1], list(range(len(variants))), frames)
-    ended(state.progress.numpy()[packed.begins], variants)
+    ended(state.progress.numpy()[packed.first_rows], variants)
 
 
 def settle_on_blocks() -> None:
@@ -89,13 +89,13 @@ def settle_on_blocks() -> None:
     import blocks
 
     from warpchain.engine.arrays import empty_tallies, upload_ensemble, upload_state
-    from warpchain.engine.settling import elastic
+    from warpchain.engine.settling import settling_ensemble
     from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
     from warpchain.kernels.gpu.relax import block_relax_kernel
     from warpchain.kernels.relaxation import Settling
 
     drives = blocks.marine()
-    still = elastic(ensemble_of(drives)[0])
+    still = settling_ensemble(ensemble_of(drives)[0])
     settling = wp.array(begun(still), dtype=Settling, device="cpu")
     ensemble, state = upload_ensemble(still, "cpu"), upload_state(still, "cpu", (0, 0))
     shape, parts = (
@@ -110,7 +110,7 @@ def settle_on_blocks() -> None:
 
 
 def begun(packed):
-    """Relaxation that is to take `STEPS` steps."""
+    """Relaxation that is to take `SAMPLED_STEPS` steps."""
     from warpchain.kernels.relaxation import Settling
 
     start = np.zeros(packed.variants, dtype=Settling.numpy_dtype())
@@ -140,7 +140,7 @@ def moving_and_diverging():
 
 
 def ensemble_of(drives, **more):
-    """Drives packed for `STEPS` steps, and how many values their frames take; not one more is there."""
+    """Drives packed for `SAMPLED_STEPS` steps, and how many values their frames take; not one more is there."""
     from blocks import pack_for
 
     from warpchain.drive.chain_drives import chain_drives

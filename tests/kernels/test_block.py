@@ -34,7 +34,7 @@ from blocks import (
 from layouts import winding
 from raw import stepped
 
-from warpchain.engine.arrays import rows_of
+from warpchain.engine.arrays import device_values
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.kind import BlockShape
 from warpchain.kernels.gpu.shared_memory import room, strand_words
@@ -86,7 +86,7 @@ def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, eac
     np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=tolerance, rtol=tolerance)
     np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
     for name in ("angle", "speed"):
-        mine = rows_of(state.bodies, "state", "bodies", packed.real)[name]
+        mine = device_values(state.bodies, "state", "bodies", packed.real)[name]
         np.testing.assert_allclose(mine, serial.bodies()[name], atol=tolerance, rtol=tolerance)
 
 

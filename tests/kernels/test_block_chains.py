@@ -27,7 +27,7 @@ from warpchain import load_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
-from warpchain.engine.arrays import starts
+from warpchain.engine.arrays import first_places
 from warpchain.results.channels import drive_frame_width
 from warpchain.results.schedule import Schedule
 
@@ -83,10 +83,12 @@ def test_a_variant_alone_is_the_same_in_a_crowd(fibers, drives, many, precision,
     )
     whole = ensemble([first, second, first], precision)
     n = len(chain_drives(second))
-    middle = whole.part(n, 2 * n)
+    middle = whole.variant_range(n, 2 * n)
     for name, sort in (("rollers", "roller"), ("bodies", "body"), ("chain", "variant"), ("strand", "sprocket")):
-        begin, end = (int(starts(of.drives)[sort][-1]) for of in (whole.part(0, n), whole.part(0, 2 * n)))
-        width = len(alone[name]) // int(starts(middle.drives)[sort][-1])
+        begin, end = (
+            int(first_places(of.drives)[sort][-1]) for of in (whole.variant_range(0, n), whole.variant_range(0, 2 * n))
+        )
+        width = len(alone[name]) // int(first_places(middle.drives)[sort][-1])
         np.testing.assert_array_equal(crowd[name][width * begin : width * end], alone[name], err_msg=name)
     count = len(alone["frames"])
     np.testing.assert_array_equal(crowd["frames"][count : 2 * count], alone["frames"])
@@ -102,7 +104,8 @@ def test_two_equal_chains_are_one_of_twice_the_mass_stiffness_and_contact(fibers
     n = 60
     rows, each = once["rollers"].reshape(6, n), twice["rollers"].reshape(2, 6, n)
     np.testing.assert_allclose(each, [rows, rows], atol=1e-10)
-    assert np.abs(each[0, :2] - pack_for(two, [Schedule(2.5e-6, 1, 0, 1, 0)], "float64").rows(0)[:2]).max() > 1e-3
+    before = pack_for(two, [Schedule(2.5e-6, 1, 0, 1, 0)], "float64").roller_rows(0)
+    assert np.abs(each[0, :2] - before[:2]).max() > 1e-3
     for name in ("tension", "dissipated"):
         np.testing.assert_allclose(2.0 * twice["chain"][name], [once["chain"][name][0]] * 2, rtol=1e-9, err_msg=name)
     for name in ("energy_start", "energy_end"):  # of the shafts, too, whose inertia the first sprocket on each has

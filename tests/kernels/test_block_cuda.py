@@ -12,7 +12,7 @@ from blocks import pack_for, some_of
 from drives import example
 from ptx import called, compiled
 
-from warpchain.engine.buckets import Bucket, kernel_kind, kind_columns, kind_of, resident
+from warpchain.engine.gpu_kernels import Bucket, block_kind, kernel_kind, resident_variants, variant_kind_columns
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import BY_SPEED, DECLARED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
@@ -92,6 +92,6 @@ def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name, precisi
     # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car
     # and engine twice (docs/kernels.md)
     packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], precision)
-    columns = {field: int(values[0]) for field, values in kind_columns(packed).items()}
-    kind = kernel_kind("measure", Bucket(kind_of(packed.real, columns, 8), np.zeros(1, int), None))
-    assert not called(compiled(block_kernel(kind, resident(kind), DEFAULT_FRAME), tmp_path))
+    columns = {field: int(values[0]) for field, values in variant_kind_columns(packed).items()}
+    kind = kernel_kind("measure", Bucket(block_kind(packed.real, columns, 8), np.zeros(1, int), None))
+    assert not called(compiled(block_kernel(kind, resident_variants(kind), DEFAULT_FRAME), tmp_path))

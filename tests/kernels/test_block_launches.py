@@ -37,17 +37,17 @@ from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
 from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.arrays import (
-    TABLE,
-    assign_rows,
+    ARRAYS,
+    assign_values,
+    device_values,
     empty_sums,
     empty_tallies,
-    rows_of,
     upload_ensemble,
     upload_state,
 )
-from warpchain.engine.checkpoint import Keeper, States, stop_of
+from warpchain.engine.checkpoint import StateKeeper, States, latest_stop_step
 from warpchain.engine.pack import pack
-from warpchain.engine.settling import cushion, elastic, quickened
+from warpchain.engine.settling import damp_arm_contacts, lighten_arms, settling_ensemble
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
@@ -108,7 +108,7 @@ def test_variants_abreast_in_a_block_are_what_they_are_by_themselves(fibers, mea
     for name in ("chain", "strand", "sprocket", "contact", "tension_counts"):
         np.testing.assert_array_equal(alone[1][name], together[1][name], err_msg=name)
     rollers, n = together[0].rollers.numpy(), variants[0].chain.links
-    first, third = packed.first_value(0), packed.first_value(2)
+    first, third = packed.first_roller_value(0), packed.first_roller_value(2)
     assert (rollers[first : first + n] != rollers[third : third + n]).any()
 
 
@@ -139,10 +139,10 @@ def settled(drive, threads, parts, steps=(20_000,), **more):
 
     Both take as many steps, until round-off has a peak of kinetic energy seen a look earlier or later.
     """
-    packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
+    packed = settling_ensemble(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     if drive.arms:
-        cushion(packed)
-        quickened(packed, stacks_of_drives([drive]))
+        damp_arm_contacts(packed)
+        lighten_arms(packed, stacks_of_drives([drive]))
     serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=bool(drive.arms)), 1e-3, sum(steps))
     ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
@@ -151,7 +151,7 @@ def settled(drive, threads, parts, steps=(20_000,), **more):
     for count in steps:
         inputs = [ensemble, state, tallies, settling, order, count]
         wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")
-    ours, theirs = settling.numpy()[0], serial.settling()[0]
+    ours, theirs = settling.numpy()[0], serial.settling_states()[0]
     assert ours["settled"] == theirs["settled"] == 1 and ours["residual"] < 1e-3
     assert abs(int(ours["steps"]) - int(theirs["steps"])) <= 0.2 * theirs["steps"]
     return packed, serial, state
@@ -188,7 +188,7 @@ def test_block_kernel_settles_an_arm_with_its_sprocket(fibers, hubs):
 
 
 class Blocks:
-    """Blocks of fibers as an engine whose states can be kept (`engine.states`)."""
+    """Blocks of fibers as an engine whose states can be kept (`engine.checkpoint`)."""
 
     def __init__(self, packed, kind):
         self.packed, self.kind = packed, kind
@@ -198,14 +198,14 @@ class Blocks:
         )
         self.sums, self.tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
 
-    def held(self):
+    def changing_structs(self):
         return {"state": self.state, "sums": self.sums, "tallies": self.tallies}
 
-    def fetch(self, group, name):
-        return rows_of(getattr(self.held()[group], name), group, name, self.packed.real).copy()
+    def fetch_array(self, group, name):
+        return device_values(getattr(self.changing_structs()[group], name), group, name, self.packed.real).copy()
 
-    def put(self, group, name, values):
-        assign_rows(getattr(self.held()[group], name), values)
+    def set_array(self, group, name, values):
+        assign_values(getattr(self.changing_structs()[group], name), values)
 
     def advance(self, steps):
         kernel, threads = on_fibers(block_kernel(self.kind, 4, self.packed.frame)), self.kind.shape.threads
@@ -236,19 +236,19 @@ def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, many, pre
         [Schedule(drive.run.step, 33 + steps, 33, 33 + steps, 0, every) for drive in variants]
         for steps in (10 * every, 20 * every)
     )
-    half, end = (stop_of(schedules[0]) for schedules in (short, long))
+    half, end = (latest_stop_step(schedules[0]) for schedules in (short, long))
 
     def engine(schedules):
         return Blocks(replace(pack_for(variants, schedules, precision), frame=frame), kind)
 
     def kept(of, schedules, states, upto):
         states.prepare(len(variants))
-        keeper = Keeper(states, variants, schedules, np.arange(len(variants)), precision)
+        keeper = StateKeeper(states, variants, schedules, np.arange(len(variants)), precision)
         settled, left = np.zeros(2, dtype=Settling.numpy_dtype()), np.zeros(2)
-        keeper.prepare(of.packed, settled, left)
-        keeper.restore(of)
+        keeper.take_over_settling(of.packed_name, settled, left)
+        keeper.restore_states(of)
         of.advance(upto)
-        keeper.take(of, of.state.progress.numpy())
+        keeper.keep_due_states(of, of.state.progress.numpy())
         return states
 
     first = kept(engine(short), short, States(), half)
@@ -259,8 +259,8 @@ def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, many, pre
     assert [one.data for one in gone_on.kept] == [one.data for one in at_once.kept]
     for each in (whole, on):
         each.advance(2)
-    for group in whole.held():
-        for name in (name for name, row in TABLE[group].items() if row.kept):
+    for group in whole.changing_structs():
+        for name in (name for name, row in ARRAYS[group].items() if row.in_checkpoints):
             # as values: two float32 hold one number in two ways, a state is kept as float64, and padding is no value
-            mine, theirs = (repr(of.fetch(group, name).tolist()) for of in (on, whole))
+            mine, theirs = (repr(of.fetch_array(group, name).tolist()) for of in (on, whole))
             assert mine == theirs, f"{group}.{name}"

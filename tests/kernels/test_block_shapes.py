@@ -32,7 +32,7 @@ from blocks import (
     valves,
 )
 
-from warpchain.engine.arrays import TABLE
+from warpchain.engine.arrays import ARRAYS
 from warpchain.kernels.gpu.shared_memory import parts_of_a_body
 from warpchain.results.schedule import Schedule
 
@@ -51,7 +51,7 @@ def taken(variants, precision, each, measuring, order=None):
     """State and sums of an ensemble at its end, on blocks of which a multiprocessor gets so many."""
     packed = pack_for(variants, [Schedule(drive.run.step, END, 111, END - 10, 0) for drive in variants], precision)
     kind = kind_of(packed, shape_of(variants, each), measuring)
-    order = list(range(len(packed.begins))) if order is None else order
+    order = list(range(len(packed.first_rows))) if order is None else order
     return run_blocks(packed, kind, [END + 1], order, wp.zeros(1, dtype=packed.real, device="cpu"))
 
 
@@ -66,7 +66,7 @@ def test_each_shape_gives_the_same_bits_with_metrics_and_without(fibers, drives,
     few, sums = taken(variants, precision, 1, True)
     many, theirs = taken(variants, precision, 100, True)
     assert_same_state(many, few)
-    for name in TABLE["sums"]:
+    for name in ARRAYS["sums"]:
         mine, other = (flat(of[name]) if of[name].dtype.names else {"of all": of[name]} for of in (sums, theirs))
         for field in mine:
             np.testing.assert_array_equal(other[field], mine[field], err_msg=f"{name}.{field}")

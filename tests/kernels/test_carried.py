@@ -12,9 +12,9 @@ from drives import example
 from grown import grown, recipe, recipe_code, run_in
 
 from warpchain import dumps_drive, simulate
-from warpchain.engine.fill import FORMS
-from warpchain.engine.packed import Packed
-from warpchain.engine.settling import elastic
+from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.engine.settling import settling_ensemble
+from warpchain.engine.struct_rows import FORCE_NUMBERS
 from warpchain.kernels import structs
 from warpchain.kernels.physics.mount import FREE
 from warpchain.results.channels import DEFAULT_FRAME, PartCounts
@@ -24,7 +24,7 @@ ROLLER_RADIUS = 0.015
 CONTACT = 1e6
 BAR_MASS, SPRING = 2.0, 1e5
 
-fill_carrier = recipe_code("A new kind of body", "fill_carrier", np=np, Any=Any, FREE=FREE)
+fill_carrier_row = recipe_code("A new kind of body", "fill_carrier_row", np=np, Any=Any, FREE=FREE)
 
 HELD = """
 import sys
@@ -33,7 +33,7 @@ import warpchain.engine.pack as packing
 from warpchain import Record, load_drive, simulate
 
 drives = [load_drive(path) for path in sys.argv[1:]]
-filled = packing.fill_carrier
+filled = packing.fill_carrier_row
 run = simulate(drives, device="cpu")
 values = run.metrics.to_pylist()
 assert all(abs(row["energy_residual_relative"]) < 1e-3 for row in values)
@@ -42,7 +42,7 @@ def held(motion, mount, body, *springs):
     filled(motion, mount, body, *springs)
     mount["inverse_mass"] = 0.0
 
-packing.fill_carrier = held
+packing.fill_carrier_row = held
 still = simulate(drives, device="cpu")
 for v in range(len(drives)):
     assert np.abs(run[v].guide_force - still[v].guide_force).max() > 10.0, v
@@ -56,7 +56,7 @@ def straight(*, center=(0.225, 0.0), above=0.0, velocity=(0.0, 0.0), gravity=0.0
     """A straight chain, its last link as long as all others, `above` a bar that is fixed to a body's center."""
     x = PITCH * np.arange(LINKS)
     position = np.stack([x, np.full(LINKS, ROLLER_RADIUS + above)], axis=1)
-    viscous = {"form": FORMS["kelvin_voigt_damper"], "damping": np.sqrt(CONTACT * MASS)} if damped else {}
+    viscous = {"form": FORCE_NUMBERS["kelvin_voigt_damper"], "damping": np.sqrt(CONTACT * MASS)} if damped else {}
     bar = {"start": np.subtract((-PITCH, 0.0), center), "end": np.subtract((LINKS * PITCH, 0.0), center)}
     bar |= {"roller_radius": ROLLER_RADIUS, "stiffness": CONTACT, "body": 0} | viscous
     packed = raw.chain(
@@ -66,7 +66,7 @@ def straight(*, center=(0.225, 0.0), above=0.0, velocity=(0.0, 0.0), gravity=0.0
     packed.lengths[-1] = (LINKS - 1) * PITCH
     # critically damped with the chain's mass on it, or not at all
     damping = 2.0 * np.sqrt(SPRING * (BAR_MASS + LINKS * MASS)) if damped else 0.0
-    fill_carrier(packed.motions[0], packed.mounts[0], packed.bodies[0], BAR_MASS, SPRING, damping)
+    fill_carrier_row(packed.motions[0], packed.mounts[0], packed.bodies[0], BAR_MASS, SPRING, damping)
     packed.mounts["home"][0] = packed.bodies["center"][0] = center
     return packed
 
@@ -84,7 +84,7 @@ def test_the_recipe_of_a_body(tmp_path):
     # the bar is pressed 3 cm into the chain. A body that is held at the origin leaves every bit as it is with the bar
     # on the ground; one on springs does not, and the energy balance closes as well as on the ground (some 5e-4)
     changes = recipe("A new kind of body")
-    assert {path for path, _, _ in changes} == {"warpchain/engine/fill.py", "warpchain/engine/pack.py"}
+    assert {path for path, _, _ in changes} == {"warpchain/engine/struct_rows.py", "warpchain/engine/pack.py"}
     marine = example("marine")
     bar = {f"guides.0.{end}": np.add(getattr(marine.guides[0], end), (0.03, 0.0)).tolist() for end in ("start", "end")}
     short = {"run.duration": 0.02, "run.sample_rate": 5000.0} | bar
@@ -158,7 +158,7 @@ def test_energy_has_the_body_in_it(integrator):
     packed = straight(gravity=WEIGHT, integrator=integrator, window=(0, 2000), steps=2000)
     stands = LINKS * MASS * WEIGHT / SPRING
     packed.bodies["center"][0, 1] = -1.3 * stands
-    packed.rows(0)[1] = ROLLER_RADIUS - 1.3 * stands - MASS * WEIGHT / CONTACT
+    packed.roller_rows(0)[1] = ROLLER_RADIUS - 1.3 * stands - MASS * WEIGHT / CONTACT
     engine, _ = raw.run(packed)
     sums, oscillation = engine.sums()["chain"][0], 0.5 * SPRING * (0.3 * stands) ** 2
     assert abs(engine.state.bodies.numpy()[0]["velocity"][1]) > 1e-3
@@ -206,9 +206,9 @@ def test_what_contacts_dissipate_is_what_chain_and_turning_body_lose(integrator)
 
 def test_settling_holds_the_body():
     # relaxed until no net force is above 1e-10 of a weight
-    packed = elastic(straight(gravity=WEIGHT, above=-1e-5, steps=1))
+    packed = settling_ensemble(straight(gravity=WEIGHT, above=-1e-5, steps=1))
     engine, _ = raw.settling(packed, 2e-4, 1e-10, 100_000)
-    assert engine.settling()["settled"][0] == 1
+    assert engine.settling_states()["settled"][0] == 1
     assert engine.state.bodies.numpy()[0] == packed.bodies[0]
     _, y, _, _ = raw.state(engine)
     np.testing.assert_allclose(ROLLER_RADIUS - y, MASS * WEIGHT / CONTACT, rtol=1e-9)
@@ -225,7 +225,7 @@ def test_variants_with_different_bodies_stand_side_by_side():
     rows = engine.rollers().reshape(2, 6, LINKS)
     for v in range(2):
         np.testing.assert_array_equal(rows[v][:4], alone)
-    taken = both.taken([1, 0, 1])
+    taken = both.pick_variants([1, 0, 1])
     np.testing.assert_array_equal(taken.drives["first_body"], [0, 1, 3])
     for name in ("motions", "mounts", "bodies"):
         np.testing.assert_array_equal(getattr(taken, name), getattr(both, name)[[2, 0, 1, 2]])
@@ -233,9 +233,9 @@ def test_variants_with_different_bodies_stand_side_by_side():
 
 def beside(*parts):
     """Ensembles of one variant each as one."""
-    from warpchain.engine.arrays import PACKED, TABLE, numbered
+    from warpchain.engine.arrays import ARRAYS, PACKED_ARRAYS, fill_first_places
 
-    kinds = {name: TABLE[group][of].kind for name, (group, of) in PACKED.items()}
+    kinds = {name: ARRAYS[group][of].dimension for name, (group, of) in PACKED_ARRAYS.items()}
     joined = {}
     for name in (name for name, kind in kinds.items() if kind):
         each = [getattr(part, name) for part in parts]
@@ -243,5 +243,5 @@ def beside(*parts):
             each = each[:1]
         joined[name] = np.concatenate(each).astype(each[0].dtype)  # which keeps the structs' alignment
     rest = {name: getattr(parts[0], name) for name in ("precision", "harmonics", "tables", "seats")}
-    joined["drives"] = numbered(joined["drives"])
-    return Packed(**rest, **joined, assemblies=raw.blank_states(len(parts)))
+    joined["drives"] = fill_first_places(joined["drives"])
+    return PackedEnsemble(**rest, **joined, assemblies=raw.blank_states(len(parts)))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import raw
 
-from warpchain.engine.settling import elastic
+from warpchain.engine.settling import settling_ensemble
 
 LINKS, PITCH, MASS, RADIUS, CONTACT = 10, 0.05, 0.5, 0.015, 1e6
 
@@ -73,6 +73,6 @@ def test_who_is_inside_as_the_window_begins_is_counted():
 
 
 def test_settling_pushes_out_whoever_assembly_put_inside():
-    still = elastic(near_bar(0.2 * RADIUS, 0.0, steps=10))
+    still = settling_ensemble(near_bar(0.2 * RADIUS, 0.0, steps=10))
     assert outcome(still)[2]["missed"] == 0
     assert outcome(still)[2]["impulse"] > 0.0

@@ -7,7 +7,7 @@ import pytest
 from drives import example, two_sprockets
 from raw import stepped
 
-from warpchain.engine.arrays import TABLE
+from warpchain.engine.arrays import ARRAYS
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
 
@@ -18,7 +18,7 @@ def test_where_launches_end_does_not_matter():
     packed = pack([drive], [Schedule(drive.run.step, 2100, 1000, 2100, 0)])
     once, twice = stepped(packed, 2101)[0], stepped(packed, 1024, 1024, 53)[0]
     np.testing.assert_array_equal(once.rollers(), twice.rollers())
-    for name in TABLE["sums"]:
+    for name in ARRAYS["sums"]:
         np.testing.assert_array_equal(once.sums()[name], twice.sums()[name], err_msg=name)
 
 

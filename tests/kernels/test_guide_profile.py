@@ -98,7 +98,7 @@ def test_a_face_in_many_pieces_is_the_face_in_one(precision, tolerance):
     states = []
     for face in ([(start, heading, 0.0, length)], parts):
         packed = falling({"pieces": [first, *face, last]}, precision)
-        packed.rows(0)[2], packed.chains["gravity"][:] = 1.0, (0.0, -200.0)
+        packed.roller_rows(0)[2], packed.chains["gravity"][:] = 1.0, (0.0, -200.0)
         states.append(raw.state(raw.run(packed)[0])[:2])
     assert np.abs(states[0] - states[1]).max() < tolerance
 
@@ -134,7 +134,7 @@ def test_rollers_at_rest_over_an_arc():
     packed.guides["law"]["stiffness"] = tension * length / (radius - depth) / depth
     packed.drives["steps"], packed.drives["window_end"] = 2000, 2000
     engine, frames = raw.run(packed)
-    moved = np.hypot(*(raw.state(engine)[:2] - packed.rows(0)[:2]))
+    moved = np.hypot(*(raw.state(engine)[:2] - packed.roller_rows(0)[:2]))
     assert moved.max() < 1e-13
 
 
@@ -154,7 +154,7 @@ def test_capstan_of_a_chain_that_slides_over_an_arc():
         guides=[round_guide(face, stiffness=1e9, friction=mu)],
         step=step, steps=1,
     )  # fmt: skip
-    placed = packed.rows(0)[:2].T
+    placed = packed.roller_rows(0)[:2].T
     packed.lengths[:] = np.hypot(*(np.roll(placed, -1, axis=0) - placed).T) - tension / 1e6
     engine, _ = raw.run(packed)
     gained = 2.0 * (raw.state(engine)[2:].T - speed * tangent) / step * 0.01  # of half a kick, as a force [N]

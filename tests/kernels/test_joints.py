@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from raw import chain, polygon, run, state
 
-from warpchain.engine.fill import JOINT_INERTIA
+from warpchain.engine.struct_rows import JOINT_INERTIA
 from warpchain.kernels.cpu.joints import joint_functions
 from warpchain.kernels.cpu.rollers import ROWS, roller_functions
 from warpchain.kernels.physics.friction import DAMPER, SPRING

@@ -99,12 +99,12 @@ import warp as wp
 name, held = "warp._src.context", sys.modules["warp._src.context"]
 sys.modules[name] = types.ModuleType(name)  # while warpchain looks for its names
 wp.__version__ = "9.0.0"
-from warpchain.engine import _started, start_warp
+from warpchain.engine import _is_warp_started, start_warp
 from warpchain.kernels import modules
-assert not _started()
+assert not _is_warp_started()
 sys.modules[name] = held
 start_warp()
-assert _started()
+assert _is_warp_started()
 start_warp(precompiled=False)
 from warpchain.kernels.cpu import advance, relax
 assert modules.own_module(advance.__file__, "advance", wp.float64) == "unique"

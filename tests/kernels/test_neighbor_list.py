@@ -5,7 +5,7 @@ import pytest
 from drives import example, two_sprockets
 from raw import chain, stepped
 
-from warpchain.engine.arrays import TABLE
+from warpchain.engine.arrays import ARRAYS
 from warpchain.engine.pack import pack
 from warpchain.kernels.cpu.rollers import rows
 from warpchain.results.schedule import Schedule
@@ -16,10 +16,10 @@ def alike(packed, steps):
     return [stepped(packed, *launches)[0] for launches in ([steps], [1] * steps)]
 
 
-def assert_alike(once, often, sums=tuple(TABLE["sums"])):
+def assert_alike(once, often, sums=tuple(ARRAYS["sums"])):
     np.testing.assert_array_equal(once.rollers(), often.rollers())
-    np.testing.assert_array_equal(once.fetch("state", "seat"), often.fetch("state", "seat"))
-    np.testing.assert_array_equal(once.fetch("state", "impact_speed"), often.fetch("state", "impact_speed"))
+    np.testing.assert_array_equal(once.fetch_array("state", "seat"), often.fetch_array("state", "seat"))
+    np.testing.assert_array_equal(once.fetch_array("state", "impact_speed"), often.fetch_array("state", "impact_speed"))
     for name in sums:
         np.testing.assert_array_equal(once.sums()[name], often.sums()[name], err_msg=name)
 

@@ -113,7 +113,7 @@ def test_the_recipe_of_an_integrator(tmp_path):
 def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
     """Against its closed form, joint by joint, beside friction and without any."""
     paths = ["kernels/physics/friction.py", "kernels/structs.py", "warpchain/drive/chain.py"]
-    paths += ["warpchain/drive/chain.py", "warpchain/engine/fill.py", "warpchain/results/step_resolution.py"]
+    paths += ["warpchain/drive/chain.py", "warpchain/engine/struct_rows.py", "warpchain/results/step_resolution.py"]
     (tmp_path / "drive.toml").write_text(dumps_drive(two_sprockets(integrator="rk4", settle="false")))
     folder = followed(tmp_path / "tree", "A new moment in the joints", paths)
     for friction in (0.1, 0.0):
@@ -124,7 +124,7 @@ def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
 def test_the_recipe_of_a_force_on_links(tmp_path):
     """Runs, `check`, modes and the step's limit follow it; where links are pushed the energy balance closes."""
     paths = ["kernels/physics/link.py"] * 4 + ["kernels/structs.py", "warpchain/drive/chain.py"]
-    paths += [f"warpchain/{name}.py" for name in ("engine/fill", "assembly/potential", "assembly/timestep")]
+    paths += [f"warpchain/{name}.py" for name in ("engine/struct_rows", "assembly/potential", "assembly/timestep")]
     taut = two_sprockets(span=20.02, step=2e-6, duration=0.005, torque=100.0)
     (tmp_path / "drive.toml").write_text(dumps_drive(taut))
     folder = followed(tmp_path / "tree", "A new force on links", paths)

@@ -6,7 +6,7 @@ import raw
 from drives import assert_same_frames, two_sprockets
 
 from warpchain import Record, simulate
-from warpchain.engine.fill import tooth_effective_mass
+from warpchain.engine.struct_rows import tooth_effective_mass
 
 LINKS, PITCH, MASS, WEIGHT, RADIUS, CONTACT = 10, 0.05, 0.5, 9.81, 0.015, 1e6
 
@@ -48,7 +48,7 @@ def test_energy_lost_is_what_friction_took_where_speeds_change_fast():
     packed = on_bar(0.2, speed=0.2, steps=25, step=2e-3)
     for rows in (packed.chains["stiffness"], packed.chains["outer_stiffness"], packed.guides["law"]["stiffness"]):
         rows[:] = 1e3
-    packed.rows(0)[1] = RADIUS - MASS * WEIGHT / 1e3
+    packed.roller_rows(0)[1] = RADIUS - MASS * WEIGHT / 1e3
     engine, _ = raw.run(packed)
     sums = engine.sums()
     lost = sums["chain"][0]["energy_start"] - sums["chain"][0]["energy_end"]
@@ -62,7 +62,7 @@ def test_angular_momentum_of_a_chain_and_a_free_sprocket(integrator, mu):
     # fourth order
     contact = {"friction": mu, "effective_mass": 0.5}
     packed = raw.struck_sprocket(step=2e-6, steps=20_000, integrator=integrator, **contact)
-    before = raw.momenta(packed.rows(0)[:4], packed.bodies[0])[2]
+    before = raw.momenta(packed.roller_rows(0)[:4], packed.bodies[0])[2]
     engine, _ = raw.run(packed)
     after = raw.momenta(raw.state(engine), engine.state.bodies.numpy()[0])[2]
     sums = engine.sums()["contact"][0]

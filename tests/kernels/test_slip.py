@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from own_kernels import kernel
 
-from warpchain.engine.outcomes import batch_durations
+from warpchain.engine.window_sums import batch_durations
 from warpchain.kernels.statistics import NOTES, follow_slip, notes_due
 from warpchain.kernels.structs import Drive, SlipSums
 

@@ -7,7 +7,7 @@ from drives import example, of_long, two_sprockets
 from tensioner_rig import oil_modulus
 
 from warpchain.drive.oil import static_force, static_pressure
-from warpchain.engine.probe import Probe
+from warpchain.engine.force_probe import ForceProbe
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import base_drive_modes, campbell, mode_metrics
 from warpchain.modal.eigenmodes import lowest_modes, modes
@@ -226,8 +226,8 @@ def test_an_arm_pressed_on_a_strand():
     found = drive_motion(drive)
     result = lowest_modes(found, 4)
     k = of(result, "lever")
-    probe = Probe(found.parts[0].packed)
-    on = np.flatnonzero(probe.contacts(found.parts[0].state)[2])
+    probe = ForceProbe(found.parts[0].packed)
+    on = np.flatnonzero(probe.touching_rollers(found.parts[0].state)[2])
     probe.close()
     assert 1 <= len(on) <= 4
     place = result.position[on]

@@ -6,7 +6,7 @@ from drives import example, of_long, two_sprockets
 
 from warpchain import modes
 from warpchain.assembly import assemble, statics
-from warpchain.engine import processes
+from warpchain.engine import process_pool
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.modal.eigenmodes import Modes
 
@@ -14,7 +14,7 @@ from warpchain.modal.eigenmodes import Modes
 @pytest.fixture
 def at_once(monkeypatch):
     """Processes start for a single drive."""
-    monkeypatch.setattr(processes, "FEWEST", 1)
+    monkeypatch.setattr(process_pool, "FEWEST_THINGS", 1)
 
 
 def taut(**options):

@@ -7,7 +7,7 @@ from raw import chain
 from tensioner_rig import oil_modulus
 
 from warpchain.drive.oil import static_pressure
-from warpchain.engine.probe import Probe
+from warpchain.engine.force_probe import ForceProbe
 from warpchain.modal.eigenmodes import eigenpairs
 from warpchain.modal.matrices import (
     MOST_VELOCITY_STEP,
@@ -34,12 +34,12 @@ def strand():
             place, np.zeros_like(place), mass=MASS, pitch=PITCH, stiffness=STIFFNESS, damping=DAMPING, step=1.0, steps=1
         )
         packed.drives["sprockets"] = packed.drives["bodies"] = 0
-        probe = Probe(packed)
-        at = free_coordinates(probe, probe.start())
+        probe = ForceProbe(packed)
+        at = free_coordinates(probe, probe.packed_state())
         inner = slice(2, 2 * n + 2)
         pair = (
-            stiffness_matrix(probe, at, probe.start(), PITCH),
-            damping_matrix(probe, at, probe.start()),
+            stiffness_matrix(probe, at, probe.packed_state(), PITCH),
+            damping_matrix(probe, at, probe.packed_state()),
             at.mass_matrix,
         )
         probe.close()
@@ -89,7 +89,7 @@ def test_a_strand_that_travels_swings_as_a_travelling_string(strand, share):
     wave = np.sqrt(TENSION * LENGTH / MASS)
     speed = share * wave
     rate = speed / LENGTH
-    # what `engine.standing` does to links, eq. (a): their force on straight strands is -m f^2 D2
+    # what `modal.small_motion` does to links, eq. (a): their force on straight strands is -m f^2 D2
     second = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     k = k - MASS * rate**2 * np.kron(second, np.eye(2))
     travel = travel_matrix(n, MASS, rate, np.arange(n) < n - 1, 2 * n)
@@ -131,9 +131,9 @@ def test_structure_changes_nothing(mount):
         }
     )
     ((_, _, packed, _),) = standing_chains(drive)
-    probe = Probe(packed)
+    probe = ForceProbe(packed)
     try:
-        base = probe.start()
+        base = probe.packed_state()
         at = free_coordinates(probe, base)
         step = 2.0**-25
         k = plain(at, probe, base, at.displaced_states, np.full(at.coordinate_count, step))
@@ -188,9 +188,9 @@ def test_structure_changes_nothing_for_arms_and_oil():
     of oil, whose damper forces do not show. Steps of 2^-30 m and 2^-26 rad."""
     drive = example("car")
     (found,) = drive_motion(drive).parts
-    probe = Probe(found.packed)
+    probe = ForceProbe(found.packed)
     try:
-        base, at = probe.start(), found.at
+        base, at = probe.packed_state(), found.at
         steps = np.full(at.coordinate_count, 2.0**-30)
         steps[2 * at.rollers : at.oil_start] = 2.0**-26
         k = plain(at, probe, base, at.displaced_states, steps)

@@ -5,7 +5,7 @@ import pytest
 from drives import of_long, two_sprockets
 
 from warpchain.drive import dumps_drive
-from warpchain.engine import processes
+from warpchain.engine import process_pool
 from warpchain.modal.campbell import base_drive_modes, mode_metrics
 from warpchain.study.run import run_study
 
@@ -39,7 +39,7 @@ def test_other_links_are_told_by_name(base):
 
 @pytest.mark.parametrize("workers", [1, *of_long(2)])
 def test_a_study_follows_modes(base, tmp_path, workers, monkeypatch):
-    monkeypatch.setattr(processes, "FEWEST", 1)
+    monkeypatch.setattr(process_pool, "FEWEST_THINGS", 1)
     (tmp_path / "drive.toml").write_text(dumps_drive(base))
     (tmp_path / "study.toml").write_text(
         """

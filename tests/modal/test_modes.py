@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from warpchain import assemble
 from warpchain.assembly.timestep import step_limit
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.pack import fill_steps
+from warpchain.engine.pack import fill_step_dependence
 from warpchain.errors import SimulationError
 from warpchain.modal.eigenmodes import lowest_modes, modes
 from warpchain.modal.small_motion import drive_motion
@@ -25,18 +25,18 @@ def swung(found, result, chosen, cycles=2.5, fed=True):
     """
     step = 0.5 * step_limit(found.drive)
     (part,) = found.parts
-    packed = part.packed.taken([0] * (len(chosen) + 1))
+    packed = part.packed.pick_variants([0] * (len(chosen) + 1))
     if fed:
         steadily_fed(packed)
     packed.drives["step"], packed.drives["steps"] = step, 2**30
-    fill_steps(packed)
+    fill_step_dependence(packed)
     packed.drives["window_start"] = packed.drives["window_end"] = 2**30
     weights = []
     for v, k in enumerate(chosen):
         shape, bodies, s = result.shape[k], result.bodies[k], result.eigenvalue[k]
         size = KICK / np.abs(shape).max()
-        packed.rows(v)[0:2] += size * shape.T.real
-        packed.rows(v)[2:4] = size * (s * shape).T.real
+        packed.roller_rows(v)[0:2] += size * shape.T.real
+        packed.roller_rows(v)[2:4] = size * (s * shape).T.real
         mine = packed.bodies[v * len(bodies) : (v + 1) * len(bodies)]
         mine["center"] += size * bodies[:, :2].real
         mine["angle"] += size * bodies[:, 2].real
@@ -223,7 +223,7 @@ def test_a_strand_with_a_moving_end_runs_away_within_its_tongue():
     frequency = result.frequency[0]
     share = swing_of_tension(amplitude, 0)
     detuned = np.array([0.0, 0.15, -0.15, 0.4]) * share
-    packed = found.parts[0].packed.taken([0] * len(detuned))
+    packed = found.parts[0].packed.pick_variants([0] * len(detuned))
     packed.mounts["amplitude"][1::2] = amplitude
     packed.mounts["frequency"][1::2] = 4.0 * np.pi * frequency * (1.0 + detuned)
     size, growth = grown(packed, found, result, 0)
@@ -255,11 +255,11 @@ def grown(packed, found, result, k, halves=100):
     those [1/s]; the ends of the variants' strands move."""
     step = 0.5 * step_limit(found.drive)
     packed.drives["step"], packed.drives["steps"] = step, 2**30
-    fill_steps(packed)
+    fill_step_dependence(packed)
     packed.drives["window_start"] = packed.drives["window_end"] = 2**30
     shape, frequency, omega = result.shape[k].real, result.frequency[k], 2.0 * np.pi * result.frequency[k]
     for v in range(packed.variants):
-        packed.rows(v)[0:2] += 1e-6 * shape.T / np.abs(shape).max()
+        packed.roller_rows(v)[0:2] += 1e-6 * shape.T / np.abs(shape).max()
     engine = CpuEngine(packed, 1)
     frames = engine.frame_buffer(1)
     rows = engine.state.rollers.numpy().reshape(packed.variants, 6, -1)
@@ -292,7 +292,7 @@ def test_a_damped_strand_runs_away_beyond_four_zeta():
         found = drive_motion(swaying(0.0, **held))
         result = lowest_modes(found, 1)
         zeta, tried = result.damping_ratio[0], 1e-4
-        packed = found.parts[0].packed.taken([0] * len(near))
+        packed = found.parts[0].packed.pick_variants([0] * len(near))
         packed.mounts["amplitude"][1::2] = near * 4.0 * zeta * tried / swing_of_tension(tried, 0, **held)
         packed.mounts["frequency"][1::2] = 4.0 * np.pi * result.frequency[0]
         _, growth = grown(packed, found, result, 0, 60)

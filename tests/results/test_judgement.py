@@ -8,7 +8,7 @@ import pytest
 from drives import example, two_sprockets
 
 from warpchain import Limits, Record, simulate
-from warpchain.engine.fill import JOINT_INERTIA
+from warpchain.engine.struct_rows import JOINT_INERTIA
 from warpchain.errors import DriveError
 from warpchain.kernels import relaxation
 from warpchain.kernels.physics import friction

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warpchain.engine.outcomes import tension_edges
+from warpchain.engine.window_sums import tension_edges
 from warpchain.kernels.statistics import BINS
 from warpchain.results.window_statistics import (
     INTERVAL_ERRORS,

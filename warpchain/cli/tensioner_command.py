@@ -14,7 +14,7 @@ from warpchain.errors import ArchiveError, WarpchainError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from warpchain.engine.rig import Shake, Shaken
+    from warpchain.engine.tensioner_bench import PlungerMotion, RideTables
 
 FIGURE_ENDINGS, TABLE_ENDINGS = (".png", ".svg"), (".csv", ".parquet")
 SWEEP_RANGES = {"frequency": (1.0, 500.0), "temperature": (20.0, 140.0)}
@@ -107,12 +107,12 @@ def _ride_sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
 def _asked_shakes(
     arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float | None]
-) -> list[Shake]:
+) -> list[PlungerMotion]:
     """Sines of every frequency with every viscosity; None is the drive's own oil."""
-    from warpchain.engine.rig import Shake
+    from warpchain.engine.tensioner_bench import PlungerMotion
 
     return [
-        Shake(arguments.amplitude, frequency, arguments.extension, viscosity)
+        PlungerMotion(arguments.amplitude, frequency, arguments.extension, viscosity)
         for frequency in frequencies
         for viscosity in viscosities
     ]
@@ -135,9 +135,9 @@ def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
 def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
     """Viscosities of the drive's oil at temperatures [m^2/s]."""
     from warpchain.drive.viscosity import SWEPT_FROM, THICKEST, THINNEST, by_slope
-    from warpchain.engine.rig import tensioner_of
+    from warpchain.engine.tensioner_bench import tensioner_by_name
 
-    oil = tensioner_of(drive.as_read, arguments.name).oil
+    oil = tensioner_by_name(drive.as_read, arguments.name).oil
     if oil is None:
         raise WarpchainError(f"--sweep temperature: tensioner {arguments.name!r} has no oil")
     law = oil.walther
@@ -148,11 +148,13 @@ def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: 
     return [law.viscosity(t) for t in temperatures]
 
 
-def _ride_tensioner(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], samples: bool) -> Shaken:
+def _ride_tensioner(
+    drive: Drive, arguments: argparse.Namespace, shakes: list[PlungerMotion], samples: bool
+) -> RideTables:
     """Rides a tensioner through sines, with a bar where there are many."""
-    from warpchain.engine.rig import shake
+    from warpchain.engine.tensioner_bench import shake_tensioner
 
-    return shake(drive, arguments.name, shakes, arguments.cycles, samples, progress=len(shakes) > 4)
+    return shake_tensioner(drive, arguments.name, shakes, arguments.cycles, samples, progress=len(shakes) > 4)
 
 
 def _oil_text(viscosity: float | None) -> str:
@@ -160,7 +162,7 @@ def _oil_text(viscosity: float | None) -> str:
     return "the drive's oil" if viscosity is None else f"{1e6 * viscosity:.4g} mm\N{SUPERSCRIPT TWO}/s"
 
 
-def _ride_label(row: dict[str, Any], shakes: Sequence[Shake]) -> str:
+def _ride_label(row: dict[str, Any], shakes: Sequence[PlungerMotion]) -> str:
     """A ride's label among others, by frequency and oil."""
     words = []
     if len({one.frequency for one in shakes}) > 1:

@@ -1,4 +1,4 @@
-"""Runs ensembles of drives on CPUs and GPUs; the only users of Warp beside the kernels."""
+"""Runs ensembles of drives on CPUs and GPUs: packing, settling, stepping, recording. Only this folder uses kernels."""
 
 from __future__ import annotations
 
@@ -21,11 +21,8 @@ if KERNELS.is_file():
     )
 
 
-def _started() -> bool:
-    """Whether Warp runs already, which it says nowhere in public; False where a version keeps it elsewhere.
-
-    To start it twice does no more than set how much it says.
-    """
+def _is_warp_started() -> bool:
+    """Whether Warp runs already; False where a version does not show it."""
     return getattr(sys.modules.get("warp._src.context"), "runtime", None) is not None
 
 
@@ -34,10 +31,7 @@ CACHE_VARIABLE = "WARP_CACHE_PATH"
 
 
 def _init_warp() -> None:
-    """Starts Warp; where its cache cannot be written, with a temporary one that ends with this process.
-
-    What the cache holds already is used from there, and processes started from here share the temporary one.
-    """
+    """Starts Warp; where its cache of kernels cannot be written, with a temporary one."""
     import warp as wp
 
     with contextlib.suppress(OSError):
@@ -58,23 +52,23 @@ def _init_warp() -> None:
 
 
 def start_warp(precompiled: bool = True) -> None:
-    """Starts Warp, once. Its messages on devices, caches and modules are left out: bars and summaries speak.
+    """Starts Warp, once, without its messages on devices, caches and modules.
 
-    A program that wants them starts Warp itself (`warp.init()`) or sets `warp.config.log_level` before its first run.
+    A program that wants these starts Warp itself (`warp.init()`) or sets `warp.config.log_level` before its first run.
 
     Args:
         precompiled: False does without precompiled headers, of which the CUDA compiler warns where they do not match.
     """
     import warp as wp
 
-    if _started():
+    if _is_warp_started():
         return
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_ERROR
     if not precompiled:
         wp.config.use_precompiled_headers = False
     before = os.environ.get(CACHE_VARIABLE)
-    with _silence() if wp.config.log_level >= wp.LOG_ERROR else contextlib.nullcontext():
+    with _silenced_stderr() if wp.config.log_level >= wp.LOG_ERROR else contextlib.nullcontext():
         _init_warp()
     if os.environ.get(CACHE_VARIABLE) != before:
         line = f"the folder of compiled kernels cannot be written; set {CACHE_VARIABLE} to one that keeps them"
@@ -82,8 +76,8 @@ def start_warp(precompiled: bool = True) -> None:
 
 
 @contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    """Leaves out what this process says on its standard error, compiled code too."""
+def _silenced_stderr() -> Iterator[None]:
+    """Discards what this process, compiled code too, writes to its standard error."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -1,13 +1,13 @@
-"""Where variants stand within a run, so that a longer run goes on from there and ends as if it had been one.
+"""States of variants within a run, from which a longer run continues with the bits of one that was never interrupted.
 
-A variant is kept at the last step of its window that is a multiple of `DIVERGENCE_CHECK`, before that step is taken:
-what moves, what contacts and tensioners remember, and what the window has summed up. Kernels can end a launch at such a
-step without a trace, so a run that is gone on with gives the same bits as a run of that length.
+A variant's state is kept before the last step of its window that is a multiple of `DIVERGENCE_CHECK`: what moves, what
+contacts and tensioners remember, and the window's sums. A longer run continues
 
-A longer run can take a state over, with its sums, where its window begins at the same step, the chain is looked at as
-often (`looks`), and each note of its batches (`kernels.statistics`) that lies behind was taken, as it was where the
-window becomes a whole number of times as long.
-It can take a state over without its sums where its window begins later, on a CPU. Else the variant begins anew.
+- with the sums, where its window begins at the same step, samples are as far apart, and each note of its batches
+  (`kernels.statistics`) before that step was taken, as it was where the window becomes a whole number of times as long;
+- without them, on a CPU, where its window begins later.
+
+Otherwise the variant begins anew.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.engine.arrays import TABLE, Engine, starts
-from warpchain.engine.outcomes import has_batches, note_steps
-from warpchain.engine.packed import Packed
+from warpchain.engine.arrays import ARRAYS, Engine, first_places
+from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.engine.window_sums import has_batches, note_steps
 from warpchain.errors import SimulationError
 from warpchain.files import parse_json
 from warpchain.kernels.statistics import NOTES
@@ -33,19 +33,19 @@ from warpchain.kernels.structs import DIVERGENCE_CHECK
 from warpchain.results.schedule import LOOK_EVERY, MOST_STEPS, Schedule
 from warpchain.version import installed_version
 
-STOPS = 16
-"""Most steps at which a run is stopped to keep states; variants of unlike steps share them."""
+MOST_STOPS = 16
+"""Most steps at which a run stops to keep states; variants of unlike steps share them."""
 FORMAT = 8
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class Kept:
-    """A variant within its run.
+class VariantState:
+    """The state of a variant within its run.
 
     Attributes:
-        facts: what it is of and when (`_facts`), values that JSON holds.
-        data: its arrays' bytes, one after the other.
+        facts: drive, run and step to which it belongs, values that JSON holds.
+        data: bytes of its arrays, one after the other.
     """
 
     facts: Mapping[str, Any]
@@ -57,13 +57,13 @@ class Kept:
         return int(self.facts["next"])
 
     def to_bytes(self) -> bytes:
-        """All of it, for a file."""
+        """Facts and data as bytes, for a file."""
         head = json.dumps(self.facts, sort_keys=True).encode()
         return len(head).to_bytes(8, "little") + head + self.data
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Kept:
-        """The other way round.
+    def from_bytes(cls, data: bytes) -> VariantState:
+        """A state from the bytes that `to_bytes` gave.
 
         Raises:
             ValueError: other bytes.
@@ -77,18 +77,18 @@ class Kept:
 
 @dataclass
 class States:
-    """States to begin with, and to keep; handed to `simulate`.
+    """States from which variants of a run begin, and those kept of it; an argument of `simulate`.
 
     Attributes:
         keep: whether to keep the variants' states.
-        begin: a state for each variant, None for one that begins anew; none at all for ().
+        begin: a state for each variant, None for one that begins anew; () for none at all.
         kept: after the run, the state of each variant that came so far; None of others.
-        used: after the run, which variants went on from a state.
+        used: after the run, which variants continued from a state.
     """
 
     keep: bool = True
-    begin: Sequence[Kept | None] = ()
-    kept: list[Kept | None] = field(default_factory=list)
+    begin: Sequence[VariantState | None] = ()
+    kept: list[VariantState | None] = field(default_factory=list)
     used: list[bool] = field(default_factory=list)
 
     def prepare(self, count: int) -> None:
@@ -102,41 +102,41 @@ class States:
         self.kept, self.used = [None] * count, [False] * count
 
 
-def _identity(drive: Drive) -> str:
-    """Digest of a drive's content but for how long it runs."""
+def _drive_digest(drive: Drive) -> str:
+    """SHA-256 of a drive's content apart from the duration and sample rate of its run."""
     plain = drive.model_copy(update={"run": drive.run.model_copy(update={"duration": 1.0, "sample_rate": 1.0})})
     return hashlib.sha256(plain.model_dump_json().encode()).hexdigest()
 
 
-def _facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any]:
-    """The facts that must hold of a state for it to be taken over."""
+def _required_facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any]:
+    """The facts that a state must have for a run to continue from it; `run` is precision and kind of device."""
     return {
         "format": FORMAT,
         "warpchain": installed_version(),
         "run": run,
         "step": float(schedule.step).hex(),
-        "drive": _identity(drive),
+        "drive": _drive_digest(drive),
     }
 
 
-def stop_of(schedule: Schedule) -> int:
-    """The step at which a variant is kept at the latest; 0 for none."""
+def latest_stop_step(schedule: Schedule) -> int:
+    """The last step at which a variant can be kept; 0 for none."""
     unit = int(DIVERGENCE_CHECK)
     return schedule.window_end // unit * unit
 
 
-def takes_sums(kept: Kept, schedule: Schedule) -> bool:
-    """Whether a run can take over what a state has summed up: the same window so far, and its notes."""
+def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
+    """Whether a run can take over a state's sums: the same window so far, and its notes."""
     first, last = kept.facts["window"]
     if kept.facts.get("look_every", LOOK_EVERY) != schedule.look_every:  # before it was a fact it was always the same
         return False
     if schedule.window_start != first or schedule.window_end < kept.step or kept.step < first:
         return False
-    return schedule.window_end == last or notes_from(kept, schedule) is not None
+    return schedule.window_end == last or usable_notes(kept, schedule) is not None
 
 
-def notes_from(kept: Kept, schedule: Schedule) -> list[tuple[int, int]] | None:
-    """(note of the longer run, note of the state) of each that lies behind; None where one was not taken."""
+def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]] | None:
+    """(note of the longer run, note of the state) for each note before the state; None where one was not taken."""
     first, last = kept.facts["window"]
     every = schedule.look_every
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
@@ -147,34 +147,35 @@ def notes_from(kept: Kept, schedule: Schedule) -> list[tuple[int, int]] | None:
     return [(k, taken[step]) for k, step in behind] if all(step in taken for _, step in behind) else None
 
 
-def _fits(kept: Kept, drive: Drive, schedule: Schedule, run: str) -> bool:
-    """Whether a run can go on from a state."""
-    if any(kept.facts.get(name) != value for name, value in _facts(drive, schedule, run).items()):
+def _is_usable(kept: VariantState, drive: Drive, schedule: Schedule, run: str) -> bool:
+    """Whether a run can continue from a state."""
+    if any(kept.facts.get(name) != value for name, value in _required_facts(drive, schedule, run).items()):
         return False
-    later = schedule.window_start >= kept.step and _on_cpu(run)
-    return kept.step <= schedule.steps and (takes_sums(kept, schedule) or later)
+    later = schedule.window_start >= kept.step and _is_on_cpu(run)
+    return kept.step <= schedule.steps and (has_usable_sums(kept, schedule) or later)
 
 
-def _on_cpu(run: str) -> bool:
+def _is_on_cpu(run: str) -> bool:
+    """Whether `run`, precision and kind of device, is on a CPU."""
     return run.endswith("cpu")
 
 
-def stops_of(schedules: Sequence[Schedule]) -> NDArray[np.int64]:
-    """(V,) at which step each variant is kept, of at most `STOPS` different ones."""
-    wanted = np.array([stop_of(schedule) for schedule in schedules], dtype=np.int64)
+def stop_steps(schedules: Sequence[Schedule]) -> NDArray[np.int64]:
+    """(V,) step at which each variant is kept, of at most `MOST_STOPS` different ones."""
+    wanted = np.array([latest_stop_step(schedule) for schedule in schedules], dtype=np.int64)
     held = np.unique(wanted)
-    if len(held) > STOPS:
-        held = held[np.linspace(0, len(held) - 1, STOPS).astype(int)]
+    if len(held) > MOST_STOPS:
+        held = held[np.linspace(0, len(held) - 1, MOST_STOPS).astype(int)]
     return np.asarray(held[np.searchsorted(held, wanted, side="right") - 1])
 
 
-class Keeper:
-    """Keeps the states of some variants of a run, and gives them those that they begin with.
+class StateKeeper:
+    """Keeps the states of variants of a run, and restores those from which they begin.
 
     Args:
-        states: what is asked for, prepared for the run; it is filled.
+        states: filled as the run goes; prepared for it.
         drives, schedules: the variants.
-        numbers: (V,) what they are called in the run.
+        numbers: (V,) their numbers in the run.
         run: precision and kind of device.
     """
 
@@ -190,24 +191,24 @@ class Keeper:
         self._states, self._numbers = states, numbers.tolist()
         begin = [states.begin[number] for number in self._numbers] if states.begin else [None] * len(drives)
         self.begin = [
-            kept if kept is not None and schedule.sample_every == 0 and _fits(kept, drive, schedule, run) else None
+            kept if kept is not None and schedule.sample_every == 0 and _is_usable(kept, drive, schedule, run) else None
             for kept, drive, schedule in zip(begin, drives, schedules, strict=True)
         ]
         for number, kept in zip(self._numbers, self.begin, strict=True):
             states.used[number] = kept is not None
-        self._stops = stops_of(schedules) if states.keep else np.zeros(len(drives), dtype=np.int64)
+        self._stops = stop_steps(schedules) if states.keep else np.zeros(len(drives), dtype=np.int64)
         self._ends: dict[int, dict[str, Any]] = {}
 
-    def unsettled(self) -> list[Drive]:
-        """The drives, without settling of those that do not begin anew."""
+    def drives_to_settle(self) -> list[Drive]:
+        """The drives, without settling of those that continue from a state."""
         settled = {"settle": False}
         return [
             drive if kept is None else drive.model_copy(update={"run": drive.run.model_copy(update=settled)})
             for drive, kept in zip(self._drives, self.begin, strict=True)
         ]
 
-    def prepare(self, packed: Packed, settled: NDArray[Any], left: NDArray[np.float64]) -> None:
-        """Gives the variants that go on their box and how their settling had ended."""
+    def take_over_settling(self, packed: PackedEnsemble, settled: NDArray[Any], left: NDArray[np.float64]) -> None:
+        """Sets box and settling of variants that continue, and notes those of all for the states to keep."""
         for v, kept in enumerate(self.begin):
             if kept is not None:
                 facts = kept.facts
@@ -221,73 +222,74 @@ class Keeper:
             ends = {"low": row["low"][v].tolist(), "high": row["high"][v].tolist()}
             self._ends[v] = {**ends, "left": float(left[v]), "settled": held}
 
-    def restore(self, engine: Engine) -> None:
-        """Sets an engine's variants where their states were."""
+    def restore_states(self, engine: Engine) -> None:
+        """Sets an engine's variants to the states from which they continue."""
         if not any(self.begin):
             return
-        arrays, places = _fetched(engine), _places(engine.packed)
+        arrays, places = _checkpoint_arrays(engine), _variant_places(engine.packed)
         for v, kept in enumerate(self.begin):
             if kept is not None:
-                _set(arrays, places, v, kept, self._schedules[v])
+                _set_variant(arrays, places, v, kept, self._schedules[v])
         for name, values in arrays.items():
-            engine.put(*name, values)
+            engine.set_array(*name, values)
 
-    def ahead(self, progress: NDArray[Any]) -> NDArray[np.int64]:
+    def steps_ahead(self, progress: NDArray[Any]) -> NDArray[np.int64]:
         """(V,) steps until each variant is to be kept, more than any run has where it is not."""
         ahead = self._stops - progress["step"]
         return np.where((progress["diverged"] == 0) & (ahead > 0), ahead, MOST_STEPS + 1)
 
-    def take(self, engine: Engine, progress: NDArray[Any]) -> None:
-        """Keeps the variants that have come to their steps."""
+    def keep_due_states(self, engine: Engine, progress: NDArray[Any]) -> None:
+        """Keeps the states of variants that have come to their steps."""
         due = (self._stops > 0) & (progress["step"] == self._stops) & (progress["diverged"] == 0)
         if due.any():
-            arrays, places = _fetched(engine), _places(engine.packed)
+            arrays, places = _checkpoint_arrays(engine), _variant_places(engine.packed)
             for v in np.flatnonzero(due).tolist():
-                self._states.kept[self._numbers[v]] = self._of(v, _bytes(arrays, places, v))
+                self._states.kept[self._numbers[v]] = self._variant_state(v, _variant_bytes(arrays, places, v))
 
-    def _of(self, v: int, data: bytes) -> Kept:
+    def _variant_state(self, v: int, data: bytes) -> VariantState:
+        """The state of variant v, with the bytes of its arrays."""
         schedule = self._schedules[v]
         window = [schedule.window_start, schedule.window_end]
         more = {"next": int(self._stops[v]), "window": window, "look_every": schedule.look_every, **self._ends[v]}
-        return Kept({**_facts(self._drives[v], schedule, self._run), **more}, data)
+        return VariantState({**_required_facts(self._drives[v], schedule, self._run), **more}, data)
 
 
-def _fetched(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
-    """Copies of an engine's arrays that are kept, by group and name, in the order of a state's bytes."""
+def _checkpoint_arrays(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
+    """Copies of an engine's arrays that checkpoints keep, by group and name, in the order of a state's bytes."""
     return {
-        (group, name): engine.fetch(group, name)
-        for group in engine.held()
-        for name, row in TABLE[group].items()
-        if row.kept
+        (group, name): engine.fetch_array(group, name)
+        for group in engine.changing_structs()
+        for name, row in ARRAYS[group].items()
+        if row.in_checkpoints
     }
 
 
-def _places(packed: Packed) -> dict[tuple[str, str], NDArray[np.int64]]:
-    """Where each variant's values begin in each array that is kept, (variants + 1,)."""
-    first = starts(packed.drives)
-    rows = {(group, name): row for group in TABLE for name, row in TABLE[group].items() if row.kept}
-    return {name: row.width * first[row.kind] for name, row in rows.items()}
+def _variant_places(packed: PackedEnsemble) -> dict[tuple[str, str], NDArray[np.int64]]:
+    """(variants + 1,) places at which each variant's values begin in each array that checkpoints keep."""
+    first = first_places(packed.drives)
+    rows = {(group, name): row for group in ARRAYS for name, row in ARRAYS[group].items() if row.in_checkpoints}
+    return {name: row.width * first[row.dimension] for name, row in rows.items()}
 
 
-def _bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
-    """A variant's part of all arrays, without the gaps between the fields of structs."""
+def _variant_bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
+    """Bytes of a variant's part of all arrays, without the gaps between fields."""
     parts = (values[places[name][v] : places[name][v + 1]] for name, values in arrays.items())
     return b"".join(repack_fields(part, recurse=True).tobytes() for part in parts)
 
 
-def _set(
+def _set_variant(
     arrays: Arrays,
     places: Mapping[tuple[str, str], NDArray[np.int64]],
     v: int,
-    kept: Kept,
+    kept: VariantState,
     schedule: Schedule,
 ) -> None:
-    """Puts a variant's part into all arrays; sums that its window has not begun stay as they are.
+    """Sets a variant's part of all arrays; sums that its window has not begun stay as they are.
 
     Raises:
         SimulationError: the state is of another layout.
     """
-    sums, at = takes_sums(kept, schedule), 0
+    sums, at = has_usable_sums(kept, schedule), 0
     for name, values in arrays.items():
         place = slice(places[name][v], places[name][v + 1])
         kind = repack_fields(values.dtype, recurse=True)
@@ -298,7 +300,7 @@ def _set(
             values[place] = held
         elif sums:
             mine, noted = values[place].reshape(-1, int(NOTES)), held.reshape(-1, int(NOTES))
-            for k, old in notes_from(kept, schedule) or []:
+            for k, old in usable_notes(kept, schedule) or []:
                 mine[:, k] = noted[:, old]
             values[place] = mine.reshape(-1)
     if at != len(kept.data):

@@ -1,7 +1,7 @@
 """The CPU engine: an ensemble in the machine's memory, its variants spread over a pool of threads.
 
-Warp runs a CPU launch on the calling thread, without Python's lock. Each thread takes variants one group at a time and
-has a scratch of its own, so that what a variant computes depends neither on its neighbors nor on the number of threads.
+Each thread takes groups of variants and has a scratch of its own, so that a variant's results depend neither on the
+others nor on the number of threads.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_state
-from warpchain.engine.packed import Packed, real_of
+from warpchain.engine.packed_ensemble import PackedEnsemble, real_type
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu.advance import SCRATCH_ROWS, advance_kernel
 from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
-BEYOND = 32
-"""Values of a row beyond the longest chain that it holds: loops take whole lanes, links begin later (`cpu.rollers`)."""
+SPARE_VALUES = 32
+"""Values of a row beyond its longest chain: loops take whole lanes, links begin later (`cpu.rollers`)."""
 
 
-def kernel_of(name: str, packed: Packed, precision: str) -> Any:
-    """The kernel "advance" or "relax" for an ensemble at a precision, not loaded; for one thread at a time."""
-    form = real_of(precision), _capacity(packed)
+def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
+    """The kernel "advance" or "relax" of an ensemble at a precision, not loaded yet."""
+    form = real_type(precision), _row_capacity(packed)
     if name == "relax":
         return relax_kernel(*form)
     return advance_kernel(*form, packed.frame, several=bool(packed.drives["rings"].max() > 1))
@@ -42,11 +42,11 @@ class CpuEngine(Engine):
         workers: number of threads.
     """
 
-    def __init__(self, packed: Packed, workers: int) -> None:
+    def __init__(self, packed: PackedEnsemble, workers: int) -> None:
         self.packed = packed
         self.workers = workers
         self.variants = len(packed.assemblies)
-        self.capacity = _capacity(packed)
+        self.capacity = _row_capacity(packed)
         self._kernels: dict[str, Any] = {}
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
         self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
@@ -60,9 +60,9 @@ class CpuEngine(Engine):
         self._settling: wp.array = wp.empty(0, dtype=relaxation.Settling, device="cpu")
 
     def _kernel(self, name: str) -> Any:
-        """The compiled kernel, loaded before any thread launches it."""
+        """The compiled kernel, loaded."""
         if name not in self._kernels:
-            kernel = kernel_of(name, self.packed, self.packed.precision)
+            kernel = cpu_kernel(name, self.packed, self.packed.precision)
             wp.load_module(kernel.module, device="cpu", block_dim=1)
             self._kernels[name] = kernel
         return self._kernels[name]
@@ -92,17 +92,17 @@ class CpuEngine(Engine):
     def settle(self, steps: int) -> list[Future[None]]:
         return self._launch("relax", [self.ensemble, self.state, self._settling], [steps])
 
-    def settling(self) -> NDArray[Any]:
+    def settling_states(self) -> NDArray[Any]:
         return np.array(self._settling.numpy(), copy=True)
 
-    def held(self) -> dict[str, Any]:
+    def changing_structs(self) -> dict[str, Any]:
         return {"state": self.state, "sums": self.cpu_sums}
 
-    def fetch(self, group: str, name: str) -> NDArray[Any]:
-        return np.array(getattr(self.held()[group], name).numpy(), copy=True)
+    def fetch_array(self, group: str, name: str) -> NDArray[Any]:
+        return np.array(getattr(self.changing_structs()[group], name).numpy(), copy=True)
 
-    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        getattr(self.held()[group], name).numpy()[: len(values)] = values
+    def set_array(self, group: str, name: str, values: NDArray[Any]) -> None:
+        getattr(self.changing_structs()[group], name).numpy()[: len(values)] = values
 
     def frame_buffer(self, values: int) -> wp.array:
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")
@@ -111,12 +111,14 @@ class CpuEngine(Engine):
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _capacity(packed: Packed) -> int:
-    """The shortest row that holds the longest chain and one more roller."""
+def _row_capacity(packed: PackedEnsemble) -> int:
+    """The shortest row length that holds the longest chain and one more roller."""
     from warpchain.errors import SimulationError
 
     longest = int(packed.drives["rollers"].max())
     for capacity in CAPACITIES:
-        if capacity > longest + BEYOND:
+        if capacity > longest + SPARE_VALUES:
             return capacity
-    raise SimulationError(f"chain.links = {longest}: the CPU engine takes up to {CAPACITIES[-1] - BEYOND - 1} links")
+    raise SimulationError(
+        f"chain.links = {longest}: the CPU engine takes up to {CAPACITIES[-1] - SPARE_VALUES - 1} links"
+    )

@@ -1,16 +1,14 @@
-"""Estimates of a run's time on a device, by a few numbers of it: measured once a machine and stored, or of its class.
+"""Estimates how long a run takes on each device, from speeds measured on this machine or those of its class.
 
-With variants of n rollers and w steps each, a CPU whose cores do r roller-steps a second apiece, s times that all at
-once, and a GPU that does r when it is full take about
+For variants of n rollers and w steps each, a CPU whose cores do r roller-steps a second, s times that all at once, and
+a GPU that does r when it is full take about
 
     t_cpu = start + max(most of w n, (sum of w n) / s) / r                                                    (1)
     t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / r)^2)                                            (2)
 
-where l is what a step takes of a GPU however few variants there are. (2) is within a fifth of what was measured of 1 to
-4,224 variants (docs/devices.md). The drive that is measured stands for others: what makes one slower, such as
-friction, does so on either device. Steps inside the window of the metrics count `METRICS` times. Settling is left out:
-it takes as much more on either. Where Warp's cache lacks a kernel that a device needs, what it takes to compile comes
-on top.
+where l is the time of a step of few variants. (2) is within a fifth of what was measured of 1 to 4,224 variants
+(docs/devices.md). Steps within the window of metrics count `METRICS_FACTOR` times. Settling is left out. Kernels that
+Warp's cache lacks add the time to compile them.
 """
 
 from __future__ import annotations
@@ -28,55 +26,55 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from warpchain.engine.compiling import in_cache
+from warpchain.engine.compilation import is_cached
 from warpchain.files import parse_json, write_text_file
 from warpchain.progress import StopRequest
 from warpchain.version import installed_version
 
 if TYPE_CHECKING:
-    from warpchain.engine.packed import Packed
+    from warpchain.engine.packed_ensemble import PackedEnsemble
 
-METRICS = {"cpu": 1.5, "gpu": 1.4}
-"""What a step with metrics takes beside one without."""
+METRICS_FACTOR = {"cpu": 1.5, "gpu": 1.4}
+"""Time of a step with metrics over one without."""
 
 WORTH_MEASURING = 60.0
-"""Estimated seconds from which on it pays to measure, where the answer is not plain from the class."""
+"""Estimated seconds of a run from which it pays to measure, unless one device is clearly faster."""
 
-PLAIN = 4.0
+CLEAR_ADVANTAGE = 4.0
 """One device that is this many times faster than the next by its class is chosen without measuring."""
 
-ALIKE = 1.05
-"""Times that differ by less are taken for equal."""
+EQUAL_WITHIN = 1.05
+"""Times that differ by less than this factor are taken for equal."""
 
-FILE = "warpchain-devices.json"
+SPEEDS_FILE_NAME = "warpchain-devices.json"
 
 
 @dataclass(frozen=True)
-class Speed:
+class DeviceSpeed:
     """The speed of a device at one precision.
 
     Attributes:
         rate: roller-steps a second, without metrics: of one core of the CPU, or of a GPU that is full.
-        latency: what a step takes of a GPU however few variants there are [s].
-        start: what it takes to begin [s], kernels once compiled.
-        cores: how many times one core's work all cores of the CPU do.
-        compiling: what it takes to compile the kernels of a kind of drive, side by side [s].
+        latency: time of a step of a GPU with few variants [s].
+        start: time to begin, kernels compiled [s].
+        cores: work of all cores of the CPU at once over one core's.
+        compile_seconds: time to compile the kernels of a drive, side by side [s].
     """
 
     rate: float
     latency: float = 0.0
     start: float = 0.0
     cores: float = 1.0
-    compiling: float = 0.0
+    compile_seconds: float = 0.0
 
     @property
-    def sound(self) -> bool:
+    def is_plausible(self) -> bool:
         """Whether the numbers can be those of a device."""
-        limits = self.rate > 0.0, self.latency >= 0.0, self.start >= 0.0, self.cores > 0.0, self.compiling >= 0.0
+        limits = self.rate > 0.0, self.latency >= 0.0, self.start >= 0.0, self.cores > 0.0, self.compile_seconds >= 0.0
         return all(limits) and all(map(math.isfinite, asdict(self).values()))
 
 
-class Work(NamedTuple):
+class EnsembleWork(NamedTuple):
     """The work of an ensemble, in steps without metrics on some kind of device."""
 
     total: float  # roller-steps
@@ -84,120 +82,120 @@ class Work(NamedTuple):
     steps: float  # of the variant that has most
 
 
-def work_of(packed: Packed, kind: str) -> Work:
+def ensemble_work(packed: PackedEnsemble, kind: str) -> EnsembleWork:
     """The work of an ensemble on a "cpu" or "gpu"."""
     drives = packed.drives
     window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
-    steps = drives["steps"] + (METRICS[kind] - 1.0) * np.maximum(window, 0.0)
-    each = np.add.reduceat(steps * drives["rollers"], packed.begins)
-    return Work(float(each.sum()), float(each.max()), float(steps.max()))
+    steps = drives["steps"] + (METRICS_FACTOR[kind] - 1.0) * np.maximum(window, 0.0)
+    each = np.add.reduceat(steps * drives["rollers"], packed.first_rows)
+    return EnsembleWork(float(each.sum()), float(each.max()), float(steps.max()))
 
 
-def seconds_on(devices: Sequence[str], packed: Packed, cores: int, speed: Speed, times: float = 1.0) -> float:
-    """Estimated seconds of the steps of `times` an ensemble: on `cores` threads of the CPU, (1), on some GPUs, (2)."""
+def estimated_seconds(
+    devices: Sequence[str], packed: PackedEnsemble, cores: int, speed: DeviceSpeed, times: float = 1.0
+) -> float:
+    """Estimated seconds of the steps of `times` an ensemble, on `cores` threads of the CPU, (1), or on GPUs, (2)."""
     if tuple(devices) == ("cpu",):
-        work = work_of(packed, "cpu")
+        work = ensemble_work(packed, "cpu")
         return speed.start + max(work.longest, times * work.total / min(speed.cores, cores)) / speed.rate
-    work = work_of(packed, "gpu")
+    work = ensemble_work(packed, "gpu")
     return speed.start + math.hypot(speed.latency * work.steps, times * work.total / (speed.rate * len(devices)))
 
 
-def class_speed(device: str, precision: str, cores: int) -> Speed:
-    """The speed of a device of this class, roughly: numbers of docs/performance.md."""
+def class_speed(device: str, precision: str, cores: int) -> DeviceSpeed:
+    """The rough speed of a device's class: numbers of docs/performance.md."""
     single = precision == "float32"
     if device == "cpu":
-        return Speed(8.0e7, cores=float(cores), compiling=8.0)
+        return DeviceSpeed(8.0e7, cores=float(cores), compile_seconds=8.0)
     import warp as wp
 
     gpu = wp.get_device(device)
     full = gpu.arch in (70, 80, 90, 100)  # the others do float64 at 1/64 to 1/32 of float32
     each = (4.0e8 if single else 3.5e8) if full else (2.5e8 if single else 2.5e7)
     latency = 2.0e-6 if full or single else 8.0e-6
-    return Speed(each * int(gpu.sm_count), latency=latency, start=0.1, compiling=10.0)
+    return DeviceSpeed(each * int(gpu.sm_count), latency=latency, start=0.1, compile_seconds=10.0)
 
 
-class Choice(NamedTuple):
-    """Devices, and why these."""
+class DeviceChoice(NamedTuple):
+    """Devices for a run, and the reason."""
 
     devices: tuple[str, ...]
     why: str | None
 
 
-def quickest(gpus: Sequence[str], packed: Packed, precision: str, cores: int, times: float = 1.0) -> Choice:
-    """The CPU, one of some GPUs, or all of them: what `times` an ensemble is estimated to finish on first.
+def fastest_devices(
+    gpus: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
+) -> DeviceChoice:
+    """The CPU, one of some GPUs, or all of them: what is estimated to finish `times` an ensemble first.
 
-    It is measured what they do where that has not been done on this machine, and pays.
+    Devices that have not been measured on this machine are measured where that pays.
     """
     of_class = {device: class_speed(device, precision, cores) for device in ("cpu", gpus[0])}
-    found = _estimates(gpus, packed, cores, of_class.__getitem__, times)
-    known = stored(gpus)
+    found = _seconds_by_choice(gpus, packed, cores, of_class.__getitem__, times)
+    known = stored_speeds(gpus)
     if not known.keys() >= {f"cpu {precision}", f"{gpus[0]} {precision}"}:
         least, next_ = sorted(found.values())[:2]
-        if least < WORTH_MEASURING or next_ > PLAIN * least:
-            return _described(_with_compiling(found, packed, precision, of_class))
-        known = known | measured(gpus, precision, cores)
+        if least < WORTH_MEASURING or next_ > CLEAR_ADVANTAGE * least:
+            return _choice_with_reason(_seconds_with_compilation(found, packed, precision, of_class))
+        known = known | measure_speeds(gpus, precision, cores)
     speeds = {device: known[f"{device} {precision}"] for device in of_class}
-    found = _estimates(gpus, packed, cores, speeds.__getitem__, times)
-    return _described(_with_compiling(found, packed, precision, speeds))
+    found = _seconds_by_choice(gpus, packed, cores, speeds.__getitem__, times)
+    return _choice_with_reason(_seconds_with_compilation(found, packed, precision, speeds))
 
 
-def _estimates(
-    gpus: Sequence[str], packed: Packed, cores: int, speed_of: Callable[[str], Speed], times: float
+def _seconds_by_choice(
+    gpus: Sequence[str], packed: PackedEnsemble, cores: int, speed_of: Callable[[str], DeviceSpeed], times: float
 ) -> dict[tuple[str, ...], float]:
-    """Estimated seconds of each choice that there is, the plainest first."""
+    """Estimated seconds of each choice of devices, the plainest first."""
     choices = dict.fromkeys([("cpu",), (gpus[0],), tuple(gpus)])
-    return {devices: seconds_on(devices, packed, cores, speed_of(devices[0]), times) for devices in choices}
+    return {devices: estimated_seconds(devices, packed, cores, speed_of(devices[0]), times) for devices in choices}
 
 
-def _with_compiling(
-    found: Mapping[tuple[str, ...], float], packed: Packed, precision: str, speeds: Mapping[str, Speed]
+def _seconds_with_compilation(
+    found: Mapping[tuple[str, ...], float], packed: PackedEnsemble, precision: str, speeds: Mapping[str, DeviceSpeed]
 ) -> dict[tuple[str, ...], float]:
-    """The seconds of each choice, with what compiling takes on devices whose kernels are not there.
-
-    Only what would be chosen is looked at, as it takes half a second to make the kernels of a device.
-    """
+    """The seconds of each choice, with the time to compile on those devices that would be chosen and lack kernels."""
     seconds, known = dict(found), set[str]()
-    while (device := _best(seconds)[0]) not in known:
+    while (device := _fastest_choice(seconds)[0]) not in known:
         known.add(device)
-        if uncompiled(device, packed, precision):
-            seconds = {of: t + (speeds[device].compiling if of[0] == device else 0.0) for of, t in seconds.items()}
+        if has_uncompiled_kernels(device, packed, precision):
+            seconds = {
+                of: t + (speeds[device].compile_seconds if of[0] == device else 0.0) for of, t in seconds.items()
+            }
     return seconds
 
 
-def uncompiled(device: str, packed: Packed, precision: str) -> bool:
-    """Whether a run has to compile kernels first, as Warp's cache does not have them for this device.
-
-    Those that take steps are looked at; settling's is compiled beside them.
-    """
-    return not all(in_cache(module, device, threads) for module, threads in modules_of(device, packed, precision))
+def has_uncompiled_kernels(device: str, packed: PackedEnsemble, precision: str) -> bool:
+    """Whether Warp's cache lacks a kernel that takes the steps of a run on this device."""
+    return not all(is_cached(module, device, threads) for module, threads in kernel_modules(device, packed, precision))
 
 
-def modules_of(device: str, packed: Packed, precision: str) -> list[tuple[Any, int]]:
+def kernel_modules(device: str, packed: PackedEnsemble, precision: str) -> list[tuple[Any, int]]:
     """The modules of the kernels that take steps on a device, and their threads a block."""
     if device == "cpu":
-        from warpchain.engine.cpu import kernel_of
+        from warpchain.engine.cpu import cpu_kernel
 
-        return [(kernel_of("advance", packed, precision).module, 1)]
-    from warpchain.engine.buckets import GpuKernels
+        return [(cpu_kernel("advance", packed, precision).module, 1)]
+    from warpchain.engine.gpu_kernels import GpuKernels
 
-    return [(of.module, of.threads) for of in GpuKernels(replace(packed, precision=precision), device).wanted()]
+    return [(of.module, of.threads) for of in GpuKernels(replace(packed, precision=precision), device).kernel_specs()]
 
 
-def _best(found: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
-    """The choice that takes least; the plainest of those that take about as little."""
-    least = ALIKE * min(found.values())
+def _fastest_choice(found: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
+    """The choice that takes least time; of those within `EQUAL_WITHIN` the plainest."""
+    least = EQUAL_WITHIN * min(found.values())
     return next(devices for devices, seconds in found.items() if seconds <= least)
 
 
-def _described(found: Mapping[tuple[str, ...], float]) -> Choice:
-    """The best choice, beside the others."""
-    best = _best(found)
+def _choice_with_reason(found: Mapping[tuple[str, ...], float]) -> DeviceChoice:
+    """The fastest choice, with the estimates of all as the reason."""
+    best = _fastest_choice(found)
     others = [f"{seconds:.2g} s on {','.join(devices)}" for devices, seconds in found.items() if devices != best]
-    return Choice(best, f"{found[best]:.2g} s estimated against {' and '.join(others)}")
+    return DeviceChoice(best, f"{found[best]:.2g} s estimated against {' and '.join(others)}")
 
 
-def machine(gpus: Sequence[str]) -> dict[str, Any]:
-    """The machine for which measured numbers hold: processor, its cores, GPUs, and versions."""
+def machine_facts(gpus: Sequence[str]) -> dict[str, Any]:
+    """The machine for which measured speeds hold: processor, its cores, GPUs, and versions."""
     import warp as wp
 
     from warpchain.engine import start_warp
@@ -205,7 +203,7 @@ def machine(gpus: Sequence[str]) -> dict[str, Any]:
     start_warp()
     names = [wp.get_device(gpu).name for gpu in gpus]
     return {
-        "cpu": processor(),
+        "cpu": processor_name(),
         "cores": os.cpu_count(),
         "gpus": names,
         "warpchain": installed_version(),
@@ -213,7 +211,7 @@ def machine(gpus: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def processor() -> str:
+def processor_name() -> str:
     """The processor's name."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
@@ -222,102 +220,104 @@ def processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def store() -> Path:
-    """Where measured numbers are kept: where Warp keeps its kernels."""
+def speeds_file() -> Path:
+    """File of the measured speeds, beside Warp's kernels."""
     import warp as wp
 
     from warpchain.engine import start_warp
 
     start_warp()
-    return Path(str(wp.config.kernel_cache_dir)) / FILE
+    return Path(str(wp.config.kernel_cache_dir)) / SPEEDS_FILE_NAME
 
 
-def stored(gpus: Sequence[str]) -> dict[str, Speed]:
+def stored_speeds(gpus: Sequence[str]) -> dict[str, DeviceSpeed]:
     """The speeds measured on this machine, by "DEVICE PRECISION"; empty where none were, or on another machine."""
     try:
-        held = parse_json(store().read_text(encoding="utf-8"))
-        if held["machine"] != machine(gpus):
+        held = parse_json(speeds_file().read_text(encoding="utf-8"))
+        if held["machine"] != machine_facts(gpus):
             return {}
-        speeds = {name: Speed(**values) for name, values in held["speeds"].items()}
-        return speeds if all(speed.sound for speed in speeds.values()) else {}
+        speeds = {name: DeviceSpeed(**values) for name, values in held["speeds"].items()}
+        return speeds if all(speed.is_plausible for speed in speeds.values()) else {}
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return {}
 
 
-def measured(gpus: Sequence[str], precision: str, cores: int) -> dict[str, Speed]:
-    """Measures the CPU and the first of some GPUs, and stores what is found beside what was.
+def measure_speeds(gpus: Sequence[str], precision: str, cores: int) -> dict[str, DeviceSpeed]:
+    """Measures the CPU and the first of some GPUs, and stores the speeds.
 
-    A device that refuses, such as a CPU without a compiler for it, keeps the numbers of its class.
+    A device that fails keeps the speed of its class.
     """
     found = {}
     for device in ("cpu", *gpus[:1]):
         try:
-            speed = measured_cpu(precision, cores) if device == "cpu" else measured_gpu(device, precision, cores)
+            speed = measure_cpu(precision, cores) if device == "cpu" else measure_gpu(device, precision, cores)
         except Exception:  # of whatever kind: Warp raises it bare where a compiler fails
             speed = class_speed(device, precision, cores)
         found[f"{device} {precision}"] = speed
-    held = {name: asdict(speed) for name, speed in (stored(gpus) | found).items()}
-    text = json.dumps({"machine": machine(gpus), "speeds": held}, indent=1)
+    held = {name: asdict(speed) for name, speed in (stored_speeds(gpus) | found).items()}
+    text = json.dumps({"machine": machine_facts(gpus), "speeds": held}, indent=1)
     with contextlib.suppress(OSError):  # then it is measured anew the next time that it pays
-        write_text_file(store(), text)
+        write_text_file(speeds_file(), text)
     return found
 
 
-def measured_cpu(precision: str, cores: int) -> Speed:
-    """Measure the CPU for half a second of an example drive: one variant on one core, and several on each."""
+def measure_cpu(precision: str, cores: int) -> DeviceSpeed:
+    """Measures the CPU with an example drive: one variant on one core, and several on each."""
     from warpchain.engine.cpu import CpuEngine
 
     compiling = _compile_seconds("cpu", precision, cores)
-    one = _rate(lambda: CpuEngine(_sample(precision, 1), 1))
-    every = _rate(lambda: CpuEngine(_sample(precision, 8 * cores), cores)) if cores > 1 else one
-    return Speed(one.rate, cores=max(1.0, every.rate / one.rate), compiling=compiling)
+    one = _measure_rate(lambda: CpuEngine(_example_ensemble(precision, 1), 1))
+    every = _measure_rate(lambda: CpuEngine(_example_ensemble(precision, 8 * cores), cores)) if cores > 1 else one
+    return DeviceSpeed(one.rate, cores=max(1.0, every.rate / one.rate), compile_seconds=compiling)
 
 
-def measured_gpu(device: str, precision: str, cores: int) -> Speed:
-    """Measure a GPU for a second of an example drive: one variant, and many."""
+def measure_gpu(device: str, precision: str, cores: int) -> DeviceSpeed:
+    """Measures a GPU with an example drive: one variant, and many."""
     import warp as wp
 
     from warpchain.engine.gpu import GpuEngine
 
     many = 32 * int(wp.get_device(device).sm_count)
     compiling = _compile_seconds(device, precision, cores)
-    alone = _rate(lambda: GpuEngine(_sample(precision, 1), device))
-    full = _rate(lambda: GpuEngine(_sample(precision, many), device))
-    rollers = float(_sample(precision, 1).drives["rollers"][0])
-    return Speed(full.rate, latency=rollers / alone.rate, start=BEGINNING + alone.start, compiling=compiling)
+    alone = _measure_rate(lambda: GpuEngine(_example_ensemble(precision, 1), device))
+    full = _measure_rate(lambda: GpuEngine(_example_ensemble(precision, many), device))
+    rollers = float(_example_ensemble(precision, 1).drives["rollers"][0])
+    return DeviceSpeed(
+        full.rate, latency=rollers / alone.rate, start=GPU_START_SECONDS + alone.start, compile_seconds=compiling
+    )
 
 
 def _compile_seconds(device: str, precision: str, cores: int) -> float:
     """Seconds to compile the kernel of one variant; where it is in the cache, those of the device's class."""
     import warp as wp
 
-    packed = _sample(precision, 1)
-    if not uncompiled(device, packed, precision):
-        return class_speed(device, precision, 1).compiling
+    packed = _example_ensemble(precision, 1)
+    if not has_uncompiled_kernels(device, packed, precision):
+        return class_speed(device, precision, 1).compile_seconds
     begin = time.perf_counter()
     if device != "cpu":
-        from warpchain.engine.gpu import compile_lacking
+        from warpchain.engine.gpu import compile_missing_kernels
 
-        compile_lacking(device, packed, precision, False, cores, lambda *_: None, StopRequest())
-    for module, threads in modules_of(device, packed, precision):
+        compile_missing_kernels(device, packed, precision, False, cores, lambda *_: None, StopRequest())
+    for module, threads in kernel_modules(device, packed, precision):
         wp.load_module(module, device=device, block_dim=threads)
     return time.perf_counter() - begin
 
 
-class _Rate(NamedTuple):
+class _EngineRate(NamedTuple):
     rate: float  # roller-steps a second
     start: float  # what it took to make the engine [s]
 
 
-BEGINNING = 0.05
+GPU_START_SECONDS = 0.05
 """Seconds that a run on a GPU takes besides memory and steps: loading its kernels, settling's memory, sums."""
 
-LEAST, TRIES = 0.06, 4
-"""Seconds that a rate is taken over, and how often; the best counts, as others may be using the machine."""
+RATE_SECONDS, RATE_TRIES = 0.06, 4
+"""Seconds over which a rate is measured, and how often; the best counts, as others may be using the machine."""
 
 
-def _rate(make: Callable[[], Any]) -> _Rate:
-    """Measure an engine, its kernel once loaded."""
+def _measure_rate(make: Callable[[], Any]) -> _EngineRate:
+    """Measures an engine, its kernel loaded before."""
     make().close()  # streams, pools and contexts are there now
     begin = time.perf_counter()
     engine = make()
@@ -333,16 +333,16 @@ def _rate(make: Callable[[], Any]) -> _Rate:
     try:
         run(64)
         steps, seconds = 128, 0.0
-        while seconds < LEAST:
+        while seconds < RATE_SECONDS:
             steps *= 4
             seconds = run(steps)
-        seconds = min(seconds, *(run(steps) for _ in range(TRIES - 1)))
-        return _Rate(float(engine.packed.drives["rollers"].sum()) * steps / seconds, start)
+        seconds = min(seconds, *(run(steps) for _ in range(RATE_TRIES - 1)))
+        return _EngineRate(float(engine.packed.drives["rollers"].sum()) * steps / seconds, start)
     finally:
         engine.close()
 
 
-def _sample(precision: str, variants: int) -> Packed:
+def _example_ensemble(precision: str, variants: int) -> PackedEnsemble:
     """So many variants of an example drive, which run without end and without metrics."""
     from warpchain.assembly.timestep import resolve_step
     from warpchain.drive import load_drive
@@ -352,4 +352,4 @@ def _sample(precision: str, variants: int) -> Packed:
 
     drive = load_drive(drive_path("industrial"))
     schedule = Schedule(resolve_step(drive), MOST_STEPS, MOST_STEPS, MOST_STEPS, 0)
-    return pack([drive], [schedule]).at_precision(precision).taken([0] * variants)
+    return pack([drive], [schedule]).at_precision(precision).pick_variants([0] * variants)

@@ -1,4 +1,4 @@
-"""Devices by name, and engines on them."""
+"""Devices by name, and the engines, kernels and limits of launches on them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from contextlib import contextmanager
 
 from warpchain.engine import start_warp
 from warpchain.engine.arrays import Engine
-from warpchain.engine.device_choice import Choice, quickest
-from warpchain.engine.packed import Packed
+from warpchain.engine.device_choice import DeviceChoice, fastest_devices
+from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.errors import SimulationError
 from warpchain.progress import ProgressReport, StopRequest
 
 
-def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
+def devices_by_name(device: str | None, packed: PackedEnsemble) -> tuple[str, ...]:
     """The devices that `device` names: "cpu", "cuda" for all GPUs, "cuda:1" for one, None for GPUs or else the CPU.
 
     Raises:
@@ -23,12 +23,12 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
         return ("cpu",)
     if device is not None and device != "cuda" and not (device.startswith("cuda:") and device[5:].isdigit()):
         raise SimulationError(f'device = {device!r}: allowed are "cpu", "cuda" (all GPUs), "cuda:0" (one)')
-    names, usable = _gpus(), usable_gpus()
+    names, usable = _gpu_architectures(), usable_gpus()
     if device is None and not usable:
         return ("cpu",)
-    from warpchain.engine.gpu import OLDEST, refusal
+    from warpchain.engine.gpu import OLDEST_ARCHITECTURE, gpu_refusal
 
-    reason = refusal(packed)
+    reason = gpu_refusal(packed)
     if device is None:
         return usable if reason is None else ("cpu",)
     if not names:
@@ -40,10 +40,10 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
     for name in wanted:
         if name not in names:
             raise SimulationError(f"device = {device!r}: there is no such GPU; there are {', '.join(names)}")
-        if names[name] < OLDEST:
+        if names[name] < OLDEST_ARCHITECTURE:
             raise SimulationError(
-                f"device {name}: compute capability {names[name] / 10:g} is too old, {OLDEST / 10:g} is needed; "
-                'use device="cpu"'
+                f"device {name}: compute capability {names[name] / 10:g} is too old, {OLDEST_ARCHITECTURE / 10:g} is "
+                'needed; use device="cpu"'
             )
     if reason is not None:
         raise SimulationError(reason)
@@ -51,27 +51,27 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
 
 
 def usable_gpus() -> tuple[str, ...]:
-    """The GPUs that are here and new enough."""
-    names = _gpus()
+    """The GPUs of this machine that are new enough."""
+    names = _gpu_architectures()
     if not names:
         return ()
-    from warpchain.engine.gpu import OLDEST
+    from warpchain.engine.gpu import OLDEST_ARCHITECTURE
 
-    return tuple(name for name, arch in names.items() if arch >= OLDEST)
+    return tuple(name for name, arch in names.items() if arch >= OLDEST_ARCHITECTURE)
 
 
-def gpus_named(device: str | None) -> tuple[str, ...]:
-    """The GPUs that `device` may come to (None: all that are here), () for none and for what is no GPU here."""
+def gpus_by_name(device: str | None) -> tuple[str, ...]:
+    """The GPUs that `device` can mean (None: all), () for none and for what is no GPU here."""
     if device == "cpu":
         return ()
     gpus = usable_gpus()
     return gpus if device in (None, "cuda") else tuple(gpu for gpu in gpus if gpu == device)
 
 
-def devices_for(
-    device: str | None, packed: Packed, precision: str, cores: int, count: int, times: float = 1.0
-) -> Choice:
-    """The devices that an ensemble runs on: those that `device` names; for None those expected to finish first.
+def choose_devices(
+    device: str | None, packed: PackedEnsemble, precision: str, cores: int, count: int, times: float = 1.0
+) -> DeviceChoice:
+    """The devices that `device` names; for None those expected to finish first.
 
     Args:
         device: as the user names it.
@@ -79,19 +79,19 @@ def devices_for(
         precision: of the run.
         cores: CPU threads.
         count: number of variants, of which each takes one device.
-        times: how many times the work of `packed` there is in all.
+        times: work of the run over that of `packed`.
 
     Raises:
-        SimulationError: as `chosen_devices`.
+        SimulationError: as `devices_by_name`.
     """
-    devices = chosen_devices(device, packed)[:count]
+    devices = devices_by_name(device, packed)[:count]
     if device is not None or devices == ("cpu",):
-        return Choice(devices, None)
-    return quickest(devices, packed, precision, cores, times)
+        return DeviceChoice(devices, None)
+    return fastest_devices(devices, packed, precision, cores, times)
 
 
-def _gpus() -> dict[str, int]:
-    """The GPUs that Warp sees, with their architectures."""
+def _gpu_architectures() -> dict[str, int]:
+    """The GPUs that Warp sees, with their architectures (compute capability times ten)."""
     import warp as wp
 
     start_warp()
@@ -100,7 +100,7 @@ def _gpus() -> dict[str, int]:
     return {str(gpu): int(gpu.arch) for gpu in wp.get_cuda_devices()}
 
 
-def engine_on(device: str, packed: Packed, cores: int) -> Engine:
+def make_engine(device: str, packed: PackedEnsemble, cores: int) -> Engine:
     """An engine for the ensemble on a device.
 
     Args:
@@ -118,51 +118,54 @@ def engine_on(device: str, packed: Packed, cores: int) -> Engine:
 
 
 @contextmanager
-def loading(
-    device: str, packed: Packed, precision: str, settles: bool, cores: int, report: ProgressReport, stop: StopRequest
+def load_run_kernels(
+    device: str,
+    packed: PackedEnsemble,
+    precision: str,
+    settles: bool,
+    cores: int,
+    report: ProgressReport,
+    stop: StopRequest,
 ) -> Iterator[None]:
-    """Sees to the kernels of a run before what stands within, settling; where nothing is cached, side by side.
-
-    Those of GPUs are compiled before it. The CPU's kernel of steps is loaded while it is done with another one.
+    """Compiles and loads the kernels of a run: the CPU's of steps by the context's end, others before it.
 
     Args:
-        device, packed, cores: as in `engine_on`.
+        device, packed, cores: as in `make_engine`.
         precision: of the steps.
-        settles: whether any variant is to be settled.
+        settles: whether any variant is to be settled, which the context does.
         report, stop: of the run.
     """
     if device != "cpu":
-        from warpchain.engine.gpu import compile_lacking
+        from warpchain.engine.gpu import compile_missing_kernels
 
-        compile_lacking(device, packed, precision, settles, cores, report, stop)
+        compile_missing_kernels(device, packed, precision, settles, cores, report, stop)
         yield
         return
-    from warpchain.engine.compiling import loading_on_cpu
-    from warpchain.engine.cpu import kernel_of
+    from warpchain.engine.compilation import load_cpu_kernels
+    from warpchain.engine.cpu import cpu_kernel
 
-    relax = [kernel_of("relax", packed, "float64")] if settles else []
-    with loading_on_cpu([kernel.module for kernel in (*relax, kernel_of("advance", packed, precision))], report):
+    relax = [cpu_kernel("relax", packed, "float64")] if settles else []
+    with load_cpu_kernels([kernel.module for kernel in (*relax, cpu_kernel("advance", packed, precision))], report):
         yield
 
 
-def launch_steps(device: str, packed: Packed, wanted: int) -> int:
+def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
     """Steps of a launch on a device, `wanted` at most.
 
-    On the CPU whole rounds of `MERGE_EVERY` where they fit: at a launch's end sums are merged, so that how a run is
-    cut into launches does not change them in their last digits.
+    On the CPU whole rounds of `MERGE_EVERY`, if they fit, so that sums do not depend on how a run is cut into launches.
     """
     if device == "cpu":
         from warpchain.kernels.sums import MERGE_EVERY
 
         every = int(MERGE_EVERY)
         return wanted // every * every or wanted
-    from warpchain.engine.gpu import launch_steps as on_gpu
+    from warpchain.engine.gpu import gpu_launch_steps as on_gpu
 
     return on_gpu(float(packed.drives["rollers"].sum()), wanted)
 
 
-def frame_bytes(device: str) -> int | None:
-    """Most bytes that the frames of one launch are to take, None for as many as the memory budget gives."""
+def launch_frame_bytes(device: str) -> int | None:
+    """Most bytes of the frames of one launch, None where only the memory budget limits them."""
     if device == "cpu":
         return None
     from warpchain.engine.gpu import FRAME_BYTES

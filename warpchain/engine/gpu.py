@@ -1,7 +1,7 @@
 """The GPU engine: an ensemble in one GPU's memory, one block of threads a variant.
 
 Variants with like numbers of rollers and sprockets go into one launch (`launches`). Frames come back on a stream of
-their own while the next steps are under way.
+their own while the next steps run.
 """
 
 from __future__ import annotations
@@ -19,27 +19,35 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import (
-    TABLE,
+    ARRAYS,
     Engine,
-    assign_rows,
+    assign_values,
+    device_values,
     empty_sums,
     empty_tallies,
-    rows_of,
     upload_ensemble,
     upload_state,
 )
-from warpchain.engine.buckets import COLLECTING, ROOMS, Bucket, GpuKernels, rows_apart
-from warpchain.engine.compiling import compile_in_processes, jobs_of
-from warpchain.engine.launches import PARTS, UNIT, Launch, groups, launches_of, measured_from, steps_left
-from warpchain.engine.packed import Packed
+from warpchain.engine.compilation import compile_in_processes, compile_jobs
+from warpchain.engine.gpu_kernels import COLLECT_THREADS, ROLLER_CAPACITIES, Bucket, GpuKernels, global_memory_values
+from warpchain.engine.launches import (
+    LAUNCH_PARTS,
+    STEP_UNIT,
+    Launch,
+    launch_groups,
+    metrics_start_steps,
+    split_launches,
+    steps_left,
+)
+from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.errors import DeviceError, SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.kind import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.progress import ProgressReport, StopRequest
 
-OLDEST = 70
-"""Oldest architecture (compute capability times ten) that the kernels are compiled for."""
+OLDEST_ARCHITECTURE = 70
+"""Oldest architecture (compute capability times ten) for which kernels are compiled."""
 
 FRAME_BYTES = 32 * 2**20
 """Most bytes of frames of one launch: pinned memory takes long to get, and small copies hide behind the next steps."""
@@ -48,33 +56,33 @@ LAUNCH_WORK = 1.0e10
 """Roller-steps of one launch, about a third of a second, so that progress shows and Ctrl-C is heard."""
 
 STREAMS = 4
-"""On which launches of unlike variants go side by side."""
+"""Streams on which launches of unlike variants run side by side."""
 
-LOADING = Lock()
-"""Held to make and load kernels: GPUs share them, each of which may have a thread of its own."""
+KERNEL_LOCK = Lock()
+"""Held to make and load kernels, which the threads of several GPUs share."""
 
 LAUNCH_STEPS = 131_072
 """Most steps of one launch, about a quarter of a second for a single variant."""
 
-MOST_LINKS = 16 * ROOMS[-1]
-"""Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
+MOST_LINKS = 16 * ROLLER_CAPACITIES[-1]
+"""Links of the longest chain, as each thread's rollers are in unrolled loops."""
 
 MOST_PARTNERS = BITS
-"""Sprockets and guide-bars of one drive: which of them a roller is near is kept in the bits of an int."""
+"""Sprockets and guide-bars of one drive, as the bits of an int keep which of them a roller is near."""
 
 
-def launch_steps(rollers: float, wanted: int) -> int:
-    """Steps of a launch over so many rollers in all: `wanted` at most, and a fraction of a second.
+def gpu_launch_steps(rollers: float, wanted: int) -> int:
+    """Steps of a launch over `rollers` rollers in all, `wanted` at most, that takes a fraction of a second.
 
-    Whole multiples of what the kernel counts by, so that results do not depend on where launches end.
+    Whole multiples of `STEP_UNIT`, so that results do not depend on where launches end.
     """
     steps = min(wanted, LAUNCH_STEPS, int(LAUNCH_WORK / rollers))
-    return max(UNIT, steps // UNIT * UNIT) if wanted >= UNIT else wanted
+    return max(STEP_UNIT, steps // STEP_UNIT * STEP_UNIT) if wanted >= STEP_UNIT else wanted
 
 
-def refusal(packed: Packed, numbers: NDArray[np.int64] | None = None) -> str | None:
-    """Why a GPU cannot run this ensemble, None if it can; `numbers` is what variants are called, None from 0."""
-    drives, begins = packed.drives, packed.begins
+def gpu_refusal(packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> str | None:
+    """Why a GPU cannot run this ensemble, None if it can; variants are called `numbers`, None counts them from 0."""
+    drives, begins = packed.drives, packed.first_rows
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
         (drives["sprockets"] + drives["guides"], MOST_PARTNERS, "{} sprockets and guide-bars"),
@@ -88,12 +96,12 @@ def refusal(packed: Packed, numbers: NDArray[np.int64] | None = None) -> str | N
 
 
 @contextmanager
-def name_failures(device: str, variants: int) -> Iterator[None]:
-    """Tells in one line that a GPU does not answer any more, or has no memory for so many variants.
+def explain_gpu_failures(device: str, variants: int) -> Iterator[None]:
+    """Raises errors of Warp within as one line on what failed.
 
     Raises:
-        DeviceError: the GPU failed.
-        SimulationError: its memory is exhausted.
+        DeviceError: the GPU does not answer any more.
+        SimulationError: its memory does not hold so many variants.
     """
     try:
         yield
@@ -112,38 +120,44 @@ def name_failures(device: str, variants: int) -> Iterator[None]:
         ) from error
 
 
-def compile_lacking(
-    device: str, packed: Packed, precision: str, settles: bool, cores: int, report: ProgressReport, stop: StopRequest
+def compile_missing_kernels(
+    device: str,
+    packed: PackedEnsemble,
+    precision: str,
+    settles: bool,
+    cores: int,
+    report: ProgressReport,
+    stop: StopRequest,
 ) -> None:
-    """Compiles what Warp's cache lacks of the kernels that a run needs: of steps and, in float64, of settling.
+    """Compiles the kernels of a run that Warp's cache lacks: of steps and, in float64, of settling.
 
     Args:
         device: a GPU.
         packed: what runs on it.
         precision: of the steps.
         settles: whether any variant is to be settled.
-        cores, report, stop: as in `compiling.compile_in_processes`.
+        cores, report, stop: as in `compilation.compile_in_processes`.
     """
-    with LOADING:
-        wanted = GpuKernels(replace(packed, precision=precision), device).wanted()
+    with KERNEL_LOCK:
+        wanted = GpuKernels(replace(packed, precision=precision), device).kernel_specs()
         if settles:
-            wanted += GpuKernels(packed, device).wanted("relax")
-        compile_in_processes(list(jobs_of(wanted, device)), cores, report, stop)
+            wanted += GpuKernels(packed, device).kernel_specs("relax")
+        compile_in_processes(list(compile_jobs(wanted, device)), cores, report, stop)
 
 
 class FrameBuffer:
-    """A launch's frames: on the device, and in the host's memory once `numpy` is called."""
+    """A launch's frames, on the device and, after `numpy`, in the host's memory."""
 
-    def __init__(self, values: int, packed: Packed, device: str) -> None:
+    def __init__(self, values: int, packed: PackedEnsemble, device: str) -> None:
         self.values, self._of = values, (device, packed.variants)
         self.device: wp.array = wp.empty(max(values, 1), dtype=packed.real, device=device)
         self.host: wp.array = wp.empty(max(values, 1), dtype=packed.real, device="cpu", pinned=True)
         self.copied: Any = None
 
     def numpy(self) -> NDArray[np.floating]:
-        """The frames; waits until they have come over."""
+        """The frames, once they have been copied."""
         if self.copied is not None:
-            with name_failures(*self._of):
+            with explain_gpu_failures(*self._of):
                 wp.synchronize_event(self.copied)
         return self.host.numpy()
 
@@ -161,33 +175,33 @@ class GpuEngine(GpuKernels, Engine):
 
     balances = True
 
-    def __init__(self, packed: Packed, device: str) -> None:
+    def __init__(self, packed: PackedEnsemble, device: str) -> None:
         self._loaded: set[tuple[str, ...]] = set()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
-        with name_failures(device, packed.variants):
+        with explain_gpu_failures(device, packed.variants):
             self.stream, self.copies, *self._others = (wp.Stream(device) for _ in range(STREAMS + 1))
             with wp.ScopedStream(self.stream):
                 super().__init__(packed, device)
                 self.ensemble = upload_ensemble(packed, device, blocks=True)
-                self.state = upload_state(packed, device, rows_apart([*self.buckets, *self.chains]))
+                self.state = upload_state(packed, device, global_memory_values([*self.buckets, *self.chain_buckets]))
                 self.gpu_sums = empty_sums(packed, device, blocks=True)
                 self.tallies = empty_tallies(packed, device)
             wp.synchronize_stream(self.stream)
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
         self._settling: Any = None
         # rows in global memory, which launches share
-        self._apart = [any(rows_apart([bucket])) for bucket in self.buckets]
-        self._settling_now: NDArray[Any] = np.zeros(0)
+        self._in_global_memory = [any(global_memory_values([bucket])) for bucket in self.buckets]
+        self._settling_states: NDArray[Any] = np.zeros(0)
 
-    def _name_failures(self) -> AbstractContextManager[None]:
-        return name_failures(self.device, self.packed.variants)
+    def _explain_failures(self) -> AbstractContextManager[None]:
+        return explain_gpu_failures(self.device, self.packed.variants)
 
-    def _load(self, *names: str) -> None:
+    def _load_kernels(self, *names: str) -> None:
         """Loads the kernels of these names, by default of those that take steps, once; compiles what is missing."""
         if names in self._loaded:
             return
-        with self._name_failures(), LOADING, ThreadPoolExecutor(8) as pool:
-            wanted = self.wanted(*names)
+        with self._explain_failures(), KERNEL_LOCK, ThreadPoolExecutor(8) as pool:
+            wanted = self.kernel_specs(*names)
             load = [pool.submit(wp.load_module, of.module, device=self.device, block_dim=of.threads) for of in wanted]
             for loading in load:
                 loading.result()
@@ -195,34 +209,34 @@ class GpuEngine(GpuKernels, Engine):
 
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
         """Launches a bucket's kernel for variants `order` of it."""
-        made = self._made(name, bucket)
+        made = self._bucket_kernel(name, bucket)
         dim, block = made.kind.shape.launched(len(order)), made.kind.shape.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
-    def _lanes(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
-        """Launches that follow one another, and take every variant its share of steps on; whether beside others."""
+    def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
+        """Sequences of launches that take `share` (V,) steps: whether beside others, bucket, launches."""
         drives, step, lanes = self.packed.drives, self._progress["step"], []
-        begins = measured_from(drives, step)
-        for bucket, apart in zip(self.buckets, self._apart, strict=True):
+        begins = metrics_start_steps(drives, step)
+        for bucket, apart in zip(self.buckets, self._in_global_memory, strict=True):
             variants = bucket.variants[share[bucket.variants] > 0]
             kernel = "measure" if (step + share > begins)[variants].any() else "advance"
-            turn = bucket.count if apart else self._made(kernel, bucket).resident * self._processors
+            turn = bucket.count if apart else self._bucket_kernel(kernel, bucket).resident_variants * self._processors
             # what is recorded takes longer
             longest = variants[np.lexsort((-share[variants], drives["sample_every"][variants] == 0))]
-            parts = groups(longest, turn)
-            cut = PARTS if len(parts) > 1 else 1
-            lanes += [(not apart, bucket, list(launches_of(each, step, share, begins, cut))) for each in parts]
+            parts = launch_groups(longest, turn)
+            cut = LAUNCH_PARTS if len(parts) > 1 else 1
+            lanes += [(not apart, bucket, list(split_launches(each, step, share, begins, cut))) for each in parts]
         return lanes
 
     def advance(self, steps: int | NDArray[np.integer], frames: FrameBuffer) -> list[Future[None]]:
-        self._load()
+        self._load_kernels()
 
         def work() -> None:
-            with self._name_failures():
+            with self._explain_failures():
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
-                lanes = self._lanes(np.minimum(steps, steps_left(self.packed.drives, self._progress)))
-                columns = self._uploaded([launch for _, _, launches in lanes for launch in launches])
+                lanes = self._launch_sequences(np.minimum(steps, steps_left(self.packed.drives, self._progress)))
+                columns = self._upload_launches([launch for _, _, launches in lanes for launch in launches])
                 begun = self.stream.record_event()
                 for stream in self._others:
                     stream.wait_event(begun)
@@ -240,12 +254,12 @@ class GpuEngine(GpuKernels, Engine):
                     wp.copy(frames.host, frames.device, count=frames.values, stream=self.copies)
                     frames.copied = self.copies.record_event()
                 wp.synchronize_event(done)
-                self._progress = self.fetch("state", "progress")
+                self._progress = self.fetch_array("state", "progress")
 
         return [self._pool.submit(work)]
 
-    def _uploaded(self, launches: Sequence[Launch]) -> Iterator[list[wp.array]]:
-        """Of each launch, on the device: its variants, the ends of their steps, where their frames were begun."""
+    def _upload_launches(self, launches: Sequence[Launch]) -> Iterator[list[wp.array]]:
+        """Of each launch, on the device: its variants, their end steps, and the steps at which their frames begin."""
         columns: list[wp.array] = []
         with wp.ScopedStream(self.stream):
             for each in zip(*(launch[1:] for launch in launches), strict=True):
@@ -254,59 +268,59 @@ class GpuEngine(GpuKernels, Engine):
         return iter([[column[a:b] for column in columns] for a, b in pairwise(cuts)])
 
     def start_settling(self, settling: NDArray[Any]) -> None:
-        with self._name_failures(), wp.ScopedStream(self.stream):
+        with self._explain_failures(), wp.ScopedStream(self.stream):
             self._settling = wp.array(settling, dtype=relaxation.Settling, device=self.device)
-            self._settling_now = settling.copy()
+            self._settling_states = settling.copy()
 
     def settle(self, steps: int) -> list[Future[None]]:
-        self._load("relax")
+        self._load_kernels("relax")
 
         def work() -> None:
-            with self._name_failures():
-                for bucket in self.buckets_of("relax"):
+            with self._explain_failures():
+                for bucket in self.buckets_of_kernel("relax"):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, steps]
                     self._launch("relax", bucket, bucket.order, inputs, self.stream)
                 with wp.ScopedStream(self.stream, sync_enter=False):
-                    self._settling_now = self._settling.numpy()
+                    self._settling_states = self._settling.numpy()
 
         return [self._pool.submit(work)]
 
-    def settling(self) -> NDArray[Any]:
-        return self._settling_now
+    def settling_states(self) -> NDArray[Any]:
+        return self._settling_states
 
     def progress(self) -> NDArray[Any]:
         return self._progress
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """The window's sums, by name as in `kernels.structs.Sums`."""
-        with self._name_failures(), wp.ScopedStream(self.stream):
+        with self._explain_failures(), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device, blocks=True)
-            for name in TABLE["sums"]:
+            for name in ARRAYS["sums"]:
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             inputs = [self.ensemble.drives, self.tallies, sums]
             kernel = collect_kernel(self.packed.real)
-            wp.launch(kernel, self.packed.variants, inputs=inputs, device=self.device, block_dim=COLLECTING)
-            return {name: rows_of(getattr(sums, name), "sums", name, self.packed.real) for name in TABLE["sums"]}
+            wp.launch(kernel, self.packed.variants, inputs=inputs, device=self.device, block_dim=COLLECT_THREADS)
+            return {name: device_values(getattr(sums, name), "sums", name, self.packed.real) for name in ARRAYS["sums"]}
 
-    def held(self) -> dict[str, Any]:
+    def changing_structs(self) -> dict[str, Any]:
         return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
 
-    def fetch(self, group: str, name: str) -> NDArray[Any]:
-        with self._name_failures(), wp.ScopedStream(self.stream, sync_enter=False):
-            return rows_of(getattr(self.held()[group], name), group, name, self.packed.real)
+    def fetch_array(self, group: str, name: str) -> NDArray[Any]:
+        with self._explain_failures(), wp.ScopedStream(self.stream, sync_enter=False):
+            return device_values(getattr(self.changing_structs()[group], name), group, name, self.packed.real)
 
-    def put(self, group: str, name: str, values: NDArray[Any]) -> None:
-        with self._name_failures():
+    def set_array(self, group: str, name: str, values: NDArray[Any]) -> None:
+        with self._explain_failures():
             with wp.ScopedStream(self.stream):
-                assign_rows(getattr(self.held()[group], name), values)
+                assign_values(getattr(self.changing_structs()[group], name), values)
             wp.synchronize_stream(self.stream)
-        self._progress = self.fetch("state", "progress")
+        self._progress = self.fetch_array("state", "progress")
 
     def frame_buffer(self, values: int) -> FrameBuffer:
-        with self._name_failures():
+        with self._explain_failures():
             return FrameBuffer(values, self.packed, self.device)
 
     def close(self) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
-        with self._name_failures():
+        with self._explain_failures():
             wp.synchronize_device(self.device)

@@ -23,15 +23,16 @@ from warpchain.errors import DriveError, LayoutWarning, SimulationError, Suspect
 from warpchain.results.judgement import Limits
 from warpchain.results.run import Record
 
-By = Literal["torque", "wear"]
+JumpCause = Literal["torque", "wear"]
 Direction = Literal["forward", "reverse"]
 BOTH: tuple[Direction, ...] = ("forward", "reverse")
 UNITS = {"torque": "N m", "wear": "1"}
-LONGEST = 0.1
+MOST_WEAR = 0.1
 """Largest wear that is tried: that of drive files."""
-APART, HALVINGS, LEAST = 1.5, 3, 1e-3
-"""Of an estimate: ratio of the values between which it is sought, which are then halved so often, and of the range the
-part that counts as none."""
+ESTIMATE_RATIO, ESTIMATE_HALVINGS, LEAST_ESTIMATE = 1.5, 3, 1e-3
+"""Ratio of the values between which an estimate is sought, how often these are halved, and the part of the range that
+counts as none.
+"""
 
 Tolerance = Annotated[float, AllowedRange("a number from 1e-4 to 0.5", lambda x: 1e-4 <= x <= 0.5)]
 Values = Annotated[int, AllowedRange("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000)]
@@ -66,8 +67,8 @@ class Jump:
 
 
 @dataclass
-class _Search:
-    """The search in one direction: a chain that holds at `low` and jumps at `high`, once that is known."""
+class _JumpSearch:
+    """A search in one direction: the chain holds at `low` and jumps at `high`, once that is known."""
 
     direction: Direction
     drive: Drive
@@ -82,7 +83,7 @@ class _Search:
 @check_arguments(SimulationError)
 def find_jumps(
     drive: Drive,
-    by: By = "torque",
+    by: JumpCause = "torque",
     on: str | None = None,
     *,
     directions: Sequence[Direction] = BOTH,
@@ -115,31 +116,31 @@ def find_jumps(
         SimulationError: an argument that is not allowed.
     """
     report: Callable[[str], None] = options.pop("report", lambda line: None)
-    on, own, limit = _torque(drive, on) if by == "torque" else _wear(drive, on)
+    on, own, limit = _own_and_limit_torque(drive, on) if by == "torque" else _own_and_limit_wear(drive, on)
     most = limit if most is None else most
-    first = [most / 2.0**k for k in reversed(range(values))] if by == "torque" else _even(own, most, values)
+    first = [most / 2.0**k for k in reversed(range(values))] if by == "torque" else _even_values(own, most, values)
     searches = [
-        _Search(d, drive if d == "forward" else reversed_drive(drive), 0.0 if by == "torque" else own, first)
+        _JumpSearch(d, drive if d == "forward" else reversed_drive(drive), 0.0 if by == "torque" else own, first)
         for d in directions
     ]
     scale = 0.0 if by == "torque" else abs(most - own)
     while todo := [search for search in searches if not search.over]:
-        _round(todo, lambda of, value: _changed(of, by, on, value), options)
+        _run_round(todo, lambda of, value: _changed_drive(of, by, on, value), options)
         for search in todo:
             report(_state_line(search, by))
             if search.high is None or search.high - search.low <= tolerance * max(scale, search.high):
                 search.over = True
-            search.values = _even(search.low, search.high or most, values + 1)[:-1]
-    return [_found(search, by, on, own, most) for search in searches]
+            search.values = _even_values(search.low, search.high or most, values + 1)[:-1]
+    return [_jump_of_search(search, by, on, own, most) for search in searches]
 
 
-def _even(low: float, high: float, count: int) -> list[float]:
+def _even_values(low: float, high: float, count: int) -> list[float]:
     """`count` values that divide low to high evenly, the last of them high."""
     return np.linspace(low, high, count + 1)[1:].tolist()
 
 
-def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
-    """Name of what carries the load, its own torque, and the one that the chain breaks at [N m]."""
+def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
+    """Name of what carries the load, its own torque, and that at which the chain breaks [N m]."""
     bodies = [*(drive.sprockets if is_geared(drive) else sprockets_with_shafts(drive)), *drive.shafts]
     loads = {bodies[b].name: (b, load) for b, load in free_body_loads(drive)}
     if on is not None and on not in loads:
@@ -148,12 +149,12 @@ def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
         raise DriveError("load: no sprocket or shaft of the drive has one; give one, or search by wear")
     if on is None:
         speed = drive.driver_speed
-        turning = {name: abs(_ratio(drive, b)) for name, (b, _) in loads.items()}
+        turning = {name: abs(_speed_ratio(drive, b)) for name, (b, _) in loads.items()}
         on = max(loads, key=lambda name: loads[name][1].steady(turning[name] * speed) * turning[name])
     b, load = loads[on]
     s = nearest_sprocket(drive, b)
     assert s is not None  # every load is tied to a chain
-    chain_drive, k = _place(drive, s)
+    chain_drive, k = _chain_of_sprocket(drive, s)
     chain = chain_drive.drive.chain
     breaking = chain.breaking_load or chain.stiffness * chain.pitch * ELONGATION_AT_BREAKING_LOAD
     return (
@@ -163,7 +164,7 @@ def _torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
     )
 
 
-def _ratio(drive: Drive, b: int) -> float:
+def _speed_ratio(drive: Drive, b: int) -> float:
     """Speed of a body over the driver's, by the teeth of chains."""
     s = nearest_sprocket(drive, b)
     if is_geared(drive):
@@ -174,13 +175,13 @@ def _ratio(drive: Drive, b: int) -> float:
     return beside * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
 
 
-def _place(drive: Drive, s: int) -> tuple[Any, int]:
+def _chain_of_sprocket(drive: Drive, s: int) -> tuple[Any, int]:
     """The chain of sprocket s, and its place on it."""
     return next((chain, k) for chain in chain_drives(drive) for k, i in enumerate(chain.places["sprockets"]) if i == s)
 
 
-def _wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
-    """Name of the chain, its own elongation, and the largest that it still goes around with."""
+def _own_and_limit_wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
+    """Name of the chain, its own elongation, and the largest with which it can be assembled."""
     chains = {chain.name: chain.drive for chain in chain_drives(drive)}
     if on is None:
         on = next(iter(chains))
@@ -189,13 +190,14 @@ def _wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
             f"allowed is one of {', '.join(chains)}" if drive.chains else "the drive has one chain, which has no name"
         )
         raise DriveError(f"{on}: no such chain; {allowed}")
-    own, most = float(chains[on].chain.elongation), LONGEST
-    while most > own and not _goes_around(_changed(drive, "wear", on, most)):
-        most -= 0.05 * LONGEST
-    return on, own, max(most, own + 0.01 * LONGEST)
+    own, most = float(chains[on].chain.elongation), MOST_WEAR
+    while most > own and not _can_assemble(_changed_drive(drive, "wear", on, most)):
+        most -= 0.05 * MOST_WEAR
+    return on, own, max(most, own + 0.01 * MOST_WEAR)
 
 
-def _goes_around(drive: Drive) -> bool:
+def _can_assemble(drive: Drive) -> bool:
+    """Whether each chain of a drive can be assembled."""
     try:
         for chain in chain_drives(drive):
             assemble(chain.drive)
@@ -204,8 +206,8 @@ def _goes_around(drive: Drive) -> bool:
     return True
 
 
-def _changed(drive: Drive, by: str, on: str, value: float) -> Drive:
-    """The drive with a torque of this size, in the sense that its own has, or with this wear."""
+def _changed_drive(drive: Drive, by: str, on: str, value: float) -> Drive:
+    """The drive with a torque of this size, in the sense of its own, or with this wear."""
     if by == "wear":
         return drive.with_values({f"chains.{on}.elongation" if drive.chains else "chain.elongation": value})
     kind, place = next(
@@ -216,7 +218,7 @@ def _changed(drive: Drive, by: str, on: str, value: float) -> Drive:
     return drive.with_values({path: -value if drive.get_value(path) < 0.0 else value})
 
 
-def _round(todo: list[_Search], changed: Callable[[Drive, float], Drive], options: dict[str, Any]) -> None:
+def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive], options: dict[str, Any]) -> None:
     """Runs all values of a round, and narrows each search."""
     drives = [changed(search.drive, value) for search in todo for value in search.values]
     with warnings.catch_warnings():
@@ -229,7 +231,7 @@ def _round(todo: list[_Search], changed: Callable[[Drive, float], Drive], option
     rows = iter(zip(drives, run.metrics.to_pylist(), strict=True))
     for search in todo:
         own = [next(rows) for _ in search.values]
-        jumped = [jumped_on(drive, row) for drive, row in own]
+        jumped = [jump_in_metrics(drive, row) for drive, row in own]
         first = next((k for k, (found, _) in enumerate(jumped) if found), len(own))
         if first:
             search.low, search.held = search.values[first - 1], own[first - 1]
@@ -238,8 +240,8 @@ def _round(todo: list[_Search], changed: Callable[[Drive, float], Drive], option
             search.sprocket = next((where for _, where in jumped[first:] if where is not None), search.sprocket)
 
 
-def jumped_on(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
-    """Whether the chain jumped, or came off, in a run with these metrics, and on which sprocket that is worst."""
+def jump_in_metrics(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
+    """Whether the chain jumped, or came off, in a run with these metrics, and the sprocket on which that is worst."""
     if row["diverged"]:
         return True, None
     names = [sprocket.name for sprocket in drive.sprockets]
@@ -250,8 +252,8 @@ def jumped_on(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
     return (True, loosest) if engaged < Limits().engaged else (False, None)
 
 
-def _state_line(search: _Search, by: str) -> str:
-    """A line on how far a search has come."""
+def _state_line(search: _JumpSearch, by: str) -> str:
+    """A line on the progress of a search."""
     unit, low = (" N m", search.low) if by == "torque" else (" %", 100.0 * search.low)
     if search.high is None:
         return f"{search.direction}: holds up to {low:.4g}{unit}"
@@ -259,33 +261,34 @@ def _state_line(search: _Search, by: str) -> str:
     return f"{search.direction}: holds at {low:.4g}{unit}, jumps at {high:.4g}{unit}"
 
 
-def _found(search: _Search, by: str, on: str, own: float, most: float) -> Jump:
+def _jump_of_search(search: _JumpSearch, by: str, on: str, own: float, most: float) -> Jump:
+    """The result of a search that has ended."""
     tension = tight = slack = float("nan")
     if search.held is not None:
         drive, row = search.held
         several = [f"{chain.name}." for chain in drive.chains] or [""]
         tension = max(row[f"{before}tension_max"] for before in several)
         if search.sprocket is not None:
-            slack, tight = sorted(row[f"{name}.tension_mean"] for name in _beside(drive, search.sprocket))
+            slack, tight = sorted(row[f"{name}.tension_mean"] for name in _strands_beside(drive, search.sprocket))
     estimate = None
     if search.high is not None and search.sprocket is not None:
-        estimate = _estimate(search, by, on, own, most)
+        estimate = _estimated_jump(search, by, on, own, most)
     return Jump(search.direction, on, own, search.low, search.high, search.sprocket, tension, tight, slack, estimate)
 
 
-def _beside(drive: Drive, name: str) -> list[str]:
-    """The two strands beside a sprocket."""
-    chain, k = _place(drive, [sprocket.name for sprocket in drive.sprockets].index(name))
+def _strands_beside(drive: Drive, name: str) -> list[str]:
+    """The names of the two strands beside a sprocket."""
+    chain, k = _chain_of_sprocket(drive, [sprocket.name for sprocket in drive.sprockets].index(name))
     before = f"{chain.name}." if chain.name else ""
     return [f"{before}{chain.drive.strand_names[i]}" for i in (k - 1, k)]
 
 
-def _estimate(search: _Search, by: str, on: str, own: float, most: float) -> float | None:
-    """Where the sprocket that jumped ceases to hold at rest, by bisection."""
+def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: float) -> float | None:
+    """The value at which the sprocket that jumped ceases to hold at rest, by bisection; None beyond `most`."""
     name = search.sprocket
 
     def jumps(value: float) -> bool:
-        for chain in loaded_chain_drives(_changed(search.drive, by, on, value)):
+        for chain in loaded_chain_drives(_changed_drive(search.drive, by, on, value)):
             names = [sprocket.name for sprocket in chain.drive.sprockets]
             if name in names:
                 return tooth_hold.jumps(chain.drive, names.index(name))
@@ -295,15 +298,15 @@ def _estimate(search: _Search, by: str, on: str, own: float, most: float) -> flo
     assert search.high is not None
     high = search.high - begin
     if jumps(begin + high):
-        while high > LEAST * (most - begin) and jumps(begin + high / APART):
-            high /= APART
+        while high > LEAST_ESTIMATE * (most - begin) and jumps(begin + high / ESTIMATE_RATIO):
+            high /= ESTIMATE_RATIO
     else:
         while not jumps(begin + high):
             if begin + high >= most:
                 return None
-            high = min(APART * high, most - begin)
-    low = high / APART
-    for _ in range(HALVINGS):
+            high = min(ESTIMATE_RATIO * high, most - begin)
+    low = high / ESTIMATE_RATIO
+    for _ in range(ESTIMATE_HALVINGS):
         middle = (low * high) ** 0.5
         low, high = (low, middle) if jumps(begin + middle) else (middle, high)
     return begin + high

@@ -1,16 +1,12 @@
-"""The steps of many variants spread over a GPU's launches.
+"""The steps of many variants divided into a GPU's launches.
 
-A block takes one variant through its steps of a launch, and a GPU holds so many blocks at once: a turn. A block ends
-when its variant has taken its steps, and the next one takes its place; those with most steps begin first, so that the
-last ones end at about the same time. Variants differ in how many steps they have left: each gets its share of them in
-every launch, so that all come to their ends in the same one and a GPU is full until then.
+A block steps one variant, and a GPU holds so many blocks at once: a turn. Variants with most steps begin first, and
+each gets such a number of steps in every launch that all end in the same one. More than a turn of variants go in two
+groups, each on a stream of its own, whose launches are cut into `LAUNCH_PARTS`: blocks of one group then fill the GPU
+while the last blocks of the other run.
 
-Where there is more than a turn of variants they go in two groups, each on a stream of its own, whose launches are cut
-into shorter ones: while the last blocks of one group run, blocks of the other fill the GPU, and the rest of a turn is
-lost only once in `PARTS` launches.
-
-Each variant is taken by the kernel without metrics to its own window, and by the one with metrics from there on. All
-launches end at whole `UNIT`s of steps, where they leave no trace.
+Each variant is stepped without metrics to its window, and with metrics from there on. Launches end at whole multiples
+of `STEP_UNIT`, where that changes no bit.
 """
 
 from __future__ import annotations
@@ -23,10 +19,10 @@ from numpy.typing import NDArray
 
 from warpchain.kernels.structs import DIVERGENCE_CHECK
 
-UNIT = int(DIVERGENCE_CHECK)
+STEP_UNIT = int(DIVERGENCE_CHECK)
 
-PARTS = 8
-"""Launches that the steps of one are cut into."""
+LAUNCH_PARTS = 8
+"""Launches into which the steps of one are cut."""
 
 
 class Launch(NamedTuple):
@@ -34,14 +30,14 @@ class Launch(NamedTuple):
 
     Attributes:
         variants: their numbers, in the order of their blocks.
-        ends: the step that each ends before.
-        begun: the step at which its frames' buffer was begun.
+        end_steps: the step before which each ends.
+        start_steps: the step at which its buffer of frames begins.
     """
 
     kernel: str
     variants: NDArray[np.integer]
-    ends: NDArray[np.integer]
-    begun: NDArray[np.integer]
+    end_steps: NDArray[np.integer]
+    start_steps: NDArray[np.integer]
 
 
 def steps_left(drives: NDArray[Any], progress: NDArray[Any]) -> NDArray[np.int64]:
@@ -50,44 +46,44 @@ def steps_left(drives: NDArray[Any], progress: NDArray[Any]) -> NDArray[np.int64
     return np.where(progress["diverged"] != 0, 0, np.maximum(left, 0))
 
 
-def shares(left: NDArray[np.integer], most: int) -> NDArray[np.integer]:
-    """Steps of each variant in the next launch, of `left`, `most` at most: so that all end in the same one."""
-    unit = UNIT if most >= UNIT else 1
+def next_launch_steps(left: NDArray[np.integer], most: int) -> NDArray[np.integer]:
+    """(V,) steps of each variant in the next launch, of `left`, `most` at most, so that all end in the same launch."""
+    unit = STEP_UNIT if most >= STEP_UNIT else 1
     launches = max(1, -(-int(left.max(initial=0)) // most))
     return np.minimum(-(-left // (launches * unit)) * unit, left)
 
 
-def groups(variants: NDArray[np.integer], turn: int) -> list[NDArray[np.integer]]:
+def launch_groups(variants: NDArray[np.integer], turn: int) -> list[NDArray[np.integer]]:
     """Variants, those with most steps first, in two groups alike where there is more than a turn of them."""
     return [variants] if len(variants) <= turn else [variants[0::2], variants[1::2]]
 
 
-def measured_from(drives: NDArray[Any], step: NDArray[np.integer]) -> NDArray[np.int64]:
-    """(V,) the step from which each variant, now at `step`, goes with metrics: the last unit before its window."""
-    begins = drives["window_start"].astype(np.int64) // UNIT * UNIT
+def metrics_start_steps(drives: NDArray[Any], step: NDArray[np.integer]) -> NDArray[np.int64]:
+    """(V,) the step from which each variant, now at `step`, is stepped with metrics."""
+    begins = drives["window_start"].astype(np.int64) // STEP_UNIT * STEP_UNIT
     return np.where(drives["window_end"] < step, np.iinfo(np.int64).max, begins)
 
 
-def launches_of(
+def split_launches(
     variants: NDArray[np.integer],
     step: NDArray[np.integer],
     share: NDArray[np.integer],
     begins: NDArray[np.integer],
     parts: int,
 ) -> Iterator[Launch]:
-    """The launches that take variants on, one after the other.
+    """The launches that take variants their steps, one after the other.
 
     Args:
         variants: their numbers, those with most steps first.
-        step: (V,) where each variant stands.
-        share: (V,) how many steps it is to take.
-        begins: (V,) from which step with metrics (`measured_from`).
-        parts: that the steps are cut into.
+        step: (V,) the next step of each variant.
+        share: (V,) steps that each is to take.
+        begins: (V,) the step from which each is stepped with metrics (`metrics_start_steps`).
+        parts: into how many launches the steps are cut.
     """
     step, share, begins = step[variants].astype(np.int64), share[variants], begins[variants]
     before = step
     for part in range(1, parts + 1):
-        after = step + np.minimum(-(-share * part // (parts * UNIT)) * UNIT, share)
+        after = step + np.minimum(-(-share * part // (parts * STEP_UNIT)) * STEP_UNIT, share)
         for kernel, first, end in (
             ("advance", before, np.minimum(after, begins)),
             ("measure", np.maximum(before, begins), after),

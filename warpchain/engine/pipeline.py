@@ -1,9 +1,7 @@
-"""A run in shares, so that variants are packed while others are stepped, and measured while others are stepped, too.
+"""A run in subensembles: some are packed by the main thread while GPUs step others and threads compute their metrics.
 
-Packing and the table of metrics are Python's, steps are a GPU's: while a kernel runs, Python's lock is free. The main
-thread packs share after share; the next GPU that is free takes it, settles and steps it in a thread; what a share came
-to is made into metrics by further threads. A variant's result hangs on no other, so it is what it is in a run of one
-share. Where a GPU fails, another takes its share, packed anew.
+A variant's result does not depend on how a run is divided. Where a GPU fails, another takes its subensemble, packed
+anew.
 """
 
 from __future__ import annotations
@@ -18,118 +16,118 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.device_choice import Choice
-from warpchain.engine.devices import devices_for, gpus_named
+from warpchain.engine.device_choice import DeviceChoice
+from warpchain.engine.devices import choose_devices, gpus_by_name
 from warpchain.engine.recorder import Recorder
-from warpchain.engine.share import How, Members, Outcome, Share
+from warpchain.engine.subensemble import DeviceSettings, Subensemble, SubensembleResult, Variants
 from warpchain.errors import DeviceError, SimulationError, warn_caller
 from warpchain.progress import COMPILING, ProgressReport, StopRequest
 from warpchain.results.channels import WHOLE_FRAME, FrameLayout
 from warpchain.results.metrics import join_ends
 
 if TYPE_CHECKING:
-    from warpchain.engine.checkpoint import Keeper
+    from warpchain.engine.checkpoint import StateKeeper
 
-LEAST = 2048
-"""Fewest variants that shares have on average where a GPU gets several: fewer do not fill it to the end."""
+FEWEST_PER_SUBENSEMBLE = 2048
+"""Fewest variants of a subensemble, on average, where a GPU gets several."""
 
-MOST = 4
-"""Most shares of a GPU."""
+MOST_PER_GPU = 4
+"""Most subensembles of a GPU."""
 
-FIRST = 0.4
-"""Work of the first share of each of several GPUs over that of the others: so the last GPU begins early."""
+FIRST_WORK = 0.4
+"""Work of the first subensemble of each of several GPUs over that of the others, so that the last GPU begins early."""
 
-APART = 128
-"""Variants of a kind that go to one share: of each kind of them packing, stepping and measuring have their cost."""
-
-
-def parts_of(members: Members, gpus: int, most: int) -> list[Members]:
-    """Variants dealt to the shares of so many GPUs, `most` each at most; all in one without any."""
-    count = len(members.drives)
-    parts = min(count, gpus * max(1, min(most, count // (gpus * LEAST)))) if gpus else 1
-    if parts == 1 or _too_large(members):
-        return [members.part(np.ones(count, dtype=bool))]
-    return [members.part(chosen) for chosen in deal_variants(members, parts, gpus)]
+DEALT_TOGETHER = 128
+"""Variants of a stack that go to one subensemble together, as each stack in it has a cost of its own."""
 
 
-def deal_variants(members: Members, count: int, gpus: int) -> Iterator[NDArray[np.bool_]]:
-    """Variants of each of so many shares, (V,): of about the same work, and of all lengths that a kind has.
+def split_variants(variants: Variants, gpus: int, most: int) -> list[Variants]:
+    """Variants divided into `most` subensembles for each of `gpus` GPUs at most; all in one without GPUs."""
+    count = len(variants.drives)
+    parts = min(count, gpus * max(1, min(most, count // (gpus * FEWEST_PER_SUBENSEMBLE)))) if gpus else 1
+    if parts == 1 or _has_too_large_drive(variants):
+        return [variants.select(np.ones(count, dtype=bool))]
+    return [variants.select(chosen) for chosen in deal_variants(variants, parts, gpus)]
 
-    Where several GPUs get several, the first ones have `FIRST` of the others' work.
+
+def deal_variants(variants: Variants, count: int, gpus: int) -> Iterator[NDArray[np.bool_]]:
+    """Masks (V,) of `count` subensembles of about the same work, each with all lengths of runs that a stack has.
+
+    Where several GPUs get several, the first ones have `FIRST_WORK` of the others' work.
     """
-    work, together = members.work, max(1, min(APART, len(members.drives) // (8 * count)))
-    share, load = np.zeros(len(work), dtype=np.int64), np.zeros(count)
+    work, together = variants.roller_steps, max(1, min(DEALT_TOGETHER, len(variants.drives) // (8 * count)))
+    part, load = np.zeros(len(work), dtype=np.int64), np.zeros(count)
     if 1 < gpus < count:
-        load[:gpus] = (1.0 - FIRST) * work.sum() / (count - (1.0 - FIRST) * gpus)
-    for stack in sorted(members.stacks, key=lambda stack: len(stack.members)):  # large kinds level out the small ones
+        load[:gpus] = (1.0 - FIRST_WORK) * work.sum() / (count - (1.0 - FIRST_WORK) * gpus)
+    for stack in sorted(variants.stacks, key=lambda stack: len(stack.members)):  # large kinds level out the small ones
         longest = stack.members[np.argsort(-work[stack.members], kind="stable")]
         pieces = 64 * count if len(longest) >= together * count else -(-len(longest) // together)
         for piece in (longest[k::pieces] for k in range(min(pieces, len(longest)))):
-            share[piece] = load.argmin()
-            load[share[piece[0]]] += work[piece].sum()
-    return (share == k for k in range(count) if (share == k).any())
+            part[piece] = load.argmin()
+            load[part[piece[0]]] += work[piece].sum()
+    return (part == k for k in range(count) if (part == k).any())
 
 
-def _too_large(members: Members) -> bool:
-    """Whether there is a drive that a GPU does not take."""
+def _has_too_large_drive(variants: Variants) -> bool:
+    """Whether a drive is larger than GPUs accept."""
     from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
 
-    drives = [stack.drive for stack in members.stacks]
+    drives = [stack.drive for stack in variants.stacks]
     return any(d.links > MOST_LINKS or len(d.sprockets) + len(d.guides) > MOST_PARTNERS for d in drives)
 
 
-def begun(
-    members: Members, frame: FrameLayout, device: str | None, how: tuple[str, int], most: int
-) -> tuple[list[Members], Share, Choice]:
-    """The shares of a run, the first of them packed, and the devices that it goes to.
+def plan_run(
+    variants: Variants, frame: FrameLayout, device: str | None, settings: tuple[str, int], most: int
+) -> tuple[list[Variants], Subensemble, DeviceChoice]:
+    """The subensembles of a run, the first of them packed, and the devices on which they run.
 
     Args:
-        members: all variants.
-        frame: how recorded frames lie.
+        variants: all variants.
+        frame: layout of recorded frames.
         device: as the user names it.
-        how: precision, and CPU threads.
-        most: shares of a GPU.
+        settings: precision, and CPU threads.
+        most: subensembles of a GPU.
 
     Raises:
-        DriveError: a chain of the first share that does not fit.
-        SimulationError: as `devices.chosen_devices`.
+        DriveError: a chain of the first subensemble that does not fit.
+        SimulationError: as `devices.devices_by_name`.
     """
-    gpus = gpus_named(device)
-    parts = parts_of(members, len(gpus), most)
-    share = Share(parts[0], frame)
-    times = float(members.work.sum() / parts[0].work.sum())
-    choice = devices_for(device, share.packed, *how, len(members.drives), times)
+    gpus = gpus_by_name(device)
+    parts = split_variants(variants, len(gpus), most)
+    part = Subensemble(parts[0], frame)
+    times = float(variants.roller_steps.sum() / parts[0].roller_steps.sum())
+    choice = choose_devices(device, part.packed, *settings, len(variants.drives), times)
     if len(parts) > 1 and choice.devices != gpus:  # not what they were cut for
-        parts = parts_of(members, 0 if choice.devices == ("cpu",) else len(choice.devices), most)
-        share = Share(parts[0], frame)
+        parts = split_variants(variants, 0 if choice.devices == ("cpu",) else len(choice.devices), most)
+        part = Subensemble(parts[0], frame)
     if choice.devices == ("cpu",):
-        share.packed = replace(share.packed, frame=WHOLE_FRAME)
-    return parts, share, choice
+        part.packed = replace(part.packed, frame=WHOLE_FRAME)
+    return parts, part, choice
 
 
-class Shares:
-    """Shares under way; as a context, it ends when none is any more, all of them at once where something is raised.
+class SubensembleQueue:
+    """Runs subensembles on GPUs; as a context, it ends when all have, or stops all where something is raised.
 
     Args:
-        how: how they are run.
-        gpus: which run them, each one at a time.
-        recorders: gives what takes a share's frames, and what keeps its states.
-        again: whether a share whose GPU fails may go to another.
+        settings: precision and threads; the device is replaced.
+        gpus: run one subensemble each at a time.
+        make_recorders: gives the recorder and the keeper of states of a subensemble.
+        again: whether a subensemble whose GPU fails may go to another.
         total: simulated time of all [s].
-        report, stop: of the run. What shares report is passed on by the thread that calls.
+        report, stop: of the run; the calling thread reports.
     """
 
     def __init__(
         self,
-        how: How,
+        settings: DeviceSettings,
         gpus: tuple[str, ...],
-        recorders: Callable[[Share], tuple[Recorder, Keeper | None]],
+        make_recorders: Callable[[Subensemble], tuple[Recorder, StateKeeper | None]],
         again: bool,
         total: float,
         report: ProgressReport,
         stop: StopRequest,
     ) -> None:
-        self._how, self._recorders, self._again = how, recorders, again
+        self._settings, self._make_recorders, self._again = settings, make_recorders, again
         self._free: SimpleQueue[str | None] = SimpleQueue()
         for gpu in gpus:
             self._free.put(gpu)
@@ -138,14 +136,14 @@ class Shares:
             ThreadPoolExecutor(len(gpus), thread_name_prefix=f"warpchain {name}") for name in ("share", "metrics")
         )
         self._device = wp.get_device()
-        self._running: list[Future[Outcome]] = []
+        self._running: list[Future[SubensembleResult]] = []
         self._numbers: list[NDArray[np.int64]] = []
         self._layouts: dict[int, Sequence[str]] = {}
         self._done: list[float] = []
         self._total, self._report, self._stop = total, report, stop
         self._compiling: dict[int, tuple[str, float, float]] = {}
 
-    def __enter__(self) -> Shares:
+    def __enter__(self) -> SubensembleQueue:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -155,28 +153,28 @@ class Shares:
             pool.shutdown(wait=True, cancel_futures=kind is not None)
         wp.set_device(self._device)  # which threads set in turns
 
-    def add(self, share: Share) -> None:
-        """Hands a share to the next GPU that is free. Raises what a share before has raised.
+    def add(self, part: Subensemble) -> None:
+        """Hands a subensemble to the next free GPU. Raises what one before has raised.
 
         Raises:
-            SimulationError: a variant that a GPU does not take.
+            SimulationError: a variant that a GPU does not accept.
         """
-        from warpchain.engine.gpu import refusal
+        from warpchain.engine.gpu import gpu_refusal
 
-        reason = refusal(share.packed, share.members.numbers)
+        reason = gpu_refusal(part.packed, part.variants.numbers)
         if reason is not None:
             raise SimulationError(reason)
-        self._numbers.append(share.members.numbers)
-        self._layouts |= dict(zip(share.members.numbers.tolist(), share.layouts, strict=True))
+        self._numbers.append(part.variants.numbers)
+        self._layouts |= dict(zip(part.variants.numbers.tolist(), part.layout_faults, strict=True))
         self._done.append(0.0)
-        self._running.append(self._steps.submit(self._run, len(self._running), share))
-        self._tick()
+        self._running.append(self._steps.submit(self._run_on_gpu, len(self._running), part))
+        self._report_progress()
 
-    def _run(self, number: int, share: Share) -> Outcome:
-        """Runs a share on a GPU, and on another where that fails.
+    def _run_on_gpu(self, number: int, part: Subensemble) -> SubensembleResult:
+        """Runs a subensemble on a GPU, and on another where that fails.
 
         Raises:
-            DeviceError: no GPU is left, or the share is not to be run again.
+            DeviceError: no GPU is left, or it is not to be run again.
         """
 
         def note(phase: str, done: float, total: float) -> None:
@@ -189,15 +187,15 @@ class Shares:
 
         while (gpu := self._free.get()) is not None:
             try:
-                how = replace(self._how, device=gpu)
-                outcome = share.run(how, *self._recorders(share), note, self._stop)
-                return replace(outcome, blocks=self._tables.submit(outcome.blocks).result)
+                settings = replace(self._settings, device=gpu)
+                outcome = part.run(settings, *self._make_recorders(part), note, self._stop)
+                return replace(outcome, metric_blocks=self._tables.submit(outcome.metric_blocks).result)
             except DeviceError as error:
                 self._failed.append(error)
                 gpu = None
                 if not self._again:
                     raise
-                share = Share(share.members, share.packed.frame)  # settling moved it
+                part = Subensemble(part.variants, part.packed.frame)  # settling moved it
             finally:
                 if gpu is not None or len(self._failed) == self._gpus:
                     self._free.put(gpu)
@@ -205,25 +203,25 @@ class Shares:
         raise self._failed[-1]
 
     @property
-    def layouts(self) -> list[Sequence[str]]:
+    def layout_faults(self) -> list[Sequence[str]]:
         """Faults of the layouts of all variants that were added, in the order of the run."""
         return [self._layouts[number] for number in sorted(self._layouts)]
 
-    def outcome(self) -> Outcome:
-        """Waits for all shares: what all variants came to."""
+    def joined_result(self) -> SubensembleResult:
+        """Waits for all subensembles; returns the result of all variants."""
         while wait(self._running, timeout=0.1).not_done:
-            self._tick()
-        self._tick()
+            self._report_progress()
+        self._report_progress()
         for error in self._failed:
             warn_caller(f"{error}; another GPU took what it had")
         outcomes = [future.result() for future in self._running]
-        blocks = [block for outcome in outcomes for block in outcome.blocks()]
-        ended = join_ends([outcome.ended for outcome in outcomes], self._numbers)
-        frames = {number: of for outcome in outcomes for number, of in outcome.frames.items()}
-        return Outcome(ended, lambda: blocks, frames, max(outcome.at for outcome in outcomes))
+        blocks = [block for outcome in outcomes for block in outcome.metric_blocks()]
+        ended = join_ends([outcome.ends for outcome in outcomes], self._numbers)
+        frames = {number: of for outcome in outcomes for number, of in outcome.trajectories.items()}
+        return SubensembleResult(ended, lambda: blocks, frames, max(outcome.end_time for outcome in outcomes))
 
-    def _tick(self) -> None:
-        """Shows how far all are; raises what any has raised."""
+    def _report_progress(self) -> None:
+        """Reports the progress of all; raises what any has raised."""
         for future in self._running:
             if future.done():
                 future.result()

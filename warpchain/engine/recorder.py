@@ -1,4 +1,4 @@
-"""Takes the frames that the kernels write, launch by launch, to memory or to an archive."""
+"""Collects the frames that kernels write, launch by launch, in memory or in an archive."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
     from warpchain.archive.options import ArchiveOptions
     from warpchain.archive.writer import ArchiveWriter
-    from warpchain.engine.chains import Rows
-    from warpchain.engine.packed import Packed
+    from warpchain.engine.chain_rows import ChainRows
+    from warpchain.engine.packed_ensemble import PackedEnsemble
 
-BUFFER_SHARE = 0.25
+BUFFER_FRACTION = 0.25
 """Part of the memory budget that the two frame buffers may take."""
 
 
 @dataclass(frozen=True)
-class Recording:
-    """Options of a record: which trajectories, and where they go.
+class RecordingOptions:
+    """Which trajectories of a run to record, and where.
 
     Attributes:
         record: which trajectories to keep.
@@ -50,8 +50,8 @@ class Recording:
     options: ArchiveOptions | None = None
     overwrite: bool = False
 
-    def writer(self, drives: Sequence[Drive], info: RunInfo) -> AbstractContextManager[ArchiveWriter | None]:
-        """Begins the archive of a run of these drives; gives None where there is to be none."""
+    def open_archive(self, drives: Sequence[Drive], info: RunInfo) -> AbstractContextManager[ArchiveWriter | None]:
+        """Begins the archive of a run of these drives; the context gives None where there is to be none."""
         if self.archive is None:
             return nullcontext()
         from warpchain.archive import ArchiveWriter
@@ -59,10 +59,10 @@ class Recording:
         indices = self.record.indices(len(drives))
         return ArchiveWriter(self.archive, drives, indices, info, self.options, self.overwrite, salvage=True)
 
-    def trajectories(
+    def finished_trajectories(
         self, writer: ArchiveWriter | None, metrics: pa.Table, info: RunInfo, frames: Mapping[int, Trajectory]
     ) -> Mapping[int, Trajectory]:
-        """The frames of a run that has ended, in memory, or in the archive, which is finished."""
+        """The trajectories of a run that has ended, in memory, or in the archive, which is finished."""
         if self.archive is None or writer is None:
             return frames
         from warpchain.archive import read_archive
@@ -71,7 +71,7 @@ class Recording:
         return read_archive(self.archive).trajectories
 
 
-def _beside_statistics(packed: Packed, memory: int) -> int:
+def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
     """The part of a budget that an ensemble's sums and statistics leave [bytes]; a SimulationError below 0."""
     from warpchain.engine.arrays import sums_bytes
 
@@ -85,12 +85,12 @@ def _beside_statistics(packed: Packed, memory: int) -> int:
 
 
 class Recorder:
-    """Lays out the frame buffers of some variants of a run, and keeps or writes what they bring.
+    """Lays out the frame buffers of some variants of a run, and collects their frames.
 
     Args:
-        schedules: (V,) theirs.
-        numbers: (V,) what they are called in the run.
-        packed: they, packed.
+        schedules: (V,) of the variants.
+        numbers: (V,) their numbers in the run.
+        packed: the packed variants.
         recording: of the run; of its memory they have their part.
         rows: their chains.
         count: number of the run's variants.
@@ -104,20 +104,25 @@ class Recorder:
         self,
         schedules: Sequence[Schedule],
         numbers: NDArray[np.int64],
-        packed: Packed,
-        recording: Recording,
-        rows: Rows,
+        packed: PackedEnsemble,
+        recording: RecordingOptions,
+        rows: ChainRows,
         count: int,
         archive: ArchiveWriter | None = None,
     ) -> None:
-        memory = _beside_statistics(packed, recording.memory * len(numbers) // count)
-        self.drives, self.schedules, self.numbers, self.packed = rows.variants, schedules, numbers.tolist(), packed
+        memory = _memory_beside_statistics(packed, recording.memory * len(numbers) // count)
+        self.drives, self.schedules, self.numbers, self.packed = (
+            rows.variant_drives,
+            schedules,
+            numbers.tolist(),
+            packed,
+        )
         self.channels = tuple(recording.record.channels)
         recorded = recording.record.indices(count)
         self.indices = np.flatnonzero(np.isin(numbers, recorded)).tolist()
         if self.indices:  # of what statistics leave in all, by the variants that are recorded
             memory = memory * count * len(self.indices) // (len(numbers) * len(recorded))
-        self.rows, self.begins = rows, rows.first
+        self.rows, self.begins = rows, rows.first_rows
         self.owners = [v for v in self.indices for _ in range(self.begins[v], self.begins[v + 1])]
         self.written = [r for v in self.indices for r in range(self.begins[v], self.begins[v + 1])]
         self.widths = np.array([drive_frame_width(rows.drives[r], packed.frame) for r in self.written], dtype=np.int64)
@@ -126,7 +131,7 @@ class Recorder:
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
         self._archive = archive
         self._budget = recording.memory
-        self._buffer_values = int(BUFFER_SHARE * memory) // (2 * self.bytes_per_value)
+        self._buffer_values = int(BUFFER_FRACTION * memory) // (2 * self.bytes_per_value)
         if self.widths.sum() > min(self._buffer_values, 2**31 - 1):
             raise SimulationError(
                 f"record: one frame of {len(self.indices)} variants takes more than a quarter of the memory budget of "
@@ -136,7 +141,7 @@ class Recorder:
             self._check_memory(memory)
 
     def _check_memory(self, memory: int) -> None:
-        """Refuses trajectories that would not fit in memory."""
+        """Raises a SimulationError for trajectories that would not fit in memory."""
         frames = np.array([self.schedules[v].frames for v in self.owners], dtype=np.int64)
         wanted = float((frames * self.widths).sum()) * self.bytes_per_value
         if wanted > memory:
@@ -146,7 +151,7 @@ class Recorder:
                 "variants, lower the rate, or raise memory="
             )
 
-    def launch_steps(self, limit: int, most: int | None = None) -> int:
+    def launch_step_limit(self, limit: int, most: int | None = None) -> int:
         """Steps of a launch, `limit` at most, such that its frames fit a buffer, of `most` bytes if given."""
         if not self.indices:
             return limit
@@ -154,15 +159,15 @@ class Recorder:
         room = max(min(values, 2**31 - 1) - int(self.widths.sum()), 0)
         return int(max(1, min(limit, room / float((self.widths / self.every).sum()))))
 
-    def layout(self, steps: int) -> int:
-        """Fixes where each variant's frames begin in a buffer for launches of `steps` steps; returns its length."""
+    def lay_out_buffer(self, steps: int) -> int:
+        """Sets where each variant's frames begin in a buffer for launches of `steps` steps; returns its length."""
         counts = steps // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
         ends = np.cumsum(counts * self.widths)
         self.first = ends - counts * self.widths
         self.packed.drives["first_value"][self.written] = self.first
         return int(ends[-1]) if self.indices else 0
 
-    def take(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
+    def take_frames(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
         """Takes the frames of a launch from its buffer; `before` and `after` are the rows' progress."""
         parts: dict[int, list[Trajectory]] = {}
         for k, (v, r) in enumerate(zip(self.owners, self.written, strict=True)):
@@ -177,10 +182,10 @@ class Recorder:
             time = (np.arange(start, stop) * every).astype(np.float64) * self.schedules[v].step
             parts.setdefault(v, []).append(self._trajectory(r, time, values))
         for v, chains in parts.items():
-            self._keep(v, chains[0] if len(chains) == 1 else trajectory_of_chains(self.drives[v], chains))
+            self._keep_chunk(v, chains[0] if len(chains) == 1 else trajectory_of_chains(self.drives[v], chains))
 
     def _trajectory(self, r: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
-        """Frames of a row as they lie in a buffer, as a trajectory of its own memory."""
+        """Frames of a row in a buffer, as a trajectory with memory of its own."""
         drive = self.rows.drives[r]
         channels, names = (
             self.packed.frame.split_frames(values, PartCounts.of_drive(drive)),
@@ -188,18 +193,19 @@ class Recorder:
         )
         return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in names})
 
-    def _keep(self, v: int, chunk: Trajectory) -> None:
+    def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
+        """Appends a part of a variant's trajectory to the archive or to memory."""
         if self._archive is not None:
             self._archive.append(self.numbers[v], chunk)
         else:
             self._kept[v].append(chunk)
 
-    def trajectories(self) -> Mapping[int, Trajectory]:
+    def kept_trajectories(self) -> Mapping[int, Trajectory]:
         """The trajectories kept in memory, by their variants' numbers in the run; hands them over."""
-        return {} if self._archive is not None else {self.numbers[v]: self._joined(v) for v in self.indices}
+        return {} if self._archive is not None else {self.numbers[v]: self._joined_trajectory(v) for v in self.indices}
 
-    def _joined(self, v: int) -> Trajectory:
-        """A variant's chunks as one trajectory."""
+    def _joined_trajectory(self, v: int) -> Trajectory:
+        """A variant's parts as one trajectory."""
         chunks = self._kept.pop(v)
         if not chunks:
             rows = range(self.begins[v], self.begins[v + 1])

@@ -1,6 +1,6 @@
-"""Settling: brings the assembled chains to static equilibrium, with all sprockets held, before the first step.
+"""Settling: brings assembled chains to static equilibrium, all sprockets held, before the first step.
 
-It is done in float64 whatever the run's precision, by the kernel `relax` of `warpchain.kernels`.
+Done in float64 whatever the run's precision, by the kernel `relax` of `warpchain.kernels`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,16 @@ from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_l
 from warpchain.drive import Drive
 from warpchain.drive.stack_math import maximum, power, table_of_columns, where
 from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
-from warpchain.engine.devices import engine_on
-from warpchain.engine.fill import FORMS, widen_box
-from warpchain.engine.pack import lay_to_rest, springs
-from warpchain.engine.packed import Packed, coordinates, spread, store, taken
+from warpchain.engine.devices import make_engine
+from warpchain.engine.pack import rest_tensioners, tensioners_as_springs
+from warpchain.engine.packed_ensemble import (
+    PackedEnsemble,
+    consecutive_places,
+    gather_values,
+    roller_coordinates,
+    scatter_values,
+)
+from warpchain.engine.struct_rows import FORCE_NUMBERS, widen_box
 from warpchain.kernels import relaxation
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.relaxation import LEAST_STRETCH
@@ -32,70 +38,63 @@ SETTLE_TOLERANCE = 1.0e-3
 """Residual that settling aims at, as a fraction of the largest link force."""
 
 SETTLE_DAMPING = 0.1
-"""Link damping while settling, of sqrt(k m): it quiets the fast axial modes and leaves the equilibrium as it is."""
+"""Link damping while settling, of sqrt(k m), which quiets fast axial modes and leaves the equilibrium as it is."""
 
 SETTLE_STEP = 0.7
 """Relaxation step as a fraction of the stability limit."""
 
 
-def elastic(packed: Packed) -> Packed:
-    """The ensemble at rest, sprockets held, contacts without dissipation or friction, links damped for settling.
+def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
+    """A copy of the ensemble at rest, sprockets held, contacts without dissipation or friction, links damped.
 
-    Rollers that assembly has put into guide-bars are pushed out through the face, however deep they are. Tensioners
-    push with what they push with at rest.
+    Rollers inside guide-bars are pushed out through the face, however deep. Tensioners push with their force at rest.
     """
     still = packed.copy()
     for name in ("tooth_friction", "guide_friction"):
         setattr(still, name, np.zeros_like(getattr(still, name)))
     still.hubs["bearing"] = 0.0
-    still.tensioners = springs(packed.tensioners)
+    still.tensioners = tensioners_as_springs(packed.tensioners)
     for of in ("", "outer_"):
         stiffness = still.chains[f"{of}stiffness"]
         still.chains[f"{of}damping"] = SETTLE_DAMPING * np.sqrt(stiffness * still.chains["mass"])
     for law in (still.sprockets["law"], still.guides["law"]):
         law["damping"] = 0.0
-    still.without_lag()
+    still.remove_lag()
     still.guides["deepest_entry"] = np.inf
     still.arms["damping"], still.arms["stop_damping"] = 0.0, 0.0
     led = (still.mounts["x_table"]["cells"] > 0) | (still.mounts["y_table"]["cells"] > 0)
     still.mounts[led] = np.zeros((), still.mounts.dtype)  # which stay as drawn
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
-    for _, first, count in packed.alike():
-        store(still.rollers, STATE_ROWS * first + 2 * count, np.zeros(2 * count))
+    for _, first, count in packed.groups_by_rollers():
+        scatter_values(still.rollers, STATE_ROWS * first + 2 * count, np.zeros(2 * count))
     return still
 
 
-def cushion(still: Packed) -> None:
-    """Gives contacts of drives with arms a damper as links have it while settling.
-
-    An arm waits for the whole chain; without dampers a single roller that bounces between its links and a tooth keeps
-    stopping all of them. Other drives settle as they always have.
-    """
+def damp_arm_contacts(still: PackedEnsemble) -> None:
+    """Gives contacts of drives with arms the dampers that links have while settling."""
     drives = still.drives
     damping = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     for laws, count in ((still.sprockets["law"], "sprockets"), (still.guides["law"], "guides")):
         owner = np.repeat(np.arange(still.variants), drives[count])
         armed = np.flatnonzero(drives["arms"][owner] > 0)
-        laws["form"][armed] = FORMS["kelvin_voigt_damper"]
+        laws["form"][armed] = FORCE_NUMBERS["kelvin_voigt_damper"]
         laws["damping"][armed] = damping[owner[armed]]
 
 
-def quickened(packed: Packed, stacks: Sequence[Stack]) -> None:
-    """Gives arms, for settling, as little inertia as lets the fastest of them oscillate half as fast, in omega^2, as
-    the rollers do: nothing waits for them then, and the step of `SETTLE_STEP` stays stable.
-    """
+def lighten_arms(packed: PackedEnsemble, stacks: Sequence[Stack]) -> None:
+    """Reduces arms' inertia, for settling, until the fastest oscillates half as fast, in omega^2, as the rollers do."""
     for stack in stacks:
         drive, count = stack.drive, len(stack.drive.arms)
         if count:
             squares = [body.square for body in moving_bodies(drive, held=True)]
             other = power(highest_frequency(drive, damped_links=False, held=True), 2) - maximum(*squares)
             lighter = [where(of > 0.0, 0.5 * other / where(of > 0.0, of, 1.0), 1.0) for of in squares[-count:]]
-            arms = spread(packed.drives["first_body"][stack.members] + drive.first_arm_body, count)
+            arms = consecutive_places(packed.drives["first_body"][stack.members] + drive.first_arm_body, count)
             packed.motions["inverse_inertia"][arms] *= np.maximum(table_of_columns(lighter, len(arms)), 1.0)
 
 
-def settle(
-    packed: Packed,
+def settle_variants(
+    packed: PackedEnsemble,
     drives: Sequence[Drive],
     device: str,
     cores: int,
@@ -112,7 +111,7 @@ def settle(
         steps: of one launch.
         run: waits for launches, given a function that tells (done, total) in drives, by their steps; False ends it.
             It is asked before the first launch, too, with none to wait for.
-        stacks: the drives sorted into kinds, where they are.
+        stacks: stacks of the drives, if known.
 
     Returns:
         (variants,) `kernels.relaxation.Settling`: residual and steps of each variant.
@@ -126,13 +125,13 @@ def settle(
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():
         return state
-    still = elastic(packed)
-    cushion(still)
-    quickened(still, stacks)
-    engine = engine_on(device, still, cores)
+    still = settling_ensemble(packed)
+    damp_arm_contacts(still)
+    lighten_arms(still, stacks)
+    engine = make_engine(device, still, cores)
 
     def done() -> tuple[float, float]:
-        now = engine.settling()
+        now = engine.settling_states()
         return float(np.where(now["settled"], 1.0, now["steps"] / SETTLE_LIMIT)[wanted].sum()), float(wanted.sum())
 
     try:
@@ -140,26 +139,26 @@ def settle(
         now, going = state, run([], done)
         while going:
             going = run(engine.settle(steps), done)
-            now = engine.settling()
+            now = engine.settling_states()
             going = going and bool(((now["settled"] == 0) & (now["steps"] < now["limit"])).any())
         moved, bodies = engine.rollers(), engine.bodies()
     finally:
         engine.close()
     for stack in stacks:
         if stack.drive.run.settle:
-            _move(packed, stack, moved, bodies)
-    lay_to_rest(packed)
+            _move_to_settled(packed, stack, moved, bodies)
+    rest_tensioners(packed)
     return now
 
 
-def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDArray[Any]) -> None:
+def _move_to_settled(packed: PackedEnsemble, stack: Stack, moved: NDArray[np.floating], bodies: NDArray[Any]) -> None:
     """Moves rollers, arms and boxes of a stack's variants to where they have settled."""
     drive, rows = stack.drive, packed.drives[stack.members]
     links = drive.chain.links
     first = STATE_ROWS * rows["first_roller"].astype(np.int64)
-    here = taken(moved, first, 2 * links)
-    store(packed.rollers, first, here)
-    arms = spread(rows["first_body"] + drive.first_arm_body, len(drive.arms))
+    here = gather_values(moved, first, 2 * links)
+    scatter_values(packed.rollers, first, here)
+    arms = consecutive_places(rows["first_body"] + drive.first_arm_body, len(drive.arms))
     packed.bodies["angle"][arms] = bodies["angle"][arms]
     packed.bodies["center"][arms] = bodies["center"][arms]
     for s in range(len(drive.sprockets)):
@@ -173,18 +172,18 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
             packed.drives[name][stack.members[places]] = box[name]
 
 
-def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest net force that settling left on a roller [N] (V,), from its residuals (`kernels.relaxation`).
+def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V,) largest net force that settling left on a roller [N], from its residuals (`kernels.relaxation`).
 
     Args:
         packed: the settled ensemble in float64.
         residual: (V,) over the largest link force, or if that is larger a roller's weight, or the least that counts.
     """
     largest = np.zeros(packed.variants)
-    for alike, first, count in packed.alike():
-        x, y = coordinates(packed.rollers, first, count)
+    for alike, first, count in packed.groups_by_rollers():
+        x, y = roller_coordinates(packed.rollers, first, count)
         span = np.hypot(np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y)
-        span -= taken(packed.lengths, first, count)
+        span -= gather_values(packed.lengths, first, count)
         largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
     weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
     least = float(LEAST_STRETCH) * packed.chains["stiffness"]

@@ -1,8 +1,7 @@
-"""Runs an ensemble of drives: its schedules, settling, launches of steps, recording, and an orderly end on Ctrl-C.
+"""`simulate`: runs an ensemble of drives, from schedules to metrics and trajectories, with an orderly end on Ctrl-C.
 
-A run looks at its chain every so many steps: at tensions for means, deviations and quantiles, mid-strand displacements,
-slips. A look takes about as long as two steps, so they are as far apart as what is looked at allows
-(`scripts/drawings/sampling.py` says what that misses).
+Tensions, mid-strand displacements and slips are sampled every so many steps, as a sample takes as long as two steps
+(`scripts/drawings/sampling.py` shows what that misses).
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.replicates import REPLICATE_WAYS, CopyCount, Replicates, all_copies
 from warpchain.drive.stack_math import maximum
 from warpchain.drive.stacks import Stack, first_refusal, first_refused_variant, stacks_of_drives
-from warpchain.engine.recorder import Recorder, Recording
+from warpchain.engine.recorder import Recorder, RecordingOptions
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import Progress, interruptible_work, progress_reporter
@@ -38,19 +37,19 @@ from warpchain.version import installed_version
 
 if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
-    from warpchain.engine.checkpoint import Keeper, States
+    from warpchain.engine.checkpoint import StateKeeper, States
 
 MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
 
-OF_A_PITCH = 16
-"""Fewest looks while the chain moves on by a pitch, in which polygon action and contacts repeat themselves."""
+SAMPLES_PER_PITCH = 16
+"""Fewest samples while the chain moves on by a pitch, the period of polygon action and contacts."""
 
-OF_A_WINDOW = 320
-"""Fewest looks in a window where they are further apart than `LOOK_EVERY`."""
+SAMPLES_PER_WINDOW = 320
+"""Fewest samples in a window where they are further apart than `LOOK_EVERY`."""
 
-FURTHER = 2 * LOOK_EVERY
-"""Steps between two looks where these leave enough of them; still further apart they would miss more than they save."""
+LONG_SAMPLE_INTERVAL = 2 * LOOK_EVERY
+"""Steps between samples of a chain that is slow enough for them."""
 
 
 @check_arguments(SimulationError)
@@ -120,9 +119,9 @@ def simulate(
     """
     from warpchain.assembly.stack_assembly import layout_faults_line
     from warpchain.engine import start_warp
-    from warpchain.engine.packed import real_of
-    from warpchain.engine.pipeline import MOST, Shares, begun
-    from warpchain.engine.share import How, Members, Share
+    from warpchain.engine.packed_ensemble import real_type
+    from warpchain.engine.pipeline import MOST_PER_GPU, SubensembleQueue, plan_run
+    from warpchain.engine.subensemble import DeviceSettings, Subensemble, Variants
     from warpchain.kernels.structs import types
     from warpchain.results.channels import frame_with_channels
 
@@ -132,18 +131,18 @@ def simulate(
     chosen = tuple(all_copies(chosen, copies))
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
-    recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
+    recording = RecordingOptions(record or Record(), precision, memory, archive, archive_options, overwrite)
     stacks = stacks_of_drives(chosen, len(chosen))
     schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
-    types(real_of(precision))  # an unknown precision ends here; made before threads of shares ask for them
-    members, frame = (
-        Members(chosen, schedules, stacks, np.arange(len(chosen))),
-        frame_with_channels(recording.record.channels),
-    )
-    most = MOST if archive is None else 1  # of a share each to be written at a time, so that files follow the time
-    parts, first, (devices, why) = begun(members, frame, device, (precision, cores), most)
-    rest: Iterable[Share] = (Share(part, frame) for part in parts[1:])
+    types(real_type(precision))  # an unknown precision ends here; made before threads of subensembles ask for them
+    variants = Variants(chosen, schedules, stacks, np.arange(len(chosen)))
+    frame = frame_with_channels(recording.record.channels)
+    most = (
+        MOST_PER_GPU if archive is None else 1
+    )  # one at a time writes to an archive, so that its files follow the time
+    parts, first, (devices, why) = plan_run(variants, frame, device, (precision, cores), most)
+    rest: Iterable[Subensemble] = (Subensemble(part, frame) for part in parts[1:])
     if archive is not None:
         rest = list(rest)  # what does not fit leaves no file
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -152,28 +151,28 @@ def simulate(
     if states is not None:
         states.prepare(len(chosen))
     kept = None if any(drive.chains for drive in chosen) else states
-    how, begin = How(devices[0], precision, cores), time.monotonic()
-    with recording.writer(chosen, info) as writer:
+    settings, begin = DeviceSettings(devices[0], precision, cores), time.monotonic()
+    with recording.open_archive(chosen, info) as writer:
 
-        def recorders(share: Share) -> tuple[Recorder, Keeper | None]:
-            return share.recorder(recording, len(chosen), writer), share.keeper(kept, how)
+        def make_recorders(part: Subensemble) -> tuple[Recorder, StateKeeper | None]:
+            return part.make_recorder(recording, len(chosen), writer), part.make_state_keeper(kept, settings)
 
         with progress_reporter(progress) as report, interruptible_work() as stop:
             if len(parts) == 1:
-                _warn(LayoutWarning, layout_faults_line(first.layouts))
-                outcome = first.run(how, *recorders(first), report, stop)
+                _warn_caller(LayoutWarning, layout_faults_line(first.layout_faults))
+                outcome = first.run(settings, *make_recorders(first), report, stop)
             else:
                 total = sum(of.steps * of.step for of in schedules)
-                with Shares(how, devices, recorders, writer is None, total, report, stop) as shares:
-                    shares.add(first)
-                    for share in rest:
-                        shares.add(share)
-                    _warn(LayoutWarning, layout_faults_line(shares.layouts))
-                    outcome = shares.outcome()
-        info = replace(info, ended="interrupted" if stop.is_asked else "complete", wall_time=outcome.at - begin)
-        metrics = metrics_with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
-        _warn(SuspectWarning, judgement_warning(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
-        return Run(chosen, metrics, recording.trajectories(writer, metrics, info, outcome.frames), info)
+                with SubensembleQueue(settings, devices, make_recorders, writer is None, total, report, stop) as queue:
+                    queue.add(first)
+                    for part in rest:
+                        queue.add(part)
+                    _warn_caller(LayoutWarning, layout_faults_line(queue.layout_faults))
+                    outcome = queue.joined_result()
+        info = replace(info, ended="interrupted" if stop.is_asked else "complete", wall_time=outcome.end_time - begin)
+        metrics = metrics_with_copies(metrics_table(outcome.ends, outcome.metric_blocks(), limits), copies.count)
+        _warn_caller(SuspectWarning, judgement_warning(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
+        return Run(chosen, metrics, recording.finished_trajectories(writer, metrics, info, outcome.trajectories), info)
 
 
 def available_cores() -> int:
@@ -191,7 +190,7 @@ def schedules_of(
     window: tuple[float, float] | None,
     stacks: Sequence[Stack] | None = None,
 ) -> list[Schedule]:
-    """Each variant's steps, samples and window, in whole steps.
+    """Steps, samples and window of each variant, in whole steps.
 
     Raises:
         DriveError: a step beyond a variant's limit.
@@ -200,7 +199,7 @@ def schedules_of(
     recorded = set(record.indices(len(drives)))
     found: list[Schedule] = []
     known: dict[tuple[float, int, float, float, bool], Schedule] = {}
-    for v, (drive, h, longest) in enumerate(zip(drives, *_steps(drives, step, stacks), strict=True)):
+    for v, (drive, h, longest) in enumerate(zip(drives, *_step_sizes(drives, step, stacks), strict=True)):
         length = duration if duration is not None else drive.run.duration
         rate = record.rate if record.rate is not None else drive.run.sample_rate
         key = h, longest, length, rate, v in recorded
@@ -211,13 +210,13 @@ def schedules_of(
     return found
 
 
-def _steps(
+def _step_sizes(
     drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None
 ) -> tuple[list[float], list[int]]:
-    """The step of each variant [s], and the most of them from one sample of its chain to the next.
+    """The step of each variant [s], and the most steps between two samples of its chain.
 
     Raises:
-        DriveError: naming the first variant that cannot take a step.
+        DriveError: the first variant whose step is beyond its limit.
     """
     found = np.zeros(len(drives))
     longest = np.zeros(len(drives), dtype=np.int64)
@@ -225,7 +224,7 @@ def _steps(
     for stack in stacks_of_drives(drives) if stacks is None else stacks:
         try:
             found[stack.members] = resolve_step(stack.drive, step)
-            longest[stack.members] = longest_apart(stack.drive, found[stack.members])
+            longest[stack.members] = longest_sample_interval(stack.drive, found[stack.members])
         except DriveError:
             refused.append(first_refused_variant(stack, lambda drive: resolve_step(drive, step)))
     if refused:
@@ -236,7 +235,7 @@ def _steps(
 def _schedule(
     v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
 ) -> Schedule:
-    """The steps of variant v, samples `longest` apart at most; `rate` is that of frames [Hz], None for no frames."""
+    """The schedule of variant v: samples `longest` steps apart at most, frames at `rate` [Hz], None for none."""
     start, end = window
     steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
     first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
@@ -248,27 +247,29 @@ def _schedule(
     if rate is not None:
         period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
         every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
-    return Schedule(h, steps, first, last, every, look_every(longest, last - first))
+    return Schedule(h, steps, first, last, every, sample_interval(longest, last - first))
 
 
-def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
-    """() or (V,) most steps between two samples of the chain that its speed, harmonics aside, allows at a step [s].
+def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
+    """() or (V,) most steps between two samples that the chain's mean speed allows.
 
     Args:
-        drive: one, or a stack; where the driver stands still nothing is known of how the chain moves.
-        step: of it, or (V,) of each variant.
+        drive: one, or a stack.
+        step: of it [s], or (V,) of each variant.
     """
     chains = [chain.drive for chain in chain_drives(drive)]
     moved = np.asarray(maximum(*(of.chain_speed * step / of.chain.pitch for of in chains)))
-    return np.where((moved > 0.0) & (OF_A_PITCH * FURTHER * moved <= 1.0), FURTHER, LOOK_EVERY)
+    return np.where(
+        (moved > 0.0) & (SAMPLES_PER_PITCH * LONG_SAMPLE_INTERVAL * moved <= 1.0), LONG_SAMPLE_INTERVAL, LOOK_EVERY
+    )
 
 
-def look_every(longest: int, window: int) -> int:
-    """Steps between two samples in a window of so many steps; `longest` is the most that the chain's speed allows."""
-    return longest if window >= OF_A_WINDOW * longest else LOOK_EVERY
+def sample_interval(longest: int, window: int) -> int:
+    """Steps between two samples in a window of so many steps, at most `longest` (`longest_sample_interval`)."""
+    return longest if window >= SAMPLES_PER_WINDOW * longest else LOOK_EVERY
 
 
-def _warn(kind: type[Warning], line: str | None) -> None:
-    """A warning, where there is one, as from the caller of `simulate`."""
+def _warn_caller(kind: type[Warning], line: str | None) -> None:
+    """Warns as from the caller of `simulate`, unless `line` is None."""
     if line is not None:
         warn_caller(line, kind)

@@ -30,7 +30,7 @@ from warpchain.drive import Drive
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.geared_chain_drives import bodies_of_chain_drive
 from warpchain.drive.transmission import is_geared
-from warpchain.engine.processes import each
+from warpchain.engine.process_pool import map_in_processes
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import SimulationError, WarpchainError
 from warpchain.modal.matrices import Array
@@ -265,7 +265,7 @@ def modes(
     if isinstance(drives, Drive):
         return work(drives)
     with interruptible_work(), progress_reporter(progress) as report:
-        found = each(work, drives, workers or available_cores(), "modes", report)
+        found = map_in_processes(work, drives, workers or available_cores(), "modes", report)
     for error in found:
         if not isinstance(error, Modes | WarpchainError):
             raise error

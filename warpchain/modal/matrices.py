@@ -24,8 +24,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from warpchain.engine.fill import FORMS
-from warpchain.engine.probe import Probe, States
+from warpchain.engine.force_probe import ForceProbe, ProbeStates
+from warpchain.engine.struct_rows import FORCE_NUMBERS
 
 Array = NDArray[np.float64]
 
@@ -85,12 +85,12 @@ class Coordinates:
             blocks.append(sp.csc_array((len(self.chambers),) * 2))
         return sp.csc_array(sp.block_diag(blocks))
 
-    def displaced_states(self, base: States, displacement: Array) -> States:
+    def displaced_states(self, base: ProbeStates, displacement: Array) -> ProbeStates:
         """Copies of a state, displaced by (copies, n)."""
         straight, turned = self.roller_and_body_parts(displacement)
         oil = np.repeat(base.oil, len(displacement), axis=0)
         oil[:, self.chambers] += self.content_rate * displacement[:, self.oil_start :]
-        return States(
+        return ProbeStates(
             base.position + straight,
             np.zeros_like(straight) + base.velocity,
             base.bodies + turned,
@@ -98,10 +98,10 @@ class Coordinates:
             oil,
         )
 
-    def moving_states(self, base: States, velocity: Array) -> States:
+    def moving_states(self, base: ProbeStates, velocity: Array) -> ProbeStates:
         """Copies of a state with velocities changed by (copies, n)."""
         straight, turned = self.roller_and_body_parts(velocity)
-        return States(
+        return ProbeStates(
             np.zeros_like(straight) + base.position,
             base.velocity + straight,
             np.zeros_like(turned) + base.bodies,
@@ -109,7 +109,7 @@ class Coordinates:
             np.repeat(base.oil, len(velocity), axis=0),
         )
 
-    def generalized_forces(self, probe: Probe, states: States) -> Array:
+    def generalized_forces(self, probe: ForceProbe, states: ProbeStates) -> Array:
         """Generalized forces (copies, n) of states at rest: mass matrix times accelerations."""
         straight, turned, pressure = probe(states)
         copies = len(straight)
@@ -130,10 +130,10 @@ class Coordinates:
         return straight, turned.reshape(len(vector), len(self.basis) // 3, 3)
 
 
-def free_coordinates(probe: Probe, states: States) -> Coordinates:
+def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
     """The free coordinates of a drive, with the bodies' inertia where they stand in `states`."""
-    rows = [probe.body(b, float(states.bodies[0, b, 2])) for b in range(probe.body_count)]
-    turned = [probe.train(b) for b in range(probe.body_count)]
+    rows = [probe.body_freedom(b, float(states.bodies[0, b, 2])) for b in range(probe.body_count)]
+    turned = [probe.train_angles(b) for b in range(probe.body_count)]
     rows = [row.without_turning() if len(turned[b]) == 0 else row for b, row in enumerate(rows)]
     count = [row.free.shape[1] for row in rows]
     basis = np.zeros((3 * len(rows), sum(count)))
@@ -150,7 +150,7 @@ def free_coordinates(probe: Probe, states: States) -> Coordinates:
             inertia[angle, mine] *= turned[b][b]
         at += count[b]
     owner = np.repeat(np.arange(len(rows)), count)
-    for b, on, shared in probe.joints(states.bodies[0, :, 2]):
+    for b, on, shared in probe.arm_joints(states.bodies[0, :, 2]):
         i, j = np.flatnonzero(owner == b)[0], np.flatnonzero(owner == on)[-1]
         inertia[i, j] = inertia[j, i] = shared
     turning = np.asarray(basis.reshape(len(rows), 3, sum(count))[:, 2].any(axis=0))
@@ -167,7 +167,7 @@ def free_coordinates(probe: Probe, states: States) -> Coordinates:
     )
 
 
-def tensioner_strokes(probe: Probe, states: States) -> tuple[Array, Array]:
+def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Array]:
     """(T,) extensions of tensioners in the first state [m], and (T, 3 B) derivatives by the bodies' (x, y, theta)."""
     of = probe.base.tensioners[: probe.tensioners]
     body = states.bodies[0, of["body"]]
@@ -194,7 +194,7 @@ def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
     return sets + [np.array([i]) for i in range(whole, rollers)]
 
 
-def stiffness_matrix(probe: Probe, at: Coordinates, base: States, pitch: float) -> sp.csc_array:
+def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitch: float) -> sp.csc_array:
     """(n, n) stiffness matrix K [N/m, N/rad, N m/rad] of a drive about a state at rest."""
     return _force_derivative(
         probe,
@@ -204,7 +204,9 @@ def stiffness_matrix(probe: Probe, at: Coordinates, base: States, pitch: float) 
     )
 
 
-def damping_matrix(probe: Probe, at: Coordinates, base: States, conductance: Array | None = None) -> sp.csc_array:
+def damping_matrix(
+    probe: ForceProbe, at: Coordinates, base: ProbeStates, conductance: Array | None = None
+) -> sp.csc_array:
     """(n, n) damping matrix C [N s/m, ...] of a drive about a state at rest.
 
     Contacts are taken at the floor of their impact speed; friction has none. Oil that leaks counts with `conductance`.
@@ -214,7 +216,7 @@ def damping_matrix(probe: Probe, at: Coordinates, base: States, conductance: Arr
     return own if conductance is None else sp.csc_array(own + leakage_matrix(probe, at, conductance))
 
 
-def velocity_step(probe: Probe) -> float:
+def velocity_step(probe: ForceProbe) -> float:
     """Velocity for differences [m/s] at which contacts still damp linearly.
 
     Hysteretic contacts do up to v_min, and up to v_min / d while they do not pull; half of that leaves room for fast
@@ -224,11 +226,13 @@ def velocity_step(probe: Probe) -> float:
     for parts, count in ((probe.base.sprockets, counts["sprockets"]), (probe.base.guides, counts["guides"])):
         law = parts["law"][:count]
         limit = 0.5 * law["speed_floor"] / np.maximum(law["damping"], 1.0)
-        step = min(step, float(limit[law["form"] == FORMS["hysteretic_damper"]].min(initial=MOST_VELOCITY_STEP)))
+        step = min(
+            step, float(limit[law["form"] == FORCE_NUMBERS["hysteretic_damper"]].min(initial=MOST_VELOCITY_STEP))
+        )
     return step
 
 
-def leakage_matrix(probe: Probe, at: Coordinates, conductance: Array) -> sp.csc_array:
+def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp.csc_array:
     """(n, n) part of C of the oil that leaves tensioners' chambers: A^2 / G, and -(A d / G) x'.
 
     Args:
@@ -267,7 +271,7 @@ def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp
     return sp.csc_array(sp.block_diag([both, sp.csc_array((count - 2 * rollers,) * 2)]))
 
 
-def _coordinate_steps(probe: Probe, at: Coordinates, step: float) -> Array:
+def _coordinate_steps(probe: ForceProbe, at: Coordinates, step: float) -> Array:
     """(n,) steps of coordinates for differences, powers of two: at most `step`, of angles at the widest rim."""
     widest = float(probe.base.sprockets["exact_radius"].max(initial=probe.base.chains["length"][0]))
     steps = np.full(at.coordinate_count, step)

@@ -26,9 +26,9 @@ from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
 from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
 from warpchain.drive.trains import body_speed_ratio, body_turning_sign, free_body_loads, is_free_body
 from warpchain.drive.transmission import is_geared
-from warpchain.engine.pack import lay_to_rest, pack
-from warpchain.engine.packed import Packed
-from warpchain.engine.probe import Probe, States
+from warpchain.engine.force_probe import ForceProbe, ProbeStates
+from warpchain.engine.pack import pack, rest_tensioners
+from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.modal.matrices import (
     Array,
     Coordinates,
@@ -99,8 +99,8 @@ class ChainMotion:
 
     drive: Drive
     speed: float
-    packed: Packed
-    state: States
+    packed: PackedEnsemble
+    state: ProbeStates
     tension: Array
     extension: Array
     valve: str
@@ -183,8 +183,8 @@ def common_shafts(chains: Sequence[ChainDrive], drive: Drive) -> list[list[tuple
 
 
 def standing_chains(
-    drive: Drive, speed: float = 0.0, start: Sequence[Packed] | None = None
-) -> list[tuple[ChainDrive, float, Packed, Array]]:
+    drive: Drive, speed: float = 0.0, start: Sequence[PackedEnsemble] | None = None
+) -> list[tuple[ChainDrive, float, PackedEnsemble, Array]]:
     """Each chain of a drive in static equilibrium at a speed of its driver [rad/s], and its link tensions (N,) [N].
 
     Motions stand, loads have their mean, valves no springs, nothing rubs, couplings have taken up their lash, motors
@@ -213,15 +213,15 @@ def standing_chains(
     return found
 
 
-def _standing_coordinates(drive: Drive, packed: Packed) -> Array:
+def _standing_coordinates(drive: Drive, packed: PackedEnsemble) -> Array:
     """A standing chain's coordinates, in the order of `warpchain.assembly.potential`."""
     centers = packed.bodies["center"][: len(drive.sprockets)]
     hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
     angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]
-    return np.concatenate([packed.rows(0)[0:2].T.ravel(), centers.ravel(), angles, pivots.ravel()])
+    return np.concatenate([packed.roller_rows(0)[0:2].T.ravel(), centers.ravel(), angles, pivots.ravel()])
 
 
-def _lay_in_equilibrium(still: Packed, potential: Potential, x: Array, speed: float) -> None:
+def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, speed: float) -> None:
     """Writes a chain's equilibrium into its packed arrays, without what hangs on time."""
     drive = potential.drive
     sprockets = len(drive.sprockets)
@@ -229,8 +229,8 @@ def _lay_in_equilibrium(still: Packed, potential: Potential, x: Array, speed: fl
     for friction in (still.chains["joint"], still.tooth_friction, still.guide_friction):
         friction["inertia"] = 0.0
     still.hubs["bearing"] = 0.0
-    still.rows(0)[:] = 0.0
-    still.rows(0)[0:2] = position.T
+    still.roller_rows(0)[:] = 0.0
+    still.roller_rows(0)[0:2] = position.T
     still.seat[:] = -1
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     still.bodies["angle"] = x[2 * potential.rollers + 2 * sprockets : potential.first_pivot]
@@ -255,7 +255,7 @@ def _lay_in_equilibrium(still: Packed, potential: Potential, x: Array, speed: fl
             near_by = max(1e-6 * turning, 1e-9)
             fall = shaft.motor.at(turning - near_by) - shaft.motor.at(turning + near_by)
             still.motions[b]["load"][1] += float(fall) / (2.0 * near_by)
-    lay_to_rest(still)
+    rest_tensioners(still)
 
 
 def drive_motion(
@@ -313,16 +313,16 @@ def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMot
     return parts, ties
 
 
-def _chain_motion(drive: Drive, speed: float, packed: Packed, tension: Array, valve: str) -> ChainMotion:
+def _chain_motion(drive: Drive, speed: float, packed: PackedEnsemble, tension: Array, valve: str) -> ChainMotion:
     """Small motion of a chain that stands, from its packed arrays."""
-    probe = Probe(packed)
+    probe = ForceProbe(packed)
     try:
-        state = probe.start()
+        state = probe.packed_state()
         at = free_coordinates(probe, state)
         rate = passing_rate(drive, speed)
         pushed = centrifugal_matrix(at.rollers, at.mass, rate, at.coordinate_count)
         own = sp.csc_array(stiffness_matrix(probe, at, state, drive.chain.pitch) - pushed)
-        places = roller_places(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
+        places = roller_places(packed.assemblies[0], probe.touching_rollers(state)[: len(drive.sprockets)])
         travel = travel_matrix(at.rollers, at.mass, rate, places.free_links, at.coordinate_count)
         drag = damping_matrix(probe, at, state, oil_conductances(drive, valve) if len(at.chambers) else None)
         x, _ = tensioner_strokes(probe, state)

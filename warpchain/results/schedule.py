@@ -41,7 +41,7 @@ class Schedule:
     window_start: int
     window_end: int
     sample_every: int  # 0: not recorded
-    look_every: int = LOOK_EVERY  # steps between two samples for sums (`engine.sampling`)
+    look_every: int = LOOK_EVERY  # steps between two samples for sums (`engine.simulation`)
 
     def __post_init__(self) -> None:
         times, rest = divmod(self.look_every, LOOK_EVERY)

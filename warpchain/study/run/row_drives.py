@@ -27,7 +27,7 @@ from warpchain.study.store import reason_from_error
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from warpchain.engine.checkpoint import Kept
+    from warpchain.engine.checkpoint import VariantState
     from warpchain.results.run import RunInfo, Trajectory
     from warpchain.study.spec import Study
     from warpchain.study.spec.factor import Factor
@@ -260,8 +260,8 @@ class Variant:
     trajectory: Trajectory | None = None
     info: RunInfo | None = None
     archive: tuple[str, int] | None = None
-    initial_state: Kept | None = None
-    final_state: Kept | None = None
+    initial_state: VariantState | None = None
+    final_state: VariantState | None = None
     resumed: bool = False
 
     def mark_infeasible(self, error: WarpchainError) -> None:

@@ -10,7 +10,7 @@ from warpchain.study.run.study_folder import RESUMED_COLUMN, StudyFolder
 from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
-    from warpchain.engine.checkpoint import Kept
+    from warpchain.engine.checkpoint import VariantState
     from warpchain.study.run.row_drives import Variant
 
 VARIANT_COLUMN, COPY_COLUMN, STATE_COLUMN = "variant", "replicate", "state"
@@ -89,11 +89,11 @@ def assign_initial_states(folder: StudyFolder, variants: Sequence[Variant]) -> N
                     variant.initial_state = _state_from_bytes(row[STATE_COLUMN])
 
 
-def _state_from_bytes(data: bytes) -> Kept | None:
+def _state_from_bytes(data: bytes) -> VariantState | None:
     """A run's state from its bytes; None if they cannot be read."""
-    from warpchain.engine.checkpoint import Kept
+    from warpchain.engine.checkpoint import VariantState
 
     try:
-        return Kept.from_bytes(data)
+        return VariantState.from_bytes(data)
     except ValueError:
         return None

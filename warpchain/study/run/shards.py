@@ -89,13 +89,13 @@ def _add_mode_metrics(
     """Adds the base drive's modes to the metrics of variants, if the study asks for them."""
     if study.metrics.modes is None:
         return
-    from warpchain.engine.processes import each
+    from warpchain.engine.process_pool import map_in_processes
     from warpchain.modal.campbell import base_drive_modes, mode_metrics
 
     work = partial(mode_metrics, base_drive_modes(base, study.metrics.modes))
     settled = [variant for variant in variants if variant.drive is not None and variant.metrics_row is not None]
     drives = [variant.drive for variant in settled]
-    answers = each(work, drives, workers or available_cores(), "modes", report)
+    answers = map_in_processes(work, drives, workers or available_cores(), "modes", report)
     for variant, found in zip(settled, answers, strict=True):
         if isinstance(found, Exception):
             raise found

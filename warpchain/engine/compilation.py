@@ -1,9 +1,7 @@
-"""Kernels that Warp's cache lacks: the CPU's compiled in threads, a GPU's in processes of their own.
+"""Compiles kernels that Warp's cache lacks: the CPU's in threads, a GPU's in processes of their own.
 
-CUDA's compiler takes one kernel after the other within a process, however many threads ask. Here each kernel gets a
-process, which makes it anew, compiles it for the caller's GPU without using one, and puts it into Warp's cache, where
-the caller finds it. A process that fails leaves its kernel to the caller, who compiles what is not in the cache when it
-is loaded, and tells what is wrong.
+CUDA's compiler takes one kernel at a time in a process. Here each gets a process, which compiles it for the caller's
+GPU without using one, and puts it into Warp's cache. What fails there is compiled, with its error, when it is loaded.
 """
 
 from __future__ import annotations
@@ -27,19 +25,19 @@ from warpchain.python_process import can_start_python, start_python
 if TYPE_CHECKING:
     import warp as wp
 
-EVERY = 0.05
-"""Seconds between two looks at the processes."""
+POLL_INTERVAL = 0.05
+"""Seconds between two looks at threads or processes."""
 
 
 @contextlib.contextmanager
-def loading_on_cpu(modules: Sequence[Any], report: ProgressReport) -> Iterator[None]:
-    """Loads the CPU's kernels side by side, all but the last before what stands within, which does without that one.
+def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator[None]:
+    """Loads the CPU's kernels in threads: all but the last before the context begins, the last before it ends.
 
     The last, that of steps, takes longest to compile and begins first.
     """
     import warp as wp
 
-    lacking = sum(not in_cache(module, "cpu", 1) for module in modules)
+    lacking = sum(not is_cached(module, "cpu", 1) for module in modules)
     with ThreadPoolExecutor(len(modules)) as pool:
         last_first = [pool.submit(wp.load_module, module, device="cpu", block_dim=1) for module in reversed(modules)]
         loads = last_first[::-1]
@@ -47,7 +45,7 @@ def loading_on_cpu(modules: Sequence[Any], report: ProgressReport) -> Iterator[N
         def wait_for(some: Sequence[Future[Any]]) -> None:
             going = True
             while going:
-                going = bool(wait(some, timeout=EVERY).not_done)
+                going = bool(wait(some, timeout=POLL_INTERVAL).not_done)
                 if lacking:
                     report(COMPILING, max(0, lacking - sum(not load.done() for load in loads)), lacking)
             for load in some:
@@ -58,38 +56,35 @@ def loading_on_cpu(modules: Sequence[Any], report: ProgressReport) -> Iterator[N
         wait_for(loads)
 
 
-class Wanted(NamedTuple):
-    """A kernel by what makes it.
+class KernelSpec(NamedTuple):
+    """The function and arguments that make a kernel.
 
     Attributes:
-        factory: gives the same kernel whenever it is asked for the same.
-        form: what it is asked for.
+        factory: gives the same kernel for the same arguments.
+        arguments: of the factory.
         threads: of a block.
     """
 
     factory: Callable[..., wp.Kernel]
-    form: tuple[Any, ...]
+    arguments: tuple[Any, ...]
     threads: int
 
     @property
     def module(self) -> Any:
-        """The kernel's module, of which it is the only one."""
-        return self.factory(*self.form).module
+        """The Warp module of which the kernel is the only one."""
+        return self.factory(*self.arguments).module
 
 
-def in_cache(module: Any, device: str, threads: int) -> bool:
-    """Whether Warp finds a module compiled, for a device and blocks of so many threads.
-
-    True where this version of Warp does not tell.
-    """
+def is_cached(module: Any, device: str, threads: int) -> bool:
+    """Whether Warp's cache has a module, for a device and blocks of so many threads; True where that is unknown."""
     try:
-        return _path(module, device, threads).exists()
+        return _cache_path(module, device, threads).exists()
     except (AttributeError, TypeError):
         return True
 
 
-def _path(module: Any, device: str, threads: int) -> Path:
-    """Where Warp's cache keeps a module."""
+def _cache_path(module: Any, device: str, threads: int) -> Path:
+    """File of Warp's cache for a module."""
     import warp as wp
 
     name = module._get_compile_output_name(wp.get_device(device), block_dim=threads)
@@ -97,37 +92,37 @@ def _path(module: Any, device: str, threads: int) -> Path:
 
 
 @dataclass(frozen=True)
-class Job:
+class CompileJob:
     """A kernel to compile: for which architecture, whether to intermediate code, and to which file of the cache."""
 
-    wanted: Wanted
+    spec: KernelSpec
     arch: int
     ptx: bool
     path: Path
 
 
-def jobs_of(wanted: Iterable[Wanted], device: str) -> Iterator[Job]:
+def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJob]:
     """The kernels that a GPU needs and Warp's cache lacks."""
     import warp as wp
 
     for of in wanted:
         module, gpu = of.module, wp.get_device(device)
-        if not in_cache(module, device, of.threads):
-            yield Job(of, module._get_compile_arch(gpu), module._use_ptx(gpu), _path(module, device, of.threads))
+        if not is_cached(module, device, of.threads):
+            yield CompileJob(
+                of, module._get_compile_arch(gpu), module._use_ptx(gpu), _cache_path(module, device, of.threads)
+            )
 
 
-def compile_in_processes(jobs: Sequence[Job], cores: int, report: ProgressReport, stop: StopRequest) -> None:
-    """Compiles kernels, at most one on a core at a time, until a stop is asked for.
-
-    A single one, which gains nothing, is left to the caller, but reported.
+def compile_in_processes(jobs: Sequence[CompileJob], cores: int, report: ProgressReport, stop: StopRequest) -> None:
+    """Compiles kernels, at most one on a core at a time, until a stop is asked for; a single one is left to the caller.
 
     Args:
-        jobs: those that take longest first; what is there twice is done once.
+        jobs: those that take longest first; repeated ones are done once.
         cores: of this machine.
         report, stop: of the run.
     """
     left = list({job.path: job for job in jobs}.values())
-    processes: list[tuple[Job, subprocess.Popen[bytes]]] = []
+    processes: list[tuple[CompileJob, subprocess.Popen[bytes]]] = []
     count, running = len(left), 0
     if count:
         report(COMPILING, 0, count)
@@ -137,11 +132,11 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: ProgressReport
         while (left or running) and not stop.is_asked:
             for job in left[: cores - running]:
                 with contextlib.suppress(OSError):  # no process, or no memory for one
-                    processes.append((job, _started(job)))
+                    processes.append((job, _start_compiler(job)))
             del left[: cores - running]
             running = sum(process.poll() is None for _, process in processes)
             report(COMPILING, count - len(left) - running, count)
-            time.sleep(EVERY)
+            time.sleep(POLL_INTERVAL)
     finally:
         for job, process in processes:
             process.kill()
@@ -150,7 +145,7 @@ def compile_in_processes(jobs: Sequence[Job], cores: int, report: ProgressReport
                 shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def _started(job: Job) -> subprocess.Popen[bytes]:
+def _start_compiler(job: CompileJob) -> subprocess.Popen[bytes]:
     """A process that compiles a kernel."""
     process = start_python(__name__)
     assert process.stdin is not None
@@ -159,15 +154,15 @@ def _started(job: Job) -> subprocess.Popen[bytes]:
     return process
 
 
-def compile_job(job: Job) -> None:
-    """Compiles a kernel, unless it is not the one that was meant, as where laws have been added at runtime."""
+def compile_job(job: CompileJob) -> None:
+    """Compiles a kernel, unless this process makes another one, as where laws were added at runtime."""
     import warp as wp
 
     from warpchain.engine import start_warp
 
     start_warp(precompiled=False)
     wp.config.kernel_cache_dir = str(job.path.parents[1])
-    module, threads = job.wanted.module, job.wanted.threads
+    module, threads = job.spec.module, job.spec.threads
     if module.get_module_identifier(threads) == job.path.parent.name:
         options = module.resolved_options[threads]
         module._compile(None, None, job.path.name, job.arch, job.ptx, options=options)

@@ -1,4 +1,4 @@
-"""Rows of the kernels' structs from the parts of a drive; a part that is added to drives gets its row here."""
+"""Fills rows of the kernels' structs from a drive: chain, sprockets, mounts, contacts, friction, straight guides."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ from warpchain.drive.stack_math import array_of_columns, maximum, power, with_la
 from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.trains import body_turning_sign, is_free_body, part_of_body, prescribed_leader, train_inertia
-from warpchain.engine.fill_bodies import fill_counts, fill_places, piece_count
+from warpchain.engine.body_struct_rows import fill_place_tables, fill_train_counts, piece_count
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
 
-FORMS = {force.key: form for form, force in enumerate(FORCES)}
+FORCE_NUMBERS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6
 """Part of m p^2 / 6 that the friction of a joint has to stop, so that all joints at once still decay."""
 
-AHEAD = 1.0 / 16.0
-"""Of a roller's radius, how far from a partner it may be that comes to touch it within a step."""
+CONTACT_MARGIN = 1.0 / 16.0
+"""Distance, in roller radii, from which a roller may come to touch a partner within a step."""
 
 PIN_STIFFNESS = 12.0
-"""Stiffness of a pin in its bush, of a link's: the pins at its two ends are taken to have a sixth of its give."""
+"""Stiffness of a pin in its bush over a link's: its two pins are taken to have a sixth of its compliance."""
 
-TANGENTIAL = 0.8
-"""Stiffness of a contact along its surface, of that across it (Mindlin 1949; 0.82 for steel)."""
+TANGENTIAL_STIFFNESS = 0.8
+"""Stiffness of a contact along its surface over that across it (Mindlin 1949; 0.82 for steel)."""
 
 DEEPEST_ENTRY = 0.5
-"""A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
+"""Depth in a guide-bar, in roller radii, at which a roller seen for the first time has not come through the face."""
 
 
 class RowList:
@@ -75,16 +75,17 @@ class RowList:
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
 
 
-def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
-    """Fills a `kernels.structs.ContactLaw` but for what hangs on the step and on bodies, which `pack` does."""
-    row["form"] = FORMS[LAWS[contact.law].force]
+def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
+    """Fills a `kernels.structs.ContactLaw`, apart from what depends on the step and on bodies."""
+    row["form"] = FORCE_NUMBERS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
     row["damping"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
 
 
-def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
+def fill_sprocket_row(row: Any, drive: Drive, s: int, seats: RowList) -> None:
+    """Fills the `kernels.structs.Sprocket` of sprocket s; `seats` gathers the directions of tooth seats."""
     teeth = drive.sprockets[s].teeth
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
@@ -92,7 +93,7 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     radius = drive.pitch_radius(s)
     tooth = drive.tooth(s)
     half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
-    row["law"]["ahead"] = AHEAD * roller_radius
+    row["law"]["ahead"] = CONTACT_MARGIN * roller_radius
     band = maximum(drive.engagement(s), tooth.tip_radius + roller_radius + row["law"]["ahead"] - radius)
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
@@ -105,7 +106,7 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     row["sin_half_seat"] = np.sin(half_seat)
     row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
     row["tip_reach"] = tooth.tip_radius + roller_radius
-    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass)
+    fill_law_row(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass)
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
@@ -114,8 +115,8 @@ def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArr
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
-def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
-    """Fills the motion or load of sprocket or shaft s of the bodies; one that another leads turns as that."""
+def fill_motion_row(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
+    """Fills the `kernels.structs.Motion` of sprocket or shaft s, its prescribed motion or its load."""
     turned, led_by = part_of_body(drive, s), prescribed_leader(drive, s)
     row["sign"] = body_turning_sign(drive, s)
     row["start_angle"] = angle
@@ -126,34 +127,35 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, 
         row["prescribed"] = 1
         row["speed"] = motion.top_speed
         row["ramp_time"] = motion.ramp_time
-        fill_table(row["drive_table"], drive, leader, motion.table, tables)
+        fill_table_row(row["drive_table"], drive, leader, motion.table, tables)
         rows = _harmonic_rows(drive, leader, motion.harmonics)
-        _refer(row["drive_harmonics"], rows, harmonics)
+        _fill_harmonics_row(row["drive_harmonics"], rows, harmonics)
         return
     row["inverse_inertia"] = 1.0 / train_inertia(drive, s)
     if turned.load is not None:
         load = motion_from_start_phase(drive, turned, turned.load)
         row["load"] = array_of_columns((load.torque, load.viscous, load.quadratic))
         row["load_ramp_time"] = load.ramp_time
-        fill_table(row["load_table"], drive, s, load.table, tables)
+        fill_table_row(row["load_table"], drive, s, load.table, tables)
         rows = _harmonic_rows(drive, s, load.harmonics)
-        _refer(row["load_harmonics"], rows, harmonics)
+        _fill_harmonics_row(row["load_harmonics"], rows, harmonics)
 
 
-def _refer(row: Any, rows: NDArray[np.float64], harmonics: RowList) -> None:
-    """Gathers the rows of harmonics, those of a stack's variants one after the other, and says where they stand."""
+def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList) -> None:
+    """Appends the rows of harmonics to `harmonics`, and fills where they stand."""
     first, _ = harmonics.add(rows)
     row["count"] = rows.shape[-2]
     row["first"] = first + (rows.shape[-2] * np.arange(len(rows)) if rows.ndim > 2 else 0)
 
 
-def fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
+def fill_table_row(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
+    """Fills where body s's table stands among `tables`, to which it is added; without a table nothing."""
     if table is not None:
         tables.add(row, table, shaft_ratio(drive, s, table.shaft))
 
 
-def fill_bar(row: Any, drive: Drive, g: int) -> None:
-    """Fills the face of a straight bar on the ground."""
+def fill_straight_face(row: Any, drive: Drive, g: int) -> None:
+    """Fills the face of a straight guide-bar on the ground, of `kernels.structs.Guide`."""
     bar = drive.guides[g].bar
     start, end = array_of_columns(bar.start), array_of_columns(bar.end)
     chord = end - start
@@ -166,25 +168,24 @@ def fill_bar(row: Any, drive: Drive, g: int) -> None:
     row["roller_radius"] = drive.guide_offset(g)
 
 
-def fill_guide(row: Any, drive: Drive, g: int) -> None:
-    """Fills what a guide has beside its face."""
-    row["law"]["ahead"] = AHEAD * drive.chain.roller_radius
+def fill_guide_row(row: Any, drive: Drive, g: int) -> None:
+    """Fills a `kernels.structs.Guide` apart from its face."""
+    row["law"]["ahead"] = CONTACT_MARGIN * drive.chain.roller_radius
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
-    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
+    fill_law_row(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
 
-def fill_friction(row: Any, rubbing: Rubbing, effective_mass: float, stiffness: float) -> None:
-    """Fills the `kernels.structs.Friction` of a contact but for what hangs on the step; it stays zero without friction.
+def fill_friction_row(row: Any, rubbing: Rubbing, effective_mass: float, stiffness: float) -> None:
+    """Fills the `kernels.structs.Friction` of a contact, apart from what depends on the step; zero without friction.
 
-    `effective_mass` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
-    (`tooth_effective_mass`).
+    `effective_mass` is what friction has to stop [kg] (`tooth_effective_mass`).
     """
     if rubbing.rubs:
-        fill_coefficients(row, rubbing, effective_mass, stiffness)
+        fill_friction_coefficients(row, rubbing, effective_mass, stiffness)
 
 
-def fill_coefficients(row: Any, rubbing: Rubbing, inertia: float, stiffness: float) -> None:
-    """Fills a `kernels.structs.Friction` but for what hangs on the step, whatever its coefficients are.
+def fill_friction_coefficients(row: Any, rubbing: Rubbing, inertia: float, stiffness: float) -> None:
+    """Fills a `kernels.structs.Friction`, apart from what depends on the step.
 
     Args:
         row: the row.
@@ -192,7 +193,7 @@ def fill_coefficients(row: Any, rubbing: Rubbing, inertia: float, stiffness: flo
         inertia: what friction has to stop [kg], of joints [kg m^2].
         stiffness: of the contact across its surface [N/m], of joints [N m/rad].
     """
-    row["inertia"], row["stiffness"] = inertia, TANGENTIAL * stiffness
+    row["inertia"], row["stiffness"] = inertia, TANGENTIAL_STIFFNESS * stiffness
     row["mu_dynamic"], row["mu_static"] = rubbing.dynamic, rubbing.static
     row["stribeck_speed"] = rubbing.stribeck_speed
 
@@ -202,8 +203,8 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
 
     Forces f_i on z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's points: no
     eigenvalue of G is above its trace, z times the mobility of a point, 1/M + (r + b/M)^2 / J for a sprocket that turns
-    and whose center moves (b of its balance wheel, J about their common center of mass), r as far as rollers are looked
-    after; an arm that carries it adds d^2 / I, d its center from the pivot. So 1/m_e = 1/m + z times that.
+    and whose center moves (b of its balance wheel, J about their common center of mass), r as far as contacts reach; an
+    arm that carries it adds d^2 / I, d its center from the pivot. So 1/m_e = 1/m + z times that.
     """
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
@@ -220,7 +221,8 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
     return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
 
 
-def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
+def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
+    """Fills the `kernels.structs.Strand` after sprocket s: its line and its middle roller as assembled."""
     path = assembly.path
     chord = path.strand_end[..., s, :] - path.strand_start[..., s, :]
     length = np.hypot(chord[..., 0], chord[..., 1])
@@ -230,11 +232,12 @@ def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
     row["middle"] = (assembly.strand_first[..., s] + assembly.strand_links[..., s] // 2) % rollers
 
 
-def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
+def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
+    """Fills a `kernels.structs.Drive`: counts, integrator, and the box that rollers and bodies do not leave."""
     row["rings"] = 1
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
     row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.shafts) + len(drive.arms), len(drive.arms)
-    fill_counts(row, drive)
+    fill_train_counts(row, drive)
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
     margin = escape(drive, assembly)[..., None]
@@ -264,15 +267,15 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
 def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float64]) -> None:
     """Widens drives' boxes so that rollers at `position` (..., 2, N) are inside by `margin` (..., 1) [m].
 
-    A box stays as it is where a roller is nowhere.
+    A box stays as it is where a roller is not finite.
     """
     sound = np.isfinite(position).all(axis=(-2, -1))[..., None]
     row["low"] = np.where(sound, np.minimum(row["low"], position.min(axis=-1) - margin), row["low"])
     row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-1) + margin), row["high"])
 
 
-def fill_hub(row: Any, drive: Drive, s: int) -> None:
-    """Fills a sprocket's `kernels.structs.Hub`, its `inertia` for a step of 1 s."""
+def fill_hub_row(row: Any, drive: Drive, s: int) -> None:
+    """Fills the `kernels.structs.Hub` of sprocket s, its `inertia` for a step of 1 s."""
     sprocket, arm = drive.sprockets[s], drive.carrier(s)
     row["arm"] = GROUND if arm is None else drive.first_arm_body + arm
     if arm is not None:
@@ -285,17 +288,15 @@ def fill_hub(row: Any, drive: Drive, s: int) -> None:
         row["inertia"] = 1.0 / mobility
 
 
-def fill_body(row: Any, drive: Drive, assembly: Assembly, s: int) -> None:
-    """Fills a sprocket's `kernels.structs.BodyState` with its initial state."""
+def fill_body_row(row: Any, drive: Drive, assembly: Assembly, s: int) -> None:
+    """Fills the `kernels.structs.BodyState` of sprocket s with its initial state."""
     row["angle"], row["speed"] = assembly.sprocket_angle[..., s], assembly.sprocket_speed[..., s]
     row["center"] = assembly.path.center[..., s, :]
     row["velocity"] = initial_velocity(drive.sprockets[s], drive.pivot_table(s))
 
 
-def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
-    """Fills the `kernels.structs.Mount` of sprocket s; it stays zero for a fixed center without a wheel, and on an arm
-    but for what says so.
-    """
+def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
+    """Fills the `kernels.structs.Mount` of sprocket s; a fixed center without a balance wheel leaves it zero."""
     sprocket, gravity = drive.sprockets[s], drive.run.gravity
     plungers = drive.plunger_mass_on(s)
     if isinstance(sprocket.mount, ArmMount):
@@ -314,14 +315,14 @@ def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
         row["wheel"] = with_last_axis(arm) * array_of_columns((np.cos(phase), np.sin(phase)))
     if isinstance(mount, PrescribedMount):
         row["moves"] = PRESCRIBED
-        fill_places(row, mount.table, tables)
+        fill_place_tables(row, mount.table, tables)
         row["direction"] = 0.0 if mount.direction is None else unit(mount.direction)
         row["offset"], row["amplitude"], row["phase"] = mount.offset, mount.amplitude, mount.phase
         row["frequency"] = 2.0 * math.pi * mount.frequency
     elif isinstance(mount, ElasticMount):
         row["moves"] = FREE
         row["inverse_mass"] = np.eye(2) / with_last_axis(with_last_axis(mass))
-        row["stiffness"], row["damping"] = _diagonal(mount.stiffness), _diagonal(mount.damping)
+        row["stiffness"], row["damping"] = _diagonal_matrices(mount.stiffness), _diagonal_matrices(mount.damping)
         row["preload"] = array_of_columns(mount.preload)
     elif isinstance(mount, SliderMount):
         way = unit(mount.direction)
@@ -335,12 +336,12 @@ def fill_mount(row: Any, drive: Drive, s: int, tables: TableList) -> None:
         row["preload"] = with_last_axis(mount.preload) * way
 
 
-def _diagonal(values: tuple[float, float]) -> NDArray[np.float64]:
-    """Matrices (..., 2, 2) with these values along x and y."""
+def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
+    """(..., 2, 2) matrices with these values along x and y."""
     return array_of_columns(values)[..., None] * np.eye(2)
 
 
-def fill_chain(row: Any, drive: Drive) -> None:
+def fill_chain_row(row: Any, drive: Drive) -> None:
     """Fills a `kernels.structs.Chain`, the inertia of its joints' friction for a step of 1 s."""
     chain = drive.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
@@ -354,4 +355,4 @@ def fill_chain(row: Any, drive: Drive) -> None:
         row["pin_radius"], row["joint_arm"] = pin_radius, chain.joint.factor * pin_radius
         inertia = JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0
         stiffness = PIN_STIFFNESS * chain.stiffness * power(pin_radius, 2)
-        fill_coefficients(row["joint"], rubbing_of(chain.joint), inertia, stiffness)
+        fill_friction_coefficients(row["joint"], rubbing_of(chain.joint), inertia, stiffness)

@@ -1,7 +1,7 @@
-"""Kernels that the variants of an ensemble take on a GPU.
+"""The kernels and blocks with which the variants of an ensemble run on a GPU.
 
-Variants with like numbers of rollers, sprockets and so on go into one launch: a bucket. The shape of a bucket's blocks
-says how many threads of a GPU one variant gets, and how many of its rollers each of them has.
+Variants with like numbers of rollers, sprockets and so on form a bucket, which is launched at once. Its block shape
+has the threads of a variant and the rollers of a thread.
 """
 
 from __future__ import annotations
@@ -14,79 +14,81 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.compiling import Wanted
-from warpchain.engine.packed import Packed
+from warpchain.engine.compilation import KernelSpec
+from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.kind import DECLARED, WARP, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import asked_of_a_block, room
 from warpchain.kernels.gpu.statistics import collect_kernel
 
-ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
-"""Rollers that blocks have room for; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
+ROLLER_CAPACITIES = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
+"""Rollers for which blocks have room; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
 
 LONGEST_ON_A_WARP = 512
 """Links of the longest chain that one warp may have to itself."""
 
-FEW = 1
+FEW_VARIANTS = 1
 """Most variants a multiprocessor that are few: each has a roller a thread, and a warp for its bodies alone."""
 
 VARIANTS_PER_BLOCK = 4
-"""Variants of a block, a warp each, where going through the same code at the same time makes them faster."""
+"""Variants of a block, a warp each, where running the same code at the same time makes them faster."""
 
 FULL_OF_OIL = 11
 """Variants of a block, a warp each, whose oil another warp has: with that one they take all of a multiprocessor."""
 
 FULL_WITH_METRICS = 7
-"""The same with metrics at float64: of 11, registers spill (10,000 `car` took 21.2 s, of 7 18.5)."""
+"""Variants of a block with oil and metrics at float64, beyond which registers spill."""
 
 FULL_AT_FLOAT32 = 15
-"""The same of kernels that want fewer registers, at float32 without metrics."""
+"""Variants of a block with oil, without metrics, at float32."""
 
-COLLECTING = 256
-"""Threads of a block that adds up what the others have noted."""
+COLLECT_THREADS = 256
+"""Threads of a block that adds up the tallies of others."""
 
-CAMS = 8
+CAM_STEP = 8
 """A kernel has room for a multiple of so many cams of valves."""
 
-RESERVED = 1024
+RESERVED_BYTES = 1024
 """Bytes of a multiprocessor's shared memory that each block takes beside its own."""
 
 
-def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
-    """The rollers that blocks for chains of so many links have room for, so that like chains share a kernel."""
-    most = ROOMS[-1]
+def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Rollers for which blocks for chains of `links` links have room, so that like chains share a kernel."""
+    most = ROLLER_CAPACITIES[-1]
     step = np.minimum(2 ** np.ceil(np.log2(np.maximum(links, most))).astype(int) // 8, most)
-    return np.where(links > most, -(-links // step) * step, np.array(ROOMS)[np.searchsorted(ROOMS[:-1], links)])
+    return np.where(
+        links > most,
+        -(-links // step) * step,
+        np.array(ROLLER_CAPACITIES)[np.searchsorted(ROLLER_CAPACITIES[:-1], links)],
+    )
 
 
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
-    """The block for chains of up to `room` links, as from `room_for`, of which a multiprocessor gets `each` variants.
+    """The block for chains of up to `room` links (`roller_capacity`), of which a multiprocessor gets `each` variants.
 
-    There are two: few variants are fastest with a roller a thread, many on a warp each, which then waits for no other.
-    Moments on bodies are added up in the same order either way, so a variant's results do not depend on how many there
-    are beside it. Longer chains have up to 16 rollers a thread and `shared_bytes` of memory, however many they are.
+    Few variants have a roller a thread, many a warp each; longer chains up to 16 rollers a thread and `shared_bytes` of
+    memory. Moments on bodies are added up in the same order in all, so results do not depend on the number of variants.
     """
     if room > LONGEST_ON_A_WARP:
         threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
         return BlockShape(threads, -(-room // threads), shared_bytes=shared_bytes)
-    if each > FEW:
+    if each > FEW_VARIANTS:
         return BlockShape(WARP, -(-room // WARP))
     return BlockShape(room + WARP, 1)
 
 
-def is_simple(kind: BlockKind) -> bool:
+def is_simple_kind(kind: BlockKind) -> bool:
     """Whether kernels of a kind are as short as can be, but for friction at float32."""
     rubs = kind.friction.contacts or kind.friction.joints
     more = kind.moving or kind.staged or kind.links == "varied" or kind.parts.arms or kind.parts.tied or kind.profiles
     return kind.linear_hysteretic and not more and (kind.paired or not rubs)
 
 
-def resident(kind: BlockKind) -> int:
-    """Number of variants that the compiler is to make room for on a multiprocessor, which bounds a thread's registers.
+def resident_variants(kind: BlockKind) -> int:
+    """Variants for which the compiler is to make room on a multiprocessor, which bounds a thread's registers.
 
-    Taking metrics wants more of them, and of shared memory, and kernels of simple drives fewer. What is best was
-    measured on an H200 and an H100 (docs/kernels.md).
+    Measured on an H200 and an H100 (docs/kernels.md).
     """
     shape, per = kind.shape, kind.shape.rollers_per_thread
     if shape.oil_warp:
@@ -94,7 +96,7 @@ def resident(kind: BlockKind) -> int:
     if shape.variants_per_block > 1:
         return 20 if per <= 4 and not (kind.friction.contacts or kind.friction.joints) else 16
     if shape.threads == WARP:
-        if not is_simple(kind):
+        if not is_simple_kind(kind):
             long = kind.parts.hubs or kind.parts.rings > 1 or (not kind.paired and (kind.moving or kind.profiles))
             return 8 if per > 6 or long or kind.measuring else 12  # or registers spill
         if kind.paired:
@@ -103,7 +105,7 @@ def resident(kind: BlockKind) -> int:
     if per > 1:
         most = 2 if per > 8 else 4 if kind.paired else 3
         return max(1, most * 128 // shape.threads)
-    return FEW
+    return FEW_VARIANTS
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ class Bucket:
     Attributes:
         kind: of the kernel that takes steps without metrics.
         variants: their numbers, of several chains the rows of the first.
-        order: the same, on the device.
+        order: `variants` on the device.
         most_shared: bytes of shared memory that a block may have on the device.
         each: variants that a multiprocessor gets.
     """
@@ -130,11 +132,11 @@ class Bucket:
         return len(self.variants)
 
 
-def sharing_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
-    """A kind, several variants a block where that was measured to be faster: long code, fetched once for all of them,
-    or oil, which a warp of its own then has, where a multiprocessor gets more variants than it holds by themselves.
+def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
+    """The kind with several variants a block where that is faster and their memory fits, otherwise the kind itself.
 
-    It must have memory for as many as it is to hold.
+    That is so of long code, and of oil, which gets a warp of its own, where a multiprocessor gets more variants than it
+    holds otherwise.
     """
     shape = kind.shape
     if kind.parts.oil and shape.threads == WARP:
@@ -143,13 +145,15 @@ def sharing_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
             most = FULL_OF_OIL if kind.paired else FULL_WITH_METRICS
         oiled = replace(kind, shape=replace(shape, variants_per_block=most, oil_warp=True))
         fits = most * kind.parts.tensioners <= WARP and asked_of_a_block(oiled) <= most_shared
-        return oiled if fits and each > resident(kind) else kind
+        return oiled if fits and each > resident_variants(kind) else kind
     long = kind.measuring or shape.rollers_per_thread > 4
-    if not (kind.paired and shape.threads == WARP and shape.rollers_per_thread <= 6 and long and is_simple(kind)):
+    if not (kind.paired and shape.threads == WARP and shape.rollers_per_thread <= 6 and long and is_simple_kind(kind)):
         return kind
     several = replace(kind, shape=replace(shape, variants_per_block=VARIANTS_PER_BLOCK))
-    needed = asked_of_a_block(several) + RESERVED
-    return several if resident(several) // VARIANTS_PER_BLOCK * needed <= most_shared + RESERVED else kind
+    needed = asked_of_a_block(several) + RESERVED_BYTES
+    return (
+        several if resident_variants(several) // VARIANTS_PER_BLOCK * needed <= most_shared + RESERVED_BYTES else kind
+    )
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
@@ -158,40 +162,40 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     if name == "relax":  # by one kernel, however many there are and whatever else they have
         parts = replace(kind.parts, prescribed=1, tabulated=1, tied=0, crowded=0, oil=0, fed=0, valves=0, rings=1)
         links = "varied" if kind.links == "varied" else "lengths"
-        shape = block_shape(kind.shape.room, FEW + 1, kind.shape.shared_bytes)
+        shape = block_shape(kind.shape.room, FEW_VARIANTS + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
         return BlockKind(kind.Real, shape, parts, moving=moving, profiles=kind.profiles, links=links)
-    return sharing_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared, bucket.each)
+    return kind_with_shared_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared, bucket.each)
 
 
-TOGETHER = {
+COLUMN_SUMS = {
     np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "others", "valves"),
     np.minimum: ("linear_hysteretic",),
 }
 """How columns of several chains become those of their variant; the others by `np.maximum`."""
 
 
-def kind_columns(packed: Packed) -> dict[str, NDArray[Any]]:
-    """The properties that decide the kernels which take variants on, (variants,) each."""
-    rings, begins, columns = packed.drives["rings"], packed.begins, chain_columns(packed)
+def variant_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
+    """The properties that decide the kernels of steps, (variants,) each."""
+    rings, begins, columns = packed.drives["rings"], packed.first_rows, chain_kind_columns(packed)
     if len(begins) == packed.variants:
         return columns
     several = rings[begins] > 1
-    ways = {name: way for way, names in TOGETHER.items() for name in names}
+    ways = {name: way for way, names in COLUMN_SUMS.items() for name in names}
     whole = {name: ways.get(name, np.maximum).reduceat(values, begins) for name, values in columns.items()}
-    whole["room"] = room_for(np.add.reduceat(packed.drives["rollers"], begins))
+    whole["room"] = roller_capacity(np.add.reduceat(packed.drives["rollers"], begins))
     prescribed = np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"][begins])
     whole |= {"prescribed": np.maximum(prescribed, 1), "tied": whole["tied"] | several, "rings": rings[begins]}
     return whole
 
 
-def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
-    """The same of each chain by itself, (rows,): of kernels that settle it, or that take on a variant with no other."""
+def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
+    """The properties that decide the kernels of each chain by itself, (rows,) each."""
     drives = packed.drives
     cells = packed.motions["drive_table"]["cells"] + packed.motions["load_table"]["cells"]
     cells = cells + packed.mounts["x_table"]["cells"] + packed.mounts["y_table"]["cells"]
     return {
-        "room": room_for(drives["rollers"]),
+        "room": roller_capacity(drives["rollers"]),
         "sprockets": drives["sprockets"],
         "guides": drives["guides"],
         "arms": drives["arms"],
@@ -201,23 +205,23 @@ def chain_columns(packed: Packed) -> dict[str, NDArray[Any]]:
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
         "tied": drives["tied"],
         "hubs": drives["hubs"] + drives["jointed"],
-        "crowded": packed.crowded_arms,
-        "oil": packed.oiled,
-        "fed": packed.fed,
-        "valves": CAMS * -(-packed.cams // CAMS),
+        "crowded": packed.has_crowded_arms,
+        "oil": packed.has_oil,
+        "fed": packed.has_supply_table,
+        "valves": CAM_STEP * -(-packed.cam_counts // CAM_STEP),
         "rings": np.ones_like(drives["rings"]),
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),
-        "profiles": packed.carried_guides,
-        "contacts": packed.sliding,
-        "joints": packed.rubbing,
-        "links": np.where(packed.varied_links, 2, 1 - packed.uniform_links),
-        "linear_hysteretic": packed.linear_hysteretic,
+        "profiles": packed.has_carried_guides,
+        "contacts": packed.contact_friction_kinds,
+        "joints": packed.joint_friction_kinds,
+        "links": np.where(packed.has_varied_links, 2, 1 - packed.has_uniform_links),
+        "linear_hysteretic": packed.has_linear_hysteretic_contacts,
     }
 
 
-def kind_of(real: type, columns: Mapping[str, int], each: int, shared_bytes: int = DECLARED) -> BlockKind:
-    """The kind of kernel of a variant with such columns (`kind_columns`), of which a multiprocessor gets `each`."""
+def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: int = DECLARED) -> BlockKind:
+    """The kind of kernel of a variant with these columns, of which a multiprocessor gets `each`."""
     counts = {field.name: int(columns[field.name]) for field in fields(Parts)}
     return BlockKind(
         real,
@@ -232,7 +236,7 @@ def kind_of(real: type, columns: Mapping[str, int], each: int, shared_bytes: int
     )
 
 
-def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int]:
+def global_memory_values(buckets: Sequence[Bucket]) -> tuple[int, int]:
     """Values, and values of parts, that blocks too large for shared memory keep in global memory."""
     needs = np.zeros(2, dtype=int)
     for bucket in buckets:
@@ -242,84 +246,85 @@ def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int]:
     return int(needs[0]), int(needs[1])
 
 
-def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
+def _distinct_rows(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
     """The different rows of some keys, the largest first."""
     differ = (keys != keys[0]).any(axis=0)
     rows = np.unique(keys[:, differ], axis=0, return_index=True)[1] if differ.any() else np.zeros(1, dtype=int)
     return sorted((tuple(row) for row in keys[rows].tolist()), reverse=True)
 
 
-class Made(NamedTuple):
+class BucketKernel(NamedTuple):
     """A kernel of a bucket, its kind, how many variants a multiprocessor is to hold of it, and what makes it."""
 
     kernel: Any
     kind: BlockKind
-    resident: int
-    wanted: Wanted
+    resident_variants: int
+    spec: KernelSpec
 
 
 class GpuKernels:
-    """The kernels that an ensemble takes on a GPU.
+    """The kernels of an ensemble on a GPU.
 
     Args:
         packed: the ensemble.
         device: such as "cuda:0".
 
     Attributes:
-        buckets: the variants by the kernels that take them on.
-        chains: their chains by the kernels that settle them, each by itself.
+        buckets: the variants by the kernels that step them.
+        chain_buckets: their chains by the kernels that settle them, each by itself.
     """
 
-    def __init__(self, packed: Packed, device: str) -> None:
+    def __init__(self, packed: PackedEnsemble, device: str) -> None:
         self.packed, self.device = packed, device
         self._processors = int(wp.get_device(device).sm_count)
         self._most_shared = int(wp.get_device(device).max_shared_memory_per_block)
-        self._kernels: dict[tuple[str, int], Made] = {}
+        self._kernels: dict[tuple[str, int], BucketKernel] = {}
         drives = packed.drives
         measuring = bool((drives["window_start"] < drives["steps"]).any())
         self._names = ("measure", "advance") if measuring else ("advance",)  # what takes longest to compile first
-        self.buckets = self._bucketed(kind_columns(packed), packed.begins)
-        alone = len(packed.begins) == packed.variants
-        self.chains = self.buckets if alone else self._bucketed(chain_columns(packed), np.arange(packed.variants))
+        self.buckets = self._make_buckets(variant_kind_columns(packed), packed.first_rows)
+        alone = len(packed.first_rows) == packed.variants
+        self.chain_buckets = (
+            self.buckets if alone else self._make_buckets(chain_kind_columns(packed), np.arange(packed.variants))
+        )
 
-    def _bucketed(self, columns: Mapping[str, NDArray[Any]], rows: NDArray[np.integer]) -> list[Bucket]:
-        """The variants, or chains, that begin at these rows, by kernel, the longest first."""
+    def _make_buckets(self, columns: Mapping[str, NDArray[Any]], rows: NDArray[np.integer]) -> list[Bucket]:
+        """The variants, or chains, at these rows, by kernel, the longest first."""
         packed = self.packed
         keys = np.column_stack(list(columns.values()))
         buckets = []
-        for key in _distinct(keys):
+        for key in _distinct_rows(keys):
             order = rows[(keys == key).all(axis=1)]
             recorded = packed.drives["sample_every"][order] > 0
             order = order[np.argsort(~recorded, kind="stable")]  # which take longer
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             each = -(-len(order) // self._processors)
-            kind = kind_of(packed.real, dict(zip(columns, key, strict=True)), each, self._most_shared)
+            kind = block_kind(packed.real, dict(zip(columns, key, strict=True)), each, self._most_shared)
             if packed.frame.holds("hub_force"):  # which kernels of moving bodies sum up at every step
                 kind = replace(kind, moving=True)
             buckets.append(Bucket(kind, order, array, self._most_shared, each))
         return buckets
 
-    def _made(self, name: str, bucket: Bucket) -> Made:
+    def _bucket_kernel(self, name: str, bucket: Bucket) -> BucketKernel:
         """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
         key = name, id(bucket)
         if key not in self._kernels:
             kind = kernel_kind(name, bucket)
-            held = resident(kind)
+            held = resident_variants(kind)
             settling = name == "relax"
             factory = block_relax_kernel if settling else block_kernel
             form = (kind, held) if settling else (kind, held, self.packed.frame)
-            self._kernels[key] = Made(factory(*form), kind, held, Wanted(factory, form, kind.shape.block_threads))
+            self._kernels[key] = BucketKernel(
+                factory(*form), kind, held, KernelSpec(factory, form, kind.shape.block_threads)
+            )
         return self._kernels[key]
 
-    def buckets_of(self, name: str) -> list[Bucket]:
-        """The buckets that a kernel of this name is launched for."""
-        return self.chains if name == "relax" else self.buckets
+    def buckets_of_kernel(self, name: str) -> list[Bucket]:
+        """The buckets for which a kernel of this name is launched."""
+        return self.chain_buckets if name == "relax" else self.buckets
 
-    def wanted(self, *names: str) -> list[Wanted]:
-        """The kernels of these names, by default of those that take steps, with which goes what adds up their sums.
-
-        They are made by the calling thread, as they share functions.
-        """
-        made = [self._made(name, of) for name in names or self._names for of in self.buckets_of(name)]
-        blocks = [of.wanted for of in made]
-        return blocks if names else [*blocks, Wanted(collect_kernel, (self.packed.real,), COLLECTING)]
+    def kernel_specs(self, *names: str) -> list[KernelSpec]:
+        """Specifications of the kernels of these names, by default those of steps and of adding up their sums."""
+        made = [self._bucket_kernel(name, of) for name in names or self._names for of in self.buckets_of_kernel(name)]
+        blocks = [of.spec for of in made]
+        return blocks if names else [*blocks, KernelSpec(collect_kernel, (self.packed.real,), COLLECT_THREADS)]

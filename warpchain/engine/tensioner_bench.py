@@ -1,4 +1,4 @@
-"""A test rig for tensioners: a sine is imposed on the plunger, force and pressure are read, as on a shaker."""
+"""A test rig for tensioners: imposes sines on the plunger, and gives force and pressure, as on a shaker."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from warpchain.argument_checks import check_arguments
 from warpchain.drive import Drive
 from warpchain.drive.tensioners import Tensioner as TensionerPart
-from warpchain.engine.fill_bodies import fill_element
+from warpchain.engine.body_struct_rows import fill_tensioner_element
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, shake_plungers
@@ -26,7 +26,7 @@ from warpchain.results.arrow_tables import table_with_units
 if TYPE_CHECKING:
     import pyarrow as pa
 
-STEPS, SAMPLES = 10_000, 500
+SAMPLED_STEPS, SAMPLES_PER_CYCLE = 10_000, 500
 """Steps and samples of a cycle; at 400 Hz forces are within 2e-4 of those of ever smaller steps."""
 SWEEP_STEPS = 2_500
 """Steps of a cycle that is not sampled."""
@@ -54,8 +54,8 @@ RIDE_UNITS = {
 
 
 @dataclass(frozen=True)
-class Shake:
-    """The motion that one ride imposes, and the oil.
+class PlungerMotion:
+    """The sine that one ride imposes, and the oil.
 
     Attributes:
         amplitude: of the sine [m].
@@ -71,7 +71,7 @@ class Shake:
 
 
 @dataclass(frozen=True)
-class Shaken:
+class RideTables:
     """The results of rides.
 
     Attributes:
@@ -107,14 +107,16 @@ def bench_tensioner(
         DriveError: the drive has no such tensioner.
         SimulationError: an amplitude, frequency, number of cycles or extension that cannot be run.
     """
-    return shake(drive, name, [Shake(amplitude, frequency, extension)], cycles, samples=True).samples[0]
+    return shake_tensioner(drive, name, [PlungerMotion(amplitude, frequency, extension)], cycles, samples=True).samples[
+        0
+    ]
 
 
-def shake(
-    drive: Drive, name: str, shakes: Sequence[Shake], cycles: int = 10, samples: bool = False,
+def shake_tensioner(
+    drive: Drive, name: str, shakes: Sequence[PlungerMotion], cycles: int = 10, samples: bool = False,
     progress: Progress = False,
-) -> Shaken:  # fmt: skip
-    """Rides many sines, each on a tensioner of its own.
+) -> RideTables:  # fmt: skip
+    """Rides many sines, each on a copy of the tensioner.
 
     Args:
         drive: that has the tensioner.
@@ -127,14 +129,14 @@ def shake(
     Raises:
         DriveError, SimulationError: as `bench_tensioner`.
     """
-    tensioner = tensioner_of(drive, name)
+    tensioner = tensioner_by_name(drive, name)
     for one in shakes:
-        _check(tensioner, one, cycles)
+        _check_motion(tensioner, one, cycles)
     if samples and len(shakes) * cycles > MOST_CYCLES:
         text = f"{len(shakes)} rides of {cycles} cycles: must be {MOST_CYCLES} cycles together at most"
         raise SimulationError(text)
-    rides, rows = _rows(drive, tensioner, shakes, cycles, samples)
-    count = cycles * SAMPLES + 1 if samples else 1
+    rides, rows = _struct_rows(drive, tensioner, shakes, cycles, samples)
+    count = cycles * SAMPLES_PER_CYCLE + 1 if samples else 1
     values = wp.zeros((len(shakes), count, len(SAMPLE_COLUMNS)), dtype=wp.float64, device="cpu")
     sums = wp.zeros(len(shakes), dtype=RideSums, device="cpu")
     given: list[Any] = [wp.array(rides, dtype=Ride, device="cpu"), wp.array(rows, dtype=Tensioner, device="cpu")]
@@ -151,11 +153,11 @@ def shake(
             report("rides", done, len(shakes))
     table = _ride_table(tensioner, shakes, sums.numpy())
     if not samples:
-        return Shaken(table, ())
-    return Shaken(table, tuple(map(_sample_table, shakes, values.numpy())))
+        return RideTables(table, ())
+    return RideTables(table, tuple(map(_sample_table, shakes, values.numpy())))
 
 
-def tensioner_of(drive: Drive, name: str) -> TensionerPart:
+def tensioner_by_name(drive: Drive, name: str) -> TensionerPart:
     """The tensioner of a name.
 
     Raises:
@@ -168,8 +170,8 @@ def tensioner_of(drive: Drive, name: str) -> TensionerPart:
     raise DriveError(f"tensioner {name!r}: " + (f"allowed are {known}" if known else "the drive has no tensioners"))
 
 
-def _check(tensioner: TensionerPart, one: Shake, cycles: int) -> None:
-    """Refuses what cannot be run."""
+def _check_motion(tensioner: TensionerPart, one: PlungerMotion, cycles: int) -> None:
+    """Raises a SimulationError for a motion that cannot be run."""
     if not 0.0 < one.amplitude <= FARTHEST:
         raise SimulationError(f"amplitude = {one.amplitude:g}: must be a number above 0, at most {FARTHEST:g} m")
     if not SLOWEST <= one.frequency <= FASTEST:
@@ -189,23 +191,23 @@ def _check(tensioner: TensionerPart, one: Shake, cycles: int) -> None:
             raise SimulationError(f"amplitude = {one.amplitude:g}, extension = {one.extension:g}: {text}")
 
 
-def _rows(
-    drive: Drive, tensioner: TensionerPart, shakes: Sequence[Shake], cycles: int, samples: bool
+def _struct_rows(
+    drive: Drive, tensioner: TensionerPart, shakes: Sequence[PlungerMotion], cycles: int, samples: bool
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Rows of `Ride` and of `structs.Tensioner`."""
     rides = np.zeros(len(shakes), dtype=Ride.numpy_dtype())
     rows = np.zeros(len(shakes), dtype=Tensioner.numpy_dtype())
     for ride, row, one in zip(rides, rows, shakes, strict=True):
         ride["center"], ride["amplitude"] = one.extension, one.amplitude
-        steps = STEPS if samples else SWEEP_STEPS
+        steps = SAMPLED_STEPS if samples else SWEEP_STEPS
         ride["step"] = 1.0 / (one.frequency * steps)
         ride["cycle"], ride["cycles"] = steps, cycles
-        ride["every"] = steps // SAMPLES if samples else 0
-        fill_element(row, drive, with_viscosity(tensioner, one.viscosity))
+        ride["every"] = steps // SAMPLES_PER_CYCLE if samples else 0
+        fill_tensioner_element(row, drive, tensioner_with_viscosity(tensioner, one.viscosity))
     return rides, rows
 
 
-def with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> TensionerPart:
+def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> TensionerPart:
     """The tensioner with another oil [m^2/s]; None keeps its own."""
     if viscosity is None:
         return tensioner
@@ -213,7 +215,7 @@ def with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> Tension
     return tensioner.model_copy(update={"oil": tensioner.oil.model_copy(update={"viscosity": viscosity})})
 
 
-def _ride_table(tensioner: TensionerPart, shakes: Sequence[Shake], sums: NDArray[Any]) -> pa.Table:
+def _ride_table(tensioner: TensionerPart, shakes: Sequence[PlungerMotion], sums: NDArray[Any]) -> pa.Table:
     own = math.nan if tensioner.oil is None else tensioner.oil.viscosity
     given = {
         "frequency": [one.frequency for one in shakes],
@@ -223,15 +225,15 @@ def _ride_table(tensioner: TensionerPart, shakes: Sequence[Shake], sums: NDArray
     }
     flows: Any = sums["flows"]
     summed = {name: (flows if name in flows.dtype.names else sums)[name] for name in RIDE_UNITS if name not in given}
-    return _table(given | summed, RIDE_UNITS)
+    return _unit_table(given | summed, RIDE_UNITS)
 
 
-def _sample_table(one: Shake, values: NDArray[np.float64]) -> pa.Table:
-    time = np.arange(len(values)) / (one.frequency * SAMPLES)
-    return _table({"time": time} | dict(zip(SAMPLE_COLUMNS, values.T, strict=True)), SAMPLE_UNITS)
+def _sample_table(one: PlungerMotion, values: NDArray[np.float64]) -> pa.Table:
+    time = np.arange(len(values)) / (one.frequency * SAMPLES_PER_CYCLE)
+    return _unit_table({"time": time} | dict(zip(SAMPLE_COLUMNS, values.T, strict=True)), SAMPLE_UNITS)
 
 
-def _table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
+def _unit_table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
     import pyarrow as pa
 
     return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

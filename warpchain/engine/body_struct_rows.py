@@ -1,4 +1,4 @@
-"""Rows of the kernels' structs for guides' profiles, arms and tensioners, and for shafts, gears, couplings, valves."""
+"""Fills rows of the kernels' structs from a drive: profiled guides, arms, tensioners, trains, valves."""
 
 from __future__ import annotations
 
@@ -45,21 +45,21 @@ from warpchain.kernels.physics.tensioner import SERIES
 from warpchain.kernels.physics.train import OVER_SPEED
 from warpchain.kernels.structs import GROUND
 
-MARGIN = 0.25
-"""Rollers are looked after from so many pitches before they can touch a guide."""
+FACE_MARGIN = 0.25
+"""Distance from a guide's reach at which rollers are first considered, in pitches."""
 
 
-def profiled(drive: Drive, g: int) -> bool:
+def has_profile_face(drive: Drive, g: int) -> bool:
     """Whether kernels take guide g as a profile: all but straight bars on the ground."""
     return not drive.guides[g].straight or drive.guides[g].arm is not None
 
 
 def piece_count(drive: Drive) -> int:
-    """Rows of `kernels.structs.Piece` of a drive, with one more a guide that says where it ends."""
-    return sum(len(drive.profile(g).pieces) + 1 for g in range(len(drive.guides)) if profiled(drive, g))
+    """Rows of `kernels.structs.Piece` of a drive: the pieces of each profile, and one more that says where it ends."""
+    return sum(len(drive.profile(g).pieces) + 1 for g in range(len(drive.guides)) if has_profile_face(drive, g))
 
 
-def fill_profile(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
+def fill_profile_face(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
     """Fills the face of guide g of `kernels.structs.Guide`, and its pieces from `first` on among a drive's (V, pieces).
 
     Returns the number of rows used.
@@ -78,12 +78,12 @@ def fill_profile(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int
     end["direction"] = math.cos(last.end_heading), math.sin(last.end_heading)
     end["place"] = profile.places[-1] + last.length
     row["roller_radius"], row["end_radius"] = drive.guide_offset(g), profile.end_radius
-    _fill_box(row, profile, origin, drive.guide_offset(g), MARGIN * drive.chain.pitch)
+    _fill_face_box(row, profile, origin, drive.guide_offset(g), FACE_MARGIN * drive.chain.pitch)
     return len(profile.pieces) + 1
 
 
-def _fill_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: float, margin: float) -> None:
-    """Fills the box along the face's chord in which rollers may be near it, from `margin` [m] before they touch."""
+def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: float, margin: float) -> None:
+    """Fills the box along the face's chord in which rollers may be near it, `margin` [m] beyond its reach."""
     points = profile.points(0.25 * profile.end_radius) - origin
     start = np.asarray(profile.face[0].start) - origin
     chord = np.asarray(profile.face[-1].end) - origin - start
@@ -103,24 +103,24 @@ def guide_effective_mass(drive: Drive, g: int) -> float:
 
 
 def arm_effective_mass(drive: Drive, a: int) -> float:
-    """m_e [kg] of a roller on arm a, as `fill.tooth_effective_mass`.
+    """m_e [kg] of a roller on arm a, with which friction of all contacts on the arm at once is stable.
 
     With the n rollers that there is room for on its faces, at its reach r, and the z on sprockets that it carries with
     their centers d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
     """
-    square = lever_squares(drive, a, [sprocket.teeth for sprocket in drive.sprockets])
+    square = squared_levers(drive, a, [sprocket.teeth for sprocket in drive.sprockets])
     return 1.0 / (1.0 / drive.chain.mass + square / drive.arm_inertia(a))
 
 
-def lever_squares(drive: Drive, a: int, rollers: Sequence[Any]) -> Any:
-    """n r^2 + sum z d^2 [m^2] of arm a, with so many rollers on each sprocket of the drive."""
+def squared_levers(drive: Drive, a: int, rollers: Sequence[Any]) -> Any:
+    """n r^2 + sum z d^2 [m^2] of arm a: n rollers on its faces, z of `rollers` on each sprocket that it carries."""
     on_faces = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
     square = on_faces * power(drive.arm_lever(a), 2)
     return square + sum(rollers[s] * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
 
 
-def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
-    """Fills the rows of arm a, of `kernels.structs.Arm`, `Motion` and, at rest, of `BodyState`."""
+def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
+    """Fills the rows of arm a in `kernels.structs.Arm`, `Motion` and, at rest, `BodyState`."""
     arm = drive.arms[a]
     row["pivot"] = body["center"] = array_of_columns(arm.pivot)
     motion["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
@@ -142,26 +142,26 @@ def fill_arm(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: A
 
 
 def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
-    """Mass of arm a with the sprockets on it times its center's place from the pivot, as drawn [kg m]."""
+    """(..., 2) mass of arm a with the sprockets on it times its center's place from the pivot, as drawn [kg m]."""
     pivot, found = array_of_columns(drive.arms[a].pivot), np.zeros(2)
     for mass, place in drive.masses_on(a):
         found = found + with_last_axis(mass) * (array_of_columns(place) - pivot)
     return found
 
 
-def fill_places(row: Any, table: PlaceTable | None, tables: TableList) -> None:
-    """Fills the tables of a `kernels.structs.Mount` that is led by one."""
+def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> None:
+    """Fills the tables of a `kernels.structs.Mount` whose center follows one."""
     for axis in "xy":
         column = None if table is None else table.along(axis)
         if column is not None:
             tables.add(row[f"{axis}_table"], column, 1.0)
 
 
-def fill_pivot(row: Any, drive: Drive, a: int, tables: TableList) -> None:
-    """Fills the `kernels.structs.Mount` of arm a, whose pivot is led."""
+def fill_pivot_row(row: Any, drive: Drive, a: int, tables: TableList) -> None:
+    """Fills the `kernels.structs.Mount` of arm a, whose pivot follows a table."""
     arm = drive.arms[a]
     row["active"], row["moves"], row["home"] = 1, PRESCRIBED, array_of_columns(arm.pivot)
-    fill_places(row, arm.pivot_table, tables)
+    fill_place_tables(row, arm.pivot_table, tables)
     row["mass"] = sum(mass for mass, _ in drive.masses_on(a))
     row["inertia"], row["wheel"] = drive.arm_inertia(a), _mass_moment(drive, a)
 
@@ -170,11 +170,10 @@ STOP_DAMPING = 0.3
 """Damping ratio of ratchet and bottom, with the mass of the plunger or of a roller, whichever is more."""
 
 
-def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
-    """Fills the row of a drive's tensioner number `t`.
+def fill_tensioner_row(row: Any, drive: Drive, t: int, tables: TableList) -> None:
+    """Fills the `kernels.structs.Tensioner` of a drive's tensioner t.
 
-    It touches an arm, whose center is its pivot, at a point of the arm's; a sprocket on a slider at its center, since
-    the plunger does not turn with it.
+    It touches an arm at a point of the arm's, a sprocket on a slider at its center.
     """
     tensioner, body = drive.tensioners[t], drive.tensioner_body(t)
     row["body"] = body
@@ -185,7 +184,7 @@ def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
         row["home"] = array_of_columns(tensioner.at)
         row["point"] = array_of_columns(tensioner.at) - array_of_columns(drive.arms[arm].pivot)
     row["direction"] = array_of_columns(tensioner.unit_direction)
-    fill_element(row, drive, tensioner)
+    fill_tensioner_element(row, drive, tensioner)
     table = None if tensioner.oil is None else tensioner.oil.supply_table
     if table is not None:
         row["pump"] = drive.driver if table.shaft is None else body_names(drive).index(table.shaft)
@@ -194,8 +193,8 @@ def fill_tensioner(row: Any, drive: Drive, t: int, tables: TableList) -> None:
             row["supply_table"]["over_angle"] = OVER_SPEED
 
 
-def fill_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
-    """Fills what a tensioner is by itself: spring, oil, valves, ratchet, and stops as stiff as a link of the chain."""
+def fill_tensioner_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
+    """Fills what a `kernels.structs.Tensioner` is without its place: spring, oil, valves, ratchet and stops."""
     stiffness, mass = drive.chain.stiffness, maximum(tensioner.plunger_mass, drive.chain.mass)
     row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * sqrt(stiffness * mass)
     row["stiffness"], row["preload"] = tensioner.spring_stiffness, tensioner.spring_preload
@@ -205,10 +204,10 @@ def fill_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
         row["ratchet_pitch"], row["backlash"] = tensioner.ratchet.pitch, tensioner.ratchet.backlash
     if tensioner.hydraulic:
         row["hydraulic"] = 1
-        _fill_oil(row, tensioner)
+        _fill_oil_fields(row, tensioner)
 
 
-def _expanded(pressure: Any, oil: Any) -> Any:
+def _expansion_pressure(pressure: Any, oil: Any) -> Any:
     """K + P exp(-phi) of oil at a pressure [Pa], eq. (10a) of `physics.tensioner`."""
     share, ratio = 1.0 / (1.0 + oil.air), pressure / oil.ambient
     q, b = share * pressure / oil.bulk_modulus, share * oil.air * power(ratio, -5.0 / 7.0)
@@ -223,11 +222,12 @@ def _expanded(pressure: Any, oil: Any) -> Any:
 
 def oil_energies(oil: Any) -> tuple[Any, Any]:
     """`still` and `supplied` of `structs.Tensioner` [Pa]: the enthalpies' zero, and that of oil that is supplied."""
-    still = _expanded(oil.ambient, oil)
-    return still, _expanded(oil.supply, oil) - still
+    still = _expansion_pressure(oil.ambient, oil)
+    return still, _expansion_pressure(oil.supply, oil) - still
 
 
-def _fill_oil(row: Any, tensioner: Tensioner) -> None:
+def _fill_oil_fields(row: Any, tensioner: Tensioner) -> None:
+    """Fills what a `kernels.structs.Tensioner` has of oil and valves."""
     oil, valve, chamber = tensioner.oil, tensioner.valve, tensioner.chamber
     assert oil is not None and valve is not None and chamber is not None
     row["area"], row["volume"] = tensioner.area, chamber.volume
@@ -260,19 +260,19 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
         vent["compliance"] = vent["lift_max"] = vent["seat_width"] = vent["discharge"] = 1.0
 
 
-def fill_counts(row: Any, drive: Drive) -> None:
-    """Fills how many of these a `kernels.structs.Drive` has."""
+def fill_train_counts(row: Any, drive: Drive) -> None:
+    """Fills a `kernels.structs.Drive`'s counts of shafts, gears, couplings and valves, and whether it is tied."""
     row["shafts"], row["gears"], row["couplings"] = len(drive.shafts), len(drive.gears), len(drive.couplings)
     row["valves"] = len(drive.valves)
     row["tied"] = is_tied(drive)
 
 
 def is_tied(drive: Drive) -> bool:
-    """Whether kernels gather the moments on bodies before they turn any."""
+    """Whether kernels gather the moments on bodies before they turn any: with trains or valves."""
     return has_trains(drive) or bool(drive.valves)
 
 
-def fill_train(row: Any, drive: Drive, b: int) -> None:
+def fill_train_row(row: Any, drive: Drive, b: int) -> None:
     """Fills how body b turns in its train, in its `kernels.structs.Motion`; an arm is in none."""
     if b >= drive.first_arm_body:
         row["train"] = -1
@@ -281,13 +281,13 @@ def fill_train(row: Any, drive: Drive, b: int) -> None:
     row["train"], row["ratio"], row["own_inertia"] = bodies[0], 1.0 / ratios[0], inertia_of_body(drive, b)
 
 
-def fill_shaft(row: Any, h: int, assembly: Assembly) -> None:
-    """Fills the `kernels.structs.BodyState` of shaft h; it stands where the first sprocket does, and does not move."""
+def fill_shaft_row(row: Any, h: int, assembly: Assembly) -> None:
+    """Fills the `kernels.structs.BodyState` of shaft h, at the first sprocket's center."""
     row["speed"] = assembly.shaft_speed[..., h]
     row["center"] = assembly.path.center[..., 0, :]
 
 
-def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
+def fill_motor_row(row: Any, drive: Drive, h: int, tables: TableList) -> None:
     """Fills the motor of shaft h; it stays zero without one."""
     motor, b = drive.shafts[h].motor, len(drive.sprockets) + h
     if motor is None:
@@ -304,8 +304,8 @@ def fill_motor(row: Any, drive: Drive, h: int, tables: TableList) -> None:
             row["table"]["over_angle"] = OVER_SPEED
 
 
-def fill_coupling(row: Any, drive: Drive, c: int, tables: TableList) -> None:
-    """Fills coupling c."""
+def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None:
+    """Fills the `kernels.structs.Coupling` c."""
     coupling, names = drive.couplings[c], body_names(drive)
     row["first"], row["second"] = (names.index(name) for name in coupling.between)
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
@@ -320,15 +320,15 @@ def fill_coupling(row: Any, drive: Drive, c: int, tables: TableList) -> None:
         row["capacity"] = clutch.torque
 
 
-def fill_engaged(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
-    """Fills the state of coupling c, which is not twisted where the chain has been laid."""
+def fill_coupling_state(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
+    """Fills the initial state of coupling c, which is not twisted where the chain has been laid."""
     ratios = drive.couplings[c].ratios
     row["ratio"], row["capacity"] = 1.0 if ratios is None else ratios.ratio[0], math.inf
     row["rest"] = coupling_rest_angle(drive, c, row["ratio"], assembly.sprocket_angle)[2]
 
 
-def fill_valve(row: Any, drive: Drive, v: int, tables: TableList) -> None:
-    """Fills group v of valves."""
+def fill_valve_row(row: Any, drive: Drive, v: int, tables: TableList) -> None:
+    """Fills the row of valve group v."""
     valves = drive.valves[v]
     body = body_names(drive).index(valves.on)
     phases = [math.radians(phase) for phase in valves.phases]
@@ -341,8 +341,8 @@ def fill_valve(row: Any, drive: Drive, v: int, tables: TableList) -> None:
     tables.add(row["lift"], valves.curve, 1.0)
 
 
-def fill_gear(row: Any, drive: Drive, g: int) -> None:
-    """Fills gear pair g."""
+def fill_gear_row(row: Any, drive: Drive, g: int) -> None:
+    """Fills the row of gear pair g."""
     gear, side = drive.gears[g], bodies_beyond_gear(drive, g)
     body = body_names(drive).index(gear.between[1])
     bodies, ratios = train_of_body(drive, body)

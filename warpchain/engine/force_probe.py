@@ -1,10 +1,8 @@
-"""The forces of a drive in states that the caller gives: accelerations of many perturbed copies, by the CPU kernel.
+"""Forces of a drive in given states, as accelerations of perturbed copies, by the CPU kernel.
 
-A copy at rest or in motion takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the
-forces of exactly the given state. The step is 2^21 s, a power of two, so that nothing is rounded. Contacts are found
-closed at the floor of their impact speed, and damp as their law says, without any step in it. Where the copies drift to
-in that step is not read, nor what flows into their tensioners: the oil's mass is given, and its pressure is that of the
-given state.
+A copy takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the forces of exactly the
+given state. The step is 2^21 s, a power of two, so that nothing is rounded. Contacts are found closed at the floor of
+their impact speed, and damp as their law says, without any step in it. The oil's mass is given.
 """
 
 from __future__ import annotations
@@ -17,21 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.packed import Packed
+from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.structs import GROUND
 
 Array = NDArray[np.float64]
 
-STEP = 2.0**21
+PROBE_STEP = 2.0**21
 COPIES = 32
 """Copies that are evaluated in one launch."""
 
 
 @dataclass
-class States:
-    """Copies of a drive of N rollers and B bodies, each in a state of its own.
+class ProbeStates:
+    """Copies of a drive of N rollers, B bodies and T tensioners, each in a state of its own.
 
     Attributes:
         position, velocity: (copies, N, 2) of the rollers [m], [m/s].
@@ -48,7 +46,7 @@ class States:
 
 
 @dataclass(frozen=True)
-class BodyRow:
+class BodyFreedom:
     """A body's free directions and its inertia.
 
     Attributes:
@@ -59,31 +57,31 @@ class BodyRow:
     free: Array
     inertia: Array
 
-    def without_turning(self) -> BodyRow:
-        """The same of a body that turns as another one does."""
-        return BodyRow(self.free[:, ~self.free[2].astype(bool)], self.inertia)
+    def without_turning(self) -> BodyFreedom:
+        """The freedom of a body that turns as another one does."""
+        return BodyFreedom(self.free[:, ~self.free[2].astype(bool)], self.inertia)
 
 
-class Probe:
+class ForceProbe:
     """Accelerations of one drive's rollers and bodies in given states.
 
     Args:
-        packed: one variant that stands, in float64, as from `modal.system.standing`.
+        packed: one variant at rest, in float64, as from `modal.small_motion`.
         workers: CPU threads.
     """
 
-    def __init__(self, packed: Packed, workers: int = 1) -> None:
+    def __init__(self, packed: PackedEnsemble, workers: int = 1) -> None:
         base = packed.copy()
         row = base.drives[0]
-        row["integrator"], row["step"], row["steps"] = INTEGRATORS["leapfrog"], STEP, 2
+        row["integrator"], row["step"], row["steps"] = INTEGRATORS["leapfrog"], PROBE_STEP, 2
         row["window_start"], row["window_end"], row["sample_every"] = 3, 3, 0
-        base.without_lag()
+        base.remove_lag()
         self.base = base
         self.rollers = int(base.drives["rollers"][0])
         self.sprockets = int(base.drives["sprockets"][0])
         self.body_count = int(base.drives["bodies"][0])
         self.tensioners = int(base.drives["tensioners"][0])
-        self._engine = CpuEngine(base.taken([0] * COPIES), workers)
+        self._engine = CpuEngine(base.pick_variants([0] * COPIES), workers)
         self._frames = self._engine.frame_buffer(1)
         self._rollers = self._engine.state.rollers.numpy().reshape(COPIES, STATE_ROWS, self.rollers)
         self._bodies = self._engine.state.bodies.numpy()[: COPIES * self.body_count].reshape(COPIES, self.body_count)
@@ -99,21 +97,23 @@ class Probe:
         hubs = [(s, int(hub["arm"]), hub["lever"]) for s, hub in enumerate(base.hubs[: self.sprockets])]
         self._carried = on_arms + [of for of in hubs if of[1] != GROUND]
 
-    def start(self) -> States:
+    def packed_state(self) -> ProbeStates:
         """The packed state, at rest, as one copy."""
-        rows, bodies = self.base.rows(0), self.base.bodies
+        rows, bodies = self.base.roller_rows(0), self.base.bodies
         place = np.column_stack([bodies["center"], bodies["angle"]])
         position = np.ascontiguousarray(rows[0:2].T)
         oil = self.base.oil["content"][: self.tensioners]
-        return States(position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None], oil[None])
+        return ProbeStates(
+            position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None], oil[None]
+        )
 
-    def body(self, b: int, angle: float) -> BodyRow:
+    def body_freedom(self, b: int, angle: float) -> BodyFreedom:
         """The free directions of body `b` and its inertia at an angle [rad], with that of valves."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
         turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
         if not mount["active"]:
             inverse = float(motion["inverse_inertia"])
-            return BodyRow(turns, np.diag([0.0, 0.0, 1.0 / inverse + self._valves(b) if inverse else 0.0]))
+            return BodyFreedom(turns, np.diag([0.0, 0.0, 1.0 / inverse + self._valve_inertia(b) if inverse else 0.0]))
         share, along = np.linalg.eigh(mount["inverse_mass"])
         slides = np.zeros((3, int((share > 0.0).sum())))
         slides[:2] = along[:, share > 0.0]
@@ -123,12 +123,12 @@ class Probe:
         q = np.array([-(w[0] * s + w[1] * c), w[0] * c - w[1] * s])
         inertia = np.diag([mount["mass"], mount["mass"], mount["inertia"]])
         inertia[:2, 2] = inertia[2, :2] = q
-        return BodyRow(np.hstack([slides, turns]), inertia)
+        return BodyFreedom(np.hstack([slides, turns]), inertia)
 
-    def joints(self, angles: Array) -> list[tuple[int, int, float]]:
-        """Arms that others carry: body of each, that of its carrier, and d.s [kg m^2] of `kernels.physics.hub`, (b), at
-        angles (B,) [rad].
-        """
+    def arm_joints(self, angles: Array) -> list[tuple[int, int, float]]:
+        """Arms on other arms: body of each, of its carrier, and d.s [kg m^2] of `kernels.physics.hub`, (b).
+
+        `angles` are those of all bodies (B,) [rad]."""
         found, first = [], self.body_count - int(self.base.drives["arms"][0])
         for b, arm in enumerate(self.base.arms[: self.body_count - first], first):
             if arm["on"]:
@@ -139,22 +139,22 @@ class Probe:
         return found
 
     @cached_property
-    def _cams(self) -> NDArray[Any]:
+    def _cam_states(self) -> NDArray[Any]:
         """Inertia and moment of valves on each body where the drive stands."""
-        self._evaluate(self.start())
+        self._evaluate(self.packed_state())
         return np.array(self._engine.state.cams.numpy()[: self.body_count])
 
-    def _valves(self, b: int) -> float:
+    def _valve_inertia(self, b: int) -> float:
         """Inertia of valves that turns with body `b`, as it sees it where the drive stands [kg m^2]."""
         if not self.base.drives["valves"][0]:
             return 0.0
-        motions, cams = self.base.motions[: self.body_count], self._cams
+        motions, cams = self.base.motions[: self.body_count], self._cam_states
         train = motions["train"] == motions["train"][b]
         if motions["train"][b] < 0:  # turns alone
             return float(cams["inertia"][b])
         return float(((motions["ratio"][train] / motions["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
-    def train(self, b: int) -> Array:
+    def train_angles(self, b: int) -> Array:
         """Angles of all bodies (B,) as they turn with the first of a train; of others (1,), of followers (0,)."""
         motions = self.base.motions[: self.body_count]
         if not self.base.drives["tied"][0] or motions["train"][b] < 0:
@@ -164,22 +164,20 @@ class Probe:
         ratios = np.where(motions["train"] == b, motions["ratio"], 0.0)
         return np.ones(1) if np.count_nonzero(ratios) == 1 else np.asarray(ratios / np.linalg.norm(ratios))
 
-    def __call__(self, states: States) -> tuple[Array, Array, Array]:
-        """Accelerations of rollers (copies, N, 2) [m/s^2] and of bodies' (x, y, theta) (copies, B, 3), and
-        the pressures in tensioners (copies, T) [Pa].
-
-        NaN for accelerations of a copy that has left the drive's box.
+    def __call__(self, states: ProbeStates) -> tuple[Array, Array, Array]:
+        """Accelerations of rollers (copies, N, 2) [m/s^2] and of bodies' (x, y, theta) (copies, B, 3), and pressures in
+        tensioners (copies, T) [Pa]; accelerations are NaN where a copy has left the drive's box.
         """
         count = len(states.position)
         straight, turned = np.empty_like(states.position), np.empty_like(states.bodies)
         pressure = np.empty_like(states.oil)
         for first in range(0, count, COPIES):
             part = slice(first, min(first + COPIES, count))
-            some = States(**{name: value[part] for name, value in vars(states).items()})
+            some = ProbeStates(**{name: value[part] for name, value in vars(states).items()})
             straight[part], turned[part], pressure[part] = self._evaluate(some)
         return straight, turned, pressure
 
-    def _evaluate(self, states: States) -> tuple[Array, Array, Array]:
+    def _evaluate(self, states: ProbeStates) -> tuple[Array, Array, Array]:
         count = len(states.position)
         rows, bodies = self._rollers[:count], self._bodies[:count]
         rows[:, 0:2], rows[:, 2:4], rows[:, 4:6] = states.position.mT, states.velocity.mT, 0.0
@@ -198,7 +196,7 @@ class Probe:
         self._progress["diverged"][count:] = 1
         for future in self._engine.advance(1, self._frames):
             future.result()
-        kick = 0.5 * STEP
+        kick = 0.5 * PROBE_STEP
         straight = (rows[:, 2:4].mT - states.velocity) / kick
         after = np.concatenate([bodies["velocity"], bodies["speed"][..., None]], axis=-1)
         turned = (after - states.rates) / kick
@@ -206,9 +204,9 @@ class Probe:
         straight[gone], turned[gone] = np.nan, np.nan
         return straight, turned, self._pushes["pressure"][:count]
 
-    def contacts(self, states: States) -> NDArray[np.bool_]:
-        """Which rollers touch what in the first of the states, (S + G, N): sprockets, then guide-bars."""
-        self._evaluate(States(**{name: value[:1] for name, value in vars(states).items()}))
+    def touching_rollers(self, states: ProbeStates) -> NDArray[np.bool_]:
+        """(S + G, N) whether each roller touches each sprocket and guide-bar in the first of the states."""
+        self._evaluate(ProbeStates(**{name: value[:1] for name, value in vars(states).items()}))
         partners = self.sprockets + int(self.base.drives["guides"][0])
         return np.array(self._impact_speed[: partners * self.rollers].reshape(partners, self.rollers) > 0.0)
 

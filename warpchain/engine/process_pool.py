@@ -1,4 +1,4 @@
-"""Work in processes of its own: kernels to compile, and many small things, which Python's lock keeps from threads."""
+"""Work in processes of its own, for many small things that Python's lock would keep from threads."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from warpchain.errors import SimulationError
 from warpchain.progress import ProgressReport, completed_futures, ignore_progress, raise_if_stopped
 from warpchain.python_process import can_start_python, start_python
 
-FEWEST = 16
+FEWEST_THINGS = 16
 """Things for which a process is worth its start, which takes a second or two."""
 
 
-def each(
+def map_in_processes(
     work: Callable[[Any], Any],
     things: Sequence[Any],
     workers: int,
     phase: str = "",
     report: ProgressReport = ignore_progress,
 ) -> list[Any]:
-    """A function's answers for many things, in their order; an exception is the answer where it raises one.
+    """Results of a function for many things, in their order; where it raises an exception, that is the result.
 
     Few things are done here, one after the other.
 
     Args:
-        work: a function of a module, or `functools.partial` of one; it, things and answers can be pickled.
+        work: a function of a module, or `functools.partial` of one; it, things and results can be pickled.
         workers: processes at most.
-        phase, report: what is told as they are done, in things.
+        phase, report: what is reported as things are done.
 
     Raises:
         SimulationError: a process ended before its work, as for lack of memory.
         KeyboardInterrupt: the user asked to stop.
     """
-    workers = min(workers, len(things) // FEWEST)
+    workers = min(workers, len(things) // FEWEST_THINGS)
     if workers < 2 or not can_start_python():
         found = []
         for thing in things:
             raise_if_stopped()
-            found.append(_tried(work, thing))
+            found.append(_result_or_error(work, thing))
             report(phase, len(found), len(things))
         return found
     processes = [start_python(__name__, subprocess.PIPE) for _ in range(workers)]
@@ -83,15 +83,16 @@ def each(
                 process.wait()
 
 
-def _tried(work: Callable[[Any], Any], thing: Any) -> Any:
+def _result_or_error(work: Callable[[Any], Any], thing: Any) -> Any:
+    """The result of `work(thing)`, or the exception that it raises."""
     try:
         return work(thing)
     except Exception as error:
         return error
 
 
-def serve() -> None:
-    """Answers what is asked on standard input, on what was standard output, until the input ends."""
+def serve_requests() -> None:
+    """Does the work read from standard input, and writes results to what was standard output, until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
@@ -100,9 +101,9 @@ def serve() -> None:
                 work, thing = pickle.load(sys.stdin.buffer)
             except EOFError:
                 return
-            pickle.dump(_tried(work, thing), answers)
+            pickle.dump(_result_or_error(work, thing), answers)
             answers.flush()
 
 
 if __name__ == "__main__":
-    serve()
+    serve_requests()

@@ -1,0 +1,204 @@
+"""Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
+
+Each chain is packed and settled as a drive of its own (`warpchain.drive.chain_drives`); `ChainRows.couple_chains` then
+makes bodies of one shaft or train, in `structs.Motion`, turn together with the inertia of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.bounds import tension_scale
+from warpchain.assembly.crossings import check_planes
+from warpchain.drive import Drive
+from warpchain.drive.chain_drives import chain_drives, loaded_chain_drives
+from warpchain.drive.geared_chain_drives import shared_bodies
+from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
+from warpchain.drive.stacks import Stack, first_refusal, stacks_of_drives
+from warpchain.drive.trains import inertia_of_body
+from warpchain.drive.transmission import drive_with_bare_shafts, is_geared
+from warpchain.engine.contact_mobility import sum_mobility_over_chains
+from warpchain.engine.pack import fill_step_dependence
+from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.errors import DriveError
+from warpchain.results.metrics import VariantEnds
+
+Value = TypeVar("Value")
+
+
+class ChainRows:
+    """The rows of variants.
+
+    Args:
+        drives: the variants.
+        stacks: stacks of them.
+
+    Attributes:
+        first_rows: (V + 1,) row of each variant's first chain, and where the last one's end.
+        drives: (rows,) one a chain; of variants with one chain, the variants themselves.
+        stacks: stacks of these.
+    """
+
+    def __init__(self, drives: Sequence[Drive], stacks: Sequence[Stack]) -> None:
+        self.variant_drives, self.one_chain_each = drives, not any(stack.drive.chains for stack in stacks)
+        if self.one_chain_each:
+            self.first_rows, self.drives, self.stacks = np.arange(len(drives) + 1), drives, stacks
+            return
+        rings = [chain_drives(drive) for drive in drives]
+        self.chains: list[ChainDrive] = [ring for of in rings for ring in of]
+        self.first_rows = np.append(0, np.cumsum([len(of) for of in rings]))
+        self.drives = [ring.drive for ring in self.chains]
+        self.stacks = stacks_of_drives(self.drives)
+
+    @cached_property
+    def variant_of_row(self) -> NDArray[np.int64]:
+        """(rows,) the variant of each row."""
+        return np.repeat(np.arange(len(self.variant_drives)), np.diff(self.first_rows))
+
+    def values_by_row(self, values: Sequence[Value]) -> Sequence[Value]:
+        """Values of variants, repeated for each of their rows."""
+        return values if self.one_chain_each else [values[v] for v in self.variant_of_row.tolist()]
+
+    def numbers_by_row(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(rows,) the number in the run of each row's variant, from those of variants."""
+        return numbers if self.one_chain_each else numbers[self.variant_of_row]
+
+    def layout_faults(self, layouts: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:
+        """Faults of the variants' layouts, from those of rows."""
+        if self.one_chain_each:
+            return layouts
+        named = [tuple(f"{ring.name}: {line}" if ring.name else line for line in lines)
+                 for ring, lines in zip(self.chains, layouts, strict=True)]  # fmt: skip
+        return [sum(named[a:b], ()) for a, b in zip(self.first_rows[:-1], self.first_rows[1:], strict=True)]
+
+    def variant_ends(self, rows: VariantEnds, schedules: Sequence[Any], stacks: Sequence[Stack]) -> VariantEnds:
+        """Final states of variants, from those of their rows."""
+        if self.one_chain_each:
+            return rows
+        causes = np.array(rows.causes or [""] * len(self.drives), dtype=object)
+        spans = list(zip(self.first_rows[:-1], self.first_rows[1:], strict=True))
+        layouts = None if rows.layouts is None else self.layout_faults(rows.layouts)  # type: ignore[arg-type]
+        return replace(
+            rows.select_variants(self.first_rows[:-1]),
+            drives=self.variant_drives,
+            schedules=schedules,
+            layouts=layouts,
+            causes=[next(filter(None, causes[a:b]), "") for a, b in spans],
+            stacks=stacks,
+        )
+
+    def couple_chains(self, packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> None:
+        """Ties the chains of each variant in `packed`, in float64, whose variants are numbered `numbers` in the run.
+
+        Raises:
+            DriveError: chains that cross in one plane.
+        """
+        if self.one_chain_each:
+            return
+        for v, (a, b) in enumerate(zip(self.first_rows[:-1].tolist(), self.first_rows[1:].tolist(), strict=True)):
+            if b - a > 1:
+                try:
+                    check_planes(self.variant_drives[v], [packed.assemblies[r].path for r in range(a, b)])
+                except DriveError as error:
+                    raise first_refusal([(v, error)], numbers) from None
+                self._couple_chains_of(packed, v, a, b)
+        fill_step_dependence(packed)
+
+    def _couple_chains_of(self, packed: PackedEnsemble, v: int, a: int, b: int) -> None:
+        """Ties the chains of variant v, whose rows are `a` to `b` - 1."""
+        geared = is_geared(self.variant_drives[v])
+        drive, rows = (
+            self.variant_drives[v] if geared else drive_with_bare_shafts(self.variant_drives[v]),
+            packed.drives,
+        )
+        rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
+        begin = int(rows["first_body"][a])
+        _number_trains(packed, range(a, b), begin)
+        members_of: list[tuple[ChainSprocket, Any]] = []
+        for r in range(a, b):
+            for k, s in enumerate(self.chains[r].places["sprockets"]):
+                member = (r, int(rows["first_body"][r]) + k, int(rows["first_sprocket"][r]) + k)
+                members_of.append((member, drive.sprockets[s]))
+                packed.motions["own_inertia"][member[1]] = inertia_of_body(drive, s)
+        if geared:
+            for (one, shaft), (other, k) in shared_bodies(drive, self.chains[a:b]):
+                _tie_body_to(packed, int(rows["first_body"][a + one]) + shaft, int(rows["first_body"][a + other]) + k)
+        groups: dict[str, list[ChainSprocket]] = {}
+        for member, sprocket in members_of:
+            key = str(packed.motions["train"][member[1]]) if geared else shaft_of_sprocket(sprocket)
+            groups.setdefault(key, []).append(member)
+        for members in groups.values():
+            if len({row for row, *_ in members}) > 1:
+                if not geared:
+                    _tie_shaft(packed, members, begin)
+                _sum_contacts_over_chains(packed, members)
+        for r, ring in zip(range(a, b), loaded_chain_drives(drive), strict=True):
+            rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
+
+
+ChainSprocket = tuple[int, int, int]
+"""A sprocket: its row, its body, and its place among the sprockets of all rows."""
+
+
+def _number_trains(packed: PackedEnsemble, rows: range, begin: int) -> None:
+    """Numbers the trains of a variant's rows among its bodies, which begin at `begin`; an arm has a negative number."""
+    for row in packed.drives[rows.start : rows.stop]:
+        bodies = int(row["first_body"]) + np.arange(int(row["bodies"]))
+        own, motions = bodies - begin, packed.motions
+        if row["tied"]:
+            trains = motions["train"][bodies]
+            motions["train"][bodies] = np.where(trains < 0, -1 - own, trains + own[0])
+            motions["ratio"][bodies[trains < 0]] = 1.0
+        else:
+            motions["train"][bodies], motions["ratio"][bodies] = own, 1.0
+
+
+TRAIN_FIELDS = (
+    "train",
+    "ratio",
+    "prescribed",
+    "inverse_inertia",
+    "speed",
+    "ramp_time",
+    "drive_harmonics",
+    "drive_table",
+)
+"""Fields of `structs.Motion` that bodies of a train share, apart from the sign."""
+
+
+def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
+    """Makes `body`, which stands for a shaft in one chain, turn as that shaft's body `home` in another."""
+    motions = packed.motions
+    motions["apart"][body], motions["own_inertia"][home] = home - body, 0.0
+    for name in TRAIN_FIELDS:
+        motions[name][body] = motions[name][home]
+    if motions["prescribed"][home]:
+        motions["sign"][body] = motions["sign"][home]
+    packed.bodies["speed"][body] = packed.bodies["speed"][home]
+
+
+def _tie_shaft(packed: PackedEnsemble, members: Sequence[ChainSprocket], begin: int) -> None:
+    """Makes the bodies of sprockets on one shaft turn together; the variant's bodies begin at `begin`."""
+    bodies = np.array([body for _, body, _ in members])
+    packed.motions["train"][bodies] = bodies[0] - begin
+    packed.motions["apart"][bodies] = bodies[0] - bodies
+    packed.bodies["speed"][bodies] = packed.bodies["speed"][bodies[0]]
+
+
+def _sum_contacts_over_chains(packed: PackedEnsemble, members: Sequence[ChainSprocket]) -> None:
+    """Fills contact mobility and effective mass of tooth friction of a train for the rollers of all its chains.
+
+    1/m_e = 1/m + sum of z times the mobility of a point, as in `struct_rows.tooth_effective_mass`.
+    """
+    rows, _, sprockets = (np.array(of) for of in zip(*members, strict=True))
+    sum_mobility_over_chains(packed, rows, sprockets)
+    mass, stopped = packed.chains["mass"][rows], packed.tooth_friction["inertia"]
+    rubs = stopped[sprockets] > 0.0
+    yields = (1.0 / stopped[sprockets][rubs] - 1.0 / mass[rubs]).sum()
+    stopped[sprockets[rubs]] = 1.0 / (1.0 / mass[rubs] + yields)

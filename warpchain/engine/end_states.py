@@ -1,0 +1,94 @@
+"""The last state of each variant: the rollers on the teeth, and the cause of divergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.stack_assembly import Assemblies
+from warpchain.drive import Drive
+from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
+from warpchain.engine.arrays import Engine
+from warpchain.engine.packed_ensemble import roller_coordinates
+from warpchain.kernels.native import STATE_ROWS
+
+ON_TOP = 0.5
+"""A roller has left the teeth where its center is this part of its radius beyond their tips; on top of one it is 1."""
+
+TORN = 2.0
+"""A chain is torn where a link is longer than this many times its length."""
+
+
+def engaged_fractions(
+    engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None
+) -> NDArray[np.float64]:
+    """(V, S) rollers now on each sprocket's teeth over those of the assembled wrap, NaN beyond a drive's sprockets.
+
+    On the teeth is a roller whose center is nearer than half a pitch to the pitch circle inward, and less than `ON_TOP`
+    of its radius beyond the tips outward. May exceed 1, as a strand's first rollers are near the teeth, too.
+    """
+    packed = engine.packed
+    counts = packed.drives["sprockets"].astype(np.int64)
+    sorted_ = stacks_of_drives(drives) if stacks is None else stacks
+    inner, outer, held = _tooth_reach(sorted_, packed.assemblies, (len(drives), int(counts.max())))
+    centers, rows = engine.bodies()["center"], engine.rollers()
+    found = np.full(held.shape, np.nan)
+    for alike, first, count in packed.groups_by_rollers():
+        x, y = roller_coordinates(rows, first, count)
+        for s in range(int(counts[alike].max())):
+            body = np.where(counts[alike] > s, packed.drives["first_body"][alike] + s, 0)
+            center = centers[body][:, :, None]
+            with np.errstate(all="ignore"):  # what diverged may be anywhere
+                square = (x - center[:, 0]) ** 2 + (y - center[:, 1]) ** 2
+            on = (square > inner[alike, s, None] ** 2) & (square < outer[alike, s, None] ** 2)
+            found[alike, s] = on.sum(axis=1)
+    return found / held
+
+
+def divergence_causes(engine: Engine, drives: Sequence[Drive], diverged: NDArray[np.bool_]) -> list[str]:
+    """(V,) why each variant diverged, a key of `results.judgement.DIVERGENCE_CAUSES`; "" where it did not."""
+    packed, causes = engine.packed, [""] * len(drives)
+    if not diverged.any():
+        return causes
+    bodies, rows, steps = engine.bodies(), engine.rollers(), engine.progress()["step"]
+    for v in np.flatnonzero(diverged).tolist():
+        row, first = packed.drives[v], STATE_ROWS * int(packed.drives["first_roller"][v])
+        count = int(row["rollers"])
+        place = rows[first : first + 2 * count].reshape(2, count).T.astype(float)
+        mine = bodies[int(row["first_body"]) :][: int(row["bodies"])]
+        with np.errstate(all="ignore"):
+            span = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
+        sound = np.isfinite(mine["angle"] + mine["speed"] + mine["center"].sum(axis=1) + mine["velocity"].sum(axis=1))
+        if not sound.all() or not (span < TORN * drives[v].chain.link_lengths).all():
+            causes[v] = "settling" if steps[v] == 0 and drives[v].run.settle else "torn"
+        elif not _is_inside(row, place):
+            causes[v] = "left"
+        else:
+            causes[v] = "torn" if _is_inside(row, mine["center"]) else "center"
+    return causes
+
+
+def _is_inside(row: Any, places: NDArray[np.float64]) -> bool:
+    """Whether all places (N, 2) are in a drive's box."""
+    return bool(((places > row["low"]) & (places < row["high"])).all())
+
+
+def _tooth_reach(
+    stacks: Sequence[Stack], assemblies: Assemblies, shape: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Least and largest distance from the center at which a roller is on the teeth [m], and rollers there at assembly.
+
+    (V, S) each, NaN beyond a drive's sprockets.
+    """
+    inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
+    for stack in stacks:
+        for places, assembly in assemblies.states_by_block(stack.members):
+            drive, v = pick_variants(stack.drive, places), stack.members[places]
+            for s in range(len(drive.sprockets)):
+                inner[v, s] = assembly.path.radius[:, s] - 0.5 * drive.chain.pitch
+                outer[v, s] = drive.tip_radius(s) + ON_TOP * drive.chain.roller_radius
+                held[v, s] = (assembly.seat_sprocket == s).sum(axis=1)
+    return inner, outer, held

@@ -1,0 +1,314 @@
+"""Subensembles: variants of a run that one device packs, settles and steps together.
+
+A run is one subensemble, or several, of which some are stepped while others are packed (`engine.pipeline`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+from importlib import import_module
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.stack_assembly import layout_faults_of_drives
+from warpchain.drive import Drive
+from warpchain.drive.stacks import Stack, split_stack, stack_of_chosen
+from warpchain.engine.arrays import Engine
+from warpchain.engine.chain_rows import ChainRows
+from warpchain.engine.devices import launch_frame_bytes, launch_step_limit, load_run_kernels, make_engine
+from warpchain.engine.end_states import divergence_causes, engaged_fractions
+from warpchain.engine.launches import next_launch_steps, steps_left
+from warpchain.engine.pack import pack
+from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.engine.recorder import Recorder, RecordingOptions
+from warpchain.engine.settling import largest_net_forces, settle_variants
+from warpchain.engine.window_sums import LONG_BATCHES, batch_durations, split_sums
+from warpchain.progress import ProgressReport, StopRequest
+from warpchain.results.channels import FrameLayout
+from warpchain.results.metrics import ChainEnds, ColumnBlocks, VariantEnds, metric_blocks
+from warpchain.results.run import Trajectory
+from warpchain.results.schedule import MOST_STEPS, Schedule
+
+if TYPE_CHECKING:
+    from warpchain.archive.writer import ArchiveWriter
+    from warpchain.engine.checkpoint import StateKeeper, States
+
+LAUNCH_WORK = 20_000_000
+"""Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
+
+PERTURBATION = 1e-9
+"""Standard deviation of each coordinate's displacement, in pitches."""
+
+
+@dataclass(frozen=True)
+class Variants:
+    """Variants of a run.
+
+    Attributes:
+        drives, schedules: one each a variant.
+        stacks: stacks of the drives, numbered from 0.
+        numbers: (V,) the variants' numbers in the run, ascending.
+    """
+
+    drives: Sequence[Drive]
+    schedules: Sequence[Schedule]
+    stacks: Sequence[Stack]
+    numbers: NDArray[np.int64]
+
+    @cached_property
+    def roller_steps(self) -> NDArray[np.float64]:
+        """(V,) rollers times steps of each variant."""
+        rollers = np.zeros(len(self.drives))
+        for stack in self.stacks:
+            rollers[stack.members] = stack.drive.links
+        return rollers * (np.array([schedule.steps for schedule in self.schedules]) + 1.0)
+
+    def select(self, chosen: NDArray[np.bool_]) -> Variants:
+        """The variants for which `chosen` (V,) is true, in stacks that fit the processor's caches."""
+        kinds = (stack_of_chosen(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
+        stacks = [part for stack in kinds for part in split_stack(stack)]
+        places = np.flatnonzero(chosen).tolist()
+        drives, schedules = [self.drives[v] for v in places], [self.schedules[v] for v in places]
+        return Variants(drives, schedules, stacks, self.numbers[chosen])
+
+
+@dataclass(frozen=True)
+class DeviceSettings:
+    """The device, precision and threads on which a subensemble runs.
+
+    Attributes:
+        device: "cpu" or such as "cuda:0".
+        precision: "float64" or "float32".
+        cores: CPU threads.
+    """
+
+    device: str
+    precision: str
+    cores: int
+
+
+@dataclass(frozen=True)
+class SubensembleResult:
+    """Final states, metrics and trajectories of variants that have run.
+
+    Attributes:
+        ends: the final states.
+        metric_blocks: gives their metrics, numbered as in the run.
+        trajectories: those recorded in memory, by numbers in the run.
+        end_time: when the last step was done, by `time.monotonic` [s].
+    """
+
+    ends: VariantEnds
+    metric_blocks: Callable[[], ColumnBlocks]
+    trajectories: Mapping[int, Trajectory]
+    end_time: float
+
+
+class Subensemble:
+    """Variants of a run, packed.
+
+    Args:
+        variants: the variants.
+        frame: layout of recorded frames.
+
+    Raises:
+        DriveError: a chain that does not fit; the message names the variant.
+    """
+
+    def __init__(self, variants: Variants, frame: FrameLayout) -> None:
+        self.variants = variants
+        self.rows = rows = ChainRows(variants.drives, variants.stacks)
+        packed = pack(
+            rows.drives, rows.values_by_row(variants.schedules), rows.stacks, rows.numbers_by_row(variants.numbers)
+        )
+        rows.couple_chains(packed, variants.numbers)
+        self.packed = replace(packed, frame=frame)
+        self.row_layout_faults = layout_faults_of_drives(rows.drives, self.packed.assemblies, rows.stacks)
+        self.layout_faults = rows.layout_faults(self.row_layout_faults)
+
+    def make_recorder(self, recording: RecordingOptions, count: int, archive: ArchiveWriter | None = None) -> Recorder:
+        """A recorder of the variants' frames, with their part of the memory of `count` variants."""
+        variants = self.variants
+        return Recorder(variants.schedules, variants.numbers, self.packed, recording, self.rows, count, archive)
+
+    def make_state_keeper(self, states: States | None, settings: DeviceSettings) -> StateKeeper | None:
+        """A keeper that restores and keeps the variants' states; None where `states` is."""
+        if states is None:
+            return None
+        from warpchain.engine.checkpoint import StateKeeper
+
+        variants, kind = self.variants, f"{settings.precision} {settings.device.partition(':')[0]}"
+        return StateKeeper(states, variants.drives, variants.schedules, variants.numbers, kind)
+
+    def run(
+        self,
+        settings: DeviceSettings,
+        recorder: Recorder,
+        keeper: StateKeeper | None,
+        report: ProgressReport,
+        stop: StopRequest,
+    ) -> SubensembleResult:
+        """Settles the variants and steps them to their ends, or until a stop is asked for."""
+        drives, stacks, packed = self.rows.drives, self.rows.stacks, self.packed
+        steps = launch_step_limit(settings.device, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
+        settling, of = (drives, stacks) if keeper is None else (keeper.drives_to_settle(), None)
+
+        def settle_on(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
+            _wait_for_launch(futures, stop, lambda: report("settling", *done()))
+            return not stop.is_asked
+
+        settles = any(drive.run.settle for drive in settling)
+        with load_run_kernels(settings.device, packed, settings.precision, settles, settings.cores, report, stop):
+            scatter_in_gaps(packed, drives)
+            settled = settle_variants(packed, settling, settings.device, settings.cores, steps, settle_on, of)
+        left = largest_net_forces(packed, settled["residual"])
+        perturb_rollers(packed, drives)
+        if keeper is not None:
+            keeper.take_over_settling(packed, settled, left)
+        steps = launch_step_limit(
+            settings.device, packed, recorder.launch_step_limit(steps, launch_frame_bytes(settings.device))
+        )
+        buffer_values = recorder.lay_out_buffer(steps)
+        engine = make_engine(settings.device, packed.at_precision(settings.precision), settings.cores)
+        try:
+            if keeper is not None:
+                keeper.restore_states(engine)
+            _launch_all_steps(engine, steps, buffer_values, recorder, report, stop, keeper)
+            at = time.monotonic()
+            state = engine.progress()
+            diverged = state["diverged"] != 0
+            rows = VariantEnds(
+                drives,
+                self.rows.values_by_row(self.variants.schedules),
+                state["step"],
+                diverged,
+                settled,
+                engaged_fractions(engine, drives, stacks),
+                self.row_layout_faults,
+                left,
+                divergence_causes(engine, drives, diverged),
+                stacks,
+            )
+            ended = self.rows.variant_ends(rows, self.variants.schedules, self.variants.stacks)
+            sums = engine.sums()
+            blocks = partial(
+                _metric_blocks, ended, rows, self.rows.first_rows, (sums, engine.packed), self.variants.numbers
+            )
+            return SubensembleResult(ended, blocks, recorder.kept_trajectories(), at)
+        finally:
+            engine.close()
+
+
+def _metric_blocks(
+    ended: VariantEnds,
+    rows: VariantEnds,
+    begins: NDArray[np.int64],
+    sums: tuple[dict[str, NDArray[Any]], PackedEnsemble],
+    numbers: NDArray[np.int64],
+) -> ColumnBlocks:
+    """Metrics of variants, by their numbers in the run, from the sums of their rows, which begin at `begins`."""
+    chains = np.diff(begins)
+
+    def parts_of(variants: NDArray[np.intp]) -> list[ChainEnds]:
+        found = [begins[variants] + c for c in range(int(chains[variants[0]]))]
+        return [(rows.select_variants(mine), split_sums(*sums, mine)) for mine in found]
+
+    return [(numbers[variants], columns) for variants, columns in metric_blocks(ended, parts_of)]
+
+
+def _wait_for_launch(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], None]) -> None:
+    """Waits for a launch, calling `tick`; on a request to stop cancels what has not begun. Raises its errors."""
+    pending = set(futures)
+    while pending:
+        _, pending = wait(pending, timeout=0.1)
+        tick()
+        if stop.is_asked:
+            for future in pending:
+                future.cancel()
+    for future in futures:
+        if not future.cancelled():
+            future.result()
+
+
+def _launch_all_steps(
+    engine: Engine,
+    steps: int,
+    buffer_values: int,
+    recorder: Recorder,
+    report: ProgressReport,
+    stop: StopRequest,
+    keeper: StateKeeper | None = None,
+) -> None:
+    """Launches steps until every variant has ended; the frames of one launch are taken while the next runs."""
+    drives = engine.packed.drives
+    rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
+    total, simulated = float(((last + 1) * rollers).sum()), float((last * drives["step"]).sum())
+    buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
+    batched = bool(np.isfinite(batch_durations(drives, LONG_BATCHES)).any())
+    taken: tuple[Any, Any, Any] | None = None
+
+    def tick() -> None:
+        state = engine.progress()
+        done = np.where(state["diverged"] == 1, last + 1, state["step"])
+        report("simulating", simulated * (float((done * rollers).sum()) / total), simulated)
+
+    before = engine.progress()
+    turn = 0
+    while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.is_asked:
+        futures = engine.advance(_next_launch_steps(engine, steps, before, keeper), buffers[turn])
+        if batched:
+            _import_ahead()
+        if taken is not None:
+            recorder.take_frames(taken[0].numpy(), *taken[1:])
+        _wait_for_launch(futures, stop, tick)
+        after = engine.progress()
+        if keeper is not None:
+            keeper.keep_due_states(engine, after)
+        taken = (buffers[turn], before, after)
+        before, turn = after, 1 - turn
+    if taken is not None:
+        recorder.take_frames(taken[0].numpy(), *taken[1:])
+
+
+def _next_launch_steps(
+    engine: Engine, most: int, progress: NDArray[Any], keeper: StateKeeper | None
+) -> int | NDArray[np.integer]:
+    """Steps of the next launch, `most` at most, one or (V,), that end where a variant's state is to be kept."""
+    ahead = np.full(len(progress), MOST_STEPS) if keeper is None else keeper.steps_ahead(progress)
+    if engine.has_own_steps:
+        return next_launch_steps(np.minimum(steps_left(engine.packed.drives, progress), ahead), most)
+    return min(most, int(ahead.min()))
+
+
+@cache
+def _import_ahead() -> None:
+    """Imports what metrics of batches need, which takes 0.3 s, in a thread of its own."""
+    Thread(target=import_module, args=("scipy.special",)).start()
+
+
+def scatter_in_gaps(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
+    """Displaces rollers of drives with `run.seating`, evenly over the narrowest tooth gap's clearance."""
+    for v, drive in enumerate(drives):
+        if drive.run.seating is not None:
+            rows = packed.roller_rows(v)
+            random = np.random.default_rng(drive.run.seating)
+            first, count = (int(packed.drives[name][v]) for name in ("first_sprocket", "sprockets"))
+            narrowest = packed.sprockets["clearance"][first : first + count].min()
+            off, way = np.sqrt(random.random(rows.shape[1])), random.uniform(0.0, 2.0 * np.pi, rows.shape[1])
+            rows[0:2] += narrowest * off * np.array([np.cos(way), np.sin(way)])
+
+
+def perturb_rollers(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
+    """Displaces rollers of drives with `run.perturbation` by normal draws of `PERTURBATION` pitches."""
+    for v, drive in enumerate(drives):
+        if drive.run.perturbation is not None:
+            rows = packed.roller_rows(v)
+            random = np.random.default_rng(drive.run.perturbation)
+            rows[0:2] += PERTURBATION * drive.chain.pitch * random.standard_normal(rows[0:2].shape)

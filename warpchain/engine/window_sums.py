@@ -1,0 +1,133 @@
+"""Sums of the window by variant, over all of it and batch by batch, from the arrays that engines hand back.
+
+Kernels note some of the sums at the ends of batches (`kernels.statistics`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.engine.arrays import ARRAYS, DIMENSIONS, first_places
+from warpchain.engine.packed_ensemble import PackedEnsemble, consecutive_places
+from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
+from warpchain.results.metric_formulas import LazyFields
+
+SumFields = Mapping[str, NDArray[Any]]
+
+LONG_BATCHES = 20
+"""Parts of a window, of several batches each, from which a drift is told."""
+
+
+def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V, bins + 1) edges of the bins of tension for V scales (`kernels.statistics`) [N]."""
+    return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
+
+
+def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[np.integer]) -> dict[str, Any]:
+    """The sums of V variants with S sprockets, G guides, A arms and T tensioners each.
+
+    Returns:
+        "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm" (V, A), "tensioner"
+        (V, T); "batches" and "parts": sums over each batch, or part, along a last axis, and their lengths (V, batches)
+        or (V, parts) [s]; "tension": counts of link tensions in each bin, of each strand and of no strand
+        (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
+    """
+    drives, first = packed.drives[variants], first_places(packed.drives)
+    found = {}
+    for name, row in ARRAYS["sums"].items():
+        begin, count = first[row.dimension][variants], int(DIMENSIONS[row.dimension].count(drives)[0])
+        values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
+        found[name] = values[begin] if row.dimension == "variant" else _rows_by_variant(values, begin, count)
+    _add_late_work(found, packed, drives[0])
+    batches, parts = _batch_sums_by_name(found, drives, int(BATCHES)), _batch_sums_by_name(found, drives, LONG_BATCHES)
+    tension = found["tension_counts"], tension_edges(drives["tension_scale"])
+    return found | {"batches": batches, "parts": parts, "tension": tension}
+
+
+def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> NDArray[Any]:
+    """(V, count, ...) rows of each variant, the first of them at `begin`; a view where nothing lies between."""
+    if (np.diff(begin) == count).all():
+        return values[begin[0] : begin[0] + len(begin) * count].reshape(len(begin), count, *values.shape[1:])
+    return values[consecutive_places(begin, count)]
+
+
+def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) -> None:
+    """Subtracts the bodies' late work (`kernels.physics.body.late_power`) from the contacts' dissipation in `found`.
+
+    Of an arm it goes to the first guide, else sprocket, that it carries; `drive` is one of the variants, all alike.
+    """
+    found["contact"] = found["contact"].copy()  # not the engine's own
+    taken, sprockets = found["contact"]["dissipated"], int(drive["sprockets"])
+    taken[:, :sprockets] -= found["sprocket"]["late_work"]
+    guides = packed.guides["body"][drive["first_guide"] :][: drive["guides"]]
+    hubs = packed.hubs["arm"][drive["first_sprocket"] :][:sprockets]
+    for a in range(int(drive["arms"])):
+        body = drive["bodies"] - drive["arms"] + a
+        partners = [*(sprockets + np.flatnonzero(guides == body)), *np.flatnonzero(hubs == body)]
+        taken[:, partners[0] if partners else 0] -= found["arm"]["late_work"][:, a]
+
+
+def _batch_sums_by_name(
+    found: Mapping[str, Any], drives: NDArray[Any], batches: int
+) -> tuple[dict[str, SumFields], NDArray[np.float64]]:
+    """Sums over each of `batches` batches of the window, by name and field, and their lengths (V, batches) [s]."""
+    kept = slice(int(BATCHES) // batches - 1, None, int(BATCHES) // batches)  # the notes that end one
+    noted = [name for name in found if f"{name}_notes" in found]
+    sums = {name: batch_sums(found[f"{name}_notes"][..., kept], found[name]) for name in noted}
+    return sums, batch_durations(drives, batches)
+
+
+def note_steps(
+    start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: NDArray[Any] | int, batches: int = int(BATCHES)
+) -> NDArray[np.int64]:
+    """(..., batches - 1) steps at which batches of a window end, if it is long enough (`kernels.statistics`)."""
+    first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, look_every))
+    reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
+    return np.asarray(-(-reached // every) * every)
+
+
+def has_batches(window: NDArray[Any] | int, look_every: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
+    """(...) whether a window of so many steps has a sample for each batch."""
+    return window >= batches * look_every
+
+
+def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArray[np.float64]:
+    """(V, batches) time of each batch [s], nan where the window is too short for so many.
+
+    Args:
+        drives: (V,) `kernels.structs.Drive`.
+    """
+    start, noted, end = _batch_edges(drives, batches)
+    half = 0.5  # the first and the last step of a window stand for half a step
+    steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
+    steps[~has_batches((end - start)[:, 0], drives["look_every"].astype(np.int64), batches)] = np.nan
+    return steps * drives["step"][:, None]
+
+
+def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Steps at which windows begin (V, 1), batches but the last end (V, batches - 1) and windows end (V, 1)."""
+    start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "look_every"))
+    return start[:, None], note_steps(start, end, every, batches), end[:, None]
+
+
+def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> SumFields:
+    """The sums over each batch, by field.
+
+    Args:
+        notes: (..., notes), the sums as they were at the batches' ends.
+        totals: (...) the sums at the window's end.
+    """
+
+    def batches(name: str) -> NDArray[Any]:
+        noted, total = np.moveaxis(notes[name], totals.ndim, 0), totals[name]
+        found = np.empty((*totals.shape, len(noted) + 1, *total.shape[totals.ndim :]), dtype=total.dtype)
+        each = np.moveaxis(found, totals.ndim, 0)
+        each[0], each[-1] = noted[0], total - noted[-1]
+        np.subtract(noted[1:], noted[:-1], out=each[1:-1])
+        return found
+
+    return LazyFields(batches)
