@@ -46,7 +46,9 @@ def rubbing_of(law: ImpactLaw | Joint, most: float = math.inf) -> Rubbing:
     dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
     speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
-    return Rubbing(minimum(dynamic, most), minimum(static, most), speed)
+    if most is not math.inf:
+        dynamic, static = minimum(dynamic, most), minimum(static, most)
+    return Rubbing(dynamic, static, speed)
 
 
 def tooth_rubbing(drive: Drive) -> Rubbing:

@@ -6,7 +6,7 @@ A new metric is a row here; one with a sum of its own, also a field in `kernels/
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -695,10 +695,14 @@ def column_of_metric(name: str) -> Column | None:
     return COLUMN_BY_NAME.get(name) or COLUMN_BY_NAME.get(name.rsplit(".", 1)[-1])
 
 
+def columns_of_metrics(names: Iterable[str]) -> dict[str, Column]:
+    """Columns of metrics by name; of other origin a number without a unit."""
+    return {name: column_of_metric(name) or Column(name, "1", name) for name in names}
+
+
 def unit_of_metric(name: str) -> str:
     """Unit of a metric by its name, "1" for a count, ratio or flag."""
-    column = column_of_metric(name)
-    return column.unit if column else "1"
+    return columns_of_metrics([name])[name].unit
 
 
 def title_of_metric(name: str) -> str:

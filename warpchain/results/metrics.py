@@ -29,9 +29,8 @@ from warpchain.results.metric_columns import (
     STEADY_METRICS,
     WINDOW_METRICS,
     MetricGroup,
-    column_of_metric,
+    columns_of_metrics,
     groups_of_drive,
-    unit_of_metric,
     variants_by_columns,
 )
 from warpchain.results.metric_formulas import (
@@ -196,9 +195,8 @@ def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns
         mine = rows if rows.ndim == 1 else rows[:, index]
         batches = _batch_window_sums(sums, group, index, links, turns >= LEAST_CHAIN_TURNS)
         summed = WindowSums(mine, group.weight(mine, duration, links), batches, _tension_counts(sums, group, index))
-        for column in group.columns:
-            if column.value:
-                columns[prefix + column.name] = mask_absent(summed.weight != 0, column.value(summed))
+        absent = summed.weight == 0
+        columns |= {prefix + c.name: np.ma.MaskedArray(c.value(summed), mask=absent) for c in group.columns if c.value}
     return columns
 
 
@@ -315,7 +313,8 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedCo
         known = run_columns(ended) | {STEP_KEY: np.ma.asarray(ended.schedule_column("step"))} | columns
         columns |= design_metric_columns(ended.drives, known, ended.stacks)
     columns |= engaged_columns(ended)
-    columns = {name: mask_absent(ended.is_measured, values) for name, values in columns.items()}
+    absent = ~ended.is_measured
+    columns = {name: np.ma.MaskedArray(values, mask=absent) for name, values in columns.items()}
     settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}
     if ended.settle_force is not None:
         settled["settle_force"] = ended.settle_force
@@ -373,12 +372,13 @@ def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | Non
     columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
     for variants, found in blocks:
+        kinds = columns_of_metrics(found)
         for place, (name, values) in enumerate(found.items()):
             having = ~np.ma.getmaskarray(values)
             if having.any():
                 places[name] = min(places.get(name, (count, 0)), (int(variants[having.argmax()]), place))
                 if name not in columns:
-                    columns[name] = np.zeros(count, _value_type(name)), np.ones(count, dtype=bool)
+                    columns[name] = np.zeros(count, kinds[name].kind), np.ones(count, dtype=bool)
                 numbers, missing = columns[name]
                 numbers[variants[having]] = values.data[having]
                 missing[variants[having]] = False
@@ -420,12 +420,6 @@ def select_metrics(table: pa.Table, rows: Sequence[int | None], wanted: Callable
     return taken.select(sorted(first, key=first.__getitem__))
 
 
-def _value_type(name: str) -> type:
-    """Type of a metric column's values."""
-    known = column_of_metric(name)
-    return known.kind if known else float
-
-
 def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Array:
     """Values of a kind as an Arrow column, null where missing; `pyarrow.array` would load pandas."""
     import pyarrow as pa
@@ -445,5 +439,6 @@ def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) ->
 
 def _table_of_columns(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Table:
     """Table of columns by name, each with where it is null."""
-    arrays = {name: _arrow_column(_value_type(name), values, mask) for name, (values, mask) in columns.items()}
-    return table_with_units(arrays, {name: unit_of_metric(name) for name in columns})
+    known = columns_of_metrics(columns)
+    arrays = {name: _arrow_column(known[name].kind, values, mask) for name, (values, mask) in columns.items()}
+    return table_with_units(arrays, {name: column.unit for name, column in known.items()})
