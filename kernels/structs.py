@@ -116,6 +116,9 @@ class Motor:
     torque: wp.float64  # constant, or the largest; on top of the table [N m]
     power: wp.float64  # largest [W]; 0: unbounded
     ramp_time: wp.float64  # [s]
+    wanted: wp.float64  # omega_0 of its governor [rad/s]
+    band: wp.float64  # B [rad/s]; 0: it has none
+    most: wp.float64  # f
     table: Tabulated  # forward [N m]
 
 
@@ -123,15 +126,16 @@ class Motor:
 class Coupling:
     """A spring and a damper with play between two bodies, a gearbox or a clutch (`physics.train`)."""
 
-    first: wp.int32  # of the drive's bodies
+    first: wp.int32  # of the drive's bodies, or `GROUND`
     second: wp.int32
+    freewheel: wp.int32  # +1, -1: it bears only moments of that sign; 0: of both
     ratios: wp.int32  # how many rows (time [s], ratio) it has; 0: its ratio is 1
     first_ratio: wp.int32  # where they stand among the tables' values
     stiffness: wp.float64  # k [N m/rad]
     damping: wp.float64  # c [N m s/rad]
     lash: wp.float64  # b to either side [rad]
     capacity: wp.float64  # C, engaged [N m]; 0: it does not slip
-    engagement: Tabulated  # part of that over time
+    engagement: Tabulated  # part of that over time or speed
 
 
 @wp.struct

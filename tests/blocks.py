@@ -223,6 +223,27 @@ def gear_changes_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in gear_changes()]
 
 
+def freewheels():
+    """Those trains with a freewheel that is overrun, a brake over speed and a backstop, or a centrifugal clutch."""
+    drive = trains()[0]
+    named = {"stiffness": 2e4, "damping": 10.0}
+    table = {"speed": [0.0, 20.0], "torque": [0.0, 300.0]}
+    brake = named | {"name": "brake", "between": ["ground", "cross"], "clutch": {"table": table}}
+    stop = named | {"name": "backstop", "between": ["ground", "driven"], "freewheel": True}
+    cush, slack = drive.couplings
+    by_speed = {"couplings.cush.clutch": {"table": table}, "shafts.governor.prescribed.speed": 8.0}
+    by_speed |= {"shafts.engine.motor.governor": {"speed": 9.0, "band": 4.0, "most": 1.2}}
+    held = stop | {"between": ["ground", "cross"]}
+    return [
+        drive.with_values({"couplings": [cush, slack, brake, stop]}).with_values({"couplings.slack.freewheel": True}),
+        drive.with_values({"couplings": [cush, slack, held, brake]}).with_values(by_speed),
+    ]
+
+
+def freewheels_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in freewheels()]
+
+
 CAMS = {
     "number": 2, "phases": [0.0, 90.0], "mass": 0.8, "spring": {"preload": 900.0, "stiffness": 2e4},
     "profile": {"lift": 0.02, "rise": 70.0, "dwell": 10.0, "fall": 60.0},
@@ -399,7 +420,9 @@ def cushed_stages():
     """Two stages, with bodies that are light beside their rollers, on a coupling."""
     light = {"sprockets.mid in.inertia": 1e-3, "sprockets.mid out.inertia": 0.02, "shafts.pump.inertia": 2e-3}
     drive = chains.cushed_stages(step=2e-6).with_values(light)
-    return [drive, drive.with_values({"sprockets.out.load.torque": 100.0})]
+    stop = {"name": "backstop", "between": ["ground", "mid out"], "stiffness": 1e4, "freewheel": True}
+    brake = {"name": "brake", "between": ["ground", "out"], "stiffness": 1e4, "clutch": {"torque": 40.0}}
+    return [drive, drive.with_values({"couplings": [drive.couplings[0], stop, brake]})]
 
 
 def valved_stages():
@@ -460,13 +483,13 @@ def rubbing_on_moving_sprockets():
 
 SWUNG = (swung, led, folded, folded_led)
 SWUNG_LIGHT = (swung_light, led_light, folded_light)
-TRAINS = (trains, gear_changes, valves, light_trains)
+TRAINS = (trains, gear_changes, freewheels, valves, light_trains)
 MOVING = (moving_sprockets, rubbing_on_moving_sprockets)
 PUSHED = (*MOVING, pushed_slider, segments)
 MOVING_TRAINS = (*TRAINS, *MOVING)
 ARMS_RK4 = (arms_rk4, swung_rk4, led_rk4)
 OF_THREE_RK4 = (bending_rk4, rubbing_rk4, *ARMS_RK4)
-TRAINS_RK4 = (trains_rk4, gear_changes_rk4, valves_rk4)
+TRAINS_RK4 = (trains_rk4, gear_changes_rk4, freewheels_rk4, valves_rk4)
 OF_TWO_RK4 = (rk4, *TRAINS_RK4, segments_rk4)
 """Families of drives that have a kernel in common, each with as many sprockets.
 

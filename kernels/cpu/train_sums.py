@@ -7,7 +7,7 @@ import warp as wp
 
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import coupling_loss, is_on_gear_side
-from ..structs import Drive, Now, Sums, types
+from ..structs import GROUND, Drive, Now, Sums, types
 from ..sums import add_coupling, add_gear, add_shaft, add_valve
 from .body_states import body_state_functions
 from .loads import load_functions
@@ -47,8 +47,9 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
         twist, rate, moment = trains.twist_and_moment_now(ensemble, state, drive, c, now.time, now.lag)
         led = wp.float64(0.0)
         for second in range(2):
-            b = drive.first_body + wp.where(second == 0, coupling.first, coupling.second)
-            if ensemble.motions[b].prescribed == 1:
+            body = wp.where(second == 0, coupling.first, coupling.second)
+            b = drive.first_body + wp.max(body, 0)
+            if body != GROUND and ensemble.motions[b].prescribed == 1:
                 speed = body_states.body_now(ensemble, state, b, now.time, now.lag).speed
                 led = led + wp.where(second == 0, -moment, engaged.ratio * moment) * speed
         power = coupling_loss(twist, rate, coupling, engaged)

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..physics.train import coupling_moment, coupling_state, coupling_twist
 from ..physics.valve import add_cam, add_cam_load, add_geared_cam, cam_lift, constant_inertia_moment, zero_valve_load
-from ..structs import Cam, Drive, types
+from ..structs import GROUND, Cam, Drive, types
 from .body_states import body_state_functions
 from .loads import load_functions
 
@@ -30,28 +30,31 @@ class TrainFunctions:
 def train_functions(Real: type) -> TrainFunctions:
     """The functions of one variant's trains."""
     kinds = types(Real)
-    Ensemble, State = kinds.Ensemble, kinds.State
+    Ensemble, State, Coupling = kinds.Ensemble, kinds.State, kinds.Coupling
     loads = load_functions(Real)
     body_states = body_state_functions(Real)
+
+    @wp.func
+    def coupled_bodies(state: State, drive: Drive, coupling: Coupling):
+        """The bodies of a coupling; the first is any where it is the ground."""
+        first = state.bodies[drive.first_body + wp.max(coupling.first, 0)]
+        return first, state.bodies[drive.first_body + coupling.second]
 
     @wp.func
     def twist_and_moment(ensemble: Ensemble, state: State, drive: Drive, c: int):
         """Twist [rad] of coupling `c` of all, and the moment [N m] on its first body, opposite."""
         coupling, engaged = ensemble.couplings[c], state.couplings[c]
-        first, second = (
-            state.bodies[drive.first_body + coupling.first],
-            state.bodies[drive.first_body + coupling.second],
-        )
-        twist, rate = coupling_twist(first, second, engaged)
+        first, second = coupled_bodies(state, drive, coupling)
+        twist, rate = coupling_twist(first, second, coupling, engaged)
         return twist, coupling_moment(twist, rate, coupling, engaged)
 
     @wp.func
     def twist_and_moment_now(ensemble: Ensemble, state: State, drive: Drive, c: int, time: wp.float64, lag: wp.float64):
         """Twist [rad], rate [rad/s] and moment [N m] of coupling `c` of all with the rates of `time`."""
         coupling, engaged = ensemble.couplings[c], state.couplings[c]
-        first = body_states.body_now(ensemble, state, drive.first_body + coupling.first, time, lag)
+        first = body_states.body_now(ensemble, state, drive.first_body + wp.max(coupling.first, 0), time, lag)
         second = body_states.body_now(ensemble, state, drive.first_body + coupling.second, time, lag)
-        twist, rate = coupling_twist(first, second, engaged)
+        twist, rate = coupling_twist(first, second, coupling, engaged)
         return twist, rate, coupling_moment(twist, rate, coupling, engaged)
 
     @wp.func
@@ -59,8 +62,7 @@ def train_functions(Real: type) -> TrainFunctions:
         """Takes the states of all couplings to a step's start."""
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]
-            first = state.bodies[drive.first_body + coupling.first]
-            second = state.bodies[drive.first_body + coupling.second]
+            first, second = coupled_bodies(state, drive, coupling)
             tables = ensemble.tables
             state.couplings[c] = coupling_state(time, first, second, state.couplings[c], coupling, tables)
 
@@ -89,7 +91,8 @@ def train_functions(Real: type) -> TrainFunctions:
             coupling = ensemble.couplings[c]
             first, second = drive.first_body + coupling.first, drive.first_body + coupling.second
             twist, moment = twist_and_moment(ensemble, state, drive, c)
-            state.passed[first] = state.passed[first] - moment
+            if coupling.first != GROUND:
+                state.passed[first] = state.passed[first] - moment
             state.passed[second] = state.passed[second] + state.couplings[c].ratio * moment
         if drive.valves > 0:
             find_valve_loads(ensemble, state, drive)

@@ -22,7 +22,7 @@ from ..physics.train import (
     motor_moment,
 )
 from ..physics.valve import add_cam, add_cam_load, cam_lift, zero_valve_load
-from ..structs import Drive
+from ..structs import GROUND, Drive
 from ..sums import add_coupling, add_energy, add_gear, add_shaft, add_valve
 from .bodies import body_steps, gathering
 from .events import block_sampling
@@ -55,7 +55,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
 
     @wp.func
     def coupled(ensemble: Ensemble, shared: Shared, mine: Mine, c: int):
-        """Coupling c of all, which is of the chain of the thread's body, and its bodies on the block."""
+        """Coupling c of all, which is of the chain of the thread's body, and its bodies on the block, or the ground."""
         coupling, row, ring = ensemble.couplings[c], mine.row, mine.row - mine.variant
         first = body_of(ensemble, shared, row, ring, coupling.first)
         return coupling, first, body_of(ensemble, shared, row, ring, coupling.second)
@@ -64,7 +64,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
     def engage(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, c: int, time: Any):
         """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
         coupling, one, other = coupled(ensemble, shared, mine, c)
-        first, second = shared.poses[one], shared.poses[other]
+        first, second = shared.poses[wp.max(one, 0)], shared.poses[other]
         return coupling_state(time, first, second, state.couplings[c], coupling, ensemble.tables)
 
     @wp.func
@@ -89,7 +89,7 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
                 engaged = state.couplings[c]
                 if now.stage == 0:
                     engaged = engage(ensemble, state, shared, mine, c, time)
-                twist, rate = coupling_twist(shared.poses[one], shared.poses[other], engaged)
+                twist, rate = coupling_twist(shared.poses[wp.max(one, 0)], shared.poses[other], coupling, engaged)
                 passed = coupling_moment(twist, rate, coupling, engaged)
                 moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.passed[mine.body] = moment
@@ -113,16 +113,18 @@ def block_trains(kind: BlockKind, frame: Any) -> SimpleNamespace:
         """One step of a coupling, whose second body is the thread's, for the sums of the window and the frame."""
         drive, engaged = ensemble.drives[mine.row], state.couplings[c]
         coupling, one, other = coupled(ensemble, shared, mine, c)
-        twist, before = coupling_twist(shared.poses[one], shared.poses[other], engaged)
-        first, angular = rates_now(ensemble, shared, mine, now, one)
+        twist, before = coupling_twist(shared.poses[wp.max(one, 0)], shared.poses[other], coupling, engaged)
         second, angular = rates_now(ensemble, shared, mine, now, other)
+        first = Real(0.0)
+        led = Real(0.0)
+        if one != GROUND:
+            first, angular = rates_now(ensemble, shared, mine, now, one)
         rate = wp.where(engaged.ratio == Real(0.0), Real(0.0), first - engaged.ratio * second)
         moment = coupling_moment(twist, rate, coupling, engaged)
         if now.flags & FRAME != 0:
             sampling.write_coupling(ensemble, out.frames, mine, now, c, twist, moment)
         if wp.static(measuring) and now.measured != 0:
-            led = Real(0.0)
-            if shared.motions[one].prescribed == 1:
+            if one != GROUND and shared.motions[one].prescribed == 1:
                 led = led - moment * first
             if shared.motions[other].prescribed == 1:
                 led = led + engaged.ratio * moment * second

@@ -19,20 +19,27 @@ then 0 and k d^2 / 2 lost; at i = 0 it is open. A clutch bears |M| <= C and slip
 
     e_0' = e' where k d = C and e' > 0, or k d = -C and e' < 0, else 0,    C |e_0'| lost.                   (d)
 
+A freewheel bears moments of one sense only, 0 <= w M <= C, so that by (d) it slips in the other one under none. It
+locks without twist, and so takes up only what turns it on. The first body may be the ground, whose q_1 is 0: a brake is
+a clutch to the ground, a backstop a freewheel. C may hang on |q_1'|, to the ground on |q_2'|.
+
 Ratio, e_0 and C are those of a step's start for the whole step.
 
-A motor's moment is that of its limits M_0 and P and of its table: min(M_0 + M(omega), P / omega) forward.
+A motor's moment is that of its limits M_0 and P and of its table: min(M_0 + M(omega), P / omega) forward. Its governor
+multiplies it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
 """
 
 from typing import Any
 
 import warp as wp
 
+from ..native import quotient
 from ..number import add, difference, leading, mul, number_of, rounded, sub  # noqa: F401
+from ..structs import GROUND
 from .motion import forward_angle, ramp, table_value
 
 OVER_SPEED = wp.constant(2)
-"""`Tabulated.over_angle` of a motor's table over speed."""
+"""`Tabulated.over_angle` of a table over speed."""
 
 
 @wp.func
@@ -57,17 +64,28 @@ def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tab
         elif motor.table.over_angle == OVER_SPEED:
             x = number_of(forward)
         torque = torque + table_value(x, motor.table, tables)
+    if motor.band > type(torque)(0.0):
+        part = type(torque)(1.0) + quotient(motor.wanted - forward, motor.band)
+        torque = torque * wp.clamp(part, type(torque)(0.0), motor.most)
     if motor.power > type(torque)(0.0) and torque * forward > motor.power:
         torque = motor.power / forward
     return motion.sign * torque * ramp(rounded(time), motor.ramp_time)
 
 
 @wp.func
-def coupling_twist(first: Any, second: Any, engaged: Any):
-    """Twist [rad] of a coupling and its rate [rad/s], from the states of its bodies; both 0 while it is open."""
+def coupling_twist(first: Any, second: Any, coupling: Any, engaged: Any):
+    """Twist [rad] of a coupling and its rate [rad/s], from the states of its bodies; both 0 while it is open.
+
+    To the ground `first` may be any state.
+    """
     ratio = engaged.ratio
-    twist = difference(first.angle - ratio * second.angle, engaged.rest)
-    rate = rounded(difference(first.speed, ratio * second.speed))
+    angle = first.angle
+    speed = first.speed
+    if coupling.first == GROUND:
+        angle = number_of(type(ratio)(0.0))
+        speed = number_of(type(ratio)(0.0))
+    twist = difference(angle - ratio * second.angle, engaged.rest)
+    rate = rounded(difference(speed, ratio * second.speed))
     if ratio == type(ratio)(0.0):
         return type(ratio)(0.0), type(ratio)(0.0)
     return twist, rate
@@ -94,8 +112,28 @@ def coupling_damping(twist: Any, coupling: Any):
 
 @wp.func
 def coupling_moment(twist: Any, rate: Any, coupling: Any, engaged: Any):
-    """Moment [N m] that a coupling takes from its first body (c), as far as its capacity bears it."""
-    return wp.clamp(unbounded_moment(twist, rate, coupling), -engaged.capacity, engaged.capacity)
+    """Moment [N m] that a coupling takes from its first body (c), as far as it bears it."""
+    low, high = moment_bounds(coupling, engaged)
+    return wp.clamp(unbounded_moment(twist, rate, coupling), low, high)
+
+
+@wp.func
+def moment_bounds(coupling: Any, engaged: Any):
+    """Least and largest moment [N m] that a coupling bears; a freewheel has one sense only."""
+    zero = type(engaged.capacity)(0.0)
+    low = wp.where(coupling.freewheel > 0, zero, -engaged.capacity)
+    return low, wp.where(coupling.freewheel < 0, zero, engaged.capacity)
+
+
+@wp.func
+def clutch_capacity(time: Any, first: Any, second: Any, coupling: Any, tables: Any):
+    """Moment [N m] that a clutch bears at a time, a number [s], and at the speed of its first body or its second."""
+    x = time
+    if coupling.engagement.over_angle == OVER_SPEED:
+        x = number_of(wp.abs(leading(first.speed)))
+        if coupling.first == GROUND:
+            x = number_of(wp.abs(leading(second.speed)))
+    return coupling.capacity * table_value(x, coupling.engagement, tables)
 
 
 @wp.func
@@ -107,9 +145,9 @@ def coupling_energy(twist: Any, coupling: Any):
 
 @wp.func
 def coupling_loss(twist: Any, rate: Any, coupling: Any, engaged: Any):
-    """Power [W] that a coupling's damper takes."""
+    """Power [W] that a coupling's damper takes; where its moment is bounded, the rest of it is rounded."""
     over = coupling_moment(twist, rate, coupling, engaged) - unbounded_moment(twist, rate, coupling)
-    return coupling_damping(twist, coupling) * rate * rate + over * rate
+    return wp.max(coupling_damping(twist, coupling) * rate * rate + over * rate, type(rate)(0.0))
 
 
 @wp.func
@@ -134,22 +172,24 @@ def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: An
         tables: values of all tables.
     """
     now = before
-    twist, rate = coupling_twist(first, second, before)
+    twist, rate = coupling_twist(first, second, coupling, before)
     zero = type(twist)(0.0)
     now.lost = zero
     now.ratio = coupling_ratio(time, before.ratio, coupling, tables)
     if coupling.capacity > zero:
         now.capacity = coupling.capacity
         if coupling.engagement.cells > 0:
-            now.capacity = coupling.capacity * table_value(time, coupling.engagement, tables)
+            now.capacity = clutch_capacity(time, first, second, coupling, tables)
     if now.ratio != before.ratio:
         now.rest = first.angle - now.ratio * second.angle
         now.lost = coupling_energy(twist, coupling)
-    elif coupling.capacity > zero:
-        beyond, most = twist_beyond_lash(twist, coupling), now.capacity / coupling.stiffness
-        slip = beyond - wp.clamp(beyond, -most, most)
+    elif coupling.capacity > zero or coupling.freewheel != 0:
+        low, high = moment_bounds(coupling, now)
+        beyond = twist_beyond_lash(twist, coupling)
+        slip = beyond - wp.clamp(beyond, low / coupling.stiffness, high / coupling.stiffness)
         now.rest = before.rest + slip
-        now.lost = now.capacity * wp.abs(slip)
+        if slip != zero:  # a capacity may be infinite
+            now.lost = wp.where(slip > zero, high, low) * slip
     return now
 
 

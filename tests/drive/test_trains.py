@@ -13,6 +13,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import moving_bodies
 from warpchain.drive.schema import NAME_TEXT
+from warpchain.drive.shafts import Motor
 from warpchain.drive.trains import bodies_beyond_gear, body_speed_ratio, train_inertia, train_of_body
 from warpchain.errors import DriveError
 
@@ -163,7 +164,51 @@ WRONG = {
     ),
     "a clutch over an angle": (
         {"couplings/0/clutch": {"table": {"angle": [0.0, 2.0 * math.pi], "torque": [5.0, 5.0]}}},
-        "couplings.cush.clutch.table.angle: not of a clutch; must be over time",
+        "couplings.cush.clutch.table.angle: not of a clutch; must be over time or speed",
+    ),
+    "a clutch over a speed backward": (
+        {"couplings/0/clutch": {"table": {"speed": [-1.0, 1.0], "torque": [5.0, 5.0]}}},
+        "couplings.cush.clutch.table.speed.0 = -1.0: must be at least 0: it is a magnitude",
+    ),
+    "a clutch over the speed of another": (
+        {"couplings/0/clutch": {"table": {"speed": [0.0, 1.0], "torque": [5.0, 5.0], "shaft": "engine"}}},
+        'couplings.cush.clutch.table.shaft = "engine": not of a clutch, whose speed is that of a shaft it is between',
+    ),
+    "a freewheel that is a number": (
+        {"couplings/0/freewheel": 1},
+        "couplings.cush.freewheel = 1: must be true or false",
+    ),
+    "the ground behind": (
+        {"couplings/0/between": ["output", "ground"], "couplings/0/freewheel": True},
+        'couplings.cush.between = ["output", "ground"]: must have "ground" first',
+    ),
+    "a spring to the ground": (
+        {"couplings/0/between": ["ground", "output"]},
+        "couplings.cush.clutch: missing; what is between the ground and a shaft must have one (a brake), or freewheel "
+        "= true (a backstop)",
+    ),
+    "a gearbox to the ground": (
+        {"couplings/0/between": ["ground", "output"], "couplings/0/freewheel": True, "couplings/0/ratios": GEARBOX},
+        "couplings.cush.ratios: not to the ground",
+    ),
+    "a shaft that is the ground": (
+        {"shafts/1/name": "ground", "couplings/0/between": ["driven", "driver"]},
+        'shafts.ground.name = "ground": must be another name: couplings take it for what does not turn',
+    ),
+    "a backstop on a shaft": (
+        {"shafts/1/backstop": True},
+        'shafts.output.backstop = true: unknown key; give a coupling between "ground" and this one with freewheel = '
+        "true",
+    ),
+    "a brake on a sprocket": (
+        {"sprockets/1/brake": {"torque": 3.0}},
+        'sprockets.driven.brake = { torque = 3.0 }: unknown key; give a coupling between "ground" and this one with a '
+        "clutch",
+    ),
+    "a governor without a band": (
+        {"shafts/0/motor/governor": {"speed": 7.0, "most": 0.5}},
+        "shafts.engine.motor.governor.band: missing; must be a positive number",
+        "shafts.engine.motor.governor.most = 0.5: must be a number of at least 1",
     ),
     "a table over two things": (
         {"shafts/0/motor": {"table": {"speed": [0.0, 1.0], "time": [0.0, 1.0], "torque": [1.0, 0.0]}}},
@@ -174,11 +219,19 @@ WRONG = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_contradictions_are_named(case):
-    changes, line = WRONG[case]
+    changes, *lines = WRONG[case]
     wrong = values()
     for path, value in changes.items():
         put(wrong, path, value)
-    assert list(errors_of(wrong)) == [line]
+    assert list(errors_of(wrong)) == lines
+
+
+def test_a_governor_falls_with_the_speed():
+    # the factor 1 + (w0 - w) / B times 50 N m, between 0 and `most`; its slope is that of a damper of 50 / B
+    motor = Motor(torque=50.0, governor={"speed": 8.0, "band": 4.0, "most": 1.5})
+    assert [motor.at(speed) for speed in (0.0, 7.0, 8.0, 10.0, 13.0)] == [75.0, 62.5, 50.0, 25.0, 0.0]
+    assert (motor.largest, motor.steepest) == (75.0, 12.5)
+    assert np.asarray(motor.at(np.array([7.0, 13.0]))).tolist() == [62.5, 0.0]
 
 
 def test_sprockets_of_a_shaft_have_one_center():
@@ -266,6 +319,44 @@ def test_a_gearbox_ties_in_its_first_gear():
     line = next(line for line in report(found).splitlines() if line.split()[0:1] == ["cush"])
     assert line.split()[-11:-5] == ["open,", "-2.5,", "-1.5", "80", "N", "m"]
     assert loads_drive(dumps_drive(with_clutch)) == with_clutch
+
+
+def grounded():
+    """Those trains with a brake on the output whose torque rises with its speed, and a backstop."""
+    found = values()
+    table = {"speed": [0.0, 10.0, 20.0], "torque": [0.0, 30.0, 90.0]}
+    own = {"stiffness": 5e3, "damping": 4.0}
+    found["couplings"] += [
+        own | {"name": "brake", "between": ["ground", "output"], "clutch": {"table": table}},
+        own | {"name": "backstop", "between": ["ground", "driven"], "freewheel": True},
+    ]
+    return found
+
+
+def test_the_ground_ties_nothing():
+    # speeds, static state and ratios are those without; the step's limit has k / J, and c + dC/dw beside it
+    without, drive = Drive(**values()), Drive(**grounded())
+    assert drive.driver_speed == without.driver_speed
+    assert derive(drive)["couplings"][0] == derive(without)["couplings"][0]
+    brake, backstop = derive(drive)["couplings"][1:]
+    assert (brake["working_torque"], backstop["working_torque"]) == (0.0, 0.0)
+    assert (brake["freewheel"], backstop["freewheel"]) == (False, True)
+    assert brake["frequency"] == pytest.approx(math.sqrt(5e3 / 0.9) / math.tau, rel=1e-12)
+    body = next(body for body in moving_bodies(drive) if body.name == 'coupling "brake"')
+    assert (body.square, body.rate) == pytest.approx((5e3 / 0.9, (4.0 + 6.0) / 0.9), rel=1e-12)
+    assert "ground and driven, one way" in report(derive(drive))
+    assert loads_drive(dumps_drive(drive)) == drive
+
+
+def test_a_freewheel_contradicts_nothing():
+    # the engine turns the output the other way and twice as fast as the chain does: whichever is faster drives it
+    found = values()
+    found["couplings"][0] |= {"between": ["engine", "output"], "freewheel": True}
+    found["sprockets"][1]["shaft"] = "output"
+    drive = Drive(**found)
+    assert body_speed_ratio(drive, 3, 2) == 0.5
+    found["couplings"][0]["freewheel"] = False
+    assert "a coupling needs two that turn alike" in errors_of(found)[0]
 
 
 def test_a_clutch_table_may_be_a_file(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from blocks import pack_for
 from drives import STARTING, assert_alone_as_in_a_crowd, periods, ran, swing
-from parts import gears, shaft
+from parts import coupling, gears, shaft
 from raw import stepped
 
 from warpchain import Record, dumps_drive, loads_drive, simulate
@@ -41,6 +41,20 @@ def test_a_geared_inertia_is_that_times_the_ratio_squared(beside_each_other):
     rows = beside_each_other.metrics.to_pylist()
     assert rows[0]["c1.tension_mean"] == pytest.approx(rows[1]["c1.tension_mean"], rel=1e-12)
     assert abs(rows[0]["energy_residual_relative"]) < 1e-5
+
+
+def test_a_brake_that_slips_is_a_load():
+    """The damper has it bear all that it can from the first step on; to round-off, which contacts amplify."""
+    loaded = chains.two_stages(duration=0.02, step=2.5e-6)
+    brake = coupling("brake", ["ground", "out"], 1e4, damping=50.0, clutch={"torque": 100.0})
+    braked = chains.plus(loaded.with_values({"sprockets.out.load.torque": 200.0}), brake)
+    run = simulate([loaded, braked], device="cpu")
+    np.testing.assert_allclose(run[1].position, run[0].position, rtol=0, atol=1e-9)
+    one, other = run.metrics.to_pylist()
+    assert other["brake.slip_loss"] + other["brake.damping_loss"] > 2.0
+    lost = other["output_work"] + other["brake.slip_loss"] + other["brake.damping_loss"]
+    assert lost == pytest.approx(one["output_work"], rel=1e-3)  # the spring's C^2 / 2k is not lost
+    assert abs(other["energy_residual_relative"]) < 1e-5
 
 
 def test_two_equal_chains_with_gears_are_one_of_twice_the_mass_stiffness_and_contact(beside_each_other):

@@ -100,6 +100,28 @@ GEARED = (
 ONE = shaft("first", inertia=0.644, motor={"torque": 20.0}, load={"viscous": 0.48})
 
 
+def test_a_governor_keeps_a_speed(device):
+    # T (1 + (w0 - w) / B) against b w: w goes to T (1 + w0 / B) / (b + T / B) as exp(-(b + T / B) t / J), once the
+    # factor is below `most`; T over the angle, as of a rider's legs
+    table = {"angle": [0.0, math.tau], "torque": [20.0, 20.0]}
+    governor = {"speed": 6.0, "band": 3.0, "most": 2.0}
+    load = {"viscous": 1.5}
+    drive = with_parts(
+        shaft("crank", inertia=0.4, motor={"table": table, "governor": governor}, load=load, initial_speed=4.0),
+        duration=0.15,
+    )
+    run, row = ran(drive)
+    end, rate = 20.0 * 3.0 / (1.5 + 20.0 / 3.0), (1.5 + 20.0 / 3.0) / 0.4
+    assert run[0].shaft_speed[:, 0] == pytest.approx(end + (4.0 - end) * np.exp(-rate * run[0].time), rel=1e-5)
+    assert abs(row["energy_residual_relative"]) < 1e-5
+    # the factor is 2 below 3 rad/s, and 0 above 9: as by a constant moment, and by none
+    for speed, factor in ((1.0, 2.0), (9.5, 0.0)):
+        values = {"shafts.crank.initial_speed": speed, "shafts.crank.load": None, "run.duration": 0.005}
+        run, _ = ran(drive.with_values(values))
+        rise = factor * 20.0 / 0.4 * run[0].time
+        assert run[0].shaft_speed[:, 0] == pytest.approx(speed + rise, rel=1e-9)
+
+
 def test_a_geared_inertia_is_that_times_the_ratio_squared(device):
     # rho = -0.4: 0.5 + 0.16 * 0.9 = 0.644 and 0.16 * 3 = 0.48, to round-off
     geared, row = ran(with_parts(GEARED, duration=0.03))

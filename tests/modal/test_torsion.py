@@ -32,12 +32,27 @@ def rest(text):
 GEARBOX = PAIR + "ratios = { time = [0.0, 1.0], ratio = [-2.0, 1.0] }\nclutch = { torque = 1e-6 }\n"
 
 
+ONE_WAY = PAIR + "freewheel = true\n"
+GROUNDED = (
+    ONE_WAY
+    + coupling("backstop", ["ground", "b"], 3e4, freewheel=True)
+    + coupling("brake", ["ground", "a"], 3e4, clutch={"torque": 5.0})
+)
+
+
 @pytest.mark.parametrize(
-    ("text", "second", "ratio"), [(PAIR, 0.3, 1.0), (PAIR + GEARED, 0.3 + 0.2 * 2.25, 1.0), (GEARBOX, 0.3, -2.0)]
+    ("text", "second", "ratio"),
+    [
+        (PAIR, 0.3, 1.0),
+        (PAIR + GEARED, 0.3 + 0.2 * 2.25, 1.0),
+        (GEARBOX, 0.3, -2.0),
+        (ONE_WAY, 0.3, 1.0),
+        (GROUNDED, 0.3, 1.0),
+    ],
 )
 def test_two_inertias_on_a_coupling(text, second, ratio):
     # omega^2 = k (1/Ja + i^2/Jb), zeta = c omega / 2 k, the second with what is geared to it, and i of the gear that is
-    # in at the start; what slips in a run holds in a small motion; 1e-6 by differences
+    # in at the start; what slips in a run holds in a small motion, but to the ground it is open; 1e-6 by differences
     found = modes(rest(text), count=MANY)
     omega = math.sqrt(3e4 * (1.0 / 0.5 + ratio**2 / second))
     k = int(np.argmin(np.abs(np.abs(found.eigenvalue) - omega)))

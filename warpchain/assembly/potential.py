@@ -327,9 +327,14 @@ class Potential:
         terms.add_blocks(np.array([[at]]), np.array([[[arm.sunk(angle)]]]))
 
     def torques(self, x: Array) -> tuple[Array, Array]:
-        """(C,) twists of the couplings [rad], and the moments that they take from their first bodies [N m]."""
+        """(C,) twists of the couplings [rad], and the moments that they take from their first bodies [N m].
+
+        Freewheels are locked; what is between the ground and a body is open: a brake off, a backstop overrun.
+        """
         angles, couplings = self.split(x)[2], self.drive.couplings
-        twist = np.array([angles[a] - ratio * angles[b] - rest for a, b, rest, ratio in self.couplings])
+        twist = np.array(
+            [angles[a] - ratio * angles[b] - rest if a >= 0 else 0.0 for a, b, rest, ratio in self.couplings]
+        )
         lash = np.array([coupling.lash for coupling in couplings])[: len(twist)]
         stiffness = np.array([coupling.stiffness for coupling in couplings])[: len(twist)]
         return twist, stiffness * (twist - np.clip(twist, -lash, lash))
@@ -338,6 +343,8 @@ class Potential:
         """Adds the couplings, whose springs do nothing within their play."""
         moments = self.torques(x)[1]
         for (a, b, _, ratio), coupling, moment in zip(self.couplings, self.drive.couplings, moments, strict=False):
+            if a < 0:
+                continue
             pair = np.array([1.0, -ratio])
             at = self.first_arm - self.turning + np.array([a, b])
             terms.energy += 0.5 * float(moment) ** 2 / coupling.stiffness

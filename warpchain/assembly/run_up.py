@@ -143,6 +143,8 @@ def left_out(drive: Drive) -> Iterator[str]:
             yield f'the other ratios of "{coupling.name}" than its first'
         if coupling.clutch is not None:
             yield f'what "{coupling.name}" passes on while it slips, up to {coupling.clutch.most:.4g} N m'
+        if coupling.freewheel and not coupling.grounded:
+            yield f'that "{coupling.name}" may be overrun'
     if motion is not None:
         return
     one, shafts = lumped_drive(drive), list(enumerate(drive.shafts, len(drive.sprockets)))

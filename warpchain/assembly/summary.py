@@ -577,7 +577,7 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
         rows = [
             (
                 c["name"],
-                " and ".join(c["between"]),
+                " and ".join(c["between"]) + (", one way" if c["freewheel"] else ""),
                 f"{c['frequency']:.4g} Hz",
                 f"{c['damping_ratio']:.3g}",
                 f"{1e3 * c['lash']:.4g} mrad",

@@ -21,7 +21,14 @@ from warpchain.drive.oil import oil_stiffness
 from warpchain.drive.shafts import SprocketShaft
 from warpchain.drive.stack_math import is_true_somewhere, maximum, power, sqrt
 from warpchain.drive.stacks import pick_variants
-from warpchain.drive.trains import body_names, is_free_body, part_of_body, train_inertia, train_of_body
+from warpchain.drive.trains import (
+    body_names,
+    coupled_bodies,
+    is_free_body,
+    part_of_body,
+    train_inertia,
+    train_of_body,
+)
 from warpchain.errors import DriveError
 
 AUTOMATIC = 0.6
@@ -110,19 +117,22 @@ def _jointed(drive: Drive, found: list[Body]) -> list[Body]:
 def _couplings(drive: Drive) -> list[Body]:
     """Couplings, k (1/J_a + i^2/J_b) and c (1/J_a + i^2/J_b) of the inertias that they see, and steep motors.
 
+    To c is added by how much what a clutch bears changes with the speed.
+
     A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
     """
-    found, names = _valves(drive), body_names(drive)
+    found = _valves(drive)
     for coupling in drive.couplings:
-        ends = [names.index(name) for name in coupling.between]
-        turns = zip(ends, (1.0, coupling.largest_ratio), strict=True)
+        ends = coupled_bodies(drive, coupling)
+        turns = [(b, i) for b, i in zip(ends, (1.0, coupling.largest_ratio), strict=True) if b >= 0]
         give = sum(i * i / train_inertia(drive, b) for b, i in turns if is_free_body(drive, b))
         square = coupling.stiffness * give
-        for s in ends:
+        for s, _ in turns:
             if s < len(drive.sprockets) and is_free_body(drive, s):
                 teeth = (drive.sprockets[s].teeth - 1) * drive.sprocket_stiffness(s)
                 square = square + teeth * power(drive.pitch_radius(s), 2) / train_inertia(drive, s)
-        found.append(Body(f'coupling "{coupling.name}"', square, coupling.damping * give))
+        steep = 0.0 if coupling.clutch is None else coupling.clutch.steepest
+        found.append(Body(f'coupling "{coupling.name}"', square, (coupling.damping + steep) * give))
     for h, shaft in enumerate(drive.shafts):
         b = len(drive.sprockets) + h
         if shaft.motor is not None and is_free_body(drive, b):

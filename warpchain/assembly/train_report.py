@@ -11,6 +11,7 @@ from warpchain.drive.train_speeds import lumped_drive
 from warpchain.drive.trains import (
     body_names,
     body_speed_ratio,
+    coupled_bodies,
     driving_body,
     first_coupling_ratio,
     is_free_body,
@@ -99,13 +100,13 @@ def valves(drive: Drive) -> list[dict[str, Any]]:
 
 def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
     """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
-    aside, in the first ratio of a gearbox; lash [rad], ratios, what a clutch bears at most [N m], and at work twist
-    [rad] and torque taken from the first [N m], counter-clockwise, None where no steady state was found."""
-    names, found = body_names(drive), []
+    aside, in the first ratio of a gearbox; lash [rad], ratios, what a clutch bears at most [N m], whether it is a
+    freewheel, and at work twist [rad] and torque taken from the first [N m], counter-clockwise, None where no steady
+    state was found; to the ground both are 0."""
+    found = []
     for coupling, twist, torque in zip(drive.couplings, running.twist, running.torque, strict=True):
-        ends = [names.index(name) for name in coupling.between]
-        turns = zip(ends, (1.0, float(first_coupling_ratio(coupling) or 1)), strict=True)
-        give = sum(i * i / train_inertia(drive, b) for b, i in turns if is_free_body(drive, b))
+        turns = zip(coupled_bodies(drive, coupling), (1.0, float(first_coupling_ratio(coupling) or 1)), strict=True)
+        give = sum(i * i / train_inertia(drive, b) for b, i in turns if b >= 0 and is_free_body(drive, b))
         omega = math.sqrt(coupling.stiffness * give)
         found.append(
             {
@@ -116,6 +117,7 @@ def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
                 "lash": coupling.lash,
                 "ratios": None if coupling.ratios is None else list(coupling.ratios.ratio),
                 "clutch": None if coupling.clutch is None else coupling.clutch.most,
+                "freewheel": coupling.freewheel,
                 "working_twist": None if running.failure else float(twist),
                 "working_torque": None if running.failure else float(torque),
             }

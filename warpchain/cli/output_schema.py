@@ -173,6 +173,7 @@ _COUPLING = {
     "lash": _number("rad", "angle without a moment"),
     "ratios": _list("of a gearbox, in order, 0 for open; null for none", _number("1", "a ratio"), null=True),
     "clutch": _number("N m", "moment that its clutch passes on at most; null without a clutch", null=True),
+    "freewheel": _flag("whether it passes on moments one way only"),
     "working_twist": _number(
         "rad",
         "of the first shaft against the second at work, counter-clockwise; null without a steady state",

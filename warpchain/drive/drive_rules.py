@@ -16,6 +16,7 @@ from warpchain.drive.contact_settings import MATERIALS, GuideContact, ImpactLaw,
 from warpchain.drive.guides import guide_profile
 from warpchain.drive.parts_by_chain import chain_of_part
 from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, numbers, too_far, valid
+from warpchain.drive.shafts import FIXED
 from warpchain.drive.sprocket import SliderMount, Sprocket
 from warpchain.drive.stiffness import largest_load
 from warpchain.drive.tensioners import Tensioner
@@ -155,6 +156,8 @@ def name_rules(drive: Any) -> Iterator[Problem]:
             name = get(part, "name")
             if isinstance(name, str) and name in seen:
                 yield Problem((kind, i, "name"), name, "must be unique among the names of all parts")
+            elif name == FIXED and kind in TURNED:
+                yield Problem((kind, i, "name"), name, "must be another name: couplings take it for what does not turn")
             elif isinstance(name, str):
                 seen.add(name)
 

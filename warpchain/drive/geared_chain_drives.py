@@ -14,7 +14,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from warpchain.drive.parts_by_chain import CHAIN_PARTS, ChainDrive, chain_part_places, motion_by_own_angle
-from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.shafts import FIXED, SprocketShaft
 from warpchain.drive.sprocket import LedSprocket, Load, Prescribed, Sprocket
 from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.drive.trains import (
@@ -156,11 +156,16 @@ def _geared_chain_drive(
     plan: _MotionPlan, name: str, found: dict[str, ChainDrive], starts: dict[str, StartMotion], loaded: bool
 ) -> ChainDrive:
     """A chain of a geared drive as a drive of its own, after those before it in the order of motion."""
+
+    def turning(part: Any) -> str:
+        """The first of the bodies that a part is between which is not the ground."""
+        return str(next(body for body in part.between if body != FIXED))
+
     drive, count, places = plan.drive, plan.count, chain_part_places(plan.drive, name)
     mine = [b for b in range(len(plan.names)) if plan.home_chain(b) == name]
     places["shafts"] = tuple(b - count for b in mine if b >= count)
     for kind in GROUP_PARTS:
-        first = [plan.names.index(getattr(part, "on", None) or part.between[0]) for part in getattr(drive, kind)]
+        first = [plan.names.index(getattr(part, "on", None) or turning(part)) for part in getattr(drive, kind)]
         places[kind] = tuple(i for i, b in enumerate(first) if b in mine)
     beside = [s for s in mine if s < count and s not in places["sprockets"]]
     bodies = [*places["sprockets"], *(h + count for h in places["shafts"]), *beside]

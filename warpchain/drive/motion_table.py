@@ -316,6 +316,42 @@ class MotorTable(Table):
     _axes: ClassVar[tuple[str, ...]] = ("time", "angle", "speed")
 
 
+class ClutchTable(Table):
+    """Moment at which a clutch or a brake slips, over time or over the magnitude of a speed (see `Table`).
+
+    Attributes:
+        speed: speeds [rad/s], at least 0 and ascending; below the first and above the last the torque stays as there.
+        torque: moment at which it slips [N m], at least 0.
+    """
+
+    speed: Column | None = None
+    torque: Column
+
+    _quantity: ClassVar[str] = "torque"
+    _axes: ClassVar[tuple[str, ...]] = ("time", "speed")
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "angle") is not None:
+            yield Problem(("angle",), None, "not of a clutch; must be over time or speed", BARE)
+        else:
+            yield from (problem for problem in super()._rules(node) if problem.path != ("shaft",))
+        if get(node, "shaft") is not None:
+            yield Problem(
+                ("shaft",), get(node, "shaft"), "not of a clutch, whose speed is that of a shaft it is between"
+            )
+        speed, values, factor = elements(node, "speed"), elements(node, "torque"), get(node, "factor")
+        if speed and numbers(speed[0]) and speed[0] < 0.0:
+            yield Problem(("speed", 0), speed[0], "must be at least 0: it is a magnitude")
+        for i, value in enumerate(values):
+            if numbers(value) and value < 0.0:
+                yield Problem(("torque", i), value, "must be at least 0")
+        if numbers(factor) and factor <= 0.0:
+            yield Problem(("factor",), factor, "must be a positive number")
+        if values and numbers(*values) and not any(values):
+            yield Problem(("torque",), list(values), "must have one above 0; without any the clutch bears nothing")
+
+
 class SupplyTable(Table):
     """Pressure of an oil supply over time, or over the forward speed of what turns the pump (see `Table`).
 

@@ -260,6 +260,8 @@ class Part(BaseModel):
     """Keys that give way when a key is set in `Drive.with_values`, because they stand for the same thing."""
     _renamed: ClassVar[Mapping[str, str]] = {}
     """Keys that earlier versions wrote, and the keys that they are now."""
+    _elsewhere: ClassVar[Mapping[str, str]] = {}
+    """Keys that it does not have, and how they are given instead."""
     _like: ClassVar[type[Part] | None] = None
     """The part that its keys override, where it is described."""
     _quantities: ClassVar[frozenset[str]] = frozenset()
@@ -398,7 +400,8 @@ class Part(BaseModel):
         if kind == "missing":
             return cls._missing(key, values)
         if kind == "extra_forbidden":
-            return Problem(path, value, f"unknown key; {nearest(str(key), cls.model_fields)}")
+            instead = cls._elsewhere.get(str(key)) or nearest(str(key), cls.model_fields)
+            return Problem(path, value, f"unknown key; {instead}")
         if tagged is not None and isinstance(value, Mapping):
             given = value.get(str(tagged))
             text = allowed(cls, key)

@@ -5,18 +5,19 @@ theta_0 + q, theta_0 where the chain seats. Forward is the way the chain turns i
 ties two shafts, q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear. Shafts so tied turn as one, each rho
 times as fast, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c d', d its twist q_a - q_b
 beyond +-b, within which neither spring nor damper acts. A gearbox is a coupling with ratios i that change: its twist is
-q_a - i q_b since the ratio engaged, and b gets i M. A clutch bears so much of M and slips beyond.
+q_a - i q_b since the ratio engaged, and b gets i M. A clutch bears so much of M and slips beyond. A freewheel bears
+M only where a drives b forward. The ground may be a: then a clutch is a brake, and a freewheel a backstop.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.motion_table import MotorTable, TorqueTable
+from warpchain.drive.motion_table import ClutchTable, MotorTable, Table
 from warpchain.drive.schema import (
     BARE,
     Column,
@@ -33,7 +34,8 @@ from warpchain.drive.schema import (
     numbers,
     plain_sequence,
 )
-from warpchain.drive.sprocket import MOST_TEETH, Load, Prescribed
+from warpchain.drive.sprocket import MOST_TEETH, ON_COUPLINGS, Load, Prescribed
+from warpchain.drive.stack_math import maximum, minimum
 
 Names = Annotated[
     tuple[Name, Name],
@@ -41,6 +43,8 @@ Names = Annotated[
     BeforeValidator(plain_sequence),
     Value("must be two names of shafts or sprockets [a, b]"),
 ]
+FIXED = "ground"
+"""The name in `between` of what does not turn."""
 _GearTeeth = Annotated[int, Field(strict=True, ge=5, le=MOST_TEETH)]
 TeethPair = Annotated[
     tuple[_GearTeeth, _GearTeeth],
@@ -50,6 +54,34 @@ TeethPair = Annotated[
 ]
 
 
+def steepest_slope(table: Table, sign: float | None = None) -> float:
+    """Steepest slope of a table: rising (`sign` 1.0), falling (-1.0), or either; at least 0."""
+    rows = list(zip(table.over, table.values, strict=True))
+    slopes = [(n - m) / (w - v) for (v, m), (w, n) in pairwise(rows)]
+    steepest = max(0.0, *(abs(slope) if sign is None else sign * slope for slope in slopes))
+    return steepest * (1.5 if table.interpolation == "cubic" else 1.0)
+
+
+class Governor(Part):
+    """A loop that keeps a motor, or a rider, near a speed: it multiplies the moment by 1 + (speed - omega) / band.
+
+    Attributes:
+        speed: forward speed at which the moment is as given [rad/s].
+        band: so much faster the moment is 0 [rad/s].
+        most: largest factor, where it is slower; at least 1.
+    """
+
+    speed: Positive
+    band: Positive
+    most: Annotated[float, Field(strict=True, ge=1.0, allow_inf_nan=False), Value("must be a number of at least 1")] = (
+        1.0
+    )
+
+    def factor(self, speed: Any) -> Any:
+        """The factor at a forward speed [rad/s]."""
+        return minimum(maximum(1.0 + (self.speed - speed) / self.band, 0.0), self.most)
+
+
 class Motor(Part):
     """A moment in the direction of forward rotation.
 
@@ -57,12 +89,14 @@ class Motor(Part):
         torque: constant, or the largest [N m]; this or a table.
         power: largest power [W], beyond which the moment falls with the speed.
         table: torque over forward speed, time or the angle turned.
+        governor: speed near which a loop keeps it; None is none.
         ramp_time: time over which it comes on [s]; 0 is from the start.
     """
 
     torque: Positive | None = None
     power: Positive | None = None
     table: MotorTable | None = None
+    governor: Governor | None = None
     ramp_time: NonNegative = 0.0
 
     def at(self, speed: Any) -> Any:
@@ -75,6 +109,8 @@ class Motor(Part):
         elif self.table is not None:
             over, values = np.asarray(self.table.over), np.asarray(self.table.values)
             torque = float(np.sum(np.diff(over) * (values[1:] + values[:-1])) / (2.0 * (over[-1] - over[0])))
+        if self.governor is not None:
+            torque = torque * self.governor.factor(speed)
         if self.power is not None:
             torque = np.minimum(torque, self.power / np.maximum(speed, 1e-9))
         return torque
@@ -83,23 +119,25 @@ class Motor(Part):
         """The least and the largest moment [N m] at a forward speed [rad/s]: of a table over time or angle."""
         if self.table is None or self.table.speed is not None:
             return self.at(speed), self.at(speed)
-        return min(self.table.values), max(self.table.values)
+        factor = 1.0 if self.governor is None else self.governor.factor(speed)
+        return factor * min(self.table.values), factor * max(self.table.values)
 
     @property
     def largest(self) -> Any:
         """Largest moment, either way [N m]."""
-        return self.torque if self.table is None else max(map(abs, self.table.values))
+        given: Any = self.torque if self.table is None else max(map(abs, self.table.values))
+        return given if self.governor is None else self.governor.most * given
 
     @property
     def steepest(self) -> float:
         """Steepest fall of the moment with the speed [N m s]."""
         fall = 0.0
         if self.table is not None and self.table.speed is not None:
-            rows = list(zip(self.table.over, self.table.values, strict=True))
-            fall = max(0.0, *((m - n) / (w - v) for (v, m), (w, n) in pairwise(rows)))
-            fall *= 1.5 if self.table.interpolation == "cubic" else 1.0
+            fall = steepest_slope(self.table, -1.0)
         if self.torque is not None and self.power is not None:
             fall = fall + self.torque**2 / self.power  # where the limits meet, P / w^2 at w = P / M
+        if self.governor is not None:
+            fall = self.governor.most * fall + self.largest / (self.governor.most * self.governor.band)
         return fall
 
     @classmethod
@@ -131,6 +169,8 @@ class Shaft(Part):
     load: Load | None = None
     motor: Motor | None = None
     initial_speed: NonNegative | None = None
+
+    _elsewhere: ClassVar[Mapping[str, str]] = ON_COUPLINGS
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -220,16 +260,21 @@ class Clutch(Part):
 
     Attributes:
         torque: constant [N m]; this or a table.
-        table: torque over time, at least 0: how the clutch is let in and out.
+        table: torque over time, as the clutch is let in and out, or over the speed of a, to the ground that of b.
     """
 
     torque: Positive | None = None
-    table: TorqueTable | None = None
+    table: ClutchTable | None = None
 
     @property
     def most(self) -> float:
         """The largest moment that it bears [N m]."""
         return max(self.table.values) if self.table is not None else self.torque or 0.0
+
+    @property
+    def steepest(self) -> float:
+        """Steepest change of what it bears with the speed [N m s]."""
+        return 0.0 if self.table is None or self.table.speed is None else steepest_slope(self.table)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -238,32 +283,21 @@ class Clutch(Part):
             yield Problem(("torque",), None, f"missing; {allowed(cls, 'torque')}, or give table instead", BARE)
         if torque is not None and table is not None:
             yield Problem(("torque",), torque, "not together with table")
-        if get(table, "angle") is not None:
-            yield Problem(("table", "angle"), None, "not of a clutch; must be over time", BARE)
-        values = elements(table, "torque")
-        for i, value in enumerate(values):
-            if numbers(value) and value < 0.0:
-                yield Problem(("table", "torque", i), value, "must be at least 0")
-        factor = get(table, "factor")
-        if numbers(factor) and factor <= 0.0:
-            yield Problem(("table", "factor"), factor, "must be a positive number")
-        if values and numbers(*values) and not any(values):
-            yield Problem(
-                ("table", "torque"), list(values), "must have one above 0; without any the clutch bears nothing"
-            )
 
 
 class Coupling(Part):
-    """A spring and a damper with play between two shafts, or between a shaft and a sprocket on it; a gearbox, a clutch.
+    """A spring and a damper with play between two shafts, or between a shaft and a sprocket on it: a gearbox, a clutch,
+    a freewheel; with the ground a brake, a backstop.
 
     Attributes:
         name: unique among all parts.
-        between: the two, a and b.
+        between: the two, a and b; a may be "ground".
         stiffness: k [N m/rad].
         damping: c [N m s/rad].
         lash: play to either side of the middle, b [rad].
         ratios: ratios of a gearbox over time; None is 1 throughout.
         clutch: what it bears before it slips; None never slips.
+        freewheel: true where a only drives b forward, and b may turn faster; of the ground, b does not turn backward.
     """
 
     name: Name
@@ -273,6 +307,12 @@ class Coupling(Part):
     lash: NonNegative = 0.0
     ratios: Ratios | None = None
     clutch: Clutch | None = None
+    freewheel: Switch = False
+
+    @property
+    def grounded(self) -> bool:
+        """Whether it is between the ground and b."""
+        return self.between[0] == FIXED
 
     @property
     def slips(self) -> bool:
@@ -287,6 +327,15 @@ class Coupling(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from _two(node)
+        names = elements(node, "between")
+        if len(names) == 2 and names[1] == FIXED:
+            yield Problem(("between",), list(names), f'must have "{FIXED}" first')
+        if names and names[0] == FIXED:
+            if get(node, "ratios") is not None:
+                yield Problem(("ratios",), None, "not to the ground", BARE)
+            if get(node, "clutch") is None and get(node, "freewheel") is not True:
+                text = "missing; what is between the ground and a shaft must have one (a brake), or freewheel = true"
+                yield Problem(("clutch",), None, f"{text} (a backstop)", BARE)
 
 
 def _two(node: Any) -> Iterable[Problem]:

@@ -246,6 +246,15 @@ class ToothGap(Part):
 Gap = Annotated[ToothGap | None, Allowed("must be a table; only drive files name a DXF file of it")]
 
 
+ON_COUPLINGS = {
+    "freewheel": "give it to a coupling, of a shaft and a sprocket on it or of two shafts",
+    "clutch": "give it to a coupling, of a shaft and a sprocket on it or of two shafts",
+    "brake": 'give a coupling between "ground" and this one with a clutch',
+    "backstop": 'give a coupling between "ground" and this one with freewheel = true',
+}
+"""Keys that are looked for at sprockets and shafts, and how they are given."""
+
+
 class Sprocket(Part):
     """A sprocket, at its place in the order in which the chain visits them.
 
@@ -288,6 +297,7 @@ class Sprocket(Part):
     bearing: Bearing | None = None
 
     _judged: ClassVar[frozenset[str]] = frozenset({"teeth"})
+    _elsewhere: ClassVar[Mapping[str, str]] = ON_COUPLINGS
 
     @property
     def sign(self) -> int:

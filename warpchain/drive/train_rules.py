@@ -8,7 +8,7 @@ from typing import Any
 
 from warpchain.drive.geared_chain_drives import DRIVING_KEYS
 from warpchain.drive.schema import BARE, Problem, allowed, elements, get, is_name, nearest, numbers
-from warpchain.drive.shafts import Shaft
+from warpchain.drive.shafts import FIXED, Shaft
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.trains import (
     BodyTie,
@@ -70,7 +70,7 @@ def _known(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     for kind in ("gears", "couplings"):
         for i, part in enumerate(elements(drive, kind)):
             for k, name in enumerate(elements(part, "between")):
-                if isinstance(name, str) and name not in names:
+                if isinstance(name, str) and name not in names and (kind, name) != ("couplings", FIXED):
                     text = f"must be the name of a shaft or a sprocket; {nearest(name, names)}"
                     yield Problem((kind, i, "between", k), name, text)
 
@@ -218,7 +218,8 @@ def _whole(drive: Any, names: Sequence[str], found: Sequence[BodyTie]) -> bool:
     paths, parts = {tie.path for tie in found}, elements(drive, "sprockets")
     for kind in ("gears", "couplings"):
         there = elements(drive, kind)
-        if not all((kind, i) in paths for i in range(len(there))) or (get(drive, kind) and not there):
+        tied = [i for i, part in enumerate(there) if FIXED not in elements(part, "between")]
+        if not all((kind, i) in paths for i in tied) or (get(drive, kind) and not there):
             return False
     chains = [get(chain, "name") for chain in elements(drive, "chains")] or [None]
     return all(get(of, "shaft") in [None, *names] and get(of, "chain") in chains for of in parts)

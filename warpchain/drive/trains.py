@@ -76,7 +76,8 @@ def first_coupling_ratio(coupling: Any) -> Fraction | None:
 def body_ties(drive: Any) -> list[BodyTie]:
     """Every tie between bodies of a drive: sprockets to their shafts, gears, couplings.
 
-    Takes a drive or the mapping that should become one; what is not whole there is left out.
+    Takes a drive or the mapping that should become one; what is not whole there is left out, and so are couplings with
+    the ground. Freewheels are last.
     """
     names, found = body_names(drive), []
     pairs = [set(map(str, elements(part, "between"))) for part in elements(drive, "couplings")]
@@ -104,7 +105,12 @@ def body_ties(drive: Any) -> list[BodyTie]:
                     continue
                 ratio = 1 / engaged
             found.append(BodyTie(names.index(between[0]), names.index(between[1]), ratio, kind, (kind, i)))
-    return found
+    return sorted(found, key=lambda tie: is_freewheel(drive, tie))
+
+
+def is_freewheel(drive: Any, tie: BodyTie) -> bool:
+    """Whether a tie of a drive, or of a mapping, is a freewheel, whose bodies may turn unlike."""
+    return tie.kind == "couplings" and get(elements(drive, "couplings")[int(tie.path[1])], "freewheel") is True
 
 
 def rigid_ratios(drive: Any) -> TiedRatios:
@@ -121,6 +127,8 @@ def ratios_with_chains(
 ) -> tuple[TiedRatios, list[tuple[BodyTie, Fraction]]]:
     """Speed ratios of all bodies with the chains as further ones, at 1/z to sprockets; and contradicting ties.
 
+    A freewheel ties where nothing else does, and contradicts nothing.
+
     Args:
         couplings: whether what couplings couple turns alike.
         without: a tie that is left out.
@@ -136,7 +144,7 @@ def ratios_with_chains(
     for tie in body_ties(drive):
         if tie != without and (couplings or tie.kind != "couplings"):
             known = found.tie(tie.a, tie.b, tie.ratio)
-            if known is not None:
+            if known is not None and not is_freewheel(drive, tie):
                 wrong.append((tie, known))
     return found, wrong
 
@@ -283,15 +291,23 @@ def is_held_body(drive: Any, b: int) -> bool:
     return not is_free_body(drive, b) or held in train_of_body(drive, b).bodies
 
 
+def coupled_bodies(drive: Any, coupling: Any) -> tuple[int, int]:
+    """The two bodies of a coupling; the ground is -1."""
+    names = body_names(drive)
+    return -1 if coupling.grounded else names.index(coupling.between[0]), names.index(coupling.between[1])
+
+
 def coupling_rest_angle(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int, int, Any]:
     """The two bodies of coupling c, and the first's angle less `ratio` times the second's where it is relaxed [rad].
+
+    The ground is body -1, at angle 0.
 
     Args:
         laid: (..., S) angles of the sprockets as the chain has been laid around them [rad].
     """
-    first, second = (body_names(drive).index(name) for name in drive.couplings[c].between)
+    first, second = coupled_bodies(drive, drive.couplings[c])
     rest = 0.0
     for b, turns in ((first, 1.0), (second, -ratio)):
-        if b < len(drive.sprockets):
+        if 0 <= b < len(drive.sprockets):
             rest = rest + turns * laid[..., b]
     return first, second, rest

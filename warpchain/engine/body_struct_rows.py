@@ -35,6 +35,7 @@ from warpchain.drive.trains import (
     body_names,
     body_speed_ratio,
     body_turning_sign,
+    coupled_bodies,
     coupling_rest_angle,
     has_trains,
     inertia_of_body,
@@ -296,6 +297,8 @@ def fill_motor_row(row: Any, drive: Drive, h: int, tables: TableList) -> None:
     row["torque"] = 0.0 if motor.torque is None else motor.torque
     row["power"] = 0.0 if motor.power is None else motor.power
     row["ramp_time"] = motor.ramp_time
+    if motor.governor is not None:
+        row["wanted"], row["band"], row["most"] = motor.governor.speed, motor.governor.band, motor.governor.most
     table = motion_from_start_phase(drive, drive.shafts[h], motor).table
     if table is not None:
         shaft = b if table.shaft is None else body_names(drive).index(table.shaft)
@@ -306,8 +309,11 @@ def fill_motor_row(row: Any, drive: Drive, h: int, tables: TableList) -> None:
 
 def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None:
     """Fills the `kernels.structs.Coupling` c."""
-    coupling, names = drive.couplings[c], body_names(drive)
-    row["first"], row["second"] = (names.index(name) for name in coupling.between)
+    coupling = drive.couplings[c]
+    first, second = coupled_bodies(drive, coupling)
+    row["first"], row["second"] = GROUND if coupling.grounded else first, second
+    if coupling.freewheel:
+        row["freewheel"] = body_turning_sign(drive, second if coupling.grounded else first)
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
     ratios, clutch = coupling.ratios, coupling.clutch
     if ratios is not None:
@@ -316,6 +322,8 @@ def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None
     if clutch is not None and clutch.table is not None:
         row["capacity"] = 1.0
         tables.add(row["engagement"], clutch.table, 1.0)
+        if clutch.table.speed is not None:
+            row["engagement"]["over_angle"] = OVER_SPEED
     elif clutch is not None:
         row["capacity"] = clutch.torque
 

@@ -187,9 +187,9 @@ def standing_chains(
 ) -> list[tuple[ChainDrive, float, PackedEnsemble, Array]]:
     """Each chain of a drive in static equilibrium at a speed of its driver [rad/s], and its link tensions (N,) [N].
 
-    Motions stand, loads have their mean, valves no springs, nothing rubs, couplings have taken up their lash, motors
-    have the slope of their moments. A tension is what stretches a link, and of a running chain what bends it around the
-    sprockets too.
+    Motions stand, loads have their mean, valves no springs, nothing rubs, couplings have taken up their lash,
+    freewheels are locked, brakes and backstops open, motors have the slope of their moments. A tension is what
+    stretches a link, and of a running chain what bends it around the sprockets too.
 
     Args:
         start: the chains as they stand at a speed nearby.
@@ -245,6 +245,8 @@ def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, s
     still.motions["drive_table"]["cells"] = still.motions["load_table"]["cells"] = 0
     still.valves["preload"] = still.valves["stiffness"] = 0.0
     still.couplings["lash"], still.couplings["capacity"], still.motors["present"] = 0.0, 0.0, 0
+    still.couplings["freewheel"] = 0
+    still.engaged["ratio"][[coupling.grounded for coupling in drive.couplings]] = 0.0
     for b, load in free_body_loads(drive):
         turning = speed * body_speed_ratio(drive, b, drive.driver)
         moment = body_turning_sign(drive, b) * potential.moments[b]
