@@ -1,11 +1,11 @@
 """TOML text of shafts, gears, couplings and other named tables, for drives and studies of tests."""
 
-from warpchain.drive.toml import dumps
+from warpchain.drive.toml import toml_text
 
 
 def part(kind, name, **values):
     """A named element of a list of tables, such as "valves"."""
-    return dumps({kind: [{"name": name} | values]})
+    return toml_text({kind: [{"name": name} | values]})
 
 
 def shaft(name, **values):

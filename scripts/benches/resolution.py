@@ -13,7 +13,7 @@ from benches.drives import drive_by_name
 from benches.steps import EXAMPLES, SHORT
 from warpchain import Drive, Limits, Record, simulate
 from warpchain.assembly.timestep import automatic_step
-from warpchain.drive.paths import changed
+from warpchain.drive.paths import changed_part
 
 METRICS = ("tension_mean", "tension_q999", "tension_std", "friction_power")
 TIMES = {"joint friction": (1.0, 5.0, 10.0, 20.0, 50.0), "ramp": (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)}
@@ -44,7 +44,7 @@ def resolution(asked: argparse.Namespace) -> Iterator[Line]:
         }
         for what in asked.of:
             for times in TIMES[what]:
-                varied = changed(drive, {paths[what]: times * drive.get_value(paths[what])})
+                varied = changed_part(drive, {paths[what]: times * drive.get_value(paths[what])})
                 whole, half = (
                     simulate(varied, replicates=asked.copies, replicate_by="perturbation", duration=SHORT.get(name),
                              step=automatic_step(varied) / parts, record=Record("none")).metrics
@@ -82,7 +82,7 @@ STARTS: dict[str, dict[str, Any]] = {
 
 def start_metrics(drive: Drive, part: int, copies: int) -> list[dict[str, Any]]:
     """Metrics of copies of a start, 1e-9 pitches apart, at a part of the automatic step."""
-    drive = changed(drive, {"run.duration": START[1], "run.step": automatic_step(drive) / part})
+    drive = changed_part(drive, {"run.duration": START[1], "run.step": automatic_step(drive) / part})
     run = simulate(drive, window=START, replicates=copies, replicate_by="perturbation", record=Record("none"),
                    limits=Limits(energy_change=math.inf))  # fmt: skip
     return run.metrics.to_pylist()
@@ -99,7 +99,7 @@ def starts(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("conveyor", "step", "tension_q999 [N]", "joint_give [%]", "joints.resolution", "status")
     for words, values in STARTS.items():
         for part in (1, 2, 4, 8):
-            (row,) = start_metrics(changed(drive_by_name("conveyor"), values), part, 1)
+            (row,) = start_metrics(changed_part(drive_by_name("conveyor"), values), part, 1)
             give = f"{100.0 * row[f'{slack}.joint_give']:.2f}"
             fewest = f"{row['joints.resolution']:.0f}"
             yield (words, f"1/{part}", f"{row[f'{slack}.tension_q999']:.0f}", give, fewest, row["status"])
@@ -151,7 +151,7 @@ def gives(asked: argparse.Namespace) -> Iterator[Line]:
             values = {path: drive.get_value(path) * math.exp(0.5 * rng.normal()) for path in VARIED[name]}
             values["chain.stiffness"] = drive.chain.stiffness * math.exp(0.5 * rng.normal())
             values["contact.sprocket.restitution"] = min(values["contact.sprocket.restitution"], 0.9)
-            drive = changed(drive, values)
+            drive = changed_part(drive, values)
             whole, half, quarter = (start_metrics(drive, part, 2) for part in (1, 2, 4))
             found += [joint_give_and_change(drive, rows, quarter) for rows in (whole, half)]
     yield ("limit [%]", "runs", "suspect, and changes", "suspect, does not", "ok, but changes", "ok, does not")

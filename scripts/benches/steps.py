@@ -15,7 +15,7 @@ from benches.drives import drive_by_name
 from benches.guard import tree_checkout, tree_rates
 from warpchain import Record, simulate
 from warpchain.assembly.timestep import automatic_step, step_limit
-from warpchain.drive.paths import changed
+from warpchain.drive.paths import changed_part
 
 EXAMPLES = ("industrial", "engine", "motorcycle", "car", "marine")
 SHORT = {"industrial": 0.4, "marine": 0.6}
@@ -135,7 +135,7 @@ def contacts(asked: argparse.Namespace) -> Iterator[Line]:
     yield ("drive", *(f"{change} [%]" for change in CHANGES), *(f"{words} [%]" for words in OF_CONTACTS.values()))
     for name in asked.drives:
         begin, end = WINDOWS[name]
-        drive = changed(drive_by_name(name), {"run.duration": end})
+        drive = changed_part(drive_by_name(name), {"run.duration": end})
         coarse, fine = (
             simulate(drive, step=automatic_step(drive) / part, window=(begin, end), replicates=asked.copies,
                      replicate_by="perturbation", device="cpu", record=Record("none")).metrics.to_pylist()

@@ -16,7 +16,7 @@ from warpchain import Drive, Record, Run, load_drive, loads_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 from warpchain.drive.oil import static_force, static_pressure, valve_flow
-from warpchain.drive.viscosity import by_slope
+from warpchain.drive.viscosity import walther_from_slope
 from warpchain.engine.tensioner_bench import PlungerMotion, shake_tensioner
 from warpchain.results.outlines import DrivePose, guide_arm_tensioner_parts, teeth_parts, turn_points
 from warpchain.results.run import require_channels
@@ -127,7 +127,7 @@ AMPLITUDE, CYCLES = 2e-4, 10
 FREQUENCIES = (50.0, 100.0, 200.0)
 MICRO, DEGREES, SQUARE_MM = "\N{MICRO SIGN}m", "\N{DEGREE SIGN}C", "mm\N{SUPERSCRIPT TWO}/s"
 SHAKEN = "\N{PLUS-MINUS SIGN}0.2 mm"
-OIL = by_slope(8e-5)
+OIL = walther_from_slope(8e-5)
 """Of the tensioner: 80 mm^2/s at 40 degrees C."""
 TRENDS = {
     f"gap [{MICRO}]": ("plunger.gap", np.linspace(20.0, 100.0, 17), lambda x: 1e-6 * x),

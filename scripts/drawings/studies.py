@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from warpchain import Drive, Record, load_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.drive.viscosity import by_two_points
+from warpchain.drive.viscosity import walther_from_two_points
 from warpchain.results.objectives import add_objectives
 from warpchain.results.units import display_unit_word, quantity_words
 from warpchain.study.analysis.pareto import Goals, goals_of_study, is_non_dominated
@@ -142,7 +142,9 @@ def cold_to_hot_table(results: Results) -> Iterator[Line]:
         "largest tension [N]",
         "friction [W]",
     )
-    law = by_two_points(*(float(results.table[name][0].as_py()) for name in ("viscosity_40", "viscosity_100")))
+    law = walther_from_two_points(
+        *(float(results.table[name][0].as_py()) for name in ("viscosity_40", "viscosity_100"))
+    )
     for row in results.table.to_pylist():
         of = {key: row[f"tensioner.{key}"] for key in ("extension_min", "extension_mean", "extension_max")}
         yield (

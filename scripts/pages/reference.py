@@ -11,8 +11,8 @@ from warpchain.cli.output_schema import output_schema
 from warpchain.cli.parser import command_line_parser as command_line
 from warpchain.drive import Drive
 from warpchain.drive.json_schema import drive_schema, schema_text
-from warpchain.drive.quantities import descriptions
-from warpchain.drive.schema import Part, allowed
+from warpchain.drive.quantities import attribute_descriptions
+from warpchain.drive.schema import Part, allowed_text
 from warpchain.study.spec.study_file import Study, study_schema
 
 MODULES = {
@@ -57,13 +57,13 @@ def file_sections(top: type[Part]) -> dict[type[Part], list[str]]:
 
 def key_rows(kind: type[Part]) -> list[tuple[str, str, str, str]]:
     """Name, allowed values, default and description of each key of a part."""
-    said = {"kind": "which one of these it is."} | descriptions(kind)
+    said = {"kind": "which one of these it is."} | attribute_descriptions(kind)
     rows = []
     for key, field in kind.model_fields.items():
         default = "needed" if field.is_required() else default_text(field.get_default(call_default_factory=True))
         if key in getattr(kind, "_filled", ()):
             default = "needed without `size`"
-        rows.append((f"`{key}`", allowed(kind, key).removeprefix("must be "), default, said.get(key, "")))
+        rows.append((f"`{key}`", allowed_text(kind, key).removeprefix("must be "), default, said.get(key, "")))
     return rows
 
 

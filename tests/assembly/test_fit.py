@@ -15,7 +15,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.fitting import drawn_paths, fit_links, fit_position, fit_positions, strand_sag
 from warpchain.assembly.summary import derive
 from warpchain.cli.fit_command import _fit_state_lines
-from warpchain.drive.drive_text import with_changes
+from warpchain.drive.drive_text import text_with_changes
 from warpchain.errors import DriveError
 
 TEETH, SPAN = 20, 30
@@ -252,7 +252,7 @@ def test_any_way_to_write_a_file_is_kept():
     )
     drive = pair(distance=1.5, links=82)
     changed = text.replace("80", "82").replace("[2,0]", "[1.5,0]")
-    assert with_changes(text, pair(distance=2.0, links=80), drive) == changed
+    assert text_with_changes(text, pair(distance=2.0, links=80), drive) == changed
 
 
 # ------------------------------------------------------------------------------------------------------- together

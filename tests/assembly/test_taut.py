@@ -19,7 +19,7 @@ def face(center, radius, half, upward=1.0):
     start = (center[0] + radius * math.cos(begin), center[1] + upward * radius * math.sin(begin))
     heading = upward * half
     piece = Piece(start, heading, -upward / radius, 2.0 * half * radius)
-    return make_profile([piece if upward > 0 else piece.turned()], 0.05)
+    return make_profile([piece if upward > 0 else piece.reversed_piece()], 0.05)
 
 
 def test_string_over_an_arc():

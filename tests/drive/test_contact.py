@@ -10,7 +10,11 @@ from scipy.optimize import brentq
 
 from warpchain.assembly.timestep import highest_frequency
 from warpchain.drive import Material
-from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, tooth_rubbing
+from warpchain.drive.friction_coefficients import (
+    FrictionCoefficients,
+    guide_friction_coefficients,
+    tooth_friction_coefficients,
+)
 from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
 from warpchain.errors import DriveError
 
@@ -50,9 +54,12 @@ def test_bush_and_tooth_in_series():
 def test_what_rubs_is_what_is_given():
     given = {"contact.sprocket.friction": 0.06, "contact.guide.friction": 0.1}
     given |= {"guides.bar.contact": {"friction": 0.2, "static_friction": 0.3, "stribeck_speed": 0.05}}
-    assert tooth_rubbing(drive(**given)) == Rubbing(0.06, 0.06, 1.0)
-    assert guide_rubbing(drive(**given), 0) == Rubbing(0.2, 0.3, 0.05)
-    assert not tooth_rubbing(drive()).rubs and not guide_rubbing(drive(), 0).rubs
+    assert tooth_friction_coefficients(drive(**given)) == FrictionCoefficients(0.06, 0.06, 1.0)
+    assert guide_friction_coefficients(drive(**given), 0) == FrictionCoefficients(0.2, 0.3, 0.05)
+    assert (
+        not tooth_friction_coefficients(drive()).has_friction
+        and not guide_friction_coefficients(drive(), 0).has_friction
+    )
 
 
 def test_flat_rubber():

@@ -128,7 +128,7 @@ def test_any_wrong_value_anywhere_is_a_drive_error_or_nothing(value, data):
                        | st.lists(st.text(max_size=5), max_size=3)))  # fmt: skip
 def test_written_values_read_back(table):
     values = {"table": table, "list": [table, {}]}
-    text = drive_toml.dumps(values)
+    text = drive_toml.toml_text(values)
     assert tomllib.loads(text) == values
     document = tomlkit.parse(text)  # with which `warpchain fit` edits drive files
     assert document.unwrap() == values

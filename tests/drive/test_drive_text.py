@@ -6,7 +6,7 @@ import pytest
 from drives import example
 
 from warpchain import dumps_drive, load_drive, loads_drive
-from warpchain.drive.drive_text import DIGITS, drive_text, text_alone, with_changes
+from warpchain.drive.drive_text import DIGITS, drive_text, self_contained_text, text_with_changes
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.errors import DriveError
 
@@ -111,7 +111,7 @@ def test_files_that_a_drive_names_are_read_in(tmp_path):
     (tmp_path / "load.csv").write_text("time,torque\n0,0\n0.1,33.333333333333336\n")
     file = tmp_path / "drive.toml"
     file.write_text(GIVEN.replace("load = { torque = 100 }", 'load = { torque = 0, table = { file = "load.csv" } }'))
-    text = text_alone(file)
+    text = self_contained_text(file)
     assert loads_drive(text) == load_drive(file) and "load.csv" not in text and "# rated" in text
 
 
@@ -123,4 +123,4 @@ def test_a_text_of_which_no_edit_gives_the_drive_is_written_anew():
 def test_centers_keep_the_digits_that_are_asked_for():
     drive = loads_drive(GIVEN)
     other = drive.with_values({"sprockets.driven.center": (1.0042336209, 0.0)})
-    assert "center = [1.0042336209, 0.0]" in with_changes(GIVEN, drive, other, 15)
+    assert "center = [1.0042336209, 0.0]" in text_with_changes(GIVEN, drive, other, 15)

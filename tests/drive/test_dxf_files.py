@@ -13,7 +13,7 @@ from drives import BLADE
 
 from warpchain import dumps_drive, load_drive, loads_drive
 from warpchain.drive.biarcs import TOLERANCE
-from warpchain.drive.dxf_files import joined, read_edges, read_face, read_teeth
+from warpchain.drive.dxf_files import joined_edges, read_edges, read_face, read_teeth
 from warpchain.drive.tooth_shape import gap_outline, iso606_tooth
 from warpchain.errors import DriveError, WarpchainError
 
@@ -561,7 +561,7 @@ def test_a_contour_of_as_many_pieces_as_it_may_have(tmp_path):
     places = [(0.01 * k, float(k % 2)) for k in range(10_001)]
     for k in np.random.default_rng(1).permutation(10_000):
         space.add_line(*(places[k : k + 2] if k % 3 else places[k : k + 2][::-1]))
-    edges, closed = joined(read_edges(saved(document, tmp_path), None))
+    edges, closed = joined_edges(read_edges(saved(document, tmp_path), None))
     found = np.array([edge.points[0] for edge in edges] + [edges[-1].points[-1]])
     found = found if found[0, 0] == 0.0 else found[::-1]
     assert not closed

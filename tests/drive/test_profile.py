@@ -9,9 +9,18 @@ import pytest
 
 from warpchain import load_drive
 from warpchain.drive import dumps_drive, loads_drive
-from warpchain.drive.biarcs import TOLERANCE, biarc, fitted
+from warpchain.drive.biarcs import TOLERANCE, biarc, fitted_face
 from warpchain.drive.examples import drive_path
-from warpchain.drive.face_profile import Piece, Profile, ProfileError, arcs, make_profile, rounded, straight, turn
+from warpchain.drive.face_profile import (
+    Piece,
+    Profile,
+    ProfileError,
+    arc_face,
+    make_profile,
+    rounded_face,
+    straight_face,
+    wrapped_angle,
+)
 from warpchain.errors import DriveError
 
 BLADE = [(0.10, 0.30), (0.13, 0.22), (0.12, 0.12)]
@@ -20,10 +29,10 @@ EXACT = 1e-13  # [m, rad]: rounding of a few operations on numbers below 1
 
 
 FACES = {
-    "bar": straight((0.1, 0.2), (0.4, -0.1)),
-    "blade": rounded(BLADE, 0.25),
-    "bend": rounded([(0.0, 0.0), (0.3, 0.0), (0.5, 0.2), (0.9, 0.2)], 0.1),
-    "arcs": arcs([((0.0, 0.0), 0.2, math.pi, math.pi / 2), ((0.1, 0.5), 0.3, -math.pi / 2, 0.0)]),
+    "bar": straight_face((0.1, 0.2), (0.4, -0.1)),
+    "blade": rounded_face(BLADE, 0.25),
+    "bend": rounded_face([(0.0, 0.0), (0.3, 0.0), (0.5, 0.2), (0.9, 0.2)], 0.1),
+    "arcs": arc_face([((0.0, 0.0), 0.2, math.pi, math.pi / 2), ((0.1, 0.5), 0.3, -math.pi / 2, 0.0)]),
 }
 
 
@@ -36,7 +45,7 @@ def profile(request):
 def test_pieces_join_in_place_and_heading(profile):
     for a, b in pairwise(profile.pieces):
         assert math.dist(a.end, b.start) < EXACT
-        assert abs(turn(b.heading - a.end_heading)) < EXACT
+        assert abs(wrapped_angle(b.heading - a.end_heading)) < EXACT
 
 
 def test_ends_are_convex_quarters(profile):
@@ -50,7 +59,7 @@ def test_places_count_from_the_beginning_of_the_face(profile):
     assert profile.face_length == pytest.approx(sum(piece.length for piece in profile.face), rel=1e-15)
     for place, piece in zip(profile.places, profile.pieces, strict=True):
         point, heading = profile.at(place)
-        assert math.dist(point, piece.start) < EXACT and abs(turn(heading - piece.heading)) < EXACT
+        assert math.dist(point, piece.start) < EXACT and abs(wrapped_angle(heading - piece.heading)) < EXACT
 
 
 def test_place_and_height_are_those_from_which_a_point_was_made(profile):
@@ -64,27 +73,27 @@ def test_place_and_height_are_those_from_which_a_point_was_made(profile):
 
 def test_the_chain_rides_on_the_left_of_the_pieces_whatever_the_side():
     """Above a bar to the right is its left; the other side runs the other way, from its end."""
-    left, right = (make_profile(straight((0.0, 0.0), (1.0, 0.0)), 0.1, side) for side in ("left", "right"))
+    left, right = (make_profile(straight_face((0.0, 0.0), (1.0, 0.0)), 0.1, side) for side in ("left", "right"))
     assert left.locate((0.25, 0.02)) == pytest.approx((0.25, 0.02))
     assert right.locate((0.25, -0.02)) == pytest.approx((0.75, 0.02))
     assert (left.reversed, right.reversed) == (False, True) and left.straight and right.straight
 
 
 def test_beyond_the_ends_there_is_nothing():
-    profile = make_profile(straight((0.0, 0.0), (1.0, 0.0)), 0.1)
+    profile = make_profile(straight_face((0.0, 0.0), (1.0, 0.0)), 0.1)
     assert profile.locate((1.05, 0.02)) == pytest.approx((1.0 + 0.1 * math.atan2(0.05, 0.12), 0.13 - 0.1))
     assert profile.locate((1.2, -0.2)) is None and profile.locate((-0.2, -0.2)) is None
 
 
 def test_a_rounded_corner_touches_both_sides():
     """Two sides at a right angle, radius R: the arc begins R before the corner and is a quarter of 2 pi R long."""
-    first, bend, last = rounded([(0.0, 0.0), (0.3, 0.0), (0.3, 0.5)], 0.1)
+    first, bend, last = rounded_face([(0.0, 0.0), (0.3, 0.0), (0.3, 0.5)], 0.1)
     assert (first.length, bend.length, last.length) == pytest.approx((0.2, 0.1 * math.pi / 2, 0.4), abs=EXACT)
     assert bend.curvature == 10.0 and bend.start == pytest.approx((0.2, 0.0)) and last.end == pytest.approx((0.3, 0.5))
 
 
 def test_arcs_that_only_share_a_tangent_are_joined_by_a_straight_piece():
-    first, between, last = arcs([QUARTER, ((0.3, 0), 0.2, math.pi / 2, 0)])
+    first, between, last = arc_face([QUARTER, ((0.3, 0), 0.2, math.pi / 2, 0)])
     assert (first.curvature, between.curvature, last.curvature) == (-5.0, 0.0, -5.0)
     assert between.length == pytest.approx(0.3) and last.end == pytest.approx((0.5, 0.0))
 
@@ -115,11 +124,15 @@ def test_a_nearly_straight_piece_loses_nothing():
 @pytest.mark.parametrize(
     ("make", "index", "text"),
     [
-        (lambda: rounded([(0, 0), (1, 0), (1, 0)], 0.1), 2, "another point than the one before"),
-        (lambda: rounded([(0, 0), (1, 0), (1, 0.3)], 0.4), 1, "need 0.4 m of the 0.3 m between points 1 and 2"),
-        (lambda: rounded([(0, 0), (1, 0), (1, 0.3), (2, 0.3)], 0.2), 2, "no room for radius 0.2"),
-        (lambda: arcs([QUARTER, ((0, 0.01), 0.2, math.pi / 2, 0)]), 1, f"begins 0.01 m from {BEFORE}"),
-        (lambda: arcs([QUARTER, ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]), 1, f"turns by -5.73 degrees against {BEFORE}"),
+        (lambda: rounded_face([(0, 0), (1, 0), (1, 0)], 0.1), 2, "another point than the one before"),
+        (lambda: rounded_face([(0, 0), (1, 0), (1, 0.3)], 0.4), 1, "need 0.4 m of the 0.3 m between points 1 and 2"),
+        (lambda: rounded_face([(0, 0), (1, 0), (1, 0.3), (2, 0.3)], 0.2), 2, "no room for radius 0.2"),
+        (lambda: arc_face([QUARTER, ((0, 0.01), 0.2, math.pi / 2, 0)]), 1, f"begins 0.01 m from {BEFORE}"),
+        (
+            lambda: arc_face([QUARTER, ((0, 0), 0.2, math.pi / 2 - 0.1, 0)]),
+            1,
+            f"turns by -5.73 degrees against {BEFORE}",
+        ),
     ],
     ids=["same", "short", "two corners", "apart", "kink"],
 )
@@ -130,8 +143,8 @@ def test_what_cannot_be_drawn_is_told(make, index, text):
 
 
 def test_a_profile_is_a_value():
-    assert make_profile(straight((0, 0), (1, 0)), 0.1) == make_profile(straight((0, 0), (1, 0)), 0.1)
-    assert isinstance(make_profile(straight((0, 0), (1, 0)), 0.1), Profile)
+    assert make_profile(straight_face((0, 0), (1, 0)), 0.1) == make_profile(straight_face((0, 0), (1, 0)), 0.1)
+    assert isinstance(make_profile(straight_face((0, 0), (1, 0)), 0.1), Profile)
 
 
 CIRCLE = 0.25
@@ -162,8 +175,8 @@ def distances(pieces, points):
 def test_a_biarc_joins_two_points_with_their_headings():
     first, second = biarc((0.1, 0.2), 0.3, (0.4, 0.25), -0.6)
     assert first.start == (0.1, 0.2) and first.heading == 0.3
-    assert math.dist(first.end, second.start) < 1e-15 and abs(turn(first.end_heading - second.heading)) < 1e-15
-    assert second.end == pytest.approx((0.4, 0.25), abs=1e-15) and abs(turn(second.end_heading + 0.6)) <= 1e-14
+    assert math.dist(first.end, second.start) < 1e-15 and abs(wrapped_angle(first.end_heading - second.heading)) < 1e-15
+    assert second.end == pytest.approx((0.4, 0.25), abs=1e-15) and abs(wrapped_angle(second.end_heading + 0.6)) <= 1e-14
 
 
 def test_a_biarc_of_a_circle_is_that_circle():
@@ -181,16 +194,16 @@ def test_a_biarc_of_a_line_is_straight():
 @pytest.mark.parametrize("points", [circle(12), clothoid(21), [(0, 0), (0.1, 0.02), (0.2, 0)], [(0, 0), (0.3, 0.1)]],
                          ids=["circle", "clothoid", "three", "two"])  # fmt: skip
 def test_the_face_is_smooth_and_keeps_to_its_points(points):
-    pieces = fitted([tuple(point) for point in np.asarray(points, dtype=float).tolist()])
+    pieces = fitted_face([tuple(point) for point in np.asarray(points, dtype=float).tolist()])
     for a, b in pairwise(pieces):
-        assert math.dist(a.end, b.start) < 1e-12 and abs(turn(a.end_heading - b.heading)) < 1e-12
+        assert math.dist(a.end, b.start) < 1e-12 and abs(wrapped_angle(a.end_heading - b.heading)) < 1e-12
     assert np.abs(distances(pieces, points[1:-1])).max(initial=0.0) <= TOLERANCE
     assert math.dist(pieces[0].start, points[0]) <= TOLERANCE and math.dist(pieces[-1].end, points[-1]) <= TOLERANCE
 
 
 def test_a_measured_circle_gives_its_radius():
     """12 points of 0.25 m: within 1e-5 m over chords of 0.03 m, d = c^2 k / 8, the curvature is known to 10 %."""
-    pieces = fitted([tuple(point) for point in circle(12).tolist()])
+    pieces = fitted_face([tuple(point) for point in circle(12).tolist()])
     assert len(pieces) <= 10
     assert [piece.curvature for piece in pieces] == pytest.approx([-1.0 / CIRCLE] * len(pieces), rel=0.1)
     assert sum(piece.length for piece in pieces) == pytest.approx(1.5 * CIRCLE, rel=1e-4)
@@ -198,7 +211,7 @@ def test_a_measured_circle_gives_its_radius():
 
 def test_curvature_follows_a_clothoid():
     """Curvature 100 s: the pieces' own, in the middle of each, to the steps that arcs make of it."""
-    pieces = fitted([tuple(point) for point in clothoid(41).tolist()])
+    pieces = fitted_face([tuple(point) for point in clothoid(41).tolist()])
     places = np.cumsum([0.0, *(piece.length for piece in pieces)])
     middles, curvatures = 0.5 * (places[1:] + places[:-1]), [piece.curvature for piece in pieces]
     assert curvatures[1:-1] == pytest.approx(100.0 * middles[1:-1], abs=1.5)
@@ -209,7 +222,7 @@ def test_rounded_numbers_do_not_bend_the_face():
     """A blade of 0.25 m radius, points each millimeter rounded to 1e-6 m: a spline through every point would bend with
     6e-6 / 1e-3^2 = 6 1/m from point to point, against 4 1/m of the blade; within the tolerance it need not."""
     count = int(1.5 * CIRCLE / 1e-3)
-    pieces = fitted([tuple(point) for point in np.round(circle(count), 6).tolist()])
+    pieces = fitted_face([tuple(point) for point in np.round(circle(count), 6).tolist()])
     curvatures = [piece.curvature for piece in pieces]
     assert max(curvatures) < -3.0 and min(curvatures) > -5.0
     assert np.abs(distances(pieces, circle(count)[1:-1])).max() <= TOLERANCE + 1e-6
@@ -217,7 +230,7 @@ def test_rounded_numbers_do_not_bend_the_face():
 
 def test_a_point_twice_is_told():
     with pytest.raises(ProfileError, match="another point than the one before") as caught:
-        fitted([(0.0, 0.0), (0.1, 0.0), (0.1, 0.0), (0.2, 0.0)])
+        fitted_face([(0.0, 0.0), (0.1, 0.0), (0.1, 0.0), (0.2, 0.0)])
     assert caught.value.index == 2
 
 

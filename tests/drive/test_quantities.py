@@ -11,7 +11,7 @@ from loading import load_script
 from warpchain.cli import main
 from warpchain.cli.shared_options import angular_speed_from_word
 from warpchain.drive import Drive
-from warpchain.drive.quantities import QUANTITY, converted, unit_of
+from warpchain.drive.quantities import QUANTITY, converted_number, unit_of_key
 from warpchain.errors import DriveError
 from warpchain.study.spec.study_tables import condition_without_units
 
@@ -99,9 +99,9 @@ def test_on_the_command_line_units_need_no_quotes(capsys):
 def test_every_number_of_a_drive_file_has_a_unit():
     """But directions, factors of tables, ratios, a stiffness whose unit its exponent makes, degrees C and 1/K."""
     keys = {key for kind in sections(Drive) for key, field in kind.model_fields.items()
-            if "float" in str(field.annotation) and not unit_of(kind, key)}  # fmt: skip
+            if "float" in str(field.annotation) and not unit_of_key(kind, key)}  # fmt: skip
     assert keys == {"factor", "direction", "ratio", "stiffness", "temperature", "block", "wheels", "chain"}
-    assert converted("2 N s/m", "N s/m") == 2.0 and converted("2 kNm", "N m") == 2000.0
+    assert converted_number("2 N s/m", "N s/m") == 2.0 and converted_number("2 kNm", "N m") == 2000.0
 
 
 @pytest.mark.parametrize("text", ["1e-6 * torque", "2.5E3*x", "1e-6 / 2", "0.001 * torque"])

@@ -42,7 +42,7 @@ def test_catching_teeth_multiply_the_tension_and_warn():
         free = two_sprockets(seat_angle=128.0, duration=0.5, speed=2.0, span=20.002)
     with pytest.warns(UserWarning, match=r'seat_angle = 138: the straight flanks of "driver" \(20 teeth\) catch'):
         catching = two_sprockets(seat_angle=138.0, duration=0.5, speed=2.0, span=20.002)
-    assert (free.catching(), catching.catching()) == ((), (0, 1))
+    assert (free.catching_sprockets(), catching.catching_sprockets()) == ((), (0, 1))
     assert row(catching)["tension_mean"] > 3 * row(free)["tension_mean"]
 
 

@@ -12,11 +12,11 @@ from warpchain.drive import Drive
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.changed_copies import DriveChanges
 from warpchain.drive.examples import example_names
-from warpchain.drive.quantities import unit_of
+from warpchain.drive.quantities import unit_of_key
 from warpchain.drive.schema import Part
 from warpchain.drive.stacks import stacks_of_drives
 from warpchain.drive.thermal import GROWS, MATERIALS
-from warpchain.drive.viscosity import THICKEST, THINNEST, by_two_points
+from warpchain.drive.viscosity import THICKEST, THINNEST, walther_from_two_points
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
 from warpchain.fit import fit_position
@@ -48,7 +48,7 @@ def lengths(kind=Drive, above=()):
 
     for key, field in kind.model_fields.items():
         inside = list(parts(field.annotation))
-        if unit_of(kind, key) == "m":
+        if unit_of_key(kind, key) == "m":
             yield ".".join((*above, key))
         for inner in inside:
             yield from lengths(inner, (*above, "chain" if key == "chains" else key))
@@ -214,17 +214,17 @@ def test_runs_and_their_archives_hold_the_temperature(tmp_path):
 
 
 def test_two_viscosities_give_the_rest():
-    law = by_two_points(62e-6, 10.3e-6)
+    law = walther_from_two_points(62e-6, 10.3e-6)
     assert law.viscosity(40.0) == pytest.approx(62e-6, rel=1e-12)
     assert law.viscosity(100.0) == pytest.approx(10.3e-6, rel=1e-12)
     assert law.temperature(law.viscosity(-30.0)) == pytest.approx(-30.0, abs=1e-9)
     # a published calculator (B = 3.7449, with 273 K in place of 273.15) has 8.5 mm^2/s at 80 degrees
-    vg32 = by_two_points(32e-6, 5.4e-6)
+    vg32 = walther_from_two_points(32e-6, 5.4e-6)
     assert vg32.b == pytest.approx(3.7449, rel=1e-3) and vg32.viscosity(80.0) == pytest.approx(8.5e-6, abs=5e-8)
 
 
 def test_oil_thins_with_the_drive():
-    law = by_two_points(62e-6, 10.3e-6)
+    law = walther_from_two_points(62e-6, 10.3e-6)
     for temperature in (-30.0, 0.0, 95.0):
         oil = car(temperature=temperature).tensioners[0].oil
         assert oil.viscosity == law.viscosity(temperature) and oil.viscosity_40 is None

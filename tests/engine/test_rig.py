@@ -11,7 +11,7 @@ import warpchain
 from warpchain import bench_tensioner, loads_drive
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import oil
-from warpchain.drive.viscosity import by_slope
+from warpchain.drive.viscosity import walther_from_slope
 from warpchain.engine.body_struct_rows import fill_tensioner_row
 from warpchain.engine.tensioner_bench import SAMPLES_PER_CYCLE, PlungerMotion, shake_tensioner
 from warpchain.errors import DriveError, SimulationError
@@ -108,11 +108,11 @@ def test_python_and_kernels_have_one_relief_valve_and_one_vent(drive):
 
 
 def test_viscosity_over_temperature_is_walther_s():
-    assert by_slope(8e-5).viscosity(40.0) == pytest.approx(8e-5, rel=1e-12)
+    assert walther_from_slope(8e-5).viscosity(40.0) == pytest.approx(8e-5, rel=1e-12)
     # a 5W-30 of 62 mm^2/s at 40 degrees C has about 10.3 at 100
-    assert by_slope(62e-6).viscosity(100.0) == pytest.approx(10.3e-6, rel=0.01)
+    assert walther_from_slope(62e-6).viscosity(100.0) == pytest.approx(10.3e-6, rel=0.01)
     # VG 100 of a viscosity index of 95 has 11.1 at 100 (B = 3.6)
-    assert by_slope(100e-6, slope=3.6).viscosity(100.0) == pytest.approx(11.1e-6, rel=0.03)
+    assert walther_from_slope(100e-6, slope=3.6).viscosity(100.0) == pytest.approx(11.1e-6, rel=0.03)
 
 
 # ---- rides ----
@@ -207,7 +207,7 @@ def test_the_force_rises_as_the_gap_shrinks_and_falls_with_thin_oil_and_air(driv
     assert (np.diff(gaps) < 0.0).all()
     airs = [force_max(drive, oil__air=air) for air in (0.0, 0.01, 0.03, 0.1)]
     assert (np.diff(airs) < 0.0).all()
-    warm = [force_max(drive, oil__viscosity=by_slope(8e-5).viscosity(t)) for t in (20.0, 40.0, 80.0, 120.0)]
+    warm = [force_max(drive, oil__viscosity=walther_from_slope(8e-5).viscosity(t)) for t in (20.0, 40.0, 80.0, 120.0)]
     assert (np.diff(warm) < 0.0).all()
 
 

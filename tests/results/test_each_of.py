@@ -41,7 +41,7 @@ def test_numbers_of_a_stack_are_those_of_each_drive(name):
         ]
         functions += [
             step_resolution._softest_link_stiffness,
-            *[step_resolution._joint_friction_arm] * drives[0].chain.rubs,
+            *[step_resolution._joint_friction_arm] * drives[0].chain.has_friction,
         ]
         functions += [
             lambda drive, k=k: step_resolution._partner_friction_coefficient(drive, k) for k in range(partners)

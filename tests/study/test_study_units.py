@@ -7,7 +7,7 @@ from study_helpers import LIMITS, STUDY, tiny_drive
 
 from warpchain.drive import Drive, dumps_drive
 from warpchain.drive.path_units import path_unit
-from warpchain.drive.quantities import unit_of
+from warpchain.drive.quantities import unit_of_key
 from warpchain.errors import StudyError
 from warpchain.study.design.design_table import make_design
 from warpchain.study.spec import dumps_study, loads_study
@@ -54,7 +54,7 @@ def test_every_number_of_a_drive_has_the_unit_of_its_part():
                 else getattr(owner, word, None)
             )
         if isinstance(drive.get_value(path), float) and not key.isdigit():
-            assert path_unit(Drive, path) == unit_of(type(owner), key), path
+            assert path_unit(Drive, path) == unit_of_key(type(owner), key), path
             checked += 1
     assert checked > 10
 

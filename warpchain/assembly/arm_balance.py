@@ -23,7 +23,7 @@ import numpy as np
 
 from warpchain.assembly.guided import on_arm
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
-from warpchain.drive.face_profile import direction
+from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.mounts import moving_mass
 from warpchain.drive.oil import bottom_place, static_force
 from warpchain.drive.stack_math import (
@@ -175,7 +175,7 @@ class StillArm:
 
     def _turned(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
         """From the pivot to a place of the arm as drawn, now [m]."""
-        (px, py), (cosine, sine) = self.arm.pivot, direction(angle)
+        (px, py), (cosine, sine) = self.arm.pivot, unit_vector(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 

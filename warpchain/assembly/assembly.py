@@ -36,7 +36,7 @@ from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.table_cells import initial_speed
 from warpchain.assembly.taut_string import Taut
-from warpchain.drive.face_profile import direction
+from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.mounts import initial_velocity
 from warpchain.drive.sprocket import LedSprocket
 from warpchain.drive.stack_math import (
@@ -361,7 +361,7 @@ class _Around:
         ends = (np.hypot(ends[:, 0], ends[:, 1])[:, None] for ends in (begin, end))
         speed = (1.0 - share) * next(ends) + share * next(ends)
         heading = np.atleast_2d(array_of_columns([self.curve.at(s)[1] for s in self.at[1:-1]]))
-        x, y = direction(self.string.first)
+        x, y = unit_vector(self.string.first)
         sense = np.where(begin[:, 0] * x + begin[:, 1] * y >= 0.0, 1.0, -1.0)
         return np.asarray((sense[:, None] * speed)[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=2))
 

@@ -36,7 +36,7 @@ from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.changed_copies import drive_with_numbers
 from warpchain.drive.parts_by_chain import ChainDrive
 from warpchain.drive.stacks import stacks_of_drives
-from warpchain.drive.thermal import growth
+from warpchain.drive.thermal import expansion_factor
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | 
         if place is None:
             found.append(DriveError(search.failure()))
             continue
-        x, y = (round(part / growth(drive, "block"), _DIGITS) for part in search.center(place))
+        x, y = (round(part / expansion_factor(drive, "block"), _DIGITS) for part in search.center(place))
         mine = search.drive.sprockets[search.index]
         shaft = {of.name for of in drive.sprockets if of.shaft is not None and of.shaft == mine.shaft}
         together = [s for s, of in enumerate(drive.sprockets) if of.name in {mine.name, *shaft}]

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.arm_balance import StillArm, stop_of
-from warpchain.drive.face_profile import direction
+from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.oil import static_force, static_pressure
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[
         own = [] if string is None else [touch for touch in string.touches if touch.arc.guide == g]
         if own:
             ends = [place for touch in own for place in touch.places]
-            (ax, ay), (bx, by) = direction(own[0].arrive), direction(own[-1].leave)
+            (ax, ay), (bx, by) = unit_vector(own[0].arrive), unit_vector(own[-1].leave)
             tension = max(float(pull[k]), 0.0)
             return {
                 "strand": drive.strand_names[k],

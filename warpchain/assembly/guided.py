@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.assembly.taut_string import Arc, obstacle
-from warpchain.drive.face_profile import Piece, Point, Profile, direction
+from warpchain.drive.face_profile import Piece, Point, Profile, unit_vector
 from warpchain.drive.stack_math import (
     arctan2,
     array_of_columns,
@@ -121,7 +121,7 @@ def depth(run: Run, line: Line) -> float:
     """Depth to which a straight strand cuts into an obstacle [m]; negative where it passes clear of it."""
     (sx, sy), (ex, ey) = line
     heading, length = arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
-    ux, uy = direction(heading)
+    ux, uy = unit_vector(heading)
     deepest: Any = -math.inf
     for arc in run:
         x, y = arc.at(arc.held(heading))
@@ -277,6 +277,6 @@ def on_arm(drive: Drive, arm: int | None, place: Point, arm_angle: Sequence[Any]
 
 def turned_about(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
     """A place turned about a pivot by an angle [rad]."""
-    cosine, sine = direction(angle)
+    cosine, sine = unit_vector(angle)
     x, y = place[0] - pivot[0], place[1] - pivot[1]
     return pivot[0] + cosine * x - sine * y, pivot[1] + sine * x + cosine * y

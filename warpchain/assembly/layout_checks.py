@@ -45,7 +45,7 @@ from warpchain.assembly.path import ChainPath
 from warpchain.assembly.strength import Hardest, strength_advice
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.oil import filled, filling_time, outlet_flows, static_pressure
+from warpchain.drive.oil import filled_tensioner, filling_time, outlet_flows, static_pressure
 from warpchain.drive.stack_math import array_of_columns, with_last_axis
 from warpchain.drive.tensioners import Tensioner
 
@@ -401,28 +401,28 @@ def _oil(drive: Drive, tensioner: Tensioner) -> list[str]:
     """Of relief valve, vent, supply and filling of a tensioner."""
     oil, relief, lines, name = tensioner.oil, tensioner.relief, [], f"tensioners.{tensioner.name}"
     assert oil is not None
-    rest = static_pressure(filled(tensioner))
+    rest = static_pressure(filled_tensioner(tensioner))
     relieved, vented = outlet_flows(tensioner, rest)
     if relief is not None and relieved > 0.0:
         lines.append(
             f"{name}.relief: stands open at rest and lets out {1e9 * relieved:.3g} mm^3/s: it opens at "
             f"{1e-5 * relief.pressure:.4g} bar, the supply has {1e-5 * oil.supply:.4g}; raise its pressure"
         )
-    shut = static_pressure(filled(tensioner).model_copy(update={"vent": None}))
+    shut = static_pressure(filled_tensioner(tensioner).model_copy(update={"vent": None}))
     if vented > 0.0 and rest - oil.ambient < (1.0 - MOST_VENTED) * (shut - oil.ambient):
         lines.append(
             f"{name}.vent: lets out {1e9 * vented:.3g} mm^3/s at rest, and the pressure falls from "
             f"{1e-5 * shut:.4g} to {1e-5 * rest:.4g} bar: take a smaller diameter, or a wider check valve"
         )
     time = filling_time(tensioner)
-    if tensioner.drained and time > drive.run.duration:
+    if tensioner.is_drained and time > drive.run.duration:
         takes = f"takes {time:.3g} s or more to fill it" if math.isfinite(time) else "does not open the check valve"
         lines.append(
             f"{name}.chamber.drained: oil does not carry the plunger within the run of {drive.run.duration:g} s: the "
             f"supply {takes}; raise it, or run longer"
         )
     table = oil.supply_table
-    if not tensioner.drained and table is not None and table.time is not None:
+    if not tensioner.is_drained and table is not None and table.time is not None:
         start = float(np.interp(0.0, table.over, table.values))
         if abs(start - oil.supply) > 1e-3 * oil.supply:
             lines.append(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.face_profile import Piece, direction
+from warpchain.drive.face_profile import Piece, unit_vector
 from warpchain.drive.stack_math import (
     array_of_columns,
     has_arrays,
@@ -105,7 +105,7 @@ class Curve:
         held = minimum(maximum(inner, 0.0), piece.length)
         (x, y), heading = piece.at(held)
         if is_true_somewhere(held != inner):
-            ux, uy = direction(heading)
+            ux, uy = unit_vector(heading)
             x, y = x + (inner - held) * ux, y + (inner - held) * uy
         return (x, y), heading
 
@@ -117,7 +117,7 @@ class Curve:
             (px, py), heading = self.at(ahead)
             dx, dy = px - x, py - y
             chord = quick_hypot(dx, dy)
-            ux, uy = direction(heading)
+            ux, uy = unit_vector(heading)
             change = (link - chord) * chord / (dx * ux + dy * uy)
             ahead = where(done, ahead, ahead + change)
             done = done | (abs(change) <= _NEAR * link)
@@ -151,7 +151,7 @@ class Curve:
 
     def reversed(self) -> Curve:
         """The curve run the other way."""
-        return Curve([piece.turned() for piece in reversed(self.pieces)])
+        return Curve([piece.reversed_piece() for piece in reversed(self.pieces)])
 
     def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
         """The factor by which links of these lengths (n,) or (V, n) must be scaled to go from end to end as chords."""

@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import StillArm, StillTensioner
 from warpchain.assembly.guided import profile_at, turned_about
-from warpchain.drive.face_profile import direction
-from warpchain.drive.mounts import moving_mass, unit, wheel_mass
+from warpchain.drive.face_profile import unit_vector
+from warpchain.drive.mounts import moving_mass, unit_direction, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
 from warpchain.drive.trains import (
     body_turning_sign,
@@ -215,7 +215,7 @@ class Potential:
         for s, sprocket in enumerate(sprockets):
             if hanging and sprocket.balance_wheel is not None:
                 wheel = sprocket.balance_wheel
-                self.wheels[s] = wheel_mass(sprocket) * wheel.radius * np.array(direction(wheel.phase))
+                self.wheels[s] = wheel_mass(sprocket) * wheel.radius * np.array(unit_vector(wheel.phase))
 
     def _stiffness_and_play(self) -> tuple[Array, Array]:
         """(N,) stiffnesses [N/m] and plays [m] of the links."""
@@ -425,12 +425,12 @@ class Potential:
         hung = [a for a, _ in self.hung]
         offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
         for piece in profile_at(self.drive, g, self.arm_angles(x).tolist()).pieces:
-            (u, w, s, height, root), k = piece.rise(r), piece.curvature
+            (u, w, s, height, root), k = piece.heights(r), piece.curvature
             pen = offset - height
             hit = np.flatnonzero((pen > 0.0) & (pen < 1.5 * offset) & (s >= 0.0) & (s < piece.length))
             if not len(hit):
                 continue
-            t, root = np.array(direction(piece.heading)), np.maximum(root[hit, None], 1e-6)
+            t, root = np.array(unit_vector(piece.heading)), np.maximum(root[hit, None], 1e-6)
             normal = (1.0 - k * w[hit, None]) / root * [-t[1], t[0]] - k * u[hit, None] / root * t
             stiffness = self.softness * self.guide_stiffness[g]
             force, block = _contact(terms, pen[hit], normal, k / root[:, 0], stiffness, law.exponent)
@@ -496,10 +496,10 @@ def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
     for s, sprocket in enumerate(drive.sprockets):
         mount = sprocket.mount
         if isinstance(mount, PrescribedMount) and mount.direction is not None:
-            home[s] += mount.offset * unit(mount.direction)
+            home[s] += mount.offset * unit_direction(mount.direction)
         elif isinstance(mount, ElasticMount):
             spring[s], pull[s] = mount.stiffness, np.asarray(mount.preload) + moving_mass(sprocket) * gravity
         elif isinstance(mount, SliderMount):
             spring[s] = mount.stiffness
-            pull[s] = mount.preload * unit(mount.direction) + moving_mass(sprocket) * gravity
+            pull[s] = mount.preload * unit_direction(mount.direction) + moving_mass(sprocket) * gravity
     return home, spring, pull

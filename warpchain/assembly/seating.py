@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.link_laying import Curve, total_of
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut_string import Taut, TautError, point, taut
-from warpchain.drive.face_profile import direction
+from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.mounts import initial_place
 from warpchain.drive.stack_math import (
     UnlikeVariants,
@@ -330,7 +330,7 @@ class Loop:
         return string if string.touches else None
 
     def _seat(self, s: int, polar: Number) -> tuple[Number, Number]:
-        radius, (x, y) = self.radius[s], direction(polar)
+        radius, (x, y) = self.radius[s], unit_vector(polar)
         return self.x[s] + radius * x, self.y[s] + radius * y
 
     def strand(self, seating: Seating, k: int) -> _Strand:
@@ -341,7 +341,7 @@ class Loop:
         string = self.string(seating, k) if self.around else None
         if string is not None:
             length = string.chain_length(self.pitch) + self.chords[k]
-            return _Strand(leaving, arriving, direction(string.first), direction(string.last), length)
+            return _Strand(leaving, arriving, unit_vector(string.first), unit_vector(string.last), length)
         x = self.x[following] + self.radius[following] * arriving[0]
         y = self.y[following] + self.radius[following] * arriving[1]
         x = x - (self.x[k] + self.radius[k] * leaving[0])

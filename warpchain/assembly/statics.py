@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.potential import Map, Potential, Terms, together
 from warpchain.assembly.table_cells import cells_of, shaft_ratio
-from warpchain.drive.mounts import unit
+from warpchain.drive.mounts import unit_direction
 from warpchain.drive.schema import HUGE
 from warpchain.drive.shafts import SprocketShaft
 from warpchain.drive.sprocket import ElasticMount, LedSprocket, SliderMount
@@ -32,7 +32,7 @@ from warpchain.drive.trains import (
     is_free_body,
     is_held_body,
     rigid_ratios,
-    turns_a_roller,
+    turns_per_roller,
 )
 from warpchain.errors import SimulationError
 
@@ -278,7 +278,7 @@ def _advanced(potential: Potential, x: Array, part: float) -> Array:
         r[on] = centers[s] + arm[on] @ np.array([[cosine, sine], [-sine, cosine]])
     if potential.drive.shafts:
         angles[potential.sprockets :] += (
-            part * math.tau * np.array(turns_a_roller(potential.drive)[potential.sprockets :])
+            part * math.tau * np.array(turns_per_roller(potential.drive)[potential.sprockets :])
         )
     return x
 
@@ -517,7 +517,7 @@ def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
             column[x], column[y], weight[x : y + 1] = count, count + 1, 1.0
             count += 2
         elif isinstance(mount, SliderMount):
-            column[x : y + 1], weight[x : y + 1] = count, unit(mount.direction)
+            column[x : y + 1], weight[x : y + 1] = count, unit_direction(mount.direction)
             count += 1
         if not potential.held[b]:
             first, place = begun.setdefault(tied.root[b], (b, count))

@@ -28,11 +28,11 @@ from warpchain.drive.chain_drives import (
     loaded_chain_drives,
     shaft_speed_ratios,
 )
-from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.drive.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.drive.geared_chain_drives import shafts_of_own_chain
-from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
+from warpchain.drive.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
 from warpchain.drive.stiffness import contact_rebound
-from warpchain.drive.thermal import Expansion, growth
+from warpchain.drive.thermal import Expansion, expansion_factor
 from warpchain.drive.trains import driving_body, part_of_body
 from warpchain.drive.viscosity import REFERENCE
 
@@ -143,7 +143,7 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
                 "seat_angle": drive.seat_angle(s),
                 "wrap": float(path.wrap_angle[s]),
                 "contact_stiffness": drive.sprocket_stiffness(s),
-                "catches": s in drive.catching(),
+                "catches": s in drive.catching_sprockets(),
             }
             for s in range(count)
         ],
@@ -152,7 +152,7 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
         "tensions_estimated": resting.failure or running.failure,
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
-        "friction": tooth_rubbing(drive).dynamic,
+        "friction": tooth_friction_coefficients(drive).dynamic,
         "guides": _guides(drive, working, strands, running),
         "arms": guide_report.arms(drive, assembly, resting, running),
         "tensioners": guide_report.tensioners(drive, assembly, resting, running),
@@ -165,12 +165,12 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
                 "name": sprocket.name,
                 "kind": sprocket.mount.kind,
                 "mass": moving_mass(sprocket),
-                "frequencies": list(own_frequencies(sprocket)),
+                "frequencies": list(mount_frequencies(sprocket)),
                 "working_travel": None if running.failure else (running.center[s] - sprocket.center).tolist(),
                 "wheel_force": wheel_force(sprocket, speed * drive.pitch_radius(drive.driver) / drive.pitch_radius(s)),
             }
             for s, sprocket in enumerate(drive.sprockets)
-            if active(sprocket)
+            if has_active_mount(sprocket)
         ],
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
         **_step(drive),
@@ -206,7 +206,7 @@ def _temperature(drive: Drive) -> dict[str, Any]:
     """The temperature, how much longer what grows is, and the oils; nothing where the drive has none of its own."""
     if drive.temperature is None:
         return {}
-    found: dict[str, Any] = {of: growth(drive, of) - 1.0 for of in Expansion.model_fields}
+    found: dict[str, Any] = {of: expansion_factor(drive, of) - 1.0 for of in Expansion.model_fields}
     oils = {t.name: t.oil.viscosity for t in drive.tensioners if t.oil is not None}
     return {"temperature": {"temperature": drive.temperature, **found, "viscosity": oils}}
 
@@ -256,7 +256,7 @@ def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], runnin
             "contact_stiffness": drive.guide_stiffness(g),
             "law": drive.guide_contact(g).law,
             "rebound": contact_rebound(drive.guide_contact(g)),
-            "friction": guide_rubbing(drive, g).dynamic,
+            "friction": guide_friction_coefficients(drive, g).dynamic,
             "face_length": drive.profile(g).face_length,
             "touch": guide_report.touch(drive, path, g, pull),
         }

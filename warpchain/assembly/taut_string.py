@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-from warpchain.drive.face_profile import Piece, Point, Profile, direction, turn
+from warpchain.drive.face_profile import Piece, Point, Profile, unit_vector, wrapped_angle
 from warpchain.drive.stack_math import (
     arctan2,
     index_of_maximum,
@@ -98,11 +98,11 @@ class Arc:
             return heading
         middle = 0.5 * (self.begin + self.end)
         half = 0.5 * abs(self.end - self.begin)
-        return middle + maximum(-half, minimum(half, turn(heading - middle)))
+        return middle + maximum(-half, minimum(half, wrapped_angle(heading - middle)))
 
     def at(self, heading: Any) -> tuple[Any, Any]:
         """Where its tangent has a heading [m]."""
-        x, y = direction(heading)
+        x, y = unit_vector(heading)
         reach = self.sign * self.radius
         return self.center[0] + reach * y, self.center[1] - reach * x
 
@@ -110,7 +110,7 @@ class Arc:
         """Whether a tangent's heading lies beyond the arc's last or first one."""
         if self.guide < 0:
             return False
-        off = turn(heading - (self.end if last else self.begin))
+        off = wrapped_angle(heading - (self.end if last else self.begin))
         return (self.sign if last else -self.sign) * off > _NO_WRAP
 
 
@@ -125,12 +125,12 @@ class Touch:
     @property
     def wrap(self) -> float:
         """Wrapped angle [rad]; negative where the string would have to pull."""
-        return self.arc.sign * turn(self.leave - self.arrive)
+        return self.arc.sign * wrapped_angle(self.leave - self.arrive)
 
     @property
     def places(self) -> tuple[float, float]:
         """Places on the guide's face between which the chain lies on it [m], ascending."""
-        ends = [self.arc.place + self.arc.slope * turn(heading - self.arc.begin) for heading in self._headings]
+        ends = [self.arc.place + self.arc.slope * wrapped_angle(heading - self.arc.begin) for heading in self._headings]
         return minimum(*ends), maximum(*ends)
 
     @property
@@ -168,7 +168,7 @@ class Taut:
         for touch in self.touches:
             if touch.arc.guide in known:
                 for heading, side in ((touch.leave, 1.0), (touch.arrive, -1.0)):
-                    (x, y), (ux, uy) = touch.arc.at(heading), direction(heading)
+                    (x, y), (ux, uy) = touch.arc.at(heading), unit_vector(heading)
                     total = total + side * ((x - pivot[0]) * uy - (y - pivot[1]) * ux)
         return total
 
@@ -199,7 +199,7 @@ def obstacle(profile: Profile, offset: float, guide: int, along: bool) -> tuple[
         if piece.curvature > 0.0:
             gap = None
             continue
-        nx, ny = direction(piece.heading + 0.5 * math.pi)
+        nx, ny = unit_vector(piece.heading + 0.5 * math.pi)
         reach = 1.0 / piece.curvature
         center = (piece.start[0] + reach * nx, piece.start[1] + reach * ny)
         begin, end = piece.heading, piece.end_heading
@@ -331,7 +331,7 @@ def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tu
     for k, (heading, _, length, joint) in enumerate(tangents):
         if joint:
             continue
-        (x, y), (ux, uy) = chosen[k].at(heading), direction(heading)
+        (x, y), (ux, uy) = chosen[k].at(heading), unit_vector(heading)
         for arc in runs:
             if id(arc) in taken:
                 continue

@@ -16,7 +16,7 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.mounts import moving_mass, on_springs, spring
+from warpchain.drive.mounts import is_on_springs, mount_spring, moving_mass
 from warpchain.drive.oil import oil_stiffness
 from warpchain.drive.shafts import SprocketShaft
 from warpchain.drive.stack_math import is_true_somewhere, maximum, power, sqrt
@@ -65,14 +65,14 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
         return _together([chain.drive for chain in chain_drives(drive)], held)
     found = []
     for s, sprocket in enumerate(drive.sprockets):
-        if on_springs(sprocket):
+        if is_on_springs(sprocket):
             mass = moving_mass(sprocket) + drive.plunger_mass_on(s)
-            stiffness, damping = spring(sprocket)
+            stiffness, damping = mount_spring(sprocket)
             pushed, damped = _pushes(drive, s)
             stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
             found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
     for s, sprocket in enumerate(drive.sprockets):
-        if not held and is_free_body(drive, s) and not on_springs(sprocket):
+        if not held and is_free_body(drive, s) and not is_on_springs(sprocket):
             inertia = train_inertia(drive, s)
             turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
             shaft = _shared_shaft(drive, s)  # of several chains, see `_together`

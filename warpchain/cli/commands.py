@@ -104,19 +104,19 @@ def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
     from warpchain.drive.examples import drive_path
 
     path = drive_path(arguments.drive)
-    found = default_values(toml.parse(read_drive_text(path), str(path)))
+    found = default_values(toml.parse_toml(read_drive_text(path), str(path)))
     return {".".join(map(str, keys)): value for keys, value in found.items()}
 
 
 def _default_lines(defaults: dict[str, Any]) -> list[str]:
     """A line on the defaults of each table of a file."""
     from warpchain.argument_checks import number_text
-    from warpchain.drive.toml import inline
+    from warpchain.drive.toml import inline_value
 
     tables: dict[str, list[str]] = {}
     for path, value in defaults.items():
         table, _, key = path.rpartition(".")
-        tables.setdefault(table, []).append(f"{key} = {inline(value, number_text)}")
+        tables.setdefault(table, []).append(f"{key} = {inline_value(value, number_text)}")
     return [f"default, not in the file: {table}: {', '.join(values)}" for table, values in tables.items()]
 
 
@@ -174,9 +174,9 @@ def schema_command(arguments: argparse.Namespace) -> int:
 
 def chains_command(_: argparse.Namespace) -> int:
     """Body of `warpchain chains`: lists the catalog of chains."""
-    from warpchain.drive.catalogue import listing
+    from warpchain.drive.catalogue import catalogue_text
 
-    print(listing())
+    print(catalogue_text())
     return DONE
 
 

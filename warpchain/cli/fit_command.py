@@ -14,7 +14,7 @@ from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fitte
 from warpchain.assembly.layout_checks import findings, idle_arms, stretched
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.drive_text import text_alone, with_changes
+from warpchain.drive.drive_text import self_contained_text, text_with_changes
 from warpchain.drive.examples import drive_path, is_example
 from warpchain.errors import DriveError
 
@@ -71,7 +71,9 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
             strand=arguments.strand,
         )
     beside = output.parent.resolve() == path.parent.resolve()
-    write_drive_text(with_changes(text if beside else text_alone(path), before, drive, FIT_DIGITS), output)
+    write_drive_text(
+        text_with_changes(text if beside else self_contained_text(path), before, drive, FIT_DIGITS), output
+    )
     return [
         *_fit_change_lines(before, drive),
         *_fit_state_lines(drive),

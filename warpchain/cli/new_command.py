@@ -21,13 +21,13 @@ from warpchain.drive.defaults import (
     SAMPLES_A_TOOTH,
     TEETH_FRICTION,
     TOOTH_WIDTH,
-    disk,
-    two_figures,
+    disk_mass_and_inertia,
+    rounded_to_two_figures,
     wrap_senses,
 )
 from warpchain.drive.json_schema import drive_schema, schema_text
 from warpchain.drive.power_rating import rated_power, size_rating
-from warpchain.drive.schema import nearest
+from warpchain.drive.schema import nearest_key_text
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -114,7 +114,9 @@ def _drive_request(arguments: Namespace) -> DriveRequest:
     """
     size, teeth, flat = arguments.size, tuple(arguments.teeth), arguments.centers
     if size not in CHAINS:
-        raise DriveError(f"--size {size}: not in the catalog; {nearest(size, CHAINS, 12)}; warpchain chains lists all")
+        raise DriveError(
+            f"--size {size}: not in the catalog; {nearest_key_text(size, CHAINS, 12)}; warpchain chains lists all"
+        )
     if len(teeth) < 2:
         raise DriveError("--teeth: must be at least two numbers, one for each sprocket")
     if len(flat) != 2 * len(teeth):
@@ -126,13 +128,13 @@ def _drive_request(arguments: Namespace) -> DriveRequest:
         if of < 5 or (found is not None and found <= 0.0):
             raise DriveError("--teeth, --speed, --torque: must be at least 5 teeth, a speed and a moment above 0")
     driver, driven = (0.5 * chain.pitch / math.sin(math.pi / z) for z in (teeth[0], teeth[-1]))
-    speed = arguments.speed or two_figures(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
+    speed = arguments.speed or rounded_to_two_figures(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
     most = chain.breaking_load / SAFETY * driven
     if size_rating(size) is not None:
         fewest = min(teeth)
         rated = rated_power(size, fewest, speed * teeth[0] / fewest).least / (speed * teeth[0] / teeth[-1])
         most = min(most, 0.95 * rated)
-    return DriveRequest(chain, teeth, centers, speed, arguments.torque or two_figures(most))
+    return DriveRequest(chain, teeth, centers, speed, arguments.torque or rounded_to_two_figures(most))
 
 
 def _choice_lines(asked: DriveRequest, drive: Drive, moved: float) -> list[str]:
@@ -188,7 +190,7 @@ def _drive_file_text(asked: DriveRequest) -> str:
                 f"of all teeth side by side: {TOOTH_WIDTH:g} of the inner width",
             ),
             (
-                f"reference_load = {two_figures(asked.torque / radii[-1]):g}",
+                f"reference_load = {rounded_to_two_figures(asked.torque / radii[-1]):g}",
                 "about the chain's pull: contacts are as stiff",
             ),
             (f"roller = {steel}", ""),
@@ -197,11 +199,14 @@ def _drive_file_text(asked: DriveRequest) -> str:
         [
             ("[run]", ""),
             (
-                f"duration = {two_figures(CIRCUITS * round_time):g}",
+                f"duration = {rounded_to_two_figures(CIRCUITS * round_time):g}",
                 "once and a half around; metrics are of the latter half",
             ),
             ('step = "auto"', ""),
-            (f"sample_rate = {two_figures(SAMPLES_A_TOOTH * tooth):g}", "of the recording: 20 a tooth of the driver"),
+            (
+                f"sample_rate = {rounded_to_two_figures(SAMPLES_A_TOOTH * tooth):g}",
+                "of the recording: 20 a tooth of the driver",
+            ),
         ],
     ]
     rows = "\n\n".join("\n".join(f"{line:<29} # {said}" if said else line for line, said in block) for block in blocks)
@@ -210,8 +215,8 @@ def _drive_file_text(asked: DriveRequest) -> str:
 
 def _sprocket_table_lines(asked: DriveRequest, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
     """Lines and comments of sprocket s in a new drive file."""
-    last, ramp = len(asked.teeth) - 1, f"ramp_time = {two_figures(ramp_time):g}"
-    mass, inertia = disk(radius, TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands)
+    last, ramp = len(asked.teeth) - 1, f"ramp_time = {rounded_to_two_figures(ramp_time):g}"
+    mass, inertia = disk_mass_and_inertia(radius, TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands)
     moved = f"moved by {1e3 * asked.moved:.3g} mm, so that {asked.links} links fit" if asked.moved and s == last else ""
     lines = [
         ("[[sprockets]]", ""),

@@ -11,7 +11,7 @@ from typing import Any
 
 from warpchain.drive.chain import Joint
 from warpchain.drive.json_schema import DIALECT
-from warpchain.drive.quantities import descriptions, unit_of
+from warpchain.drive.quantities import attribute_descriptions, unit_of_key
 from warpchain.drive.thermal import Expansion
 from warpchain.results.statuses import STATUSES
 
@@ -249,7 +249,11 @@ _CRITICAL = {
     "revolution_speed": _number("rad/s", "driver's speed at which its revolutions have it"),
 }
 _JOINT = {
-    key: _number(unit_of(Joint, key).replace("-", "1") or "1", descriptions(Joint).get(key, key), field.default is None)
+    key: _number(
+        unit_of_key(Joint, key).replace("-", "1") or "1",
+        attribute_descriptions(Joint).get(key, key),
+        field.default is None,
+    )
     for key, field in Joint.model_fields.items()
 }
 _OUTER = {

@@ -49,9 +49,9 @@ def number_from_word(word: str) -> float:
 
 def _quantity_from_word(word: str, unit: str, units: str) -> float:
     """A number of a unit, or a quantity such as 3000rpm; `units` are named where it is neither."""
-    from warpchain.drive.quantities import converted
+    from warpchain.drive.quantities import converted_number
 
-    value = converted(word, unit)
+    value = converted_number(word, unit)
     try:
         found = float(word) if value is None else value
     except ValueError:

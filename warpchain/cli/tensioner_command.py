@@ -134,7 +134,7 @@ def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
 
 def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
     """Viscosities of the drive's oil at temperatures [m^2/s]."""
-    from warpchain.drive.viscosity import SWEPT_FROM, THICKEST, THINNEST, by_slope
+    from warpchain.drive.viscosity import SWEPT_FROM, THICKEST, THINNEST, walther_from_slope
     from warpchain.engine.tensioner_bench import tensioner_by_name
 
     oil = tensioner_by_name(drive.as_read, arguments.name).oil
@@ -144,7 +144,9 @@ def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: 
     if law is None and not THINNEST <= oil.viscosity <= THICKEST:
         key = f"tensioners.{arguments.name}.oil.viscosity = {oil.viscosity:g}"
         raise WarpchainError(f"--sweep temperature: {key}: must be from {THINNEST:g} to {THICKEST:g} m^2/s")
-    law = by_slope(oil.viscosity, SWEPT_FROM if arguments.at is None else arguments.at) if law is None else law
+    law = (
+        walther_from_slope(oil.viscosity, SWEPT_FROM if arguments.at is None else arguments.at) if law is None else law
+    )
     return [law.viscosity(t) for t in temperatures]
 
 

@@ -23,9 +23,9 @@ from warpchain.drive.schema import (
     Positive,
     Problem,
     Value,
-    elements,
-    get,
-    numbers,
+    are_numbers,
+    node_list,
+    node_value,
     plain_sequence,
 )
 from warpchain.drive.stack_math import hypot, minimum, radians, sqrt
@@ -100,12 +100,12 @@ class Arm(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        stops = elements(node, "stops")
-        if len(stops) == 2 and numbers(*stops) and stops[0] >= stops[1]:
+        stops = node_list(node, "stops")
+        if len(stops) == 2 and are_numbers(*stops) and stops[0] >= stops[1]:
             yield Problem(("stops",), list(stops), "must be the lower angle first, then the upper one [lower, upper]")
         for key in ("stop_stiffness", "stop_damping"):
-            if get(node, key) is not None and get(node, "stops") is None:
-                yield Problem((key,), get(node, key), "only together with stops")
+            if node_value(node, key) is not None and node_value(node, "stops") is None:
+                yield Problem((key,), node_value(node, key), "only together with stops")
 
 
 def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: float) -> float:

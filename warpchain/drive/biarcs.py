@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from warpchain.drive.face_profile import SHORTEST, Piece, Point, ProfileError, direction, straight
+from warpchain.drive.face_profile import SHORTEST, Piece, Point, ProfileError, straight_face, unit_vector
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,28 +29,28 @@ _SAMPLES = 12
 
 
 def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple[Piece, Piece]:
-    """Two arcs from start to end [m] with the headings [rad] there, (a)."""
-    (ax, ay), (bx, by) = direction(heading), direction(end_heading)
+    """The pair of arcs from start to end [m] with these headings [rad], (a)."""
+    (ax, ay), (bx, by) = unit_vector(heading), unit_vector(end_heading)
     vx, vy = end[0] - start[0], end[1] - start[1]
     along = vx * (ax + bx) + vy * (ay + by)
     square = vx * vx + vy * vy
     apart = 2.0 * (1.0 - (ax * bx + ay * by))
     d = square / (along + math.sqrt(along * along + apart * square))
     joint = (0.5 * (start[0] + end[0] + d * (ax - bx)), 0.5 * (start[1] + end[1] + d * (ay - by)))
-    first = _arc(start, heading, joint)
-    return first, _arc(joint, first.end_heading, end)
+    first = _arc_between(start, heading, joint)
+    return first, _arc_between(joint, first.end_heading, end)
 
 
-def _arc(start: Point, heading: float, end: Point) -> Piece:
-    """The arc from a point with a heading to another point: its chord leads off by half of what it turns."""
-    u, w = Piece(start, heading, 0.0, 0.0).seen(end)
+def _arc_between(start: Point, heading: float, end: Point) -> Piece:
+    """The arc from a point with a heading [rad] to another point [m]."""
+    u, w = Piece(start, heading, 0.0, 0.0).local_coordinates(end)
     half = math.atan2(w, u)
     chord = math.hypot(u, w)
     length = chord * (half / math.sin(half) if half else 1.0)
     return Piece(start, heading, 2.0 * half / length if length else 0.0, length)
 
 
-def fitted(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[Piece, ...]:
+def fitted_face(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[Piece, ...]:
     """The face along measured points [m].
 
     Args:
@@ -67,18 +67,18 @@ def fitted(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[Piece
     if (steps < SHORTEST).any():
         raise ProfileError(int(np.argmin(steps >= SHORTEST)) + 1, "must be another point than the one before")
     if len(points) == 2:
-        return straight(points[0], points[1])
-    samples, headings = _smooth(places, steps, 0.5 * tolerance)
+        return straight_face(points[0], points[1])
+    samples, headings = _spline_samples(places, steps, 0.5 * tolerance)
     pieces: list[Piece] = []
     a = 0
     while a < len(samples) - 1:
-        b = _farthest(samples, headings, a, 0.5 * tolerance)
-        pieces += _between(samples, headings, a, b)
+        b = _farthest_sample(samples, headings, a, 0.5 * tolerance)
+        pieces += _biarc_of_samples(samples, headings, a, b)
         a = b
     return tuple(piece for piece in pieces if piece.length > SHORTEST)
 
 
-def _smooth(
+def _spline_samples(
     places: NDArray[np.float64], steps: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(M, 2) points of the spline [m] and (M,) its headings [rad]."""
@@ -97,18 +97,21 @@ def _smooth(
     return samples, np.unwrap(np.arctan2(slopes[1], slopes[0]))
 
 
-def _between(samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, b: int) -> tuple[Piece, Piece]:
+def _biarc_of_samples(
+    samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, b: int
+) -> tuple[Piece, Piece]:
+    """The pair of arcs between two samples of the spline."""
     (ax, ay), (bx, by) = samples[a].tolist(), samples[b].tolist()
     return biarc((ax, ay), float(headings[a]), (bx, by), float(headings[b]))
 
 
-def _farthest(samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, tolerance: float) -> int:
-    """The last sample to which a biarc from sample `a` follows the spline; by doubling, then halving the way."""
+def _farthest_sample(samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, tolerance: float) -> int:
+    """The last sample to which one pair of arcs from sample `a` stays within the tolerance of the spline."""
 
     def follows(b: int) -> bool:
         if abs(headings[b] - headings[a]) > 0.5 * math.pi:
             return False
-        return _deviation(_between(samples, headings, a, b), samples[a : b + 1]) <= tolerance
+        return _largest_deviation(_biarc_of_samples(samples, headings, a, b), samples[a : b + 1]) <= tolerance
 
     last = len(samples) - 1
     good, step = a + 1, 1  # neighboring samples are joined whatever comes
@@ -121,13 +124,13 @@ def _farthest(samples: NDArray[np.float64], headings: NDArray[np.float64], a: in
     return good
 
 
-def _deviation(pair: tuple[Piece, Piece], samples: NDArray[np.float64]) -> float:
+def _largest_deviation(pair: tuple[Piece, Piece], samples: NDArray[np.float64]) -> float:
     """Largest distance of samples [m] from the two arcs [m]."""
     import numpy as np
 
     heights = []
     for piece in pair:
-        tx, ty = direction(piece.heading)
+        tx, ty = unit_vector(piece.heading)
         dx, dy = (samples - np.array(piece.start)).T
         u, w, k = dx * tx + dy * ty, dy * tx - dx * ty, piece.curvature
         g = 2.0 * w - k * (u * u + w * w)

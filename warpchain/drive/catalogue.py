@@ -161,8 +161,8 @@ size  pitch  roller  width    pin   like  breaking load
 """
 
 
-def _rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
-    """The cells of a table's lines, and their chains; the mass is 0 where a chain that it is like stands."""
+def _catalogue_rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
+    """Cells of a table's lines and their chains; the mass is 0 where the table names a like chain instead."""
     for line in table.split("\n")[2:-1]:
         cells = line.split()
         size, pitch, roller, width, pin, mass, load = cells[:7]
@@ -180,8 +180,8 @@ def _rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
         )
 
 
-def _with_strands(chain: CatalogueChain, duplex: str = "", triplex: str = "") -> Iterator[CatalogueChain]:
-    """A simplex chain, the duplex and the triplex one, (a), with their breaking loads [kN] where they are given."""
+def _multi_strand_chains(chain: CatalogueChain, duplex: str = "", triplex: str = "") -> Iterator[CatalogueChain]:
+    """A simplex chain with the duplex and triplex ones of its size, (a), whose breaking loads are given [kN]."""
     yield chain
     for strands, load in ((2, duplex), (3, triplex)):
         yield replace(
@@ -194,15 +194,15 @@ def _with_strands(chain: CatalogueChain, duplex: str = "", triplex: str = "") ->
         )
 
 
-def _motorcycle(chain: CatalogueChain, like: CatalogueChain) -> CatalogueChain:
-    """A chain of ISO 10190 with the mass (b) of the one that it is like, but for its width."""
+def _motorcycle_chain(chain: CatalogueChain, like: CatalogueChain) -> CatalogueChain:
+    """A chain of ISO 10190, its mass scaled by (b) from a chain of another width."""
     more = STEEL * math.pi * chain.roller_diameter**2 * (chain.inner_width - like.inner_width) / (4.0 * chain.pitch)
     estimate = f"mass: of {like.size} with its own width, good to a tenth"
     return replace(chain, mass_per_length=like.mass_per_length + more, standard="ISO 10190", estimate=estimate)
 
 
 def _bush_chain(pitch: float, like: CatalogueChain) -> CatalogueChain:
-    """A bush chain of a car engine, of another pitch [m] and the shape of the one that it is like, (c)."""
+    """A bush chain of a car engine with another pitch [m] and the proportions of a known one, (c)."""
     scale = pitch / like.pitch
     return CatalogueChain(
         size=f"bush-{1e3 * pitch:g}",
@@ -217,32 +217,35 @@ def _bush_chain(pitch: float, like: CatalogueChain) -> CatalogueChain:
     )
 
 
-def _all() -> Iterator[CatalogueChain]:
+def _catalogue_chains() -> Iterator[CatalogueChain]:
     """Every chain of the catalogue."""
     plain = {}
-    for cells, chain in _rows(_TABLE):
+    for cells, chain in _catalogue_rows(_TABLE):
         plain[chain.size] = chain
-        yield from _with_strands(chain, *cells[7:])
-    bushes = [replace(chain, estimate="mass: half a maker's duplex 06C, with p^2") for _, chain in _rows(_BUSH_TABLE)]
+        yield from _multi_strand_chains(chain, *cells[7:])
+    bushes = [
+        replace(chain, estimate="mass: half a maker's duplex 06C, with p^2")
+        for _, chain in _catalogue_rows(_BUSH_TABLE)
+    ]
     for chain in bushes:
-        yield from _with_strands(chain)
-    for _, chain in _rows(_LIGHT_TABLE):
+        yield from _multi_strand_chains(chain)
+    for _, chain in _catalogue_rows(_LIGHT_TABLE):
         yield replace(chain, estimate=_ESTIMATED.get(chain.size, ""))
     for size, like, mass in (line.split() for line in _HEAVY_TABLE.split("\n")[2:-1]):
-        yield from _with_strands(replace(plain[like], size=size, mass_per_length=float(mass)))
-    for cells, chain in _rows(_MOTORCYCLE_TABLE):
-        yield _motorcycle(chain, plain[cells[5]])
+        yield from _multi_strand_chains(replace(plain[like], size=size, mass_per_length=float(mass)))
+    for cells, chain in _catalogue_rows(_MOTORCYCLE_TABLE):
+        yield _motorcycle_chain(chain, plain[cells[5]])
     for pitch in (0.007, 0.008):
         yield _bush_chain(pitch, bushes[0])
     yield _KART
 
 
-CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _all()}
+CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _catalogue_chains()}
 """The chains by size: ISO 606, all but 081 to 085 with duplex and triplex; ISO 10190; bush chains; 219H."""
 
 
-def listing() -> str:
-    """The table for a terminal."""
+def catalogue_text() -> str:
+    """The catalogue as a table for a terminal."""
     lines = ["size    pitch   roller  inner width    pin        mass   breaking load  stiffness estimate"]
     lines += [
         f"{chain.size:6} {1e3 * chain.pitch:7.3f} {1e3 * chain.roller_diameter:7.2f} {1e3 * chain.inner_width:9.2f} "

@@ -20,13 +20,13 @@ from warpchain.drive.schema import (
     Positive,
     Problem,
     Value,
-    allowed,
-    at_most,
-    elements,
-    exactly_one,
-    get,
-    nearest,
-    numbers,
+    allowed_text,
+    are_numbers,
+    at_most_rule,
+    exactly_one_rule,
+    nearest_key_text,
+    node_list,
+    node_value,
 )
 from warpchain.drive.stack_math import has_arrays, is_true_somewhere, sqrt, where, with_last_axis
 
@@ -47,10 +47,11 @@ ESTIMATE = "estimate"
 
 def _size_text(value: Any) -> str:
     """The sentence about a size that is not in the catalogue."""
-    return f"must be a size that `warpchain chains` lists; {nearest(str(value), CHAINS, 4)}"
+    return f"must be a size that `warpchain chains` lists; {nearest_key_text(str(value), CHAINS, 4)}"
 
 
 def _check_size(value: str) -> str:
+    """The size, if it is in the catalogue."""
     if value not in CHAINS:
         raise PydanticCustomError(WRONG, "{text}", {"text": _size_text(value)})
     return value
@@ -98,18 +99,18 @@ class Joint(Part):
     stribeck_speed: Positive | None = None
 
     @property
-    def rubs(self) -> bool:
+    def has_friction(self) -> bool:
         """Whether any moment acts in the joints."""
         values = self.friction, self.static_friction
         return any(value is not None and is_true_somewhere(value > 0.0) for value in values)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        dynamic, static = get(node, "friction"), get(node, "static_friction")
-        if numbers(dynamic, static) and static < dynamic:
+        dynamic, static = node_value(node, "friction"), node_value(node, "static_friction")
+        if are_numbers(dynamic, static) and static < dynamic:
             yield Problem(("static_friction",), static, f"must be at least friction, {dynamic:g}")
-        if static is not None and get(node, "stribeck_speed") is None:
-            text = f"missing; {allowed(cls, 'stribeck_speed')}; needed with static_friction"
+        if static is not None and node_value(node, "stribeck_speed") is None:
+            text = f"missing; {allowed_text(cls, 'stribeck_speed')}; needed with static_friction"
             yield Problem(("stribeck_speed",), None, text, BARE)
 
 
@@ -229,7 +230,7 @@ class Chain(Part):
 
     @property
     def worn_pitch(self) -> float:
-        """Mean length at which a pulled link that has no elongation of its own begins to carry tension [m]."""
+        """Mean length at which a pulled link without an elongation of its own begins to carry tension [m]."""
         inner = self.pitch * (1.0 + self.elongation)
         if self.outer is None:
             return inner + self.link_play
@@ -265,9 +266,9 @@ class Chain(Part):
         return self.link_lengths + with_last_axis(self.link_play)
 
     @property
-    def rubs(self) -> bool:
+    def has_friction(self) -> bool:
         """Whether there is friction in its joints."""
-        return self.joint is not None and self.joint.rubs
+        return self.joint is not None and self.joint.has_friction
 
     @property
     def pin_radius(self) -> float | None:
@@ -294,8 +295,9 @@ class Chain(Part):
         return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
 
     @classmethod
-    def _completed(cls, values: Any) -> Any:
-        size = get(values, "size")
+    def _complete_values(cls, values: Any) -> Any:
+        """The values with those that the size fills."""
+        size = node_value(values, "size")
         if not isinstance(values, Mapping) or not isinstance(size, str):
             return values
         if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
@@ -308,40 +310,40 @@ class Chain(Part):
         return whole | {"stiffness": chain.estimated_stiffness} if values.get("stiffness") == ESTIMATE else whole
 
     @classmethod
-    def _missing(cls, key: str, node: Any) -> Problem:
-        if get(node, "size") is not None and key in cls._filled:
-            return Problem(("size",), get(node, "size"), _size_text(get(node, "size")))
-        return super()._missing(key, node)
+    def _missing_key_problem(cls, key: str, node: Any) -> Problem:
+        if node_value(node, "size") is not None and key in cls._filled:
+            return Problem(("size",), node_value(node, "size"), _size_text(node_value(node, "size")))
+        return super()._missing_key_problem(key, node)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        radius, pitch = get(node, "roller_radius"), get(node, "pitch")
-        if get(node, "size") is None or get(node, "roller_mass") is not None:
-            yield from exactly_one(node, "roller_mass", "mass_per_length")
-        yield from at_most(node, "links", MOST_LINKS)
-        if get(node, "outer") is not None and numbers(links := get(node, "links")) and links % 2:
+        radius, pitch = node_value(node, "roller_radius"), node_value(node, "pitch")
+        if node_value(node, "size") is None or node_value(node, "roller_mass") is not None:
+            yield from exactly_one_rule(node, "roller_mass", "mass_per_length")
+        yield from at_most_rule(node, "links", MOST_LINKS)
+        if node_value(node, "outer") is not None and are_numbers(links := node_value(node, "links")) and links % 2:
             yield Problem(("links",), links, "must be even where outer links differ")
-        play = get(node, "play")
-        if numbers(play, pitch) and play > 0.1 * pitch > 0:
+        play = node_value(node, "play")
+        if are_numbers(play, pitch) and play > 0.1 * pitch > 0:
             yield Problem(("play",), play, f"must be at most a tenth of the pitch, {pitch / 10:g}")
-        joint = get(node, "joint")
-        if joint is not None and get(joint, "pin_radius") is None and get(node, "size") is None:
+        joint = node_value(node, "joint")
+        if joint is not None and node_value(joint, "pin_radius") is None and node_value(node, "size") is None:
             text = "missing; must be a positive number; needed without a size"
             yield Problem(("joint", "pin_radius"), None, text, BARE)
-        links, seen = get(node, "links"), set()
-        listed = elements(node, "worn_links")
-        if numbers(links) and len(listed) > links:
+        links, seen = node_value(node, "links"), set()
+        listed = node_list(node, "worn_links")
+        if are_numbers(links) and len(listed) > links:
             yield Problem(("worn_links",), None, f"has {len(listed)} elements; the chain has {links} links", BARE)
             listed = []
         for i, worn in enumerate(listed):
-            link = get(worn, "link")
-            if numbers(link, links) and link >= links:
+            link = node_value(worn, "link")
+            if are_numbers(link, links) and link >= links:
                 yield Problem(("worn_links", i, "link"), link, f"must be below the number of links, {links}")
-            if numbers(link) and link in seen:
+            if are_numbers(link) and link in seen:
                 yield Problem(("worn_links", i, "link"), link, "must be another link than those before")
-            seen.add(link if numbers(link) else None)
-        yield from exactly_one(node, "damping", "damping_ratio", "must be a number of at least 0")
-        if numbers(radius, pitch) and radius >= pitch / 2 > 0:
+            seen.add(link if are_numbers(link) else None)
+        yield from exactly_one_rule(node, "damping", "damping_ratio", "must be a number of at least 0")
+        if are_numbers(radius, pitch) and radius >= pitch / 2 > 0:
             yield Problem(("roller_radius",), radius, f"must be below half the pitch, {pitch / 2:g}")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from warpchain.drive.parts_by_chain import chain_of_part, shaft_of_sprocket
-from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, valid
+from warpchain.drive.schema import BARE, Problem, is_name, nearest_key_text, node_list, node_value, valid_part
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.transmission import is_geared, sprockets_with_shafts, transmission_of_sprockets
 
@@ -16,25 +16,25 @@ PARTS_NAMING_CHAINS = ("sprockets", "guides", "probes")
 
 def chain_rules(drive: Any) -> Iterator[Problem]:
     """Problems of drives that have no chain, or whose parts do not name one of several."""
-    chains, alone = elements(drive, "chains"), get(drive, "chain")
+    chains, alone = node_list(drive, "chains"), node_value(drive, "chain")
     if alone is None and not chains:
         yield Problem(("chain",), None, "missing; must be a table, or give a list of chains instead", BARE)
     if alone is not None and chains:
         yield Problem(("chains",), len(chains), "not together with chain; give one of the two")
-    names = [get(chain, "name") for chain in chains]
+    names = [node_value(chain, "name") for chain in chains]
     known = list(dict.fromkeys(filter(is_name, names)))
     for kind in PARTS_NAMING_CHAINS:
-        for i, part in enumerate(elements(drive, kind)):
-            chain = get(part, "chain")
+        for i, part in enumerate(node_list(drive, kind)):
+            chain = node_value(part, "chain")
             if chain is not None and not chains:
                 yield Problem((kind, i, "chain"), chain, "must not be given where there is one chain, [chain]")
             elif chain is None and chains:
                 text = f"missing; must be the name of a chain: {', '.join(known)}"
                 yield Problem((kind, i, "chain"), None, text, BARE)
             elif chain is not None and chain not in names:
-                text = f"must be the name of a chain; {nearest(str(chain), known)}"
+                text = f"must be the name of a chain; {nearest_key_text(str(chain), known)}"
                 yield Problem((kind, i, "chain"), chain, text)
-    named = [get(sprocket, "chain") for sprocket in elements(drive, "sprockets")]
+    named = [node_value(sprocket, "chain") for sprocket in node_list(drive, "sprockets")]
     for c, name in enumerate(names):
         count = named.count(name)
         if is_name(name) and count < 2 and all(chain in names for chain in named):
@@ -45,11 +45,18 @@ def chain_rules(drive: Any) -> Iterator[Problem]:
 def _arm_chain_rules(drive: Any) -> Iterator[Problem]:
     """Problems of guides and sprockets on one arm, or on arms on it, that are of unlike chains."""
     seen: dict[Any, Any] = {}
-    on = {get(arm, "name"): get(arm, "arm") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
-    places = [("guides", g, guide, get(guide, "arm")) for g, guide in enumerate(elements(drive, "guides"))]
-    places += [("sprockets", s, of, get(get(of, "mount"), "arm")) for s, of in enumerate(elements(drive, "sprockets"))]
+    on = {
+        node_value(arm, "name"): node_value(arm, "arm")
+        for arm in node_list(drive, "arms")
+        if is_name(node_value(arm, "name"))
+    }
+    places = [("guides", g, guide, node_value(guide, "arm")) for g, guide in enumerate(node_list(drive, "guides"))]
+    places += [
+        ("sprockets", s, of, node_value(node_value(of, "mount"), "arm"))
+        for s, of in enumerate(node_list(drive, "sprockets"))
+    ]
     for kind, i, part, of in places:
-        chain, arm = get(part, "chain"), on.get(of) or of if isinstance(of, str) else None
+        chain, arm = node_value(part, "chain"), on.get(of) or of if isinstance(of, str) else None
         if isinstance(arm, str) and isinstance(chain, str) and seen.setdefault(arm, chain) != chain:
             text = f'must be "{seen[arm]}", as of the other guides and sprockets on the arm "{arm}"'
             yield Problem((kind, i, "chain"), chain, text)
@@ -57,36 +64,37 @@ def _arm_chain_rules(drive: Any) -> Iterator[Problem]:
 
 def shaft_group_rules(drive: Any) -> Iterator[Problem]:
     """Problems of several chains' sprockets on one shaft, which turn as one about one center, each for its chain."""
-    if not elements(drive, "chains"):
+    if not node_list(drive, "chains"):
         return
-    names = [get(shaft, "name") for shaft in elements(drive, "shafts")]
+    names = [node_value(shaft, "name") for shaft in node_list(drive, "shafts")]
     groups: dict[str, list[int]] = {name: [] for name in filter(is_name, names)}
-    sprockets = elements(drive, "sprockets")
+    sprockets = node_list(drive, "sprockets")
     for s, sprocket in enumerate(sprockets):
-        shaft = get(sprocket, "shaft")
+        shaft = node_value(sprocket, "shaft")
         if not isinstance(shaft, str):
             continue
         if shaft not in groups:
-            hint = nearest(shaft, groups) if groups else "there are none"
+            hint = nearest_key_text(shaft, groups) if groups else "there are none"
             yield Problem(("sprockets", s, "shaft"), shaft, f"must be the name of a shaft; {hint}")
             continue
         groups[shaft].append(s)
     geared = is_geared(drive)  # whose inertias are those of trains (`train_rules`)
     for i, name in enumerate(names):
         members = groups.get(name, []) if is_name(name) else []
-        yield from _shaft_key_rules(sprockets, members, elements(drive, "shafts")[i], str(name))
-        parts = [*(sprockets[s] for s in members), elements(drive, "shafts")[i]]
+        yield from _shaft_key_rules(sprockets, members, node_list(drive, "shafts")[i], str(name))
+        parts = [*(sprockets[s] for s in members), node_list(drive, "shafts")[i]]
         if (
             members
             and not geared
-            and all(get(part, key) is None for part in parts for key in ("inertia", "prescribed"))
+            and all(node_value(part, key) is None for part in parts for key in ("inertia", "prescribed"))
         ):
             where = ("sprockets", members[0], "inertia")
             text = f'missing; must be a positive number; needed as nothing prescribes the shaft "{name}"'
             yield Problem(where, None, text, BARE)
         for s in members[1:]:
             yield from (
-                problem.under("sprockets", s) for problem in _further_sprocket_rules(sprockets, members, s, str(name))
+                problem.nested_under("sprockets", s)
+                for problem in _further_sprocket_rules(sprockets, members, s, str(name))
             )
 
 
@@ -94,14 +102,14 @@ def _shaft_key_rules(sprockets: Sequence[Any], members: Sequence[int], shaft: An
     """Problems of motion, load or motor given to a shaft and to its sprockets, and of bearings on prescribed shafts."""
     for s in members:
         for key in ("prescribed", "load"):
-            if get(shaft, key) is not None and get(sprockets[s], key) is not None:
+            if node_value(shaft, key) is not None and node_value(sprockets[s], key) is not None:
                 text = f'not together with shafts."{name}".{key}; give one of the two'
                 yield Problem(("sprockets", s, key), None, text, BARE)
-        if get(shaft, "motor") is not None and get(sprockets[s], "prescribed") is not None:
+        if node_value(shaft, "motor") is not None and node_value(sprockets[s], "prescribed") is not None:
             text = f'not together with shafts."{name}".motor; give one of the two'
             yield Problem(("sprockets", s, "prescribed"), None, text, BARE)
-        moved = any(get(part, "prescribed") is not None for part in (shaft, *(sprockets[m] for m in members)))
-        if moved and get(sprockets[s], "bearing") is not None and get(sprockets[s], "prescribed") is None:
+        moved = any(node_value(part, "prescribed") is not None for part in (shaft, *(sprockets[m] for m in members)))
+        if moved and node_value(sprockets[s], "bearing") is not None and node_value(sprockets[s], "prescribed") is None:
             text = f'not on the shaft "{name}", which is prescribed and whose motion nothing disturbs'
             yield Problem(("sprockets", s, "bearing"), None, text, BARE)
 
@@ -110,11 +118,13 @@ def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s:
     """Problems of a further sprocket on a shaft: chain, motion, center, wrap and mount."""
     node, first = sprockets[s], sprockets[members[0]]
     before = [sprockets[m] for m in members if m < s]
-    own, other = valid(Sprocket, node), valid(Sprocket, first)
-    named = f'as of "{get(first, "name")}" on the shaft "{shaft}"'
-    if get(node, "chain") is not None and any(get(node, "chain") == get(of, "chain") for of in before):
+    own, other = valid_part(Sprocket, node), valid_part(Sprocket, first)
+    named = f'as of "{node_value(first, "name")}" on the shaft "{shaft}"'
+    if node_value(node, "chain") is not None and any(
+        node_value(node, "chain") == node_value(of, "chain") for of in before
+    ):
         yield Problem(("shaft",), shaft, "must be one without another sprocket of the same chain")
-    if get(node, "prescribed") is not None and any(get(of, "prescribed") is not None for of in before):
+    if node_value(node, "prescribed") is not None and any(node_value(of, "prescribed") is not None for of in before):
         text = f'must be given to one sprocket of the shaft "{shaft}" only'
         yield Problem(("prescribed",), None, text, BARE)
     if own is None or other is None:
@@ -135,14 +145,14 @@ def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s:
 
 def ratio_rules(drive: Any) -> Iterator[Problem]:
     """Problems of chains that nothing turns, and of ways through the chains that give a shaft two speeds."""
-    sprockets, chains = sprockets_with_shafts(drive), elements(drive, "chains")
+    sprockets, chains = sprockets_with_shafts(drive), node_list(drive, "chains")
     if not chains or is_geared(drive) or not all(_has_sound_ratio(drive, sprocket) for sprocket in sprockets):
         return
-    if all(get(sprocket, "prescribed") is None for sprocket in sprockets):
+    if all(node_value(sprocket, "prescribed") is None for sprocket in sprockets):
         return
     transmission = transmission_of_sprockets(sprockets)
     for c, chain in enumerate(chains):
-        name = get(chain, "name")
+        name = node_value(chain, "name")
         if is_name(name) and name not in transmission.leaders:
             text = "is turned by nothing: no sprocket of it is prescribed, or on a shaft that another chain turns"
             yield Problem(("chains", c, "name"), name, text)
@@ -151,28 +161,32 @@ def ratio_rules(drive: Any) -> Iterator[Problem]:
         first, second = (f"{float(ratio):g}" for ratio in wrong.ratios)
         which = "two chains" if len(wrong.chains) == 2 else "ways through the chains"
         fits = f"{float(wrong.teeth):g}" + ("" if wrong.teeth.denominator == 1 else ", which is no whole number")
-        place = [get(chain, "name") for chain in chains].index(wrong.chains[-1])
+        place = [node_value(chain, "name") for chain in chains].index(wrong.chains[-1])
         text = f'the {which} between "{begin}" and "{end}" have ratios {first} and {second}; its sprocket on "{end}" '
         yield Problem(("chains", place, "name"), wrong.chains[-1], f"{text}would need {fits} teeth")
 
 
 def _has_sound_ratio(drive: Any, sprocket: Any) -> bool:
     """Whether a sprocket's teeth, shaft and chain are sound, so that ratios can be formed with it."""
-    teeth, shaft = get(sprocket, "teeth"), get(sprocket, "shaft")
-    known = shaft is None or (is_name(shaft) and any(get(of, "name") == shaft for of in elements(drive, "shafts")))
-    sound = is_name(get(sprocket, "name")) and known and chain_of_part(drive, sprocket) is not None
+    teeth, shaft = node_value(sprocket, "teeth"), node_value(sprocket, "shaft")
+    known = shaft is None or (
+        is_name(shaft) and any(node_value(of, "name") == shaft for of in node_list(drive, "shafts"))
+    )
+    sound = is_name(node_value(sprocket, "name")) and known and chain_of_part(drive, sprocket) is not None
     return sound and isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0
 
 
 def plane_rules(drive: Any) -> Iterator[Problem]:
     """Problems of chains in one plane that have sprockets on one shaft."""
     seen: dict[tuple[str, str], Any] = {}
-    chains = {name: c for c, chain in enumerate(elements(drive, "chains")) if is_name(name := get(chain, "name"))}
-    for sprocket in elements(drive, "sprockets"):
-        name = get(sprocket, "chain")
-        if not is_name(get(sprocket, "shaft")) or not is_name(name) or name not in chains:
+    chains = {
+        name: c for c, chain in enumerate(node_list(drive, "chains")) if is_name(name := node_value(chain, "name"))
+    }
+    for sprocket in node_list(drive, "sprockets"):
+        name = node_value(sprocket, "chain")
+        if not is_name(node_value(sprocket, "shaft")) or not is_name(name) or name not in chains:
             continue
-        plane = get(elements(drive, "chains")[chains[name]], "plane")
+        plane = node_value(node_list(drive, "chains")[chains[name]], "plane")
         other = seen.setdefault((shaft_of_sprocket(sprocket), plane), name) if isinstance(plane, str) else name
         if other != name:
             text = f'must be another than of the chain "{other}", which has a sprocket on the same shaft'

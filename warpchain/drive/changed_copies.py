@@ -1,8 +1,4 @@
-"""Many changed copies of a drive that differ in the same numbers, checked only where something has changed.
-
-Where the same numbers are set again and again, only these can be wrong, and the rules of the parts that hold them. What
-is wrong is left to `Drive.with_values`, which says it.
-"""
+"""Changed copies of a drive that differ in the same numbers; only what has changed is checked."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from warpchain.drive.paths import index_of, native
+from warpchain.drive.paths import element_index, python_number
 from warpchain.drive.schema import Part
 
 if TYPE_CHECKING:
@@ -45,7 +41,7 @@ class DriveChanges:
             self.forms[paths] = _form_of_paths(found, paths)
             return found
         form = self.forms[paths]
-        copied = None if form is None else form.copy([native(value) for value in values.values()])
+        copied = None if form is None else form.copy([python_number(value) for value in values.values()])
         return self.base.with_values(values) if copied is None else copied
 
 
@@ -62,7 +58,7 @@ def drive_with_numbers(drive: Drive, numbers: Mapping[PartPlace, float]) -> Driv
 
 
 class _DriveForm:
-    """A drive with numbers set at some places, and what it takes to set them again.
+    """A drive with numbers set at some places, prepared for setting others there.
 
     Args:
         drive: with these numbers set.
@@ -82,14 +78,14 @@ class _DriveForm:
         """The drive with other numbers; None where something is wrong with them."""
         try:
             drive: Drive = self.change.copy(values)
-            drive.grow()
+            drive.apply_temperature()
         except (ValidationError, _BrokenRule):
             return None
         return drive
 
 
 class _PartChange:
-    """Copies a part with other numbers: field by field, then held against the rules that these can break.
+    """Copies a part with other numbers, checking single fields and the rules that these can break.
 
     Args:
         part: the part.
@@ -136,7 +132,7 @@ class _PartChange:
 
 
 class _BrokenRule(Exception):
-    """Signals that changed numbers break a rule of a part."""
+    """Raised where changed numbers break a rule of a part."""
 
 
 def _value_with_numbers(own: Any, inner: Any, values: Sequence[Any]) -> Any:
@@ -166,7 +162,7 @@ def _form_of_paths(drive: Drive, paths: Sequence[str]) -> _DriveForm | None:
 def _place_of_path(node: Any, keys: Sequence[str]) -> Iterator[str | int]:
     """Yields the keys of a path, with places in lists for names."""
     for depth, key in enumerate(keys):
-        step = index_of(node, key, depth) if isinstance(node, tuple) else key
+        step = element_index(node, key, depth) if isinstance(node, tuple) else key
         yield step
         node = node[step] if isinstance(step, int) else node.__dict__.get(step) if isinstance(node, Part) else None
 

@@ -17,9 +17,9 @@ from warpchain.drive.schema import (
     Problem,
     Switch,
     Value,
-    allowed,
-    get,
-    numbers,
+    allowed_text,
+    are_numbers,
+    node_value,
 )
 
 MATERIALS = ("width", "reference_load", "roller", "partner")
@@ -66,29 +66,30 @@ _STIFFNESS_OR_MATERIALS: Mapping[str, tuple[str, ...]] = {"stiffness": MATERIALS
 }
 
 
-def _not_both(node: Any) -> Iterator[Problem]:
-    given = [key for key in MATERIALS if get(node, key) is not None]
-    if get(node, "stiffness") is not None and given:
+def _conflicting_keys(node: Any) -> Iterator[Problem]:
+    """Problems of a contact with both a stiffness and materials."""
+    given = [key for key in MATERIALS if node_value(node, key) is not None]
+    if node_value(node, "stiffness") is not None and given:
         text = f"not together with {', '.join(given)}; give stiffness, or {', '.join(MATERIALS)}"
-        yield Problem(("stiffness",), get(node, "stiffness"), text)
+        yield Problem(("stiffness",), node_value(node, "stiffness"), text)
 
 
 def stiffness_given(node: Any) -> Iterator[Problem]:
-    """The rule that a contact has a stiffness or all that it takes to compute one, and not both."""
-    absent = [key for key in MATERIALS if get(node, key) is None]
-    if get(node, "stiffness") is None and len(absent) == len(MATERIALS):
+    """Problems of a contact without a stiffness and what computes one, or with both."""
+    absent = [key for key in MATERIALS if node_value(node, key) is None]
+    if node_value(node, "stiffness") is None and len(absent) == len(MATERIALS):
         text = f"missing; must be a positive number, or give {', '.join(MATERIALS)} instead"
         yield Problem(("stiffness",), None, text, BARE)
-    elif get(node, "stiffness") is None:
+    elif node_value(node, "stiffness") is None:
         for key in absent:
-            yield Problem((key,), None, f"missing; {allowed(ImpactLaw, key)}, or give stiffness instead", BARE)
-    yield from _not_both(node)
+            yield Problem((key,), None, f"missing; {allowed_text(ImpactLaw, key)}, or give stiffness instead", BARE)
+    yield from _conflicting_keys(node)
 
 
 def friction_rules(node: Any) -> Iterator[Problem]:
-    """The rules of the coefficients of friction, taken together."""
-    dynamic, resting, speed = (get(node, key) for key in ("friction", "static_friction", "stribeck_speed"))
-    if numbers(resting, dynamic) and resting < dynamic:
+    """Problems of coefficients of friction that do not fit each other."""
+    dynamic, resting, speed = (node_value(node, key) for key in ("friction", "static_friction", "stribeck_speed"))
+    if are_numbers(resting, dynamic) and resting < dynamic:
         yield Problem(("static_friction",), resting, f"must be at least friction, {dynamic:g}")
     for key, given, other in (("static_friction", resting, speed), ("stribeck_speed", speed, resting)):
         if given is None and other is not None:
@@ -97,14 +98,14 @@ def friction_rules(node: Any) -> Iterator[Problem]:
 
 
 def contact_rules(node: Any) -> Iterator[Problem]:
-    """The rules of a contact's values, taken together."""
+    """Problems of a contact's values that do not fit each other."""
     yield from stiffness_given(node)
-    law, exponent = get(node, "law"), get(node, "exponent")
+    law, exponent = node_value(node, "law"), node_value(node, "exponent")
     if isinstance(law, str) and law in LAWS and LAWS[law].viscous and exponent not in (None, 1.0):
         yield Problem(("exponent",), exponent, f'must be 1 with law = "{law}", which is linear')
     yield from friction_rules(node)
-    if get(node, "rolling") is True and get(node, "friction") is None:
-        yield Problem(("friction",), None, f"missing; {allowed(ImpactLaw, 'friction')}; needed with rolling", BARE)
+    if node_value(node, "rolling") is True and node_value(node, "friction") is None:
+        yield Problem(("friction",), None, f"missing; {allowed_text(ImpactLaw, 'friction')}; needed with rolling", BARE)
 
 
 class ImpactLaw(Part):
@@ -180,21 +181,21 @@ class SprocketContact(ImpactLaw):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from contact_rules(node)
-        exponent = get(node, "exponent")
+        exponent = node_value(node, "exponent")
         curved = isinstance(exponent, (int, float)) and exponent > 1.0
-        if get(node, "bush_stiffness") is not None and curved:
+        if node_value(node, "bush_stiffness") is not None and curved:
             yield Problem(("exponent",), exponent, "must be 1 with bush_stiffness, which is linear")
-        if get(node, "profile") == "iso606":
-            if get(node, "gap") is None:
-                yield Problem(("gap",), None, f"missing; {allowed(cls, 'gap')}", BARE)
+        if node_value(node, "profile") == "iso606":
+            if node_value(node, "gap") is None:
+                yield Problem(("gap",), None, f"missing; {allowed_text(cls, 'gap')}", BARE)
             for key in ("clearance", "seat_angle"):
-                if get(node, key) is not None:
-                    yield Problem((key,), get(node, key), 'not together with profile = "iso606", which sets it')
+                if node_value(node, key) is not None:
+                    yield Problem((key,), node_value(node, key), 'not together with profile = "iso606", which sets it')
         else:
-            if get(node, "clearance") is None:
-                yield Problem(("clearance",), None, f"missing; {allowed(cls, 'clearance')}", BARE)
-            if get(node, "gap") is not None:
-                yield Problem(("gap",), get(node, "gap"), 'only together with profile = "iso606"')
+            if node_value(node, "clearance") is None:
+                yield Problem(("clearance",), None, f"missing; {allowed_text(cls, 'clearance')}", BARE)
+            if node_value(node, "gap") is not None:
+                yield Problem(("gap",), node_value(node, "gap"), 'only together with profile = "iso606"')
 
 
 class _Overrides(Part):
@@ -205,7 +206,7 @@ class _Overrides(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from _not_both(node)
+        yield from _conflicting_keys(node)
 
 
 if TYPE_CHECKING:
@@ -228,13 +229,13 @@ class Contact(Part):
     guide: GuideContact | None = None
 
 
-def merged(base: Any, overrides: Any) -> dict[str, Any]:
-    """The keys of a guide-bar's contact: its overrides, else the common values.
+def merged_contact_values(base: Any, overrides: Any) -> dict[str, Any]:
+    """The keys of a guide-bar's contact: its overrides, otherwise the common values.
 
     A stiffness in the overrides replaces the common materials, and a material replaces the common stiffness.
     """
     keys = GuideOverrides.model_fields
-    own = {key: get(overrides, key) for key in keys if get(overrides, key) is not None}
+    own = {key: node_value(overrides, key) for key in keys if node_value(overrides, key) is not None}
     gone = {other for key in own for other in _STIFFNESS_OR_MATERIALS.get(key, ())}
-    common = {key: get(base, key) for key in keys if key not in gone and get(base, key) is not None}
+    common = {key: node_value(base, key) for key in keys if key not in gone and node_value(base, key) is not None}
     return common | own

@@ -1,7 +1,4 @@
-"""CSV and DXF files that a drive file names: their numbers are taken in when it is read, so that a drive stays whole.
-
-`load_drive` reads the files that stand beside the drive file; what is written (saved drives, archives) has the numbers.
-"""
+"""Reads the CSV and DXF files that a drive file names into its values."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from warpchain.drive.motion_table import csv_rows, read_csv, read_number
-from warpchain.drive.schema import elements, get
+from warpchain.drive.schema import node_list, node_value
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, drive_error
 
@@ -17,38 +14,42 @@ UNITS = {"x,y": 1.0, "x_mm,y_mm": 1e-3}
 """Heads of a CSV file of points, and their unit in meters."""
 
 
-def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A drive file's values with the files that its tables, guides and sprockets name read in.
+def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
+    """A drive file's values with the contents of the files that its tables, guides and sprockets name.
 
     Args:
         folder: where relative file names begin.
-        source: what error lines call the drive file.
+        source: the drive file's name in error lines.
 
     Raises:
-        DriveError: one line for each file that cannot be read or is not what it should be, with the file and the row.
+        DriveError: one line for each file that cannot be read or is wrong, with the file and the row.
     """
-    problems = [*_tables(values, folder), *_profiles(values, folder), *_teeth(values, folder)]
+    problems = [*_read_tables(values, folder), *_read_profiles(values, folder), *_read_teeth(values, folder)]
     if problems:
         raise drive_error(problems, source)
     return values
 
 
-def _tables(values: dict[str, Any], folder: Path) -> list[str]:
+def _read_tables(values: dict[str, Any], folder: Path) -> list[str]:
+    """Reads the CSV files of tables into `values`; returns error lines."""
     problems: list[str] = []
     kinds = ("sprockets", "shafts", "couplings", "arms", "tensioners", "valves")
-    named = [(kind, i, part) for kind in kinds for i, part in enumerate(elements(values, kind))]
+    named = [(kind, i, part) for kind in kinds for i, part in enumerate(node_list(values, kind))]
     for kind, i, part in named:
         holding = ("prescribed", "load", "motor", "clutch", "mount")
-        holders = [(f".{key}.table", get(part, key), "table") for key in holding]
-        holders += [(".pivot_table", part, "pivot_table"), (".oil.supply_table", get(part, "oil"), "supply_table")]
+        holders = [(f".{key}.table", node_value(part, key), "table") for key in holding]
+        holders += [
+            (".pivot_table", part, "pivot_table"),
+            (".oil.supply_table", node_value(part, "oil"), "supply_table"),
+        ]
         holders += [(".table", part, "table")]
         for keys, holder, key in holders:
-            table = get(holder, key)
+            table = node_value(holder, key)
             if not isinstance(table, dict) or not isinstance(table.get("file"), str):
                 continue
-            where = f"{kind}.{_word(part, i)}{keys}.file = {value_text(table['file'])}"
+            where = f"{kind}.{_part_label(part, i)}{keys}.file = {value_text(table['file'])}"
             try:
-                columns = read_csv(_inside(folder, table["file"]), places=keys in (".mount.table", ".pivot_table"))
+                columns = read_csv(_path_inside(folder, table["file"]), places=keys in (".mount.table", ".pivot_table"))
             except DriveError as error:
                 problems += [f"{where}: {line}" for line in error.errors]
                 continue
@@ -72,7 +73,7 @@ def _drawn_unit(holder: Any, key: str, is_drawing: bool) -> str | None:
     """
     from warpchain.drive.dxf_files import LENGTHS
 
-    if get(holder, key) is None:
+    if node_value(holder, key) is None:
         return None
     unit = holder.pop(key)
     if not is_drawing:
@@ -82,34 +83,35 @@ def _drawn_unit(holder: Any, key: str, is_drawing: bool) -> str | None:
     return unit
 
 
-def _profiles(values: dict[str, Any], folder: Path) -> list[str]:
+def _read_profiles(values: dict[str, Any], folder: Path) -> list[str]:
+    """Reads the files of guides' profiles into `values`; returns error lines."""
     problems: list[str] = []
-    for i, guide in enumerate(elements(values, "guides")):
-        file = get(guide, "profile")
+    for i, guide in enumerate(node_list(values, "guides")):
+        file = node_value(guide, "profile")
         if isinstance(file, str):
             drawing = dxf_name(file)
             try:
                 unit = _drawn_unit(guide, "profile_unit", drawing is not None)
                 if drawing is None:
-                    guide["profile"] = read_points(_inside(folder, file))
+                    guide["profile"] = read_points(_path_inside(folder, file))
                 else:
                     from warpchain.drive.dxf_files import read_face
 
-                    guide["profile"] = read_face(_inside(folder, drawing[0]), drawing[1], unit)
+                    guide["profile"] = read_face(_path_inside(folder, drawing[0]), drawing[1], unit)
             except DriveError as error:
-                where = f"guides.{_word(guide, i)}.profile = {value_text(file)}"
+                where = f"guides.{_part_label(guide, i)}.profile = {value_text(file)}"
                 problems += [f"{where}: {line}" for line in error.errors]
     return problems
 
 
-def _teeth(values: dict[str, Any], folder: Path) -> list[str]:
-    """Takes in the teeth of sprockets that name a drawing, and their pitch where the file gives none."""
+def _read_teeth(values: dict[str, Any], folder: Path) -> list[str]:
+    """Reads the drawings of sprockets into `values`, and their pitch where the file gives none; returns error lines."""
     problems: list[str] = []
-    for i, sprocket in enumerate(elements(values, "sprockets")):
-        file, teeth = get(sprocket, "tooth"), get(sprocket, "teeth")
+    for i, sprocket in enumerate(node_list(values, "sprockets")):
+        file, teeth = node_value(sprocket, "tooth"), node_value(sprocket, "teeth")
         if not isinstance(file, str) or not isinstance(teeth, int):
             continue
-        where, drawing = f"sprockets.{_word(sprocket, i)}.tooth = {value_text(file)}", dxf_name(file)
+        where, drawing = f"sprockets.{_part_label(sprocket, i)}.tooth = {value_text(file)}", dxf_name(file)
         if drawing is None:
             problems.append(f"{where}: must be a file FILE.dxf, or FILE.dxf#LAYER, or a table")
             continue
@@ -117,7 +119,7 @@ def _teeth(values: dict[str, Any], folder: Path) -> list[str]:
 
         try:
             unit = _drawn_unit(sprocket, "tooth_unit", True)
-            found = read_teeth(_inside(folder, drawing[0]), drawing[1], teeth, unit)
+            found = read_teeth(_path_inside(folder, drawing[0]), drawing[1], teeth, unit)
         except DriveError as error:
             problems += [f"{where}: {line}" for line in error.errors]
             continue
@@ -127,7 +129,7 @@ def _teeth(values: dict[str, Any], folder: Path) -> list[str]:
     return problems
 
 
-def _inside(folder: Path, file: str) -> Path:
+def _path_inside(folder: Path, file: str) -> Path:
     """The path of a file in a folder or below it.
 
     Raises:
@@ -141,8 +143,9 @@ def _inside(folder: Path, file: str) -> Path:
     raise DriveError("must be a file in the drive file's folder, or below it")
 
 
-def _word(part: Any, i: int) -> str:
-    name = get(part, "name")
+def _part_label(part: Any, i: int) -> str:
+    """Name or number of a part for error lines."""
+    name = node_value(part, "name")
     return name if isinstance(name, str) else str(i)
 
 

@@ -1,11 +1,4 @@
-"""A drive as data: chain, sprockets, guide-bars, contacts and run settings, checked whole; TOML in and out.
-
-SI units throughout; angles in radians, those of seats, arcs, arms in degrees (docs/interchange.md). A drive never
-changes: `with_values` makes changed copies.
-
-Source: Pedersen, Hansen and Ambrosio, "A Roller Chain Drive Model Including Contact with Guide-Bars", Multibody System
-Dynamics 12 (2004) 285-301.
-"""
+"""`Drive`: a whole drive as data, checked as one; reading and writing of drive files."""
 
 from __future__ import annotations
 
@@ -23,13 +16,9 @@ from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.chain import Chain, NamedChain
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.chain_rules import CHAIN_RULES, PARTS_NAMING_CHAINS, shaft_group_rules
-from warpchain.drive.contact_settings import (
-    Contact,
-    GuideContact,
-    merged,
-)
-from warpchain.drive.csv_files import with_files
-from warpchain.drive.defaults import with_defaults
+from warpchain.drive.contact_settings import Contact, GuideContact, merged_contact_values
+from warpchain.drive.csv_files import values_with_files
+from warpchain.drive.defaults import values_with_defaults
 from warpchain.drive.drive_rules import (
     PLACES,
     arm_rules,
@@ -51,22 +40,22 @@ from warpchain.drive.drive_rules import (
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.motion_table import PlaceTable
-from warpchain.drive.paths import changed, lookup, settable
+from warpchain.drive.paths import changed_part, settable_paths, value_at_path
 from warpchain.drive.run_settings import Probe, RunSettings
-from warpchain.drive.schema import (
-    Allowed,
-    Part,
-    Problem,
-    Rule,
-    elements,
-    get,
-)
+from warpchain.drive.schema import Allowed, Part, Problem, Rule, node_list, node_value
 from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import ArmMount, Sprocket
 from warpchain.drive.stack_math import arcsin, hypot, maximum, power, radians, sqrt, where
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
-from warpchain.drive.thermal import Expansions, Temperature, clearance_rules, grown, heated, oil_rules
+from warpchain.drive.thermal import (
+    Expansions,
+    Temperature,
+    clearance_rules,
+    expanded_parts,
+    has_other_temperature,
+    oil_rules,
+)
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.drive.train_rules import train_rules
 from warpchain.drive.train_speeds import driver_top_speed
@@ -113,11 +102,11 @@ NUMBER_RULES = {
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},
 }
-"""Those of the rules that compare numbers, and in what of the drive, or of its parts, those in lists too."""
+"""Rules that compare numbers, each with the keys of the drive's parts, lists too, whose numbers it compares."""
 
 
 class _NoSingleChain(DriveError, AttributeError):
-    """Signals that a drive of several chains was taken for one of a single chain."""
+    """Raised where a drive of several chains is taken for one of a single chain."""
 
 
 class Drive(Part):
@@ -179,18 +168,15 @@ class Drive(Part):
         """The drive with the sizes that its file gives; itself at 20 degrees C."""
         return self if self._as_read is None else self._as_read
 
-    def grow(self) -> None:
-        """Takes on the sizes and the oil that a drive as its file says has at its temperature."""
-        if heated(self):
+    def apply_temperature(self) -> None:
+        """Replaces sizes and oil by those at the drive's temperature."""
+        if has_other_temperature(self):
             as_read = super().model_copy()
-            self.__dict__.update(grown(self))
+            self.__dict__.update(expanded_parts(self))
             self._as_read = as_read
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy, unchecked; one with other parts than its file's is as it is, at no temperature.
-
-        Settings of its run are no such parts.
-        """
+        """An unchecked copy; with other parts than the file's, apart from run settings, it has no temperature."""
         copied = super().model_copy(update=update, deep=deep)
         if self._as_read is not None and update:
             run_alone = update.keys() == {"run"}
@@ -211,7 +197,7 @@ class Drive(Part):
         Raises:
             DriveError: for an unknown path, naming the nearest, or a value that is not allowed; one line each.
         """
-        copied: Self = changed(self.as_read, values)  # type: ignore[assignment]  # of the same class
+        copied: Self = changed_part(self.as_read, values)  # type: ignore[assignment]  # of the same class
         return copied
 
     @check_arguments(DriveError)
@@ -221,11 +207,11 @@ class Drive(Part):
         Raises:
             DriveError: for an unknown path, naming the nearest.
         """
-        return lookup(self.as_read, path)
+        return value_at_path(self.as_read, path)
 
     def paths(self) -> tuple[str, ...]:
         """Every key path that `with_values` can set: tables, lists and single values, present or optional."""
-        return tuple(settable(self))
+        return tuple(settable_paths(self))
 
     @property
     def links(self) -> int:
@@ -241,7 +227,7 @@ class Drive(Part):
 
     @property
     def driver_speed(self) -> float:
-        """Top speed of the driver [rad/s], its harmonics aside; of a motor's about where it comes to."""
+        """Top speed of the driver [rad/s], its harmonics aside; with a motor, about the speed where moments balance."""
         prescribed = sprockets_with_shafts(self)[self.driver].prescribed
         if prescribed is None and self.chains:
             driver = self.driver
@@ -350,18 +336,18 @@ class Drive(Part):
         reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
         return maximum(0.5 * self.chain.pitch, reach)
 
-    def catching(self) -> tuple[int, ...]:
-        """Sprockets with straight flanks too steep to let a strand's rollers go (see `warpchain.drive.tooth_shape`)."""
+    def catching_sprockets(self) -> tuple[int, ...]:
+        """Indices of sprockets whose straight flanks do not let a strand's rollers go (`drive.tooth_shape`)."""
         straight = [s for s in range(len(self.sprockets)) if math.isinf(self.tooth(s).flank_radius)]
         angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in straight)
         return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
 
     @check_index("guides", DriveError)
     def guide_contact(self, g: int) -> GuideContact:
-        """Contact of guide-bar g: the common settings with the bar's own put over them."""
+        """Contact settings of guide-bar g: the common ones with its own put over them."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
-        return common if own is None else GuideContact.model_construct(**merged(common, own))
+        return common if own is None else GuideContact.model_construct(**merged_contact_values(common, own))
 
     @check_index("guides", DriveError)
     def profile(self, g: int) -> Profile:
@@ -429,7 +415,7 @@ class Drive(Part):
 
     @check_index("sprockets", DriveError)
     def center_lever(self, s: int) -> float:
-        """Distance of sprocket s, which an arm carries, from the arm's pivot [m]."""
+        """Distance of sprocket s from the pivot of the arm that carries it [m]."""
         (x, y), (px, py) = self.sprockets[s].center, self.arms[self.carrier(s)].pivot  # type: ignore[index]
         return hypot(x - px, y - py)
 
@@ -534,8 +520,8 @@ class Drive(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        chain, wrong = get(node, "chain"), False
-        if isinstance(chain, list | tuple) and not elements(node, "chains"):  # an error already
+        chain, wrong = node_value(node, "chain"), False
+        if isinstance(chain, list | tuple) and not node_list(node, "chains"):  # an error already
             node = dict(node) | {"chain": None, "chains": chain}
         for rule in RULES:
             for problem in rule(node):
@@ -553,14 +539,14 @@ class Drive(Part):
         return [*(rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)), temperature_rules]
 
     @classmethod
-    def _completed(cls, values: Any) -> Any:
+    def _complete_values(cls, values: Any) -> Any:
         """The values, with a single one of `chains` as `chain`, which then no part names, and with all defaults."""
-        return with_defaults(cls._with_single_chain(values))
+        return values_with_defaults(cls._with_single_chain(values))
 
     @classmethod
     def _with_single_chain(cls, values: Any) -> Any:
         """The values, with a single one of `chains` as `chain`, which then no part names."""
-        chains = elements(values, "chains")
+        chains = node_list(values, "chains")
         if not isinstance(values, Mapping) or len(chains) != 1 or values.get("chain") is not None:
             return values
         if not isinstance(chains[0], Mapping | NamedChain):
@@ -569,8 +555,8 @@ class Drive(Part):
         name, _ = alone.pop("name", None), alone.pop("plane", None)
         whole = {key: value for key, value in values.items() if key != "chains"} | {"chain": alone}
         for kind in PARTS_NAMING_CHAINS:
-            whole[kind] = [_without(part, "chain", name) for part in elements(values, kind)]
-        return _without_names(whole)
+            whole[kind] = [_part_without_name(part, "chain", name) for part in node_list(values, kind)]
+        return _values_without_names(whole)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -580,7 +566,7 @@ class Drive(Part):
             return drive
         if drive.chains:
             del drive.__dict__["chain"]
-        drive.grow()
+        drive.apply_temperature()
         for chain in chain_drives(drive):
             links, of = chain.drive.chain.links, f"chains.{chain.name}" if chain.name else "chain"
             if links % 2:
@@ -590,26 +576,26 @@ class Drive(Part):
             if arm.inertia < least:
                 warn_caller(f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}")
         for chain in chain_drives(drive):
-            _warn_of_catching(chain.drive)
+            _warn_of_catching_sprockets(chain.drive)
         return drive
 
 
 def temperature_rules(drive: Any) -> Iterator[Problem]:
     """Problems of a drive, which is right as its file says, at its temperature."""
-    if not isinstance(drive, Drive) or not heated(drive):
+    if not isinstance(drive, Drive) or not has_other_temperature(drive):
         return
     known = list(oil_rules(drive))
     yield from known
     if not known:
-        there = drive.model_copy(update=grown(drive))
+        there = drive.model_copy(update=expanded_parts(drive))
         for rule in (clearance_rules, *RULES):
             for problem in rule(there):
                 yield problem._replace(text=f"{problem.text}, at {drive.temperature:g} degrees C")
 
 
-def _warn_of_catching(drive: Drive) -> None:
+def _warn_of_catching_sprockets(drive: Drive) -> None:
     """Warns of sprockets whose straight flanks do not let rollers go."""
-    for s in drive.catching():
+    for s in drive.catching_sprockets():
         limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
         warn_caller(
             f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
@@ -618,25 +604,25 @@ def _warn_of_catching(drive: Drive) -> None:
         )
 
 
-def _without(part: Any, key: str, name: Any) -> Any:
-    """A part, or the mapping that should become one, that does not name its chain or shaft where that has this name."""
-    if get(part, key) != name:
+def _part_without_name(part: Any, key: str, name: Any) -> Any:
+    """A part, or the mapping to become one, without its chain or shaft where that has this name."""
+    if node_value(part, key) != name:
         return part
     if isinstance(part, Part):
         return part.model_copy(update={key: None})
     return {own: value for own, value in part.items() if own != key} if isinstance(part, Mapping) else part
 
 
-def _without_names(values: dict[str, Any]) -> dict[str, Any]:
-    """The values of one chain without the shafts that are names of single sprockets' own."""
-    if any(elements(values, kind) for kind in ("gears", "couplings")):
+def _values_without_names(values: dict[str, Any]) -> dict[str, Any]:
+    """The values of one chain, without shafts whose names are single sprockets' own."""
+    if any(node_list(values, kind) for kind in ("gears", "couplings")):
         return values
     kept = []
-    for shaft in elements(values, "shafts"):
-        name, held = get(shaft, "name"), (get(shaft, key) for key in Shaft.model_fields if key != "name")
-        on = sum(get(sprocket, "shaft") == name for sprocket in values["sprockets"])
+    for shaft in node_list(values, "shafts"):
+        name, held = node_value(shaft, "name"), (node_value(shaft, key) for key in Shaft.model_fields if key != "name")
+        on = sum(node_value(sprocket, "shaft") == name for sprocket in values["sprockets"])
         if on == 1 and all(value is None for value in held):
-            values["sprockets"] = [_without(sprocket, "shaft", name) for sprocket in values["sprockets"]]
+            values["sprockets"] = [_part_without_name(sprocket, "shaft", name) for sprocket in values["sprockets"]]
         else:
             kept.append(shaft)
     return values | {"shafts": kept}
@@ -654,9 +640,9 @@ def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str
     Raises:
         DriveError: with one line for each error of the text, all of them.
     """
-    values = drive_toml.parse(text, source)
+    values = drive_toml.parse_toml(text, source)
     if folder is not None:
-        values = with_files(values, Path(folder), source)
+        values = values_with_files(values, Path(folder), source)
     try:
         return Drive(**values)
     except DriveError as error:
@@ -685,20 +671,20 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
 @check_arguments(DriveError)
 def dumps_drive(drive: Drive) -> str:
     """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
-    return drive_toml.dumps(values_of(drive))
+    return drive_toml.toml_text(drive_values(drive))
 
 
-def values_of(drive: Drive) -> dict[str, Any]:
+def drive_values(drive: Drive) -> dict[str, Any]:
     """The values that a drive's file gives, defaults among them, as nested tables and lists."""
-    values: dict[str, Any] = _without_empty(drive.as_read.model_dump(exclude_none=True))
+    values: dict[str, Any] = _values_without_empty_lists(drive.as_read.model_dump(exclude_none=True))
     return values
 
 
-def _without_empty(value: Any) -> Any:
-    """Without lists that have no elements; TOML's tables cannot say them everywhere, and they are the default."""
+def _values_without_empty_lists(value: Any) -> Any:
+    """The values without empty lists, which TOML cannot always write and which are the default."""
     if isinstance(value, dict):
-        return {key: _without_empty(inner) for key, inner in value.items() if inner != ()}
-    return [_without_empty(inner) for inner in value] if isinstance(value, tuple) else value
+        return {key: _values_without_empty_lists(inner) for key, inner in value.items() if inner != ()}
+    return [_values_without_empty_lists(inner) for inner in value] if isinstance(value, tuple) else value
 
 
 @check_arguments(DriveError)

@@ -12,10 +12,27 @@ from typing import Any
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.chain import Chain, NamedChain
-from warpchain.drive.contact_settings import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
+from warpchain.drive.contact_settings import (
+    MATERIALS,
+    GuideContact,
+    ImpactLaw,
+    SprocketContact,
+    contact_rules,
+    merged_contact_values,
+)
 from warpchain.drive.guides import guide_profile
 from warpchain.drive.parts_by_chain import chain_of_part
-from warpchain.drive.schema import BARE, Problem, elements, get, is_name, nearest, numbers, too_far, valid
+from warpchain.drive.schema import (
+    BARE,
+    Problem,
+    are_numbers,
+    is_name,
+    nearest_key_text,
+    node_list,
+    node_value,
+    place_rule,
+    valid_part,
+)
 from warpchain.drive.shafts import FIXED
 from warpchain.drive.sprocket import SliderMount, Sprocket
 from warpchain.drive.stiffness import largest_load
@@ -24,110 +41,116 @@ from warpchain.drive.tooth_shape import iso606_tooth
 
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
-    sprockets = elements(drive, "sprockets")
-    if get(drive, "sprockets") is not None and len(sprockets) < 2:
-        yield Problem(("sprockets",), get(drive, "sprockets"), "must be a list of at least 2 sprockets")
-    shafts = elements(drive, "shafts")
-    moved = any(get(of, key) not in (None, 0.0) for of in shafts for key in ("prescribed", "motor", "initial_speed"))
-    if sprockets and not moved and all(get(sprocket, "prescribed") is None for sprocket in sprockets):
+    """Problems of fewer than two sprockets, and of drives that nothing drives."""
+    sprockets = node_list(drive, "sprockets")
+    if node_value(drive, "sprockets") is not None and len(sprockets) < 2:
+        yield Problem(("sprockets",), node_value(drive, "sprockets"), "must be a list of at least 2 sprockets")
+    shafts = node_list(drive, "shafts")
+    moved = any(
+        node_value(of, key) not in (None, 0.0) for of in shafts for key in ("prescribed", "motor", "initial_speed")
+    )
+    if sprockets and not moved and all(node_value(sprocket, "prescribed") is None for sprocket in sprockets):
         text = "at least one sprocket must be" + (", or a shaft, or have a motor or an initial_speed" if shafts else "")
         yield Problem(("sprockets",), None, f"none is prescribed; {text}", BARE)
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:
-    """Shafts that tables and harmonics refer to must be sprockets, or shafts."""
-    names = [get(part, "name") for kind in TURNED for part in elements(drive, kind)]
-    what = "a sprocket or a shaft" if elements(drive, "shafts") else "a sprocket"
-    turned = [(of, s, part) for of in TURNED for s, part in enumerate(elements(drive, of))]
+    """Problems of tables and harmonics that refer to unknown sprockets or shafts."""
+    names = [node_value(part, "name") for kind in TURNED for part in node_list(drive, kind)]
+    what = "a sprocket or a shaft" if node_list(drive, "shafts") else "a sprocket"
+    turned = [(of, s, part) for of in TURNED for s, part in enumerate(node_list(drive, of))]
     for of, s, turning in turned:
         for kind in ("prescribed", "load", "motor"):
-            motion = get(turning, kind)
-            parts: list[tuple[tuple[str | int, ...], Any]] = [(("table",), get(motion, "table"))]
-            parts += [(("harmonics", h), harmonic) for h, harmonic in enumerate(elements(motion, "harmonics"))]
+            motion = node_value(turning, kind)
+            parts: list[tuple[tuple[str | int, ...], Any]] = [(("table",), node_value(motion, "table"))]
+            parts += [(("harmonics", h), harmonic) for h, harmonic in enumerate(node_list(motion, "harmonics"))]
             for keys, part in parts:
-                shaft = get(part, "shaft")
+                shaft = node_value(part, "shaft")
                 if isinstance(shaft, str) and shaft not in names:
-                    text = f"must be the name of {what}; {nearest(shaft, filter(is_name, names))}"
+                    text = f"must be the name of {what}; {nearest_key_text(shaft, filter(is_name, names))}"
                     yield Problem((of, s, kind, *keys, "shaft"), shaft, text)
 
 
 def guide_rules(drive: Any) -> Iterator[Problem]:
-    guides = elements(drive, "guides")
-    common = get(get(drive, "contact"), "guide")
-    if guides and common is None and get(drive, "contact") is not None:
+    """Problems of guides without a contact, and of their own contacts."""
+    guides = node_list(drive, "guides")
+    common = node_value(node_value(drive, "contact"), "guide")
+    if guides and common is None and node_value(drive, "contact") is not None:
         yield Problem(("contact", "guide"), None, "missing; must be a table; needed where there are guides", BARE)
     for i, guide in enumerate(guides):
-        own = get(guide, "contact")
+        own = node_value(guide, "contact")
         if own is not None and common is not None:
             before = list(contact_rules(common))
-            for problem in contact_rules(merged(common, own)):
+            for problem in contact_rules(merged_contact_values(common, own)):
                 if problem not in before:
-                    yield problem.under("guides", i, "contact")
+                    yield problem.nested_under("guides", i, "contact")
 
 
 def rolling_rules(drive: Any) -> Iterator[Problem]:
-    """A roller that rolls on a guide-bar passes on the friction of its bush, which the chain must have."""
+    """Problems of rollers that roll on a guide-bar while the chain has no bush friction to transmit."""
     text = "must be false without chain.joint, whose friction rolling rollers pass on"
-    chains = [chain for chain, _ in _chains(drive) if chain.joint is None]
+    chains = [chain for chain, _ in _sound_chains(drive) if chain.joint is None]
     places: list[tuple[tuple[str | int, ...], Any]] = []
     if chains:
-        places.append((("contact", "guide"), get(get(drive, "contact"), "guide")))
-    for i, guide in enumerate(elements(drive, "guides")):
+        places.append((("contact", "guide"), node_value(node_value(drive, "contact"), "guide")))
+    for i, guide in enumerate(node_list(drive, "guides")):
         if chain_of_part(drive, guide) in chains:
-            places.append((("guides", i, "contact"), get(guide, "contact")))
+            places.append((("guides", i, "contact"), node_value(guide, "contact")))
     for keys, contact in places:
-        if get(contact, "rolling") is True:
+        if node_value(contact, "rolling") is True:
             yield Problem((*keys, "rolling"), True, text)
 
 
 def size_rules(drive: Any) -> Iterator[Problem]:
-    """Rules that hold the contacts against the chain's size."""
+    """Problems of contacts that do not fit the chain's size."""
     seen = set()
-    for chain, guides in _chains(drive):
-        for problem in _sizes(drive, chain, guides):
+    for chain, guides in _sound_chains(drive):
+        for problem in _chain_size_rules(drive, chain, guides):
             if problem.path not in seen:
                 seen.add(problem.path)
                 yield problem
 
 
-def _chains(drive: Any) -> Iterator[tuple[Chain, list[tuple[int, Any]]]]:
-    """The chains that are sound, each with its guides and their places."""
-    guides = list(enumerate(elements(drive, "guides")))
-    chains = elements(drive, "chains")
-    if not chains and (chain := valid(Chain, get(drive, "chain"))) is not None:
+def _sound_chains(drive: Any) -> Iterator[tuple[Chain, list[tuple[int, Any]]]]:
+    """The chains whose own values are right, each with its guides and their places."""
+    guides = list(enumerate(node_list(drive, "guides")))
+    chains = node_list(drive, "chains")
+    if not chains and (chain := valid_part(Chain, node_value(drive, "chain"))) is not None:
         yield chain, guides
     for node in chains:
-        if (named := valid(NamedChain, node)) is not None:
-            yield named, [(g, guide) for g, guide in guides if get(guide, "chain") == named.name]
+        if (named := valid_part(NamedChain, node)) is not None:
+            yield named, [(g, guide) for g, guide in guides if node_value(guide, "chain") == named.name]
 
 
-def _sizes(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]]) -> Iterator[Problem]:
-    contact, radius = get(drive, "contact"), chain.roller_radius
-    sprocket = valid(SprocketContact, get(contact, "sprocket"))
+def _chain_size_rules(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]]) -> Iterator[Problem]:
+    """Problems of clearance, reference loads and guides that do not fit the size of one chain."""
+    contact, radius = node_value(drive, "contact"), chain.roller_radius
+    sprocket = valid_part(SprocketContact, node_value(contact, "sprocket"))
     if sprocket is not None and sprocket.clearance is not None:
         room = chain.pitch / 2 - radius
         if sprocket.clearance >= room:
             text = f"must be below half the pitch less the roller radius, {room:g}"
             yield Problem(("contact", "sprocket", "clearance"), sprocket.clearance, text)
-        yield from _load_rule(sprocket, radius, radius + sprocket.clearance, "contact", "sprocket")
+        yield from _reference_load_rule(sprocket, radius, radius + sprocket.clearance, "contact", "sprocket")
     elif sprocket is not None:
         assert sprocket.gap is not None  # the contact's own rule
         seat = iso606_tooth(sprocket.gap, radius, 9, chain.pitch).seat_radius  # the same for any number of teeth
-        yield from _load_rule(sprocket, radius, seat, "contact", "sprocket")
-    guide = valid(GuideContact, get(contact, "guide"))
+        yield from _reference_load_rule(sprocket, radius, seat, "contact", "sprocket")
+    guide = valid_part(GuideContact, node_value(contact, "guide"))
     if guide is None:
         return
-    yield from _load_rule(guide, radius, math.inf, "contact", "guide")
+    yield from _reference_load_rule(guide, radius, math.inf, "contact", "guide")
     for i, bar in guides:
-        own = get(bar, "contact")
-        if all(get(own, key) is None for key in MATERIALS):
+        own = node_value(bar, "contact")
+        if all(node_value(own, key) is None for key in MATERIALS):
             continue
-        law = valid(GuideContact, merged(guide, own))
+        law = valid_part(GuideContact, merged_contact_values(guide, own))
         if law is not None:
-            yield from _load_rule(law, radius, math.inf, "guides", i, "contact")
+            yield from _reference_load_rule(law, radius, math.inf, "guides", i, "contact")
 
 
-def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str | int) -> Iterator[Problem]:
+def _reference_load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str | int) -> Iterator[Problem]:
+    """Problem of a reference load beyond the validity of eq. (20)."""
     if law.stiffness is None:
         limit = largest_load(law, radius, partner_radius)
         if law.reference_load is not None and law.reference_load >= limit:
@@ -149,11 +172,11 @@ LEAST_LEVER = 1e-3
 
 
 def name_rules(drive: Any) -> Iterator[Problem]:
-    """No two parts share a name."""
+    """Problems of parts that share a name."""
     seen: set[str] = set()
     for kind in NAMED:
-        for i, part in enumerate(elements(drive, kind)):
-            name = get(part, "name")
+        for i, part in enumerate(node_list(drive, kind)):
+            name = node_value(part, "name")
             if isinstance(name, str) and name in seen:
                 yield Problem((kind, i, "name"), name, "must be unique among the names of all parts")
             elif name == FIXED and kind in TURNED:
@@ -163,12 +186,12 @@ def name_rules(drive: Any) -> Iterator[Problem]:
 
 
 def place_rules(drive: Any) -> Iterator[Problem]:
-    """No part stands beyond all reason."""
+    """Problems of parts that are too far away."""
     for kind, keys in PLACES.items():
-        for i, part in enumerate(elements(drive, kind)):
+        for i, part in enumerate(node_list(drive, kind)):
             for key in keys:
-                for problem in too_far((key,), get(part, key)):
-                    yield problem.under(kind, i)
+                for problem in place_rule((key,), node_value(part, key)):
+                    yield problem.nested_under(kind, i)
 
 
 MOST_PARTS = 256
@@ -180,16 +203,16 @@ LONGEST_FACE = 20_000
 
 
 def count_rules(drive: Any) -> Iterator[Problem]:
-    """No kind of part is there beyond all reason."""
+    """Problems of too many parts of a kind."""
     for kind in NAMED:
-        count = len(elements(drive, kind))
+        count = len(node_list(drive, kind))
         if count > MOST_PARTS:
             yield Problem((kind,), None, f"has {count} elements; must have at most {MOST_PARTS}", BARE)
 
 
 def face_rules(drive: Any) -> Iterator[Problem]:
-    """No face is longer, and no faces have more pieces, than can be worked through."""
-    guides, count = elements(drive, "guides"), 0
+    """Problems of faces that are too long or have too many pieces."""
+    guides, count = node_list(drive, "guides"), 0
     if len(guides) > MOST_PARTS:
         return
     for g, guide in enumerate(guides):
@@ -210,45 +233,50 @@ def face_rules(drive: Any) -> Iterator[Problem]:
 
 
 def profile_rules(drive: Any) -> Iterator[Problem]:
-    """No face bends within a pitch: links cannot follow it."""
-    for g, guide in enumerate(elements(drive, "guides")):
+    """Problems of faces that bend within a pitch, which links cannot follow."""
+    for g, guide in enumerate(node_list(drive, "guides")):
         chain = chain_of_part(drive, guide)
         if chain is None:
             continue
-        pitch, offset = chain.pitch, get(guide, "offset")
-        if numbers(offset) and offset > pitch:
+        pitch, offset = chain.pitch, node_value(guide, "offset")
+        if are_numbers(offset) and offset > pitch:
             yield Problem(("guides", g, "offset"), offset, f"must be at most a pitch, {pitch:g}")
-        yield from (problem.under("guides", g) for problem in _tight(guide, pitch))
+        yield from (problem.nested_under("guides", g) for problem in _face_bend_rules(guide, pitch))
 
 
 def tooth_rules(drive: Any) -> Iterator[Problem]:
-    """Rollers go into the gaps of sprockets that have their own, and teeth reach beyond the pitch circle."""
-    for s, sprocket in enumerate(elements(drive, "sprockets")):
-        chain, tooth, teeth = chain_of_part(drive, sprocket), get(sprocket, "tooth"), get(sprocket, "teeth")
-        seat, tip = get(tooth, "seat_radius"), get(tooth, "tip_radius")
-        if chain is None or not numbers(seat, tip, teeth) or teeth < 2:
+    """Problems of tooth gaps that rollers do not fit, and of teeth that end below the pitch circle."""
+    for s, sprocket in enumerate(node_list(drive, "sprockets")):
+        chain, tooth, teeth = (
+            chain_of_part(drive, sprocket),
+            node_value(sprocket, "tooth"),
+            node_value(sprocket, "teeth"),
+        )
+        seat, tip = node_value(tooth, "seat_radius"), node_value(tooth, "tip_radius")
+        if chain is None or not are_numbers(seat, tip, teeth) or teeth < 2:
             continue
         if seat < chain.roller_radius:
             text = f"must be at least the radius of the rollers, {chain.roller_radius:g}"
             yield Problem(("sprockets", s, "tooth", "seat_radius"), seat, text)
-        own = get(sprocket, "pitch")
-        radius = (chain.pitch if not numbers(own) else own) / (2.0 * math.sin(math.pi / teeth))
+        own = node_value(sprocket, "pitch")
+        radius = (chain.pitch if not are_numbers(own) else own) / (2.0 * math.sin(math.pi / teeth))
         if tip <= radius:
             yield Problem(
                 ("sprockets", s, "tooth", "tip_radius"), tip, f"must be beyond the pitch circle, {radius:.6g}"
             )
 
 
-def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
+def _face_bend_rules(guide: Any, pitch: float) -> Iterator[Problem]:
+    """Problems of one guide's face that bends within a pitch."""
     text = f"must be at least a pitch, {pitch:g}; links cannot follow a tighter face"
-    radius = get(guide, "radius")
-    if numbers(radius) and 0.0 < radius < pitch:
+    radius = node_value(guide, "radius")
+    if are_numbers(radius) and 0.0 < radius < pitch:
         yield Problem(("radius",), radius, text)
-    for k, arc in enumerate(elements(guide, "arcs")):
-        radius = get(arc, "radius")
-        if numbers(radius) and 0.0 < radius < pitch:
+    for k, arc in enumerate(node_list(guide, "arcs")):
+        radius = node_value(arc, "radius")
+        if are_numbers(radius) and 0.0 < radius < pitch:
             yield Problem(("arcs", k, "radius"), radius, text)
-    profile = guide_profile(guide, pitch) if get(guide, "profile") is not None else None
+    profile = guide_profile(guide, pitch) if node_value(guide, "profile") is not None else None
     if profile is not None:
         worst = max(profile.face, key=lambda piece: abs(piece.curvature))
         if abs(worst.curvature) * pitch > 1.0:
@@ -258,105 +286,115 @@ def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
 
 
 def arm_rules(drive: Any) -> Iterator[Problem]:
-    """Guides, sprockets and arms hang on arms that there are, arms at most one on another."""
-    names = [get(arm, "name") for arm in elements(drive, "arms")]
+    """Problems of guides, sprockets and arms on unknown arms, or on arms that are carried themselves."""
+    names = [node_value(arm, "name") for arm in node_list(drive, "arms")]
     places: list[tuple[tuple[str | int, ...], Any]] = [
-        (("guides", g), guide) for g, guide in enumerate(elements(drive, "guides"))
+        (("guides", g), guide) for g, guide in enumerate(node_list(drive, "guides"))
     ]
-    places += [(("sprockets", s, "mount"), get(part, "mount")) for s, part in enumerate(elements(drive, "sprockets"))]
-    places += [(("arms", a), part) for a, part in enumerate(elements(drive, "arms"))]
+    places += [
+        (("sprockets", s, "mount"), node_value(part, "mount")) for s, part in enumerate(node_list(drive, "sprockets"))
+    ]
+    places += [(("arms", a), part) for a, part in enumerate(node_list(drive, "arms"))]
     for keys, part in places:
-        arm = get(part, "arm")
+        arm = node_value(part, "arm")
         if isinstance(arm, str) and arm in names and keys[0] == "arms":
-            yield from (problem.under(*keys) for problem in _hangs(part, elements(drive, "arms")[names.index(arm)]))
+            yield from (
+                problem.nested_under(*keys)
+                for problem in _parent_arm_rules(part, node_list(drive, "arms")[names.index(arm)])
+            )
         if isinstance(arm, str) and arm not in names:
-            hint = nearest(arm, filter(is_name, names)) if names else "there are none"
+            hint = nearest_key_text(arm, filter(is_name, names)) if names else "there are none"
             yield Problem((*keys, "arm"), arm, f"must be the name of an arm; {hint}")
 
 
-def _hangs(arm: Any, carrier: Any) -> Iterator[Problem]:
-    """An arm hangs on one that stands on the ground."""
-    name, on = get(arm, "name"), get(carrier, "arm")
-    if get(carrier, "name") == name or on == name:
-        yield Problem(("arm",), get(arm, "arm"), "hangs on itself; one of the arms must stand on the ground")
+def _parent_arm_rules(arm: Any, carrier: Any) -> Iterator[Problem]:
+    """Problem of an arm on an arm that is not on the ground."""
+    name, on = node_value(arm, "name"), node_value(carrier, "arm")
+    if node_value(carrier, "name") == name or on == name:
+        yield Problem(("arm",), node_value(arm, "arm"), "hangs on itself; one of the arms must stand on the ground")
     elif on is not None:
         text = f'hangs on "{on}" itself; at most two arms may stand in a row'
-        yield Problem(("arm",), get(arm, "arm"), text)
-    if get(arm, "pivot_table") is not None:
+        yield Problem(("arm",), node_value(arm, "arm"), text)
+    if node_value(arm, "pivot_table") is not None:
         yield Problem(("pivot_table",), None, "not together with arm, which leads the pivot", BARE)
 
 
 def pivot_rules(drive: Any) -> Iterator[Problem]:
-    """A sprocket on an arm is apart from its pivot."""
-    pivots = {get(arm, "name"): elements(arm, "pivot") for arm in elements(drive, "arms") if is_name(get(arm, "name"))}
-    for s, sprocket in enumerate(elements(drive, "sprockets")):
-        name, center = get(get(sprocket, "mount"), "arm"), list(elements(sprocket, "center"))
+    """Problems of sprockets at the pivot of their arm."""
+    pivots = {
+        node_value(arm, "name"): node_list(arm, "pivot")
+        for arm in node_list(drive, "arms")
+        if is_name(node_value(arm, "name"))
+    }
+    for s, sprocket in enumerate(node_list(drive, "sprockets")):
+        name, center = node_value(node_value(sprocket, "mount"), "arm"), list(node_list(sprocket, "center"))
         if isinstance(name, str) and center and center == list(pivots.get(name, ())):
             yield Problem(("sprockets", s, "center"), center, f'must not be the pivot of "{name}", which carries it')
 
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
-    """Tensioners push what can give way, and towards the chain."""
-    if not elements(drive, "tensioners"):
+    """Problems of tensioners that push what cannot move, or away from the chain."""
+    if not node_list(drive, "tensioners"):
         return
-    arms, sprockets = (_by_name(elements(drive, kind)) for kind in ("arms", "sprockets"))
-    for t, node in enumerate(elements(drive, "tensioners")):
-        on = get(node, "on")
+    arms, sprockets = (_index_by_name(node_list(drive, kind)) for kind in ("arms", "sprockets"))
+    for t, node in enumerate(node_list(drive, "tensioners")):
+        on = node_value(node, "on")
         if not isinstance(on, str):
             continue
         found: Iterator[Problem] = iter(())
         if on in arms:
-            found = _pushes_arm(drive, node, elements(drive, "arms")[arms[on]])
+            found = _arm_push_rules(drive, node, node_list(drive, "arms")[arms[on]])
         elif on in sprockets:
-            found = _pushes_sprocket(drive, node, sprockets[on])
+            found = _slider_push_rules(drive, node, sprockets[on])
         else:
-            known = [name for name in (*arms, *_on_sliders(drive)) if is_name(name)]
-            hint = nearest(on, known) if known else "there are none"
+            known = [name for name in (*arms, *_sprockets_on_sliders(drive)) if is_name(name)]
+            hint = nearest_key_text(on, known) if known else "there are none"
             found = iter([Problem(("on",), on, f"must be the name of an arm, or of a sprocket on a slider; {hint}")])
-        yield from (problem.under("tensioners", t) for problem in found)
+        yield from (problem.nested_under("tensioners", t) for problem in found)
 
 
 def pump_rules(drive: Any) -> Iterator[Problem]:
-    """A sprocket or shaft that turns a pump must be there, of several chains on that of the tensioner."""
-    several = bool(elements(drive, "chains"))
+    """Problems of pumps that an unknown sprocket or shaft turns."""
+    several = bool(node_list(drive, "chains"))
     what = "a sprocket of its chain" if several else "a sprocket or a shaft"
-    for t, node in enumerate(elements(drive, "tensioners")):
-        shaft = get(get(get(node, "oil"), "supply_table"), "shaft")
+    for t, node in enumerate(node_list(drive, "tensioners")):
+        shaft = node_value(node_value(node_value(node, "oil"), "supply_table"), "shaft")
         if not isinstance(shaft, str):
             continue
-        parts = [part for kind in TURNED for part in elements(drive, kind)]
+        parts = [part for kind in TURNED for part in node_list(drive, kind)]
         if several:
-            of_chains = (part for kind in ("sprockets", "guides") for part in elements(drive, kind))
-            own = {get(part, "chain") for part in of_chains if _moves_with(part, get(node, "on"))}
-            parts = [part for part in elements(drive, "sprockets") if get(part, "chain") in own]
-        names = [name for part in parts if is_name(name := get(part, "name"))]
+            of_chains = (part for kind in ("sprockets", "guides") for part in node_list(drive, kind))
+            own = {node_value(part, "chain") for part in of_chains if _is_on_body(part, node_value(node, "on"))}
+            parts = [part for part in node_list(drive, "sprockets") if node_value(part, "chain") in own]
+        names = [name for part in parts if is_name(name := node_value(part, "name"))]
         if shaft not in names:
             path = ("tensioners", t, "oil", "supply_table", "shaft")
-            yield Problem(path, shaft, f"must be the name of {what}; {nearest(shaft, names)}")
+            yield Problem(path, shaft, f"must be the name of {what}; {nearest_key_text(shaft, names)}")
 
 
-def _moves_with(part: Any, on: Any) -> bool:
+def _is_on_body(part: Any, on: Any) -> bool:
     """Whether a guide or a sprocket is the body of this name, or on it."""
-    return on in (get(part, "name"), get(part, "arm"), get(get(part, "mount"), "arm"))
+    return on in (node_value(part, "name"), node_value(part, "arm"), node_value(node_value(part, "mount"), "arm"))
 
 
-def _by_name(parts: Sequence[Any]) -> dict[str, int]:
+def _index_by_name(parts: Sequence[Any]) -> dict[str, int]:
     """Indices of parts by their names, where those are text."""
-    return {name: i for i, part in enumerate(parts) if isinstance(name := get(part, "name"), str)}
+    return {name: i for i, part in enumerate(parts) if isinstance(name := node_value(part, "name"), str)}
 
 
-def _on_sliders(drive: Any) -> list[Any]:
-    sprockets = elements(drive, "sprockets")
-    return [get(part, "name") for part in sprockets if get(get(part, "mount"), "kind") == "slider"]
+def _sprockets_on_sliders(drive: Any) -> list[Any]:
+    """Names of the sprockets on sliders."""
+    sprockets = node_list(drive, "sprockets")
+    return [node_value(part, "name") for part in sprockets if node_value(node_value(part, "mount"), "kind") == "slider"]
 
 
-def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
-    """The tensioner's moment must turn the arm's faces towards the chain.
+def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
+    """Problem of a tensioner whose moment turns the arm's faces away from the chain.
 
     A turn by dtheta moves a face towards the chain by (r - p).t dtheta, in the mean over its length in proportion to
     |end - p|^2 - |start - p|^2.
     """
-    arm, tensioner = valid(Arm, arm_node), valid(Tensioner, node)
+    arm, tensioner = valid_part(Arm, arm_node), valid_part(Tensioner, node)
     if arm is None or tensioner is None:
         return
     if arm.arm is not None:
@@ -372,8 +410,10 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
         text = f'points through the pivot of "{arm.name}" and cannot turn it'
         yield Problem(("direction",), list(tensioner.direction), f"{text}; must point past it")
         return
-    nodes = [guide for guide in elements(drive, "guides") if get(guide, "arm") == arm.name]
-    carried = [part for part in elements(drive, "sprockets") if get(get(part, "mount"), "arm") == arm.name]
+    nodes = [guide for guide in node_list(drive, "guides") if node_value(guide, "arm") == arm.name]
+    carried = [
+        part for part in node_list(drive, "sprockets") if node_value(node_value(part, "mount"), "arm") == arm.name
+    ]
     chain = next((chain_of_part(drive, part) for part in (*nodes, *carried)), None)
     if chain is None:
         return
@@ -381,24 +421,26 @@ def _pushes_arm(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
     ends = [(math.dist(p.face[-1].end, arm.pivot), math.dist(p.face[0].start, arm.pivot)) for p in profiles]
     sense = sum(end * end - start * start for end, start in ends)
     if sense * lever < 0.0 and abs(sense) > LEAST_LEVER * sum(end * end + start * start for end, start in ends):
-        names = " and ".join(f'"{get(guide, "name")}"' for guide in nodes)
-        sides = {"right" if get(guide, "side") == "right" else "left" for guide in nodes}
+        names = " and ".join(f'"{node_value(guide, "name")}"' for guide in nodes)
+        sides = {"right" if node_value(guide, "side") == "right" else "left" for guide in nodes}
         rides = f"which rides on the {' and '.join(sorted(sides))} of {names} from start to end"
         text = f'turns "{arm.name}" away from the chain, {rides}; must push towards it'
         yield Problem(("direction",), list(tensioner.direction), text)
-    yield from _turns_sprockets(drive, tensioner, arm, lever, chain.pitch)
+    yield from _arm_sprocket_rules(drive, tensioner, arm, lever, chain.pitch)
 
 
-def _turns_sprockets(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
-    """The tensioner must turn the sprockets on its arm against the pull of their strands."""
-    parts = elements(drive, "sprockets")
-    mine = next((get(part, "chain") for part in parts if get(get(part, "mount"), "arm") == arm.name), None)
-    sprockets = [valid(Sprocket, part) for part in parts if get(part, "chain") == mine]
+def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
+    """Problem of a tensioner that turns the sprockets on its arm along with the pull of their strands."""
+    parts = node_list(drive, "sprockets")
+    mine = next(
+        (node_value(part, "chain") for part in parts if node_value(node_value(part, "mount"), "arm") == arm.name), None
+    )
+    sprockets = [valid_part(Sprocket, part) for part in parts if node_value(part, "chain") == mine]
     whole = [sprocket for sprocket in sprockets if sprocket is not None]
     if len(whole) < 2 or len(whole) < len(sprockets):
         return
     for s, own in enumerate(whole):
-        pull = _pull(whole, s, pitch) if get(own.mount, "arm") == arm.name else None
+        pull = _strand_pull(whole, s, pitch) if node_value(own.mount, "arm") == arm.name else None
         if pull is not None:
             dx, dy = own.center[0] - arm.pivot[0], own.center[1] - arm.pivot[1]
             turned = dx * pull[1] - dy * pull[0]
@@ -407,18 +449,18 @@ def _turns_sprockets(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, p
                 yield Problem(("direction",), list(tensioner.direction), f"{text}; must push against them")
 
 
-def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:
-    """The tensioner must push along the slider, against the pull of the sprocket's two strands."""
-    kind = get(get(elements(drive, "sprockets")[s], "mount"), "kind") or "fixed"
+def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
+    """Problem of a tensioner that does not push along the slider, against the pull of the sprocket's two strands."""
+    kind = node_value(node_value(node_list(drive, "sprockets")[s], "mount"), "kind") or "fixed"
     if kind != "slider":
-        name = get(node, "on")
+        name = node_value(node, "on")
         text = f'must be the name of an arm, or of a sprocket on a slider; the mount of "{name}" is of kind "{kind}"'
         yield Problem(("on",), name, text)
         return
-    place, parts = s, elements(drive, "sprockets")
-    along_chain = [k for k, part in enumerate(parts) if get(part, "chain") == get(parts[s], "chain")]
-    s, sprockets = along_chain.index(place), [valid(Sprocket, parts[k]) for k in along_chain]
-    tensioner, chain = valid(Tensioner, node), chain_of_part(drive, parts[place])
+    place, parts = s, node_list(drive, "sprockets")
+    along_chain = [k for k, part in enumerate(parts) if node_value(part, "chain") == node_value(parts[s], "chain")]
+    s, sprockets = along_chain.index(place), [valid_part(Sprocket, parts[k]) for k in along_chain]
+    tensioner, chain = valid_part(Tensioner, node), chain_of_part(drive, parts[place])
     own = sprockets[s]
     if own is None or tensioner is None or not isinstance(own.mount, SliderMount):
         return
@@ -430,7 +472,7 @@ def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:
         return
     if chain is None or len(sprockets) < 2 or any(sprocket is None for sprocket in sprockets):
         return
-    pull = _pull([sprocket for sprocket in sprockets if sprocket is not None], s, chain.pitch)
+    pull = _strand_pull([sprocket for sprocket in sprockets if sprocket is not None], s, chain.pitch)
     if pull is not None and along * (pull[0] * x + pull[1] * y) / length > 0.1:
         text = (
             f'pushes "{own.name}" the way its strands pull it, ({pull[0]:.2f}, {pull[1]:.2f}); must push against them'
@@ -438,16 +480,16 @@ def _pushes_sprocket(drive: Any, node: Any, s: int) -> Iterator[Problem]:
         yield Problem(("direction",), list(tensioner.direction), text)
 
 
-def _pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float, float] | None:
+def _strand_pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float, float] | None:
     """Sum of the unit vectors along which the two strands of sprocket s pull it; None where no strands can run."""
     before, own, after = sprockets[s - 1], sprockets[s], sprockets[(s + 1) % len(sprockets)]
-    away, home = _heading(own, after, pitch), _heading(before, own, pitch)
+    away, home = _strand_heading(own, after, pitch), _strand_heading(before, own, pitch)
     if away is None or home is None:
         return None
     return math.cos(away) - math.cos(home), math.sin(away) - math.sin(home)
 
 
-def _heading(one: Sprocket, other: Sprocket, pitch: float) -> float | None:
+def _strand_heading(one: Sprocket, other: Sprocket, pitch: float) -> float | None:
     """Heading [rad] of the straight strand from a sprocket to another.
 
     It passes the centers at their radius, on the right of those that the chain turns about counter-clockwise:

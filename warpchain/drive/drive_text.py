@@ -1,7 +1,4 @@
-"""Drive files written from drive files: the text of the file a drive comes from, with what has changed since.
-
-Comments, order, units and words such as "estimate" stay where the values do.
-"""
+"""Text of a changed drive that keeps the words, comments and units of the drive file it comes from."""
 
 from __future__ import annotations
 
@@ -12,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.drive import toml as drive_toml
-from warpchain.drive.csv_files import with_files
-from warpchain.drive.drive import dumps_drive, loads_drive, read_drive_text, values_of
+from warpchain.drive.csv_files import values_with_files
+from warpchain.drive.drive import drive_values, dumps_drive, loads_drive, read_drive_text
 from warpchain.drive.quantities import QUANTITY
 from warpchain.errors import DriveError
 
@@ -28,7 +25,7 @@ PASSES = 3
 """Most times that a text is edited: a value may stand for others that change with it, as `size` for `pitch`."""
 
 
-def text_alone(path: Path) -> str:
+def self_contained_text(path: Path) -> str:
     """A drive file's text with the files that it names read in.
 
     Raises:
@@ -37,16 +34,16 @@ def text_alone(path: Path) -> str:
     import tomlkit
 
     text = read_drive_text(path)
-    values = drive_toml.parse(text, str(path))
-    whole = with_files(copy.deepcopy(values), path.parent, str(path))
+    values = drive_toml.parse_toml(text, str(path))
+    whole = values_with_files(copy.deepcopy(values), path.parent, str(path))
     if whole == values:
         return text
     drive = loads_drive(text, str(path), path.parent)
-    if len(drive_toml.dumps({"drive": whole})) > LONGEST:
+    if len(drive_toml.toml_text({"drive": whole})) > LONGEST:
         return dumps_drive(drive)
     document = tomlkit.parse(text)
-    _merge(document, values, whole, ALL)
-    return _checked(tomlkit.dumps(document), drive) or dumps_drive(drive)
+    _write_differences(document, values, whole, ALL)
+    return _text_if_equal(tomlkit.dumps(document), drive) or dumps_drive(drive)
 
 
 def drive_text(text: str, drive: Drive) -> str:
@@ -63,51 +60,52 @@ def drive_text(text: str, drive: Drive) -> str:
     """
     edited = text
     for _ in range(PASSES if len(text) <= LONGEST else 0):
-        if found := _checked(edited, drive):
+        if found := _text_if_equal(edited, drive):
             return found
         try:
-            edited = with_changes(edited, loads_drive(edited), drive)
+            edited = text_with_changes(edited, loads_drive(edited), drive)
         except DriveError:
             break
-    return _checked(edited, drive) or dumps_drive(drive)
+    return _text_if_equal(edited, drive) or dumps_drive(drive)
 
 
-def with_changes(text: str, before: Drive, after: Drive, digits: int = DIGITS) -> str:
-    """A drive file's text with the values in which a drive differs from the file's own, all else as it is.
+def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGITS) -> str:
+    """A drive file's text with the values in which `after` differs from `before`, all else as it is.
 
     Args:
         text: TOML.
         before: the drive that the file gives.
-        after: the other one.
+        after: the changed drive.
         digits: significant digits of numbers that differ.
     """
     import tomlkit
 
     document = tomlkit.parse(text)
-    _merge(document, values_of(before), values_of(after), digits)
+    _write_differences(document, drive_values(before), drive_values(after), digits)
     return tomlkit.dumps(document)
 
 
-def _checked(text: str, drive: Drive) -> str | None:
-    """The text if it reads back as a drive within the digits that are written."""
+def _text_if_equal(text: str, drive: Drive) -> str | None:
+    """The text if it reads back as a drive within the digits that are written, otherwise None."""
     try:
-        return text if _near(values_of(loads_drive(text)), values_of(drive)) else None
+        return text if _is_near(drive_values(loads_drive(text)), drive_values(drive)) else None
     except DriveError:
         return None
 
 
-def _near(one: Any, other: Any) -> bool:
+def _is_near(one: Any, other: Any) -> bool:
+    """Whether two numbers agree within the digits that are written."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(_near(value, other[key]) for key, value in one.items())
+        return one.keys() == other.keys() and all(_is_near(value, other[key]) for key, value in one.items())
     if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(map(_near, one, other))
+        return len(one) == len(other) and all(map(_is_near, one, other))
     if isinstance(one, float) and isinstance(other, float):
         return math.isclose(one, other, rel_tol=10.0 ** (1 - DIGITS))
     return bool(one == other)
 
 
-def _merge(node: Any, before: Any, after: Any, digits: int) -> None:
-    """Sets in a table or list of tomlkit what differs between two states of its values.
+def _write_differences(node: Any, before: Any, after: Any, digits: int) -> None:
+    """Writes into a table or list of tomlkit what differs between two states of its values.
 
     Args:
         digits: of floats that differ.
@@ -125,22 +123,22 @@ def _merge(node: Any, before: Any, after: Any, digits: int) -> None:
         if new is None:
             if there is not None:
                 del node[key]
-        elif _alike(there, old, new):
-            _merge(there, old, new, digits)
+        elif _has_one_shape(there, old, new):
+            _write_differences(there, old, new, digits)
         else:
-            node[key] = tomlkit.value(_written(there, old, new, digits))
+            node[key] = tomlkit.value(_new_value_text(there, old, new, digits))
 
 
-def _alike(*values: Any) -> bool:
-    """Whether all are tables, or lists of one length."""
+def _has_one_shape(*values: Any) -> bool:
+    """Whether all values are tables, or lists of one length."""
     if all(isinstance(value, Mapping) for value in values):
         return True
     return all(isinstance(value, list | tuple) for value in values) and len(set(map(len, values))) == 1
 
 
-def _written(there: Any, old: Any, new: Any, digits: int) -> str:
+def _new_value_text(there: Any, old: Any, new: Any, digits: int) -> str:
     """A new value as TOML, a number in the unit that the text has for the old one."""
     quantity = QUANTITY.fullmatch(there) if isinstance(there, str) else None
     if quantity and old and isinstance(old, int | float) and isinstance(new, int | float):
-        return drive_toml.inline(f"{new * (float(quantity[1]) / old):.{min(digits, 15)}g} {quantity[2]}")
-    return drive_toml.inline(new, lambda value: repr(float(f"{value:.{digits}g}")))
+        return drive_toml.inline_value(f"{new * (float(quantity[1]) / old):.{min(digits, 15)}g} {quantity[2]}")
+    return drive_toml.inline_value(new, lambda value: repr(float(f"{value:.{digits}g}")))

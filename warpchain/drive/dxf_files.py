@@ -51,7 +51,7 @@ LENGTHS = {
     "US survey ft": 1200 / 3937, "US survey in": 100 / 3937, "US survey yd": 3600 / 3937,
     "US survey mile": 6336000 / 3937,
 }  # fmt: skip
-"""The same in meters: the international ones of 1959, and those of surveyors in the United States."""
+"""Meters of each unit of drawings: international of 1959, and of surveyors in the United States."""
 LARGEST = 1000.0
 """Largest curve [m]; a larger one is drawn in another unit than is said."""
 FARTHEST = 1e6
@@ -79,8 +79,8 @@ class Edge:
     straight: bool
 
     @property
-    def turned(self) -> Edge:
-        """The same from its end to its start."""
+    def reversed_edge(self) -> Edge:
+        """The edge from its end to its start."""
         return replace(self, points=self.points[::-1])
 
 
@@ -113,7 +113,7 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
                 f'the drive file, as {key} = "mm"'
             )
         unit = INSUNITS[number]
-    entities = list(_entities(document.modelspace(), None, 0, count()))
+    entities = list(_entities_in_space(document.modelspace(), None, 0, count()))
     if not entities:
         raise DriveError("has no entities in its model space")
     layers = sorted({on for on, _, _ in entities})
@@ -122,22 +122,22 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
     chosen = [(entity, name) for on, entity, name in entities if layer in (None, on)]
     for entity, name in chosen:
         _check_kind(entity, name)
-    pieces = sum(_pieces(entity) for entity, _ in chosen)
+    pieces = sum(_piece_count(entity) for entity, _ in chosen)
     if pieces > MOST_PIECES:
         raise DriveError(f"the contour has {pieces} lines, curves and points of splines; must be at most {MOST_PIECES}")
     edges: list[Edge] = []
     left = MOST_POINTS
     for entity, name in chosen:
-        found = _edges(entity, name, unit, left)
+        found = _edges_of_entity(entity, name, unit, left)
         edges += found
         left -= sum(len(edge.points) for edge in found)
     return edges
 
 
-def _entities(
+def _entities_in_space(
     space: Any, insert: tuple[str, str] | None, depth: int, passed: Iterator[int]
 ) -> Iterator[tuple[str, Any, str]]:
-    """Layer, entity and name of all that lies in a space, where references to blocks are what the blocks have.
+    """Layer, entity and name of each entity of a space, with those of referenced blocks in the references' place.
 
     What lies on layer 0 of a block is on the layer of the reference.
 
@@ -159,7 +159,7 @@ def _entities(
         on = insert[0] if insert and entity.dxf.layer == "0" else entity.dxf.layer
         name = f"{entity.dxftype()} of {insert[1]}" if insert else f"{entity.dxftype()} {entity.dxf.handle}"
         references = entity.mcount if entity.dxftype() == "INSERT" else 0  # also to an empty block
-        pieces = min((_pieces(entity) if insert else 0) + references, MOST_ENTITIES + 1)
+        pieces = min((_piece_count(entity) if insert else 0) + references, MOST_ENTITIES + 1)
         if pieces and next(islice(passed, pieces - 1, None)) >= MOST_ENTITIES:
             raise DriveError(f"{name}: is one of more than {MOST_ENTITIES} entities of blocks")
         if entity.dxftype() != "INSERT":
@@ -169,17 +169,17 @@ def _entities(
         if entity.block() is None or entity.block().block.is_xref:
             raise DriveError(f'{name}: its block "{entity.dxf.name}" is not in the file')
         for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
-            with _curves(name):
+            with _reported_curve_errors(name):
                 inner = list(islice(one.virtual_entities(skipped_entity_callback=refuse), MOST_ENTITIES + 1))
-            yield from _entities(inner, (on, name), depth + 1, passed)
+            yield from _entities_in_space(inner, (on, name), depth + 1, passed)
 
 
 @contextmanager
-def _curves(name: str) -> Iterator[None]:
-    """Reports numbers of an entity that ezdxf makes no curve of, in one line instead of its errors and warnings.
+def _reported_curve_errors(name: str) -> Iterator[None]:
+    """Context that turns errors and warnings of ezdxf on an entity into one line.
 
     Raises:
-        DriveError: in place of all errors of ezdxf and numpy, which are of many kinds.
+        DriveError: in place of all errors of ezdxf and numpy.
     """
     try:
         with np.errstate(all="ignore"):
@@ -190,8 +190,8 @@ def _curves(name: str) -> Iterator[None]:
         raise DriveError(f"{name}: its numbers make no curve; must be finite, and its points differ") from None
 
 
-def _pieces(entity: Any) -> int:
-    """Pieces of an entity, known before any is drawn."""
+def _piece_count(entity: Any) -> int:
+    """Number of pieces of an entity, known before any is drawn."""
     kind = entity.dxftype()
     if kind == "SPLINE":
         return max(1, len(entity.control_points) + len(entity.fit_points), len(entity.knots) - MOST_DEGREE - 1)
@@ -199,7 +199,7 @@ def _pieces(entity: Any) -> int:
 
 
 def _check_kind(entity: Any, name: str) -> None:
-    """Refuses an entity that is no edge, or a spline that is none."""
+    """Raises a DriveError for an entity that is no edge, or a spline that is none."""
     kind, allowed = entity.dxftype(), ", ".join(KINDS)
     if kind not in KINDS:
         raise DriveError(f"{name}: is no edge of a contour ({allowed}); put the contour on a layer, as FILE.dxf#LAYER")
@@ -212,20 +212,20 @@ def _check_kind(entity: Any, name: str) -> None:
             raise DriveError(f"{name}: must have knots that ascend, and weights above 0")
 
 
-def _edges(entity: Any, name: str, unit: str, most: int) -> list[Edge]:
+def _edges_of_entity(entity: Any, name: str, unit: str, most: int) -> list[Edge]:
     """The edges of an entity.
 
     Args:
         most: points that they may have.
     """
     scale = LENGTHS[unit]
-    with _curves(name):
+    with _reported_curve_errors(name):
         pieces = list(entity.virtual_entities()) if entity.dxftype() in ("LWPOLYLINE", "POLYLINE") else [entity]
     found: list[Edge] = []
     for piece in pieces:
         straight = piece.dxftype() == "LINE"
-        with _curves(name):
-            size = scale * _size(piece)
+        with _reported_curve_errors(name):
+            size = scale * _entity_size(piece)
             if not size <= LARGEST:
                 large = f"is {size:.3g} m large in the drawing's unit, {unit}"
                 large = large if math.isfinite(size) else "is without bounds, or has numbers that are not finite"
@@ -247,8 +247,8 @@ def _edges(entity: Any, name: str, unit: str, most: int) -> list[Edge]:
     return found
 
 
-def _size(piece: Any) -> float:
-    """About the size of an entity, in the drawing's unit."""
+def _entity_size(piece: Any) -> float:
+    """Approximate size of an entity, in the drawing's unit."""
     kind = piece.dxftype()
     if kind == "LINE":
         return float(piece.dxf.start.distance(piece.dxf.end))
@@ -260,8 +260,8 @@ def _size(piece: Any) -> float:
     return float(np.ptp(points, axis=0).max()) if len(points) else 0.0
 
 
-def joined(edges: list[Edge]) -> tuple[list[Edge], bool]:
-    """Edges end to end, and whether the line is closed.
+def joined_edges(edges: list[Edge]) -> tuple[list[Edge], bool]:
+    """Edges in the order of the contour, end to end, and whether it is closed.
 
     Raises:
         DriveError: edges that meet no other, or a third: the line names them, and how far they are apart.
@@ -283,12 +283,12 @@ def joined(edges: list[Edge]) -> tuple[list[Edge], bool]:
     other = np.where(near[:, 0] == own, near[:, 1], near[:, 0])
     loose = np.flatnonzero(meeting == 1)
     if len(loose) > 2:
-        _open(edges, loose, flat)
+        _raise_open_contour(edges, loose, flat)
     at = begin = int(loose[0]) if len(loose) else 0
     chain: dict[int, Edge] = {}
     while True:
         edge = edges[at // 2]
-        chain[at // 2] = edge if at % 2 == 0 else edge.turned
+        chain[at // 2] = edge if at % 2 == 0 else edge.reversed_edge
         at ^= 1
         if meeting[at] == 1 or other[at] == begin:
             break
@@ -299,8 +299,8 @@ def joined(edges: list[Edge]) -> tuple[list[Edge], bool]:
     return list(chain.values()), not len(loose)
 
 
-def _open(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
-    """Raises the error on the narrowest gap of an open contour, among the first ends that touch no other."""
+def _raise_open_contour(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
+    """Raises the error on the narrowest gap of an open contour."""
     loose = loose[:MOST_LOOSE]
     gaps = np.hypot(*np.moveaxis(ends[loose][:, None] - ends[loose][None], -1, 0))
     np.fill_diagonal(gaps, np.inf)
@@ -314,12 +314,12 @@ def _open(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
 
 
 def read_face(path: Path, layer: str | None, unit: str | None = None) -> list[list[float]]:
-    """The points of a guide's face [m], of a drawing in a unit, or in the one that it says.
+    """The points of a guide's face in a drawing [m].
 
     Raises:
         DriveError, WarpchainError: as `read_edges`; or a contour that is closed, or open between its entities.
     """
-    edges, closed = joined(read_edges(path, layer, unit))
+    edges, closed = joined_edges(read_edges(path, layer, unit))
     if closed:
         raise DriveError(f"{edges[0].name}: the contour is closed; must be the open line that the chain rides on")
     points: list[Array] = []
@@ -333,8 +333,8 @@ def read_face(path: Path, layer: str | None, unit: str | None = None) -> list[li
 
 
 @dataclass(frozen=True)
-class _Arc:
-    """A circle's arc or a line of a sprocket's outline; radius infinite, and turn 0, of a line."""
+class _OutlineArc:
+    """An arc or a line of a sprocket's outline; radius infinite, and turn 0, of a line."""
 
     edge: Edge
     center: Array
@@ -343,7 +343,7 @@ class _Arc:
 
     @property
     def tangents(self) -> Array:
-        """(2, 2) directions at which it begins and ends."""
+        """(2, 2) unit tangents at its begin and end."""
         if math.isinf(self.radius):
             along = self.edge.points[-1] - self.edge.points[0]
             return np.stack([along, along]) / np.hypot(*along)
@@ -351,8 +351,8 @@ class _Arc:
         return math.copysign(1.0, self.turn) * np.stack([-out[:, 1], out[:, 0]], axis=-1)
 
 
-def _arc(edge: Edge) -> _Arc:
-    """The circle that an edge follows, by least squares.
+def _fitted_arc(edge: Edge) -> _OutlineArc:
+    """The circle or line through an edge's points, by least squares.
 
     Raises:
         DriveError: it follows none, nor a line.
@@ -360,39 +360,37 @@ def _arc(edge: Edge) -> _Arc:
     points = edge.points
     nothing = np.zeros(2)
     if edge.straight or len(points) == 2:
-        return _Arc(edge, nothing, math.inf, 0.0)
+        return _OutlineArc(edge, nothing, math.inf, 0.0)
     middle = points.mean(axis=0)
     x = points - middle
     system = np.column_stack([2.0 * x, np.ones(len(x))])
     (a, b, c), _, rank, _ = np.linalg.lstsq(system, (x**2).sum(axis=1), rcond=None)
     radius = math.sqrt(max(c + a * a + b * b, 0.0)) if rank == 3 else math.inf
     if radius > STRAIGHT:
-        return _Arc(edge, nothing, math.inf, 0.0)
+        return _OutlineArc(edge, nothing, math.inf, 0.0)
     off = np.abs(np.hypot(x[:, 0] - a, x[:, 1] - b) - radius).max()
     if off > ALIKE:
         raise DriveError(f"{edge.name}: is {1e3 * off:.2g} mm off its best arc; teeth are of arcs and lines")
     angle = np.unwrap(np.arctan2(x[:, 1] - b, x[:, 0] - a))
-    return _Arc(edge, middle + np.array([a, b]), radius, float(angle[-1] - angle[0]))
+    return _OutlineArc(edge, middle + np.array([a, b]), radius, float(angle[-1] - angle[0]))
 
 
 def read_teeth(path: Path, layer: str | None, teeth: int, unit: str | None = None) -> dict[str, float | None]:
-    """Tooth gap of a sprocket's outline: seat_radius, seat_angle, flank_radius, tip_radius, and pitch.
-
-    The drawing is in a unit, or in the one that it says.
+    """Tooth gap of a sprocket's outline in a drawing: seat_radius, seat_angle, flank_radius, tip_radius, and pitch.
 
     Raises:
         DriveError, WarpchainError: as `read_edges`; or an outline that is open, whose number of seats is not `teeth`,
             whose teeth differ, or whose flanks are not tangent to the seats.
     """
-    edges, closed = joined(read_edges(path, layer, unit, "tooth_unit"))
+    edges, closed = joined_edges(read_edges(path, layer, unit, "tooth_unit"))
     if not closed:
         first, last = edges[0].name, edges[-1].name
         raise DriveError(f"the contour is open: nothing joins {last} and {first}; teeth are a closed outline")
     points = np.concatenate([edge.points[:-1] for edge in edges])
     area = float((points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)).sum())
     if area < 0.0:
-        edges = [edge.turned for edge in reversed(edges)]
-    arcs = _merged([_arc(edge) for edge in edges])
+        edges = [edge.reversed_edge for edge in reversed(edges)]
+    arcs = _merged_arcs([_fitted_arc(edge) for edge in edges])
     seats = [k for k, arc in enumerate(arcs) if arc.turn < 0.0]  # hollow, where the material is on the left
     if len(seats) != teeth:
         raise DriveError(f"has {len(seats)} hollow arcs; must have a seat for each of the {teeth} teeth")
@@ -422,25 +420,27 @@ def read_teeth(path: Path, layer: str | None, teeth: int, unit: str | None = Non
     }
 
 
-def _merged(arcs: list[_Arc]) -> list[_Arc]:
-    """Arcs of which neighbors on one circle are one: drawings cut seats in halves."""
-    found: list[_Arc] = []
+def _merged_arcs(arcs: list[_OutlineArc]) -> list[_OutlineArc]:
+    """Arcs with neighbors on one circle merged into one."""
+    found: list[_OutlineArc] = []
     for arc in arcs:
-        if found and _same(found[-1], arc):
-            found[-1] = _both(found[-1], arc)
+        if found and _is_same_circle(found[-1], arc):
+            found[-1] = _joined_arc(found[-1], arc)
         else:
             found.append(arc)
-    if len(found) > 1 and _same(found[-1], found[0]):
-        found[0] = _both(found.pop(), found[0])
+    if len(found) > 1 and _is_same_circle(found[-1], found[0]):
+        found[0] = _joined_arc(found.pop(), found[0])
     return found
 
 
-def _same(a: _Arc, b: _Arc) -> bool:
+def _is_same_circle(a: _OutlineArc, b: _OutlineArc) -> bool:
+    """Whether two arcs are of one circle."""
     if math.isinf(a.radius) or math.isinf(b.radius) or a.turn * b.turn <= 0.0:
         return False
     return abs(a.radius - b.radius) <= ALIKE and float(np.hypot(*(a.center - b.center))) <= ALIKE
 
 
-def _both(a: _Arc, b: _Arc) -> _Arc:
+def _joined_arc(a: _OutlineArc, b: _OutlineArc) -> _OutlineArc:
+    """One arc from the begin of `a` to the end of `b`."""
     edge = replace(a.edge, points=np.concatenate([a.edge.points, b.edge.points[1:]]))
     return replace(a, edge=edge, turn=a.turn + b.turn)

@@ -49,8 +49,8 @@ class ProfileError(ValueError):
         self.index = index
 
 
-def turn(angle: Any) -> Any:
-    """An angle [rad], or angles of a stack's variants, brought between -pi and pi."""
+def wrapped_angle(angle: Any) -> Any:
+    """The angle [rad], or angles of a stack's variants, between -pi and pi."""
     if not has_arrays(angle):
         return math.remainder(angle, 2.0 * math.pi)
     import numpy as np
@@ -58,7 +58,7 @@ def turn(angle: Any) -> Any:
     return angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
 
 
-def direction(heading: Any) -> tuple[Any, Any]:
+def unit_vector(heading: Any) -> tuple[Any, Any]:
     """The unit vector of a heading [rad], or of those of a stack's variants."""
     if type(heading) is float:
         return math.cos(heading), math.sin(heading)
@@ -73,8 +73,8 @@ def _sinc(angle: Any) -> Any:
     return where(angle == 0.0, 1.0, quick_sin(safe) / safe)
 
 
-class Rise(NamedTuple):
-    """Points over a piece, (a), (b).
+class PieceHeights(NamedTuple):
+    """Places and heights of points over a piece, (a), (b).
 
     Attributes:
         along, across: (K,) from its start, along its first tangent and towards the chain, u and w [m].
@@ -108,7 +108,7 @@ class Piece:
 
     @property
     def end(self) -> Point:
-        """Where it ends [m]."""
+        """The point at which it ends [m]."""
         return self.at(self.length)[0]
 
     @property
@@ -120,33 +120,33 @@ class Piece:
         """The point [m] and the heading of the tangent [rad] at the arc length s [m] from the start."""
         half = 0.5 * self.curvature * s
         chord = s * _sinc(half)
-        x, y = direction(self.heading + half)
+        x, y = unit_vector(self.heading + half)
         return (self.start[0] + chord * x, self.start[1] + chord * y), self.heading + 2.0 * half
 
-    def turned(self) -> Piece:
-        """The same piece run from its end to its start."""
+    def reversed_piece(self) -> Piece:
+        """The piece run from its end to its start."""
         return Piece(self.end, self.end_heading + math.pi, -self.curvature, self.length)
 
-    def seen(self, point: Sequence[float]) -> tuple[float, float]:
-        """A point [m] in the frame of the piece's start: along its tangent, and towards the chain [m]."""
-        (x, y), (tx, ty) = self.start, direction(self.heading)
+    def local_coordinates(self, point: Sequence[float]) -> tuple[float, float]:
+        """Coordinates of a point along the tangent at the piece's start, and towards the chain [m]."""
+        (x, y), (tx, ty) = self.start, unit_vector(self.heading)
         dx, dy = point[0] - x, point[1] - y
         return dx * tx + dy * ty, dy * tx - dx * ty
 
-    def rise(self, points: NDArray[np.float64]) -> Rise:
-        """Height of points (K, 2) over the piece, drawn out at both ends [m], (a), (b)."""
+    def heights(self, points: NDArray[np.float64]) -> PieceHeights:
+        """Places and heights of points (K, 2) over the piece, extended at both ends [m], (a), (b)."""
         import numpy as np
 
-        t, k = np.array(direction(self.heading)), self.curvature
+        t, k = np.array(unit_vector(self.heading)), self.curvature
         r = points - np.asarray(self.start)
         u, w = r @ t, r @ np.array([-t[1], t[0]])
         g = 2.0 * w - k * (u * u + w * w)
         root = np.sqrt(np.maximum(1.0 - k * g, 0.0))
-        return Rise(u, w, np.arctan2(k * u, 1.0 - k * w) / k if k else u, g / (1.0 + root), root)
+        return PieceHeights(u, w, np.arctan2(k * u, 1.0 - k * w) / k if k else u, g / (1.0 + root), root)
 
     def place_and_height(self, point: Sequence[float]) -> tuple[float, float]:
-        """Arc length from the start (b) and height over the piece, drawn out at both ends, (a) of a point [m]."""
-        (u, w), k = self.seen(point), self.curvature
+        """Arc length from the start (b), and height (a), of a point over the piece, extended at both ends [m]."""
+        (u, w), k = self.local_coordinates(point), self.curvature
         g = 2.0 * w - k * (u * u + w * w)
         height = g / (1.0 + math.sqrt(max(1.0 - k * g, 0.0)))
         return (math.atan2(k * u, 1.0 - k * w) / k if k else u), height
@@ -206,7 +206,9 @@ class Profile:
         """
         found: list[tuple[float, float]] = []
         last = self.pieces[-1]
-        ahead = [piece.seen(point)[0] for piece in (*self.pieces, Piece(last.end, last.end_heading, 0.0, 0.0))]
+        ahead = [
+            piece.local_coordinates(point)[0] for piece in (*self.pieces, Piece(last.end, last.end_heading, 0.0, 0.0))
+        ]
         for i, (begin, piece) in enumerate(zip(self.places, self.pieces, strict=True)):
             if ahead[i] >= 0.0 > ahead[i + 1]:
                 s, height = piece.place_and_height(point)
@@ -238,7 +240,7 @@ class Profile:
             count = max(1, math.ceil(piece.length / spacing - 1e-9))
             places = [piece.length * i / count for i in range(count + (piece is pieces[-1]))]
             for (x, y), heading in map(piece.at, places):
-                tx, ty = direction(heading)
+                tx, ty = unit_vector(heading)
                 points.append((x - offset * ty, y + offset * tx))
         return np.array(points)
 
@@ -256,21 +258,21 @@ def make_profile(face: Iterable[Piece], end_radius: float, side: str = "left") -
     """
     pieces = tuple(face)
     if side == "right":
-        pieces = tuple(piece.turned() for piece in reversed(pieces))
+        pieces = tuple(piece.reversed_piece() for piece in reversed(pieces))
     quarter, bend = 0.5 * math.pi * end_radius, -1.0 / end_radius
     first, last = pieces[0], pieces[-1]
-    before = Piece(first.start, first.heading + math.pi, -bend, quarter).turned()
+    before = Piece(first.start, first.heading + math.pi, -bend, quarter).reversed_piece()
     after = Piece(last.end, last.end_heading, bend, quarter)
     return Profile((before, *pieces, after), side == "right")
 
 
-def straight(start: Point, end: Point) -> tuple[Piece, ...]:
-    """The face of a bar from start to end [m]."""
+def straight_face(start: Point, end: Point) -> tuple[Piece, ...]:
+    """The face of a straight bar from start to end [m]."""
     x, y = end[0] - start[0], end[1] - start[1]
     return (Piece((start[0], start[1]), math.atan2(y, x), 0.0, math.hypot(x, y)),)
 
 
-def rounded(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
+def rounded_face(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
     """The face along a line through points [m], its corners rounded with arcs of a radius [m].
 
     An arc that turns by b begins and ends R tan(b/2) from its corner.
@@ -282,8 +284,8 @@ def rounded(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
     for i, (a, b) in enumerate(pairwise(points), 1):
         if math.dist(a, b) < SHORTEST:
             raise ProfileError(i, "must be another point than the one before")
-        sides += straight(a, b)
-    turns = [turn(b.heading - a.heading) for a, b in pairwise(sides)]
+        sides += straight_face(a, b)
+    turns = [wrapped_angle(b.heading - a.heading) for a, b in pairwise(sides)]
     cuts = [radius * math.tan(0.5 * min(abs(angle), math.pi - 1e-9)) for angle in turns]
     for i, side in enumerate(sides):
         used = [cuts[c] for c in (i - 1, i) if 0 <= c < len(cuts)]
@@ -303,10 +305,10 @@ def rounded(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
         if i < len(turns) and turns[i]:
             faces.append(Piece(place, side.heading, math.copysign(1.0 / radius, turns[i]), radius * abs(turns[i])))
             place = faces[-1].end
-    return _worthy(faces)
+    return _long_pieces(faces)
 
 
-def arcs(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piece, ...]:
+def arc_face(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piece, ...]:
     """The face along arcs, and along straight pieces between those whose ends are apart on their common tangent.
 
     Args:
@@ -324,8 +326,8 @@ def arcs(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piece, .
         if faces:
             last = faces[-1]
             gap = (start[0] - last.end[0], start[1] - last.end[1])
-            ahead, aside = Piece(last.end, last.end_heading, 0.0, 1.0).seen(start)
-            bend = turn(heading - last.end_heading)
+            ahead, aside = Piece(last.end, last.end_heading, 0.0, 1.0).local_coordinates(start)
+            bend = wrapped_angle(heading - last.end_heading)
             if abs(bend) > ALIGN:
                 text = f"turns by {math.degrees(bend):.3g} degrees against the end of the arc before"
                 raise ProfileError(i, f"{text}; both must head the same way, within {math.degrees(ALIGN):g} degrees")
@@ -336,8 +338,9 @@ def arcs(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piece, .
                 faces.append(Piece(last.end, last.end_heading, 0.0, ahead))
             start, heading = faces[-1].end, faces[-1].end_heading
         faces.append(Piece(start, heading, sense / radius, radius * abs(end - begin)))
-    return _worthy(faces)
+    return _long_pieces(faces)
 
 
-def _worthy(pieces: Iterable[Piece]) -> tuple[Piece, ...]:
+def _long_pieces(pieces: Iterable[Piece]) -> tuple[Piece, ...]:
+    """The pieces that are not shorter than rounding leaves them."""
     return tuple(piece for piece in pieces if piece.length > SHORTEST)

@@ -1,8 +1,4 @@
-"""Friction in joints, and where rollers touch teeth and guide-bars: coefficients as the kernels take them.
-
-A roller that rolls on a guide-bar turns on its bush, and passes on no more than that friction: at most mu_b r_b / R_r
-of the normal force, mu_b of the joint and R_r the roller's radius. The bush's radius r_b is taken as the pin's.
-"""
+"""Coefficients of friction of joints, and of rollers on teeth and guide-bars."""
 
 from __future__ import annotations
 
@@ -18,8 +14,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Rubbing:
-    """Coefficients of a contact: mu = dynamic + (static - dynamic) exp(-(v / stribeck_speed)^2).
+class FrictionCoefficients:
+    """Coefficients of friction of a contact: mu = dynamic + (static - dynamic) exp(-(v / stribeck_speed)^2).
 
     Attributes:
         dynamic, static: [-].
@@ -31,7 +27,7 @@ class Rubbing:
     stribeck_speed: float
 
     @property
-    def rubs(self) -> bool:
+    def has_friction(self) -> bool:
         """Whether there is friction."""
         return is_true_somewhere(self.most > 0.0)
 
@@ -41,29 +37,29 @@ class Rubbing:
         return maximum(self.dynamic, self.static)
 
 
-def rubbing_of(law: ImpactLaw | Joint, most: float = math.inf) -> Rubbing:
-    """Of a contact, or of joints; `most` bounds the coefficients."""
+def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> FrictionCoefficients:
+    """Coefficients of friction of a contact or of joints, at most `most`."""
     dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
     speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
     if most is not math.inf:
         dynamic, static = minimum(dynamic, most), minimum(static, most)
-    return Rubbing(dynamic, static, speed)
+    return FrictionCoefficients(dynamic, static, speed)
 
 
-def tooth_rubbing(drive: Drive) -> Rubbing:
-    """Of rollers and teeth."""
-    return rubbing_of(drive.contact.sprocket)
+def tooth_friction_coefficients(drive: Drive) -> FrictionCoefficients:
+    """Coefficients of friction of rollers on teeth."""
+    return friction_coefficients(drive.contact.sprocket)
 
 
-def guide_rubbing(drive: Drive, g: int) -> Rubbing:
-    """Of rollers, or the chain's plates, and guide-bar g."""
+def guide_friction_coefficients(drive: Drive, g: int) -> FrictionCoefficients:
+    """Coefficients of friction of rollers, or of the chain's plates, on guide-bar g."""
     law = drive.guide_contact(g)
-    return rubbing_of(law, _rolling(drive) if law.rolling else math.inf)
+    return friction_coefficients(law, _rolling_coefficient(drive) if law.rolling else math.inf)
 
 
-def _rolling(drive: Drive) -> float:
-    """The coefficient that a rolling roller transmits, mu_b r_b / R_r [-]; 0 where joints have no friction."""
+def _rolling_coefficient(drive: Drive) -> float:
+    """Coefficient that a rolling roller transmits, mu_b r_b / R_r [-]; 0 where joints have no friction."""
     joint, pin_radius = getattr(drive.chain, "joint", None), getattr(drive.chain, "pin_radius", None)
     if joint is None or pin_radius is None:
         return 0.0

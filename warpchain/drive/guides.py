@@ -13,9 +13,18 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, create_model
 
-from warpchain.drive.biarcs import fitted
+from warpchain.drive.biarcs import fitted_face
 from warpchain.drive.contact_settings import GuideOverrides
-from warpchain.drive.face_profile import Piece, Point, Profile, ProfileError, arcs, make_profile, rounded, straight
+from warpchain.drive.face_profile import (
+    Piece,
+    Point,
+    Profile,
+    ProfileError,
+    arc_face,
+    make_profile,
+    rounded_face,
+    straight_face,
+)
 from warpchain.drive.schema import (
     BARE,
     FARTHEST,
@@ -29,19 +38,19 @@ from warpchain.drive.schema import (
     Problem,
     Rule,
     Value,
-    allowed,
-    elements,
-    get,
-    numbers,
-    too_far,
-    valid,
+    allowed_text,
+    are_numbers,
+    node_list,
+    node_value,
+    place_rule,
+    valid_part,
 )
 
 Side = Annotated[Literal["left", "right"], Value('must be "left" or "right", seen from start to end')]
 
 
 def _plain_points(value: Any) -> Any:
-    """Lists of lists and (n, 2) arrays as tuples of tuples."""
+    """Points in lists or arrays (n, 2) as tuples of tuples."""
     rows = value.tolist() if getattr(value, "ndim", 0) == 2 else value
     return tuple(tuple(row) if isinstance(row, list) else row for row in rows) if isinstance(rows, list) else rows
 
@@ -77,9 +86,9 @@ SHAPES = ("points", "arcs", "profile")
 """Keys that give a face another shape than that of a bar from start to end."""
 
 
-def _round(node: Any, key: str) -> Iterator[Problem]:
-    """A radius is one that can be calculated with."""
-    value = get(node, key)
+def _radius_rules(node: Any, key: str) -> Iterator[Problem]:
+    """Problem of a radius that is 0, negative or far too large."""
+    value = node_value(node, key)
     if isinstance(value, (int, float)) and value > 0.0 and not SMALLEST <= value <= LARGEST:
         yield Problem((key,), value, f"must be from {SMALLEST:g} to {LARGEST:g} m")
 
@@ -98,15 +107,15 @@ class _Arc(Part):
 
     @property
     def angles(self) -> tuple[float, float]:
-        """At which the face enters and leaves the arc [rad]."""
-        return math.radians(get(self, "from")), math.radians(get(self, "to"))
+        """Angles at which the face enters and leaves the arc [rad]."""
+        return math.radians(node_value(self, "from")), math.radians(node_value(self, "to"))
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from too_far(("center",), get(node, "center"))
-        yield from _round(node, "radius")
-        begin, end = get(node, "from"), get(node, "to")
-        if numbers(begin, end) and not 0.0 < abs(end - begin) < 360.0:
+        yield from place_rule(("center",), node_value(node, "center"))
+        yield from _radius_rules(node, "radius")
+        begin, end = node_value(node, "from"), node_value(node, "to")
+        if are_numbers(begin, end) and not 0.0 < abs(end - begin) < 360.0:
             text = f"must be another angle than from, {begin:g}, less than 360 degrees away"
             yield Problem(("to",), end, text)
 
@@ -183,28 +192,30 @@ class Guide(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        ends = [key for key in ("start", "end") if get(node, key) is not None]
-        shapes = [key for key in SHAPES if get(node, key) not in (None, (), [])]
+        ends = [key for key in ("start", "end") if node_value(node, key) is not None]
+        shapes = [key for key in SHAPES if node_value(node, key) not in (None, (), [])]
         for key in shapes[1:] if not ends else shapes:
             text = f"not together with {ends[0] if ends else shapes[0]}; give one of start and end, {', '.join(SHAPES)}"
-            yield Problem((key,), get(node, key), text)
+            yield Problem((key,), node_value(node, key), text)
         if not shapes:
             other = "" if ends else ", or give points, arcs or profile instead"
             for key in ("start", "end"):
-                if get(node, key) is None:
-                    yield Problem((key,), None, f"missing; {allowed(cls, key)}{other}", BARE)
-            if get(node, "end_radius") is None:
-                yield Problem(("end_radius",), None, f"missing; {allowed(cls, 'end_radius')}", BARE)
-        radius = get(node, "radius")
+                if node_value(node, key) is None:
+                    yield Problem((key,), None, f"missing; {allowed_text(cls, key)}{other}", BARE)
+            if node_value(node, "end_radius") is None:
+                yield Problem(("end_radius",), None, f"missing; {allowed_text(cls, 'end_radius')}", BARE)
+        radius = node_value(node, "radius")
         if radius is not None and "points" not in shapes:
             yield Problem(("radius",), radius, "only together with points, whose corners it rounds")
-        if radius is None and len(elements(node, "points")) > 2:
-            yield Problem(("radius",), None, f"missing; {allowed(cls, 'radius')}; needed to round the points", BARE)
-        bolts = elements(node, "bolts")
-        if len(bolts) and get(node, "arm") is not None:
+        if radius is None and len(node_list(node, "points")) > 2:
+            yield Problem(
+                ("radius",), None, f"missing; {allowed_text(cls, 'radius')}; needed to round the points", BARE
+            )
+        bolts = node_list(node, "bolts")
+        if len(bolts) and node_value(node, "arm") is not None:
             yield Problem(("bolts",), None, "only on the ground: what an arm carries, its pivot bears", BARE)
         for i, point in enumerate(bolts):
-            yield from too_far(("bolts", i), point)
+            yield from place_rule(("bolts", i), point)
         yield from _face_rules(node)
 
     @classmethod
@@ -213,69 +224,70 @@ class Guide(Part):
 
 
 def _face_rules(node: Any) -> Iterable[Problem]:
-    """Rules on a guide's numbers, however the face is given."""
-    if list(elements(node, "start")) == list(elements(node, "end")) != []:
-        yield Problem(("end",), get(node, "end"), "must be another point than start")
-    far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
-           for problem in too_far((key, i), point)]  # fmt: skip
+    """Problems of a guide's numbers, however the face is given."""
+    if list(node_list(node, "start")) == list(node_list(node, "end")) != []:
+        yield Problem(("end",), node_value(node, "end"), "must be another point than start")
+    far = [problem for key in ("points", "profile") for i, point in enumerate(node_list(node, key))
+           for problem in place_rule((key, i), point)]  # fmt: skip
     yield from far
-    many = [(key, count) for key in SHAPES if (count := len(elements(node, key))) > MOST_POINTS]
+    many = [(key, count) for key in SHAPES if (count := len(node_list(node, key))) > MOST_POINTS]
     for key, count in many:
         yield Problem((key,), None, f"has {count} elements; must have at most {MOST_POINTS}", BARE)
-    yield from _round(node, "end_radius")
-    yield from _round(node, "radius")
-    shapes = [key for key in SHAPES if elements(node, key)]
-    if len(shapes) == 1 and not (far or many) and get(node, "start") is None and get(node, "end") is None:
-        yield from _shape_rule(node, shapes[0])
+    yield from _radius_rules(node, "end_radius")
+    yield from _radius_rules(node, "radius")
+    shapes = [key for key in SHAPES if node_list(node, key)]
+    if len(shapes) == 1 and not (far or many) and node_value(node, "start") is None and node_value(node, "end") is None:
+        yield from _face_shape_rules(node, shapes[0])
 
 
-def _shape_rule(node: Any, shape: str) -> Iterable[Problem]:
-    """Rules on the geometry of the face, where its values are whole."""
-    key, values = _shape_of(node)
+def _face_shape_rules(node: Any, shape: str) -> Iterable[Problem]:
+    """Problems of the face's geometry, where its values are whole."""
+    key, values = _face_shape(node)
     if key is None:
         return
     try:
-        _face(key, values)
+        _face_of_values(key, values)
     except ProfileError as error:
-        value = elements(node, shape)[error.index]
+        value = node_list(node, shape)[error.index]
         bare = shape == "arcs"
         yield Problem((shape, error.index), None if bare else list(value), str(error), BARE if bare else WRONG)
 
 
-def _shape_of(node: Any) -> tuple[str | None, tuple[Any, ...]]:
-    """The way a guide's face is given and its values; a None where they are not whole."""
-    if any(len(elements(node, key)) > MOST_POINTS for key in SHAPES):
+def _face_shape(node: Any) -> tuple[str | None, tuple[Any, ...]]:
+    """The key by which a guide's face is given, and its values; None where they are not whole."""
+    if any(len(node_list(node, key)) > MOST_POINTS for key in SHAPES):
         return None, ()
     for key in ("points", "profile"):
-        if get(node, key) is not None:
-            rows = _plain_points(get(node, key))
+        if node_value(node, key) is not None:
+            rows = _plain_points(node_value(node, key))
             whole = isinstance(node, Part) or (
                 isinstance(rows, tuple)
                 and len(rows) > 1
-                and all(isinstance(row, tuple) and len(row) == 2 and numbers(*row) for row in rows)
+                and all(isinstance(row, tuple) and len(row) == 2 and are_numbers(*row) for row in rows)
                 and not any(abs(x) > FARTHEST for row in rows for x in row)
             )
             if key == "profile":
                 return (key, (rows,)) if whole else (None, ())
-            radius = get(node, "radius")
+            radius = node_value(node, "radius")
             radius = 1.0 if radius is None and whole and len(rows) == 2 else radius  # it has no corners
-            return (key, (rows, radius)) if whole and numbers(radius) and radius > 0.0 else (None, ())
-    circles = [valid(Arc, arc) for arc in elements(node, "arcs")]
+            return (key, (rows, radius)) if whole and are_numbers(radius) and radius > 0.0 else (None, ())
+    circles = [valid_part(Arc, arc) for arc in node_list(node, "arcs")]
     if circles:
         whole = all(circle is not None for circle in circles)
         return ("arcs", tuple((c.center, c.radius, *c.angles) for c in circles if c)) if whole else (None, ())
-    start, end = (tuple(elements(node, key)) for key in ("start", "end"))
-    whole = len(start) == len(end) == 2 and numbers(*start, *end)
+    start, end = (tuple(node_list(node, key)) for key in ("start", "end"))
+    whole = len(start) == len(end) == 2 and are_numbers(*start, *end)
     return ("bar", (start, end)) if whole and start != end else (None, ())
 
 
 @lru_cache(maxsize=1024)
-def _face(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
+def _face_of_values(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
+    """The pieces of a face that is given by a key and values."""
     if key == "points":
-        return rounded(*values)
+        return rounded_face(*values)
     if key == "profile":
-        return fitted(*values)
-    return arcs(values) if key == "arcs" else straight(*values)
+        return fitted_face(*values)
+    return arc_face(values) if key == "arcs" else straight_face(*values)
 
 
 def guide_profile(node: Any, pitch: float) -> Profile | None:
@@ -285,19 +297,20 @@ def guide_profile(node: Any, pitch: float) -> Profile | None:
         node: the guide.
         pitch: of the chain, the radius of ends that have none of their own [m].
     """
-    key, values = _shape_of(node)
+    key, values = _face_shape(node)
     if key is None:
         return None
-    end_radius = get(node, "end_radius")
+    end_radius = node_value(node, "end_radius")
     end_radius = pitch if end_radius is None else end_radius
-    if not numbers(end_radius, pitch) or end_radius <= 0.0:
+    if not are_numbers(end_radius, pitch) or end_radius <= 0.0:
         return None
     try:
-        return _profile(key, values, end_radius, "right" if get(node, "side") == "right" else "left")
+        return _profile_of_values(key, values, end_radius, "right" if node_value(node, "side") == "right" else "left")
     except ProfileError:
         return None
 
 
 @lru_cache(maxsize=1024)
-def _profile(key: str, values: tuple[Any, ...], end_radius: float, side: str) -> Profile:
-    return make_profile(_face(key, values), end_radius, side)
+def _profile_of_values(key: str, values: tuple[Any, ...], end_radius: float, side: str) -> Profile:
+    """The profile of a face that is given by a key and values."""
+    return make_profile(_face_of_values(key, values), end_radius, side)

@@ -13,8 +13,8 @@ from typing import Any
 
 from warpchain.drive.defaults import FREE_KEYS
 from warpchain.drive.motion_table import Table
-from warpchain.drive.quantities import descriptions, unit_of
-from warpchain.drive.schema import Part, allowed
+from warpchain.drive.quantities import attribute_descriptions, unit_of_key
+from warpchain.drive.schema import Part, allowed_text
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 QUANTITY = {"type": "string", "pattern": r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?\s*[A-Za-z°µμ%]"}
@@ -28,12 +28,12 @@ UNIT = {"type": "string", "description": "unit of the DXF file, such as mm, in p
 
 
 def file_schema(top: type[Part], title: str) -> dict[str, Any]:
-    """The schema of a file whose whole is the part `top`."""
+    """The JSON schema of a TOML file whose tables are those of the part `top`."""
     whole = top.model_json_schema()
     tables = {top.__name__: whole, **whole.get("$defs", {})}
-    kinds = {kind.__name__: kind for kind in _parts(Part)}
+    kinds = {kind.__name__: kind for kind in _derived_parts(Part)}
     for name, table in tables.items():
-        _as_written(kinds[name], table)
+        _rewrite_for_file(kinds[name], table)
     return {"$schema": DIALECT, **whole, "title": title}
 
 
@@ -49,18 +49,18 @@ def schema_text(schema: dict[str, Any]) -> str:
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 
 
-def _parts(kind: type[Part]) -> list[type[Part]]:
+def _derived_parts(kind: type[Part]) -> list[type[Part]]:
     """The parts that derive from one."""
-    return [inner for own in kind.__subclasses__() for inner in (own, *_parts(own))]
+    return [inner for own in kind.__subclasses__() for inner in (own, *_derived_parts(own))]
 
 
-def _as_written(kind: type[Part], table: dict[str, Any]) -> None:
+def _rewrite_for_file(kind: type[Part], table: dict[str, Any]) -> None:
     """Turns the schema of a part into that of a table of a file."""
     table["description"] = " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
-    said = descriptions(kind)
+    said = attribute_descriptions(kind)
     for key, value in table.get("properties", {}).items():
-        shape = _of_files(value, bool(unit_of(kind, key)) or key in kind._quantities)
-        words = [said.get(key, "").rstrip("."), allowed(kind, key)]
+        shape = _file_value_schema(value, bool(unit_of_key(kind, key)) or key in kind._quantities)
+        words = [said.get(key, "").rstrip("."), allowed_text(kind, key)]
         table["properties"][key] = shape | {"description": "; ".join(filter(None, words))}
     free: Any = getattr(kind, "_filled", ())
     if issubclass(kind, Table):  # a file that it names has the columns
@@ -72,13 +72,13 @@ def _as_written(kind: type[Part], table: dict[str, Any]) -> None:
     table["required"] = [key for key in table.get("required", ()) if key not in free]
 
 
-def _of_files(shape: Any, measured: bool) -> Any:
-    """A value's schema without nulls and titles; numbers that are measured may also be quantities."""
+def _file_value_schema(shape: Any, measured: bool) -> Any:
+    """A value's schema without nulls and titles; numbers with units may also be quantities."""
     if isinstance(shape, list):
-        return [_of_files(inner, measured) for inner in shape if inner != {"type": "null"}]
+        return [_file_value_schema(inner, measured) for inner in shape if inner != {"type": "null"}]
     if not isinstance(shape, dict):
         return shape
-    bare = {key: _of_files(inner, measured) for key, inner in shape.items() if key != "title"}
+    bare = {key: _file_value_schema(inner, measured) for key, inner in shape.items() if key != "title"}
     if bare.get("default", 0) in (None, []):
         del bare["default"]
     if len(bare.get("anyOf", ())) == 1:

@@ -1,18 +1,4 @@
-r"""The table of contact laws: what a restitution means to each, and the rebound that each gives.
-
-A mass m hits a contact of stiffness K with the speed v0 and leaves it with r v0; nothing else acts. The hysteretic
-laws, F = K pen^n (1 + d v / v0), differ in what d they make of e (Lankarani and Nikravesh 1990; Flores et al. 2011;
-Hunt and Crossley 1975 as used with a memory of v0), and all rebound, whatever K, n, m and v0, with the r of
-
-    d - ln(1 + d) = -d r - ln(1 - d r).                                                                    (a)
-
-Kelvin-Voigt, F = K pen + c v with c = 2 zeta sqrt(K m), takes zeta = -ln e / sqrt(pi^2 + ln^2 e): half a period of the
-damped oscillation would return e. But contacts do not pull: the mass leaves as soon as the force is zero, with
-
-    r = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)),                                                      (b)
-
-beyond zeta = 1 with arccosh and sqrt(zeta^2 - 1) (Schwager and Poeschel 2007).
-"""
+"""Contact laws by name: the factor of a law for a restitution, and the rebound that results."""
 
 from __future__ import annotations
 
@@ -106,12 +92,12 @@ def law_factor(name: str, restitution: float, means: Means = "parameter") -> flo
         means: "parameter" puts it into the law's own formula; "rebound" finds the factor with which a free mass
             rebounds by just that.
     """
-    found: float = elementwise(lambda e: _factor(name, e, means))(restitution)
+    found: float = elementwise(lambda e: _cached_law_factor(name, e, means))(restitution)
     return found
 
 
 @lru_cache(maxsize=4096)
-def _factor(name: str, restitution: float, means: Means) -> float:
+def _cached_law_factor(name: str, restitution: float, means: Means) -> float:
     law = LAWS[name]
     if means == "parameter" or restitution == 1.0:
         return law.factor(restitution)

@@ -1,9 +1,4 @@
-"""Tables of speeds and torques over time or angle, of displacements over time: in the drive itself, or in a CSV file
-that its file names.
-
-A drive holds the numbers, so that it stays whole wherever it goes: `load_drive` reads the CSV file that stands beside
-the drive file (`warpchain.drive.csv_files`), and what is written (saved drives, archives) has the table in it.
-"""
+"""Tables of speeds, torques, pressures and displacements over time or angle, and their CSV files."""
 
 from __future__ import annotations
 
@@ -16,7 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from warpchain.drive.schema import BARE, Column, Finite, Name, Part, Problem, Value, elements, get, numbers
+from warpchain.drive.schema import BARE, Column, Finite, Name, Part, Problem, Value, are_numbers, node_list, node_value
 from warpchain.drive.stack_math import array_of_columns
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError
@@ -54,7 +49,7 @@ QUANTITIES = ("speed", "torque", "pressure", "lift")
 """What a second column may hold."""
 
 PLACE_HEADS = {"time": ("time", 1.0), "x": ("x", 1.0), "x_mm": ("x", 1e-3), "y": ("y", 1.0), "y_mm": ("y", 1e-3)}
-"""The same of displacements over time, time first."""
+"""Heads of a CSV file of displacements over time, time first."""
 
 
 SAMPLES = 720
@@ -63,19 +58,19 @@ NOTABLE = 0.05
 """Of the largest part of a spectrum: what counts as a ripple."""
 
 
-def slowest_part(spectrum: NDArray[np.complexfloating]) -> int:
-    """Periods of the slowest part of a period's spectrum (from 0 periods on) that is `NOTABLE` of the largest."""
+def slowest_ripple(spectrum: NDArray[np.complexfloating]) -> int:
+    """Periods of the slowest part of a spectrum (from 0 periods on) that is at least `NOTABLE` of the largest."""
     size = abs(spectrum[1:])
     return 1 + int((size >= NOTABLE * size.max()).argmax())
 
 
 @lru_cache(maxsize=64)
-def _slowest_of(angle: tuple[float, ...], column: tuple[float, ...], revolutions: int) -> int:
-    """`slowest_part` of a column over angles that span so many revolutions."""
+def _slowest_ripple_of_column(angle: tuple[float, ...], column: tuple[float, ...], revolutions: int) -> int:
+    """`slowest_ripple` of a column over angles that span so many revolutions."""
     import numpy as np  # here, since drives are read without it
 
     over = np.linspace(angle[0], angle[-1], SAMPLES * revolutions, endpoint=False)
-    return slowest_part(np.fft.rfft(np.interp(over, angle, column)))
+    return slowest_ripple(np.fft.rfft(np.interp(over, angle, column)))
 
 
 class Table(Part):
@@ -116,45 +111,46 @@ class Table(Part):
 
     @property
     def slowest_order(self) -> float | None:
-        """Periods per revolution of its slowest ripple (`slowest_part`); None over time, or where it is constant."""
+        """Periods per revolution of its slowest ripple (`slowest_ripple`); None over time, or where it is constant."""
         column = getattr(self, self._quantity)
         if self.angle is None or min(column) == max(column):
             return None
-        return _slowest_of(self.angle, column, self.revolutions) / self.revolutions
+        return _slowest_ripple_of_column(self.angle, column, self.revolutions) / self.revolutions
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        given = [key for key in cls._axes if get(node, key) is not None]
-        if get(node, "file") is not None:
+        given = [key for key in cls._axes if node_value(node, key) is not None]
+        if node_value(node, "file") is not None:
             text = "only drive files name a file; give the columns themselves, such as time and " + cls._quantity
-            yield Problem(("file",), get(node, "file"), text)
+            yield Problem(("file",), node_value(node, "file"), text)
             return
         if not given:
             others = " or ".join((*cls._axes[1:], "file"))
             yield Problem(("time",), None, f"missing; must be a list of numbers, or give {others} instead", BARE)
         for key in given[1:]:
-            yield Problem((key,), get(node, key), f"not together with {given[0]}; give one of the two")
-        if get(node, "shaft") is not None and "angle" not in given:
-            yield Problem(("shaft",), get(node, "shaft"), "only together with angle")
-        values = elements(node, cls._quantity)
+            yield Problem((key,), node_value(node, key), f"not together with {given[0]}; give one of the two")
+        if node_value(node, "shaft") is not None and "angle" not in given:
+            yield Problem(("shaft",), node_value(node, "shaft"), "only together with angle")
+        values = node_list(node, cls._quantity)
         for key in given:
-            over = elements(node, key)
+            over = node_list(node, key)
             if len(over) > MOST_ROWS:
                 yield Problem((key,), None, f"has {len(over)} elements; must have at most {MOST_ROWS}", BARE)
                 return
-            if not (numbers(*over) and numbers(*values)) or len(over) < 2:
+            if not (are_numbers(*over) and are_numbers(*values)) or len(over) < 2:
                 return
             if len(values) != len(over):
                 yield Problem((cls._quantity,), list(values), f"must have as many elements as {key}, {len(over)}")
-            falling = list(ascending(key, over))
+            falling = list(ascending_rules(key, over))
             if falling:
                 yield from falling
                 return
             if key == "angle" and len(values) == len(over):
-                yield from _closing(over, values, cls._quantity)
+                yield from _closing_rules(over, values, cls._quantity)
 
 
-def _closing(over: Any, values: Any, quantity: str) -> Iterator[Problem]:
+def _closing_rules(over: Any, values: Any, quantity: str) -> Iterator[Problem]:
+    """Problems of a table over angle that does not end as it begins."""
     turns = (over[-1] - over[0]) / (2.0 * math.pi)
     last = len(over) - 1
     if round(turns) < 1 or abs(turns - round(turns)) > TURN_TOLERANCE:
@@ -211,24 +207,26 @@ class PlaceTable(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        if get(node, "file") is not None:
-            yield Problem(("file",), get(node, "file"), "only drive files name a file; give the columns themselves")
+        if node_value(node, "file") is not None:
+            yield Problem(
+                ("file",), node_value(node, "file"), "only drive files name a file; give the columns themselves"
+            )
             return
-        time = elements(node, "time")
-        if get(node, "x") is None and get(node, "y") is None:
+        time = node_list(node, "time")
+        if node_value(node, "x") is None and node_value(node, "y") is None:
             yield Problem(("x",), None, "missing; must be a list of numbers, or give y instead", BARE)
-        if numbers(*time):
+        if are_numbers(*time):
             if len(time) > MOST_ROWS:
                 yield Problem(("time",), None, f"has {len(time)} elements; must have at most {MOST_ROWS}", BARE)
                 return
             if time and time[0] < 0.0:
                 yield Problem(("time", 0), time[0], "must be at least 0, when the run begins")
-            yield from ascending("time", time)
+            yield from ascending_rules("time", time)
         for axis in ("x", "y"):
-            column = elements(node, axis)
-            if get(node, axis) is not None and time and len(column) != len(time):
+            column = node_list(node, axis)
+            if node_value(node, axis) is not None and time and len(column) != len(time):
                 yield Problem((axis,), list(column), f"must have as many elements as time, {len(time)}")
-            if numbers(*column) and column and column[0] != 0.0:
+            if are_numbers(*column) and column and column[0] != 0.0:
                 yield Problem((axis, 0), column[0], "must be 0: it begins where it is drawn")
 
 
@@ -254,8 +252,8 @@ class PlaceColumn:
         return CubicSpline(self.over, self.values, bc_type=(start, (1, 0.0)))
 
 
-def ascending(key: str, over: Any) -> Iterator[Problem]:
-    """The first of some numbers that is not above the one before."""
+def ascending_rules(key: str, over: Any) -> Iterator[Problem]:
+    """Problem of the first number that is not above the one before."""
     for i in range(1, len(over)):
         if over[i] <= over[i - 1]:
             yield Problem((key, i), over[i], f"must be above the element before, {over[i - 1]:g}")
@@ -277,15 +275,15 @@ class SpeedTable(Table):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from super()._rules(node)
-        over_angle, speeds = get(node, "angle") is not None, elements(node, "speed")
+        over_angle, speeds = node_value(node, "angle") is not None, node_list(node, "speed")
         for i, value in enumerate(speeds if over_angle else ()):
-            if numbers(value) and value <= 0.0:
+            if are_numbers(value) and value <= 0.0:
                 yield Problem(("speed", i), value, "must be above 0 over angle")
-        if not over_angle and speeds and numbers(*speeds) and min(speeds) < 0.0 >= max(speeds):
+        if not over_angle and speeds and are_numbers(*speeds) and min(speeds) < 0.0 >= max(speeds):
             text = "must have a positive element; forward is the sense of wrap, and negative speeds are backward"
             yield Problem(("speed",), list(speeds), text)
-        factor = get(node, "factor")
-        if numbers(factor) and factor <= 0.0:
+        factor = node_value(node, "factor")
+        if are_numbers(factor) and factor <= 0.0:
             yield Problem(("factor",), factor, "must be a positive number")
 
 
@@ -332,23 +330,23 @@ class ClutchTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        if get(node, "angle") is not None:
+        if node_value(node, "angle") is not None:
             yield Problem(("angle",), None, "not of a clutch; must be over time or speed", BARE)
         else:
             yield from (problem for problem in super()._rules(node) if problem.path != ("shaft",))
-        if get(node, "shaft") is not None:
+        if node_value(node, "shaft") is not None:
             yield Problem(
-                ("shaft",), get(node, "shaft"), "not of a clutch, whose speed is that of a shaft it is between"
+                ("shaft",), node_value(node, "shaft"), "not of a clutch, whose speed is that of a shaft it is between"
             )
-        speed, values, factor = elements(node, "speed"), elements(node, "torque"), get(node, "factor")
-        if speed and numbers(speed[0]) and speed[0] < 0.0:
+        speed, values, factor = node_list(node, "speed"), node_list(node, "torque"), node_value(node, "factor")
+        if speed and are_numbers(speed[0]) and speed[0] < 0.0:
             yield Problem(("speed", 0), speed[0], "must be at least 0: it is a magnitude")
         for i, value in enumerate(values):
-            if numbers(value) and value < 0.0:
+            if are_numbers(value) and value < 0.0:
                 yield Problem(("torque", i), value, "must be at least 0")
-        if numbers(factor) and factor <= 0.0:
+        if are_numbers(factor) and factor <= 0.0:
             yield Problem(("factor",), factor, "must be a positive number")
-        if values and numbers(*values) and not any(values):
+        if values and are_numbers(*values) and not any(values):
             yield Problem(("torque",), list(values), "must have one above 0; without any the clutch bears nothing")
 
 
@@ -369,12 +367,12 @@ class SupplyTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        if get(node, "angle") is not None:
+        if node_value(node, "angle") is not None:
             yield Problem(("angle",), None, "no pressure is over angle; give time or speed instead", BARE)
         else:
             yield from (problem for problem in super()._rules(node) if problem.path != ("shaft",))
-        if get(node, "shaft") is not None and get(node, "speed") is None:
-            yield Problem(("shaft",), get(node, "shaft"), "only together with speed")
+        if node_value(node, "shaft") is not None and node_value(node, "speed") is None:
+            yield Problem(("shaft",), node_value(node, "shaft"), "only together with speed")
 
 
 TABLES = (Table, PlaceTable)
@@ -428,7 +426,7 @@ def csv_rows(path: Path) -> list[tuple[int, list[str]]]:
     """
     lines = read_text_file(path, "CSV", DriveError).splitlines()
     rows = [
-        (number, _cells(line, number))
+        (number, _csv_cells(line, number))
         for number, line in enumerate(lines, 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
@@ -437,7 +435,8 @@ def csv_rows(path: Path) -> list[tuple[int, list[str]]]:
     return rows
 
 
-def _cells(line: str, row: int) -> list[str]:
+def _csv_cells(line: str, row: int) -> list[str]:
+    """The cells of a line of a CSV file."""
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as error:  # a cell of more than 131,072 characters, say

@@ -1,9 +1,4 @@
-"""Mounts and balance wheels of sprockets: where centers begin, their masses.
-
-A prescribed center begins where its motion puts it at t = 0, one on an arm where the arm stands (`ChainPath.center`).
-One on springs begins at its stated center, at rest, where its springs are relaxed; the preload acts from the first step
-on.
-"""
+"""Mounts and balance wheels of sprockets: initial place and velocity, masses, springs, own frequencies."""
 
 from __future__ import annotations
 
@@ -21,12 +16,13 @@ if TYPE_CHECKING:
     from warpchain.drive.sprocket import Sprocket
 
 
-def unit(direction: tuple[float, float]) -> NDArray[np.float64]:
+def unit_direction(direction: tuple[float, float]) -> NDArray[np.float64]:
     """The unit vector along a direction (2,)."""
-    return array_of_columns(_unit(direction))
+    return array_of_columns(_unit_components(direction))
 
 
-def _unit(direction: tuple[float, float]) -> tuple[Any, Any]:
+def _unit_components(direction: tuple[float, float]) -> tuple[Any, Any]:
+    """The two components of the unit vector along a direction."""
     x, y = direction
     size = hypot(x, y)
     return x / size, y / size
@@ -37,12 +33,12 @@ def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
     (x, y), mount = sprocket.center, sprocket.mount
     if not isinstance(mount, PrescribedMount) or mount.direction is None:
         return x, y
-    (ux, uy), way = _unit(mount.direction), mount.offset + mount.amplitude * sin(mount.phase)
+    (ux, uy), way = _unit_components(mount.direction), mount.offset + mount.amplitude * sin(mount.phase)
     return x + ux * way, y + uy * way
 
 
 def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity of the center at t = 0 (2,) [m/s]; on an arm that of its pivot, which `pivot` leads."""
+    """Velocity of the center at t = 0 (2,) [m/s]; on an arm that of its pivot, which follows the table `pivot`."""
     mount = sprocket.mount
     if isinstance(mount, ArmMount):
         return start_velocity(pivot)
@@ -50,17 +46,17 @@ def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np
         return np.zeros(2)
     if mount.direction is None:
         return start_velocity(mount.table)
-    (ux, uy), rate = _unit(mount.direction), 2.0 * math.pi * mount.frequency
+    (ux, uy), rate = _unit_components(mount.direction), 2.0 * math.pi * mount.frequency
     speed = mount.amplitude * rate * cos(mount.phase)
     return array_of_columns((ux * speed, uy * speed))
 
 
 def start_velocity(table: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity at t = 0 (2,) [m/s] of what a table leads, or nothing."""
+    """Velocity at t = 0 (2,) [m/s] of a place that follows a table; 0 without one."""
     return np.zeros(2) if table is None else np.array(table.start_velocity)
 
 
-def farthest(sprocket: Sprocket) -> float:
+def largest_displacement(sprocket: Sprocket) -> float:
     """Distance from its stated center that a prescribed motion can take the sprocket [m]; 0 for other mounts."""
     mount = sprocket.mount
     if not isinstance(mount, PrescribedMount):
@@ -68,19 +64,19 @@ def farthest(sprocket: Sprocket) -> float:
     return abs(mount.offset) + abs(mount.amplitude) + (mount.table.farthest if mount.table is not None else 0.0)
 
 
-def moves(sprocket: Sprocket) -> bool:
-    """True if the center can move on a mount of its own; on an arm it goes where that goes."""
+def has_moving_center(sprocket: Sprocket) -> bool:
+    """Whether the center can move on a mount of its own."""
     return not isinstance(sprocket.mount, FixedMount | ArmMount)
 
 
-def on_springs(sprocket: Sprocket) -> bool:
-    """True for an elastic mount or a slider, whose center the forces on it move."""
+def is_on_springs(sprocket: Sprocket) -> bool:
+    """Whether the mount is elastic or a slider, so that forces move the center."""
     return isinstance(sprocket.mount, ElasticMount | SliderMount)
 
 
-def active(sprocket: Sprocket) -> bool:
-    """True if the center can move or a balance wheel turns with the sprocket."""
-    return moves(sprocket) or is_true_somewhere(wheel_mass(sprocket) > 0.0)
+def has_active_mount(sprocket: Sprocket) -> bool:
+    """Whether the center can move or a balance wheel turns with the sprocket."""
+    return has_moving_center(sprocket) or is_true_somewhere(wheel_mass(sprocket) > 0.0)
 
 
 def wheel_mass(sprocket: Sprocket) -> float:
@@ -89,17 +85,17 @@ def wheel_mass(sprocket: Sprocket) -> float:
 
 
 def wheel_inertia(sprocket: Sprocket) -> float:
-    """m_b r_b^2, which is not part of the sprocket's inertia [kg m^2]."""
+    """Inertia of the balance wheel about the sprocket's center, m_b r_b^2 [kg m^2], not part of the sprocket's."""
     wheel = sprocket.balance_wheel
     return wheel_mass(sprocket) * power(wheel.radius, 2) if wheel is not None else 0.0
 
 
 def moving_mass(sprocket: Sprocket) -> float:
-    """Mass of sprocket and balance wheel [kg]; that of a sprocket that needs none counts as 0 unless given."""
+    """Mass of sprocket and balance wheel [kg]; a sprocket's that is not given counts as 0."""
     return (0.0 if sprocket.mass is None else sprocket.mass) + wheel_mass(sprocket)
 
 
-def spring(sprocket: Sprocket) -> tuple[float, float]:
+def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
     """The stiffer axis' spring [N/m] and the heavier axis' damper [N s/m] of a mount; 0 where it has none."""
     mount = sprocket.mount
     if isinstance(mount, ElasticMount):
@@ -107,7 +103,7 @@ def spring(sprocket: Sprocket) -> tuple[float, float]:
     return (mount.stiffness, mount.damping) if isinstance(mount, SliderMount) else (0.0, 0.0)
 
 
-def own_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
+def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
     """Natural frequencies of the mount alone, without the chain [Hz]: along x and y, or along the slider."""
     mount = sprocket.mount
     stiffness: tuple[float, ...] = mount.stiffness if isinstance(mount, ElasticMount) else ()

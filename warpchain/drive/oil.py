@@ -1,10 +1,4 @@
-r"""The oil of a hydraulic tensioner: pressure at rest, stiffness; plain Python.
-
-Flows through gap and valve are taken at a step's end, so that of the oil only its stiffness E A^2/V limits the step.
-
-The pressure at rest is the one at which the check valve brings in what goes out through gap, relief valve and vent,
-Q_cv(P) = G (P - P_0) + Q_relief(P) + Q_vent(P), the laws being those of `kernels/physics/tensioner.py`.
-"""
+"""Oil in a hydraulic tensioner at rest: pressure, flows, stiffness and force."""
 
 from __future__ import annotations
 
@@ -35,12 +29,12 @@ def oil_stiffness(tensioner: Tensioner) -> float:
 
 
 def valve_flow(tensioner: Tensioner, pressure: float) -> float:
-    """Q_cv [m^3/s] that the check valve lets into a chamber of an absolute pressure [Pa]; see the kernels' law."""
+    """Flow through the check valve into a chamber of an absolute pressure [Pa], Q_cv [m^3/s]; see the kernels' law."""
     oil, valve = tensioner.oil, tensioner.valve
     assert oil is not None and valve is not None
     drop = oil.supply - pressure
     area = _lifted_area(valve, drop * valve.hole_area - valve.preload)
-    return _jet(area, drop, oil)
+    return _jet_flow(area, drop, oil)
 
 
 def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
@@ -50,9 +44,9 @@ def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
     drop = pressure - oil.ambient
     relieved = vented = 0.0
     if relief is not None:
-        relieved = _jet(_lifted_area(relief, drop * relief.hole_area - relief.preload(oil.ambient)), drop, oil)
+        relieved = _jet_flow(_lifted_area(relief, drop * relief.hole_area - relief.preload(oil.ambient)), drop, oil)
     if vent is not None:
-        vented = _jet(vent.flow_area, drop, oil)
+        vented = _jet_flow(vent.flow_area, drop, oil)
     return relieved, vented
 
 
@@ -65,15 +59,15 @@ def _lifted_area(valve: Valve | Relief, push: float) -> float:
     return curtain * valve.hole_area / math.hypot(curtain, valve.hole_area)
 
 
-def _jet(area: float, drop: float, oil: Oil) -> float:
-    """Flow of a jet of an area over a drop of pressure [m^3/s]; none the other way."""
+def _jet_flow(area: float, drop: float, oil: Oil) -> float:
+    """Flow of a jet of an area over a pressure drop [m^3/s]; 0 against it."""
     limit = max(drop, LAMINAR_DROP)
     return area * math.sqrt(2.0 * limit / oil.density) * drop / limit if drop > 0.0 else 0.0
 
 
 def static_pressure(tensioner: Tensioner) -> Any:
-    """Absolute pressure [Pa] at rest, as much coming in as going out, to round-off; the ambient one where the check
-    valve stays closed, and in a chamber that is drained.
+    """Absolute pressure [Pa] at rest, with as much coming in as going out; the ambient one where the check valve stays
+    closed, and in a chamber that is drained.
     """
     from warpchain.drive.stacks import pick_variants, stack_arrays
 
@@ -82,18 +76,18 @@ def static_pressure(tensioner: Tensioner) -> Any:
     own = tensioner.model_copy(update={"spring": None, "at": (0.0, 0.0), "direction": (1.0, 0.0), "oil": oil})
     column = next(stack_arrays(own), None)
     if column is None:
-        return _at_rest(own)
+        return _single_static_pressure(own)
     import numpy as np
 
-    return np.array([_at_rest(pick_variants(own, v)) for v in range(len(column))])
+    return np.array([_single_static_pressure(pick_variants(own, v)) for v in range(len(column))])
 
 
 @lru_cache(maxsize=1024)
-def _at_rest(tensioner: Tensioner) -> float:
+def _single_static_pressure(tensioner: Tensioner) -> float:
     """`static_pressure` of one tensioner."""
     oil = tensioner.oil
     assert oil is not None
-    if tensioner.drained:
+    if tensioner.is_drained:
         return oil.ambient
     low, high = oil.ambient, oil.supply
     while low < (middle := 0.5 * (low + high)) < high:
@@ -105,15 +99,15 @@ def _at_rest(tensioner: Tensioner) -> float:
     return low
 
 
-def filled(tensioner: Tensioner) -> Tensioner:
-    """A tensioner whose chamber is full of oil."""
+def filled_tensioner(tensioner: Tensioner) -> Tensioner:
+    """The tensioner with its chamber full of oil."""
     if tensioner.chamber is None:
         return tensioner
     return tensioner.model_copy(update={"chamber": tensioner.chamber.model_copy(update={"drained": 0.0})})
 
 
 def filling_time(tensioner: Tensioner) -> float:
-    """Time [s] in which oil fills a drained chamber, its plunger as drawn; of a tabulated supply at its most."""
+    """Time [s] in which oil fills a drained chamber, with a tabulated supply at its largest pressure."""
     oil, chamber = tensioner.oil, tensioner.chamber
     assert oil is not None and chamber is not None
     most = oil.supply if oil.supply_table is None else max(oil.supply_table.values)

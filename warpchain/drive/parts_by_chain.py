@@ -8,7 +8,7 @@ from typing import Any
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.chain import Chain, NamedChain
-from warpchain.drive.schema import elements, get, valid
+from warpchain.drive.schema import node_list, node_value, valid_part
 from warpchain.drive.sprocket import ArmMount
 
 CHAIN_PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
@@ -35,17 +35,17 @@ class ChainDrive:
 
 def chain_of_part(drive: Any, part: Any) -> Chain | None:
     """The chain of a sprocket, guide or probe of a drive or of a mapping; None where it is not sound."""
-    chains = elements(drive, "chains")
+    chains = node_list(drive, "chains")
     if not chains:
-        return valid(Chain, get(drive, "chain"))
-    own = next((chain for chain in chains if get(chain, "name") == get(part, "chain")), None)
-    return None if own is None else valid(NamedChain, own)
+        return valid_part(Chain, node_value(drive, "chain"))
+    own = next((chain for chain in chains if node_value(chain, "name") == node_value(part, "chain")), None)
+    return None if own is None else valid_part(NamedChain, own)
 
 
 def shaft_of_sprocket(sprocket: Any) -> str:
     """Name of the shaft that a sprocket turns with; of its own, a text that no name is."""
-    shaft = get(sprocket, "shaft")
-    return shaft if shaft is not None else f"{get(sprocket, 'name')}="
+    shaft = node_value(sprocket, "shaft")
+    return shaft if shaft is not None else f"{node_value(sprocket, 'name')}="
 
 
 def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
@@ -71,7 +71,7 @@ def chain_of_arm(drive: Any, arm: Arm) -> str | None:
 
 
 def motion_by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], float]) -> Any:
-    """A motion, load or motor whose harmonics and tables count the angle of shafts of its own chain, or its own.
+    """A motion, load or motor with harmonics and tables over the angle of shafts of its own chain, or of its own.
 
     Args:
         names: of the shafts of its own chain.

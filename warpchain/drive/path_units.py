@@ -1,4 +1,4 @@
-"""The unit of the value at a key path, by the docstrings of the parts along it; no drive is needed."""
+"""Units of values at key paths of drives, from the docstrings of parts."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any, get_args, get_origin
 
-from warpchain.drive.quantities import unit_of
+from warpchain.drive.quantities import unit_of_key
 from warpchain.drive.schema import Part
 
 
 @cache
 def path_unit(kind: type[Part], path: str) -> str:
-    """The unit of what lies at a path of a part, such as "sprockets.camshaft.load.torque" of a drive; "" for none.
+    """The unit of the value at a path of a part, such as "sprockets.camshaft.load.torque" of a drive; "" for none.
 
     Where parts of several kinds may lie on the way, it is the unit that all of them have.
     """
@@ -29,16 +29,16 @@ def path_unit(kind: type[Part], path: str) -> str:
             continue  # an element of a list of numbers
         owners, key = {owner for owner, _ in found}, next(iter(found))[1]
         shapes = [owner.model_fields[name].annotation for owner, name in found]
-        kinds = {part for shape in shapes for part, _ in _parts(shape)}
-        is_listed = any(listed for shape in shapes for _, listed in _parts(shape))
-    units = {unit_of(owner, key) for owner in owners}
+        kinds = {part for shape in shapes for part, _ in _field_parts(shape)}
+        is_listed = any(listed for shape in shapes for _, listed in _field_parts(shape))
+    units = {unit_of_key(owner, key) for owner in owners}
     return units.pop() if len(units) == 1 and not kinds else ""
 
 
-def _parts(shape: Any, listed: bool = False) -> Iterator[tuple[type[Part], bool]]:
-    """The kinds of parts that a field may hold, and whether it holds a list of them."""
+def _field_parts(shape: Any, listed: bool = False) -> Iterator[tuple[type[Part], bool]]:
+    """The parts that a field may hold, and whether it holds a list of them."""
     if isinstance(shape, type) and issubclass(shape, Part):
         yield shape, listed
         return
     for inner in get_args(shape):
-        yield from _parts(inner, listed or get_origin(shape) is tuple)
+        yield from _field_parts(inner, listed or get_origin(shape) is tuple)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar, get_args
 
-from warpchain.drive.schema import Part, get, is_name, nearest
+from warpchain.drive.schema import Part, is_name, nearest_key_text, node_value
 from warpchain.drive.toml import word_text
 from warpchain.errors import DriveError, drive_error
 
@@ -19,11 +19,11 @@ PartType = TypeVar("PartType", bound=Part)
 
 
 class _UnknownPath(Exception):
-    """Signals a key path that leads nowhere; args: how many of its keys are known, the keys that could follow."""
+    """Raised for a key path that leads nowhere; args: how many of its keys are known, the keys that could follow."""
 
 
 @cache
-def _inside(cls: type[Part]) -> Mapping[str, type[Part]]:
+def _part_fields(cls: type[Part]) -> Mapping[str, type[Part]]:
     """The fields of a part that hold parts, or lists of parts, and of which class; a union gives its first class."""
 
     def search(source: Any) -> Iterator[type[Part]]:
@@ -38,46 +38,46 @@ def _inside(cls: type[Part]) -> Mapping[str, type[Part]]:
 
 def _class_of(cls: type[Part], key: str, value: Any) -> type[Part] | None:
     """The class of the part under a key, or of a list's element: its own if there is one, else the declared."""
-    return type(value) if isinstance(value, Part) else _inside(cls).get(key)
+    return type(value) if isinstance(value, Part) else _part_fields(cls).get(key)
 
 
-def index_of(elements: Sequence[Any], key: str, depth: int) -> int:
-    """Which element of a list a word of a path, the one at `depth`, means.
+def element_index(elements: Sequence[Any], key: str, depth: int) -> int:
+    """Index of the list element that `key`, at place `depth` of a path, names.
 
     Raises:
         _UnknownPath: if there is none.
     """
     for i, element in enumerate(elements):
-        if get(element, "name") == key:
+        if node_value(element, "name") == key:
             return i
     if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(elements):
         return int(key)
-    raise _UnknownPath(depth, _words(elements))
+    raise _UnknownPath(depth, _element_names(elements))
 
 
-def _words(elements: Sequence[Any]) -> list[str]:
+def _element_names(elements: Sequence[Any]) -> list[str]:
     """The names of a list's elements in a path."""
-    names = [get(element, "name") for element in elements]
+    names = [node_value(element, "name") for element in elements]
     return [name if is_name(name) else str(i) for i, name in enumerate(names)]
 
 
 # ----------------------------------------------------------------------------------------------------------- read
 
 
-def lookup(part: Part, path: str) -> Any:
-    """The value at a key path; None if it is optional and not given.
+def value_at_path(part: Part, path: str) -> Any:
+    """The value at a key path of a part; None if it is optional and not given.
 
     Raises:
         DriveError: for an unknown path.
     """
     try:
-        return _follow(part, type(part), path.split("."), 0)
+        return _value_below(part, type(part), path.split("."), 0)
     except _UnknownPath as unknown:
         raise drive_error([_unknown_line(part, path, *unknown.args)]) from None
 
 
-def _follow(value: Any, cls: type[Part] | None, keys: Sequence[str], depth: int) -> Any:
-    """The value that the keys from `depth` on lead to, from a part (or the class of an absent one) or from a list.
+def _value_below(value: Any, cls: type[Part] | None, keys: Sequence[str], depth: int) -> Any:
+    """The value at the keys from `depth` on, below a part (or the class of an absent one) or a list.
 
     Raises:
         _UnknownPath: if they lead nowhere.
@@ -86,47 +86,50 @@ def _follow(value: Any, cls: type[Part] | None, keys: Sequence[str], depth: int)
         return value
     key = keys[depth]
     if isinstance(value, tuple):
-        element = value[index_of(value, key, depth)]
-        return _follow(element, type(element) if isinstance(element, Part) else None, keys, depth + 1)
+        element = value[element_index(value, key, depth)]
+        return _value_below(element, type(element) if isinstance(element, Part) else None, keys, depth + 1)
     key = key if cls is None else cls._renamed.get(key, key)
     if cls is None or key not in cls.model_fields:
         raise _UnknownPath(depth, list(cls.model_fields) if cls else [])
-    inner = get(value, key)
-    return _follow(inner, None if inner is None and _is_list(cls, key) else _class_of(cls, key, inner), keys, depth + 1)
+    inner = node_value(value, key)
+    return _value_below(
+        inner, None if inner is None and _is_list_field(cls, key) else _class_of(cls, key, inner), keys, depth + 1
+    )
 
 
 # ----------------------------------------------------------------------------------------------------------- list
 
 
-def settable(part: Part) -> Iterator[str]:
-    """Every key path that can be set, in the order of the file."""
-    yield from _paths(type(part), part, "")
+def settable_paths(part: Part) -> Iterator[str]:
+    """Every key path of a part that can be set, in the order of the file."""
+    yield from _settable_below(type(part), part, "")
 
 
-def _paths(cls: type[Part], part: Part | None, above: str) -> Iterator[str]:
+def _settable_below(cls: type[Part], part: Part | None, above: str) -> Iterator[str]:
+    """Every key path below a class, or a part of it, that can be set."""
     for key in cls.model_fields:
-        path, value = above + key, get(part, key)
+        path, value = above + key, node_value(part, key)
         yield path
         if isinstance(value, tuple):
-            for word, element in zip(_words(value), value, strict=True):
+            for word, element in zip(_element_names(value), value, strict=True):
                 yield f"{path}.{word}"
                 if isinstance(element, Part):
-                    yield from _paths(type(element), element, f"{path}.{word}.")
-        elif not _is_list(cls, key) and (inner := _class_of(cls, key, value)) is not None:
-            yield from _paths(inner, value, path + ".")
+                    yield from _settable_below(type(element), element, f"{path}.{word}.")
+        elif not _is_list_field(cls, key) and (inner := _class_of(cls, key, value)) is not None:
+            yield from _settable_below(inner, value, path + ".")
 
 
 @cache
-def _is_list(cls: type[Part], key: str) -> bool:
-    """True for a field that is a list, such as harmonics."""
+def _is_list_field(cls: type[Part], key: str) -> bool:
+    """Whether a field is a list, such as harmonics."""
     return isinstance(cls.model_fields[key].default, tuple)
 
 
 # --------------------------------------------------------------------------------------------------------- change
 
 
-class _Table(dict[str, Any]):
-    """A part taken apart to be changed, its class, and which of its keys were set."""
+class _EditableTable(dict[str, Any]):
+    """A part's values in a mapping to be changed, its class, and which of its keys were set."""
 
     def __init__(self, cls: type[Part], values: Mapping[str, Any]) -> None:
         super().__init__(values)
@@ -134,9 +137,9 @@ class _Table(dict[str, Any]):
         self.assigned: set[str] = set()
 
     def put(self, key: str, value: Any) -> None:
-        """Sets a key, or takes it away if the value is None.
+        """Sets a key, or removes it if the value is None.
 
-        What stands for the same thing gives way, unless it was set in the same call; to an empty list nothing does.
+        Keys that stand for the same thing are removed, unless set in the same call or the value is an empty list.
         """
         if value is None:
             self.pop(key, None)
@@ -150,94 +153,94 @@ class _Table(dict[str, Any]):
                 self.pop(other, None)
 
 
-class _List(list[Any]):
-    """A list taken apart to be changed, and the class of its elements."""
+class _EditableList(list[Any]):
+    """A list's elements to be changed, and their class."""
 
     def __init__(self, cls: type[Part] | None, values: Iterable[Any]) -> None:
         super().__init__(values)
         self.cls = cls
 
 
-def changed(part: PartType, values: Mapping[str, Any]) -> PartType:
-    """A changed copy, checked as a whole; what does not change is shared.
+def changed_part(part: PartType, values: Mapping[str, Any]) -> PartType:
+    """A changed copy of a part, checked as a whole.
 
     Raises:
         DriveError: for unknown paths and for values that are not allowed; one line each.
     """
-    tree = _Table(type(part), part.__dict__)
+    tree = _EditableTable(type(part), part.__dict__)
     unknown = {}
     for path, value in values.items():
         try:
-            _assign(tree, path.split("."), 0, native(value))
+            _set_at_path(tree, path.split("."), 0, python_number(value))
         except _UnknownPath as error:
             unknown[path] = _unknown_line(part, path, *error.args)
     if unknown:  # the errors of the known paths, too
         lines = list(unknown.values())
         try:
-            changed(part, {path: value for path, value in values.items() if path not in unknown})
+            changed_part(part, {path: value for path, value in values.items() if path not in unknown})
         except DriveError as error:
             lines.extend(error.errors)
         raise drive_error(lines)
     return type(part)(**tree)
 
 
-def native(value: Any) -> Any:
-    """A numpy scalar as Python's own number, so that a study may hand over what it draws."""
+def python_number(value: Any) -> Any:
+    """A numpy scalar as Python's own number; other values as they are."""
     return value.item() if type(value).__module__ == "numpy" and getattr(value, "ndim", 1) == 0 else value
 
 
-def _assign(node: Any, keys: Sequence[str], depth: int, value: Any) -> None:
-    """Sets the value to which the keys from `depth` on lead, taking the parts on their way apart.
+def _set_at_path(node: Any, keys: Sequence[str], depth: int, value: Any) -> None:
+    """Sets the value at the keys from `depth` on, making parts on their way editable.
 
     Raises:
         _UnknownPath: if they lead nowhere.
     """
     key, last = keys[depth], depth == len(keys) - 1
-    if isinstance(node, _List):
-        place = index_of(node, key, depth)
+    if isinstance(node, _EditableList):
+        place = element_index(node, key, depth)
         if not last:
-            node[place] = _opened(node[place], node.cls)
+            node[place] = _editable(node[place], node.cls)
         else:
             node[place] = value
             return
-        _assign(node[place], keys, depth + 1, value)
+        _set_at_path(node[place], keys, depth + 1, value)
         return
-    if isinstance(node, _Table):
+    if isinstance(node, _EditableTable):
         key = node.cls._renamed.get(key, key)
-    if not isinstance(node, _Table) or key not in node.cls.model_fields:
-        raise _UnknownPath(depth, list(node.cls.model_fields) if isinstance(node, _Table) else [])
+    if not isinstance(node, _EditableTable) or key not in node.cls.model_fields:
+        raise _UnknownPath(depth, list(node.cls.model_fields) if isinstance(node, _EditableTable) else [])
     if last:
         node.put(key, value)
         return
     child = node.get(key)
     inner = _class_of(node.cls, key, child)
     if child is None and value is None:  # nothing to take away; but there must be a place for it
-        _follow(None, inner, keys, depth + 1)
+        _value_below(None, inner, keys, depth + 1)
         return
-    opened = _opened(child, inner)
+    opened = _editable(child, inner)
     if child is None:
         node.put(key, opened)  # a new table replaces what stands for the same thing
     else:
         node[key] = opened
-    _assign(opened, keys, depth + 1, value)
+    _set_at_path(opened, keys, depth + 1, value)
 
 
-def _opened(node: Any, cls: type[Part] | None) -> Any:
-    """A part or list as one that can be changed; an absent optional table as an empty one."""
-    if isinstance(node, (_Table, _List)):
+def _editable(node: Any, cls: type[Part] | None) -> Any:
+    """A part or list in editable form; an absent optional table as an empty one."""
+    if isinstance(node, (_EditableTable, _EditableList)):
         return node
     if isinstance(node, Part):
-        return _Table(type(node), node.__dict__)
+        return _EditableTable(type(node), node.__dict__)
     if isinstance(node, (tuple, list)):
-        return _List(cls, node)
+        return _EditableList(cls, node)
     if cls is not None and (node is None or isinstance(node, Mapping)):
-        return _Table(cls, node or {})
+        return _EditableTable(cls, node or {})
     return node
 
 
 def _unknown_line(part: Part, path: str, depth: int, allowed: Iterable[str]) -> str:
-    """The error line of an unknown path: the nearest that there is, else what could stand where it goes wrong."""
-    close = difflib.get_close_matches(path, list(settable(part)), n=1, cutoff=0.8)
+    """The error line of an unknown path: the nearest known key, otherwise the allowed ones."""
+    close = difflib.get_close_matches(path, list(settable_paths(part)), n=1, cutoff=0.8)
     if close:
         return f"{word_text(path)}: unknown path; did you mean {close[0]}?"
     shown, keys = word_text(path), path.split(".")
@@ -245,7 +248,7 @@ def _unknown_line(part: Part, path: str, depth: int, allowed: Iterable[str]) -> 
     above = ".".join(keys[:depth])
     if not words:
         return f"{shown}: unknown path; {above} has no keys"
-    hint = nearest(keys[depth], words)
+    hint = nearest_key_text(keys[depth], words)
     if hint.startswith("did"):
         near = ".".join([*keys[:depth], hint.removeprefix("did you mean ").rstrip("?")])
         return f"{shown}: unknown path; did you mean {near}?"

@@ -1,19 +1,4 @@
-"""The power that standards rate a chain for, by size, teeth and speed, and what belongs to that rating.
-
-Series A of ISO 606, which is that of ASME B29.1, by the equations of the American Chain Association: with N teeth of
-the smaller sprocket at n rpm and the pitch P in inches, in horsepower,
-
-    link plates             H_1 = K_s N^1.08 n^0.9 P^(3 - 0.07 P)                                        (a)
-    rollers and bushings    H_2 = 1000 K_r N^1.5 P^0.8 / n^1.5                                           (b)
-
-of which the smaller counts. K_s = 0.004, of No. 41 0.0022; K_r = 17, of No. 25 and 35 (04C, 06C) 29, of No. 41 (085)
-3.4. Two strands carry 1.7, three 2.5 times that of one (Tsubaki, The Complete Guide to Chain, Table 4.1). Chains of the
-heavy series have the power of those that they are like.
-
-ISO 10823 has charts for series B, and no equations. They are rated by (a) and (b), with (a) times the breaking load of
-a strand over that of a chain of series A of the same pitch, 12,500 lbf P^2: an ESTIMATE. Its factor of teeth is
-(19/N)^1.08, as in (a).
-"""
+"""Power for which standards rate a chain, by size, teeth and speed, with lubrication and elongation limits."""
 
 from __future__ import annotations
 

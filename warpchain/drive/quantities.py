@@ -1,4 +1,4 @@
-"""Quantities with units in drive files, "540 rpm" or "12.7 mm", and the units that keys have by their docstrings."""
+"""Quantities with units in drive files, such as "540 rpm" or "12.7 mm", and the units of keys."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ LONGEST = 100
 FACTOR = re.compile(r"([ */·]*)([^\s*/·^\d]+)\^?(-?\d{0,2})")
 
 
-def quantity(text: str) -> re.Match[str] | None:
-    """A number and a unit, as `QUANTITY` matches them; None for another text, or one longer than `LONGEST`."""
+def match_quantity(text: str) -> re.Match[str] | None:
+    """The match of a number and a unit by `QUANTITY`; None for another text, or one longer than `LONGEST`."""
     return QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
 
 
 @cache
-def unit(text: str) -> Unit | None:
+def unit_of_text(text: str) -> Unit | None:
     """The unit that a text such as "N s/m" or "kg m^2" means, each slash dividing by what follows; None for none."""
     if len(text) > LONGEST:
         return None
@@ -72,8 +72,8 @@ def unit(text: str) -> Unit | None:
 
 
 @cache
-def descriptions(kind: type) -> dict[str, str]:
-    """Descriptions of attributes in the docstrings of a class, its bases and the part that it is like, by name."""
+def attribute_descriptions(kind: type) -> dict[str, str]:
+    """Descriptions of attributes in the docstrings of a class, its bases and the part it overrides, by name."""
     found: dict[str, str] = {}
     like = getattr(kind, "_like", None) or object
     for base in (*reversed(like.__mro__), *reversed(kind.__mro__)):
@@ -85,31 +85,28 @@ def descriptions(kind: type) -> dict[str, str]:
 
 
 @cache
-def unit_of(kind: type, key: str) -> str:
-    """The unit of a part's key, as its docstring has it in brackets; "" for none."""
-    named = re.search(r"\[([^\]]+)\]", descriptions(kind).get(key, ""))
-    return named[1] if named and unit(named[1]) else ""
+def unit_of_key(kind: type, key: str) -> str:
+    """The unit of a part's key, in brackets in its docstring; "" for none."""
+    named = re.search(r"\[([^\]]+)\]", attribute_descriptions(kind).get(key, ""))
+    return named[1] if named and unit_of_text(named[1]) else ""
 
 
-def fitting(wanted: str) -> Iterator[str]:
-    """Signs of the unit that is wanted, and of those that measure the same."""
-    powers = (unit(wanted) or ONE).powers
+def equivalent_units(wanted: str) -> Iterator[str]:
+    """Signs of units that measure the same as `wanted`, that one first."""
+    powers = (unit_of_text(wanted) or ONE).powers
     yield from dict.fromkeys(
         [wanted, *(name for name, one in UNITS.items() if one.powers == powers and name.isascii())]
     )
 
 
-def converted(text: str, wanted: str) -> float | None:
-    """The number that a quantity is in another unit, rounded once but for pi; None for one of another kind.
-
-    One beyond all numbers is infinite.
+def converted_number(text: str, wanted: str) -> float | None:
+    """The number of a quantity in the unit `wanted`, infinite beyond all floats; None for a unit of another kind.
 
     Args:
-        text: such as "540 rpm", which `quantity` matches.
-        wanted: the unit.
+        text: such as "540 rpm", which `match_quantity` matches.
     """
-    match, to = quantity(text), unit(wanted)
-    given = unit(match[2]) if match else None
+    match, to = match_quantity(text), unit_of_text(wanted)
+    given = unit_of_text(match[2]) if match else None
     if match is None or to is None or given is None or given.powers != to.powers:
         return None
     exact = Fraction(match[1]) * given.factor / to.factor

@@ -1,9 +1,4 @@
-"""Replicates: copies of a drive that differ in how they begin, as runs of a chaotic motion differ.
-
-By phase, a copy begins with the drive turned on by part of a tooth of the driver. As another build, its rollers also
-lie elsewhere in their tooth gaps before the chain settles. By perturbation, every roller is displaced by some 1e-9
-pitches, which chaos makes large in time.
-"""
+"""Replicates: copies of a drive that differ in their initial state, to estimate the scatter of chaotic motion."""
 
 from __future__ import annotations
 
@@ -63,8 +58,6 @@ def copy_phase(copy: int) -> float:
 
 def numbered_copies(drives: Sequence[Drive], numbers: Sequence[int], by: str = REPLICATE_WAYS[0]) -> list[Drive]:
     """One copy of each drive, by its number; number 0 is the drive itself.
-
-    Copies of drives that share their run settings share theirs.
 
     Args:
         by: "build", "phase" or "perturbation".

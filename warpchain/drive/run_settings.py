@@ -7,17 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from warpchain.drive.schema import (
-    Name,
-    Pair,
-    Part,
-    Positive,
-    Problem,
-    Switch,
-    Value,
-    get,
-    numbers,
-)
+from warpchain.drive.schema import Name, Pair, Part, Positive, Problem, Switch, Value, are_numbers, node_value
 
 Integrator = Annotated[Literal["leapfrog", "rk4"], Value('must be "leapfrog" or "rk4"')]
 Phase = Annotated[float, Field(strict=True, ge=-0.5, le=0.5), Value("must be a number from -0.5 to 0.5 (teeth)")]
@@ -62,8 +52,8 @@ class RunSettings(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        step, duration = get(node, "step"), get(node, "duration")
-        if numbers(step, duration) and step > duration > 0:
+        step, duration = node_value(node, "step"), node_value(node, "duration")
+        if are_numbers(step, duration) and step > duration > 0:
             yield Problem(("step",), step, f"must be at most the duration, {duration:g}")
 
 

@@ -1,9 +1,4 @@
-"""The base of every part of a drive: frozen values, checked one by one, and all errors reported at once.
-
-A part is a table of the drive file. Each of its values has a kind below, which carries the sentence that the user reads
-when the value is not allowed. Rules that tie several values of a part together go into the part's `_rules`; they run
-even where single values are wrong, so that one reading of a file finds every error.
-"""
+"""`Part`, the base of every part of a drive or study file: frozen values, checked singly and together."""
 
 from __future__ import annotations
 
@@ -28,7 +23,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from warpchain.drive.quantities import LONGEST, converted, fitting, quantity, unit_of
+from warpchain.drive.quantities import LONGEST, converted_number, equivalent_units, match_quantity, unit_of_key
 from warpchain.drive.toml import value_text, word_text
 from warpchain.errors import drive_error
 
@@ -37,26 +32,26 @@ from warpchain.errors import drive_error
 
 @dataclass(frozen=True)
 class Allowed:
-    """The sentence that says what a value may be; for a table or a list of tables, whose parts speak for themselves."""
+    """The sentence on allowed values of a table or a list of tables."""
 
     text: str
 
 
 class Value(Allowed):
-    """The same for a single value: the sentence replaces whatever the validator would say, but of numbers too large."""
+    """The sentence on allowed values of a single value, which replaces the validator's own message."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         inner = core_schema.custom_error_schema(
             handler(source), custom_error_type=WRONG, custom_error_message=self.text, custom_error_context={}
         )
-        return core_schema.no_info_after_validator_function(_not_huge, inner)
+        return core_schema.no_info_after_validator_function(_check_magnitude, inner)
 
 
 HUGE = 1e30
 """Numbers beyond come from a mistake, and their powers are beyond all numbers."""
 
 
-def _not_huge(value: Any) -> Any:
+def _check_magnitude(value: Any) -> Any:
     rest = [value]
     while rest:
         of = rest.pop()
@@ -72,20 +67,20 @@ WRONG, BARE = "wrong_value", "bare_key"
 
 
 def plain_sequence(value: Any) -> Any:
-    """Lists and numpy arrays as tuples; a set has no order, so it stays what it is and is refused."""
+    """Lists and numpy arrays as tuples; other values as they are."""
     if isinstance(value, list):
         return tuple(value)
     return tuple(value.tolist()) if getattr(value, "ndim", 0) == 1 else value
 
 
-def _some_direction(value: tuple[float, float]) -> tuple[float, float]:
+def _check_direction(value: tuple[float, float]) -> tuple[float, float]:
     if value[0] == 0.0 and value[1] == 0.0:
         raise ValueError("no direction")
     return value
 
 
 def is_name(value: object) -> bool:
-    """True for a text that can stand in key paths, column names and file names."""
+    """Whether a text can stand in key paths, column names and file names."""
     return (
         isinstance(value, str)
         and value.isprintable()
@@ -127,7 +122,7 @@ Name = Annotated[str, Field(strict=True), AfterValidator(_check_name), Value(NAM
 Pair = Annotated[_RealPair, BeforeValidator(plain_sequence), Value("must be two finite numbers [x, y]")]
 Direction = Annotated[
     _RealPair,
-    AfterValidator(_some_direction),
+    AfterValidator(_check_direction),
     BeforeValidator(plain_sequence),
     Value("must be two finite numbers [x, y], not both 0"),
 ]
@@ -161,8 +156,8 @@ class Problem(NamedTuple):
     text: str
     kind: str = WRONG
 
-    def under(self, *keys: str | int) -> Problem:
-        """The same error, seen from a part that holds this one under `keys`."""
+    def nested_under(self, *keys: str | int) -> Problem:
+        """The problem with `keys` of the parts that hold this one put in front of its path."""
         return self._replace(path=(*keys, *self.path))
 
 
@@ -170,31 +165,31 @@ Rule = Callable[[Any], Iterable[Problem]]
 """Errors of a part, or of the mapping that should become one."""
 
 
-def get(node: Any, key: str) -> Any:
-    """The value of a key in a part, or in a mapping that should become one; None where there is none."""
+def node_value(node: Any, key: str) -> Any:
+    """The value of a key in a part, or in a mapping to become one; None where there is none."""
     kind: Any = type(node)
-    part, mapping = _nature(kind)
+    part, mapping = _part_or_mapping(kind)
     if part:
         return getattr(node, key, None)
     return node.get(key) if mapping else None
 
 
 @cache
-def _nature(kind: type) -> tuple[bool, bool]:
-    """Whether values of a type are parts, or mappings; asked thousands of times of the same few types."""
+def _part_or_mapping(kind: type) -> tuple[bool, bool]:
+    """Whether values of a type are parts, and whether they are mappings."""
     return issubclass(kind, Part), issubclass(kind, Mapping)
 
 
-def elements(node: Any, key: str) -> Sequence[Any]:
+def node_list(node: Any, key: str) -> Sequence[Any]:
     """The list under a key, empty where there is none."""
-    value = get(node, key)
+    value = node_value(node, key)
     if type(value) is tuple:
         return value
     return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
 
 
-def numbers(*values: Any) -> bool:
-    """True if all values are numbers that can be compared and calculated with."""
+def are_numbers(*values: Any) -> bool:
+    """Whether all values are finite numbers."""
     return all(
         isinstance(value, (int, float)) and not isinstance(value, bool) and -HUGE <= value <= HUGE for value in values
     )
@@ -204,42 +199,42 @@ FARTHEST = 1e4
 """No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
 
 
-def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
-    """The rule of places, which lie within all reason."""
+def place_rule(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
+    """Problem of a place beyond the farthest that a drive may reach."""
     if not isinstance(point, (list, tuple)):
         return
     for x in point:
-        if numbers(x) and abs(x) > FARTHEST:
+        if are_numbers(x) and abs(x) > FARTHEST:
             yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
             return
 
 
-def nearest(key: str, known: Iterable[str], most: int | None = None) -> str:
-    """The end of a sentence about an unknown key: the one probably meant, else all there are, or the first `most`."""
+def nearest_key_text(key: str, known: Iterable[str], most: int | None = None) -> str:
+    """The end of a sentence about an unknown key: the nearest known one, otherwise all, or the first `most`."""
     names = list(known)
     close = difflib.get_close_matches(key, names, n=1)
-    return f"did you mean {close[0]}?" if close else f"allowed are {some_of(names, most or len(names))}"
+    return f"did you mean {close[0]}?" if close else f"allowed are {names_text(names, most or len(names))}"
 
 
-def some_of(names: Iterable[str], most: int) -> str:
+def names_text(names: Iterable[str], most: int) -> str:
     """The first names for a message, and how many more there are."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def at_most(node: Any, key: str, most: int) -> Iterator[Problem]:
-    """The rule of a number with an upper end."""
-    value = get(node, key)
+def at_most_rule(node: Any, key: str, most: int) -> Iterator[Problem]:
+    """Problem of a number above an upper end."""
+    value = node_value(node, key)
     if isinstance(value, int) and value > most:
         yield Problem((key,), value, f"must be at most {most}")
 
 
-def exactly_one(node: Any, first: str, second: str, text: str = "must be a positive number") -> Iterator[Problem]:
-    """The rule of two keys that stand for each other."""
-    if get(node, first) is None and get(node, second) is None:
+def exactly_one_rule(node: Any, first: str, second: str, text: str = "must be a positive number") -> Iterator[Problem]:
+    """Problem of two keys of which not exactly one is given."""
+    if node_value(node, first) is None and node_value(node, second) is None:
         yield Problem((first,), None, f"missing; {text}, or give {second} instead", BARE)
-    if get(node, first) is not None and get(node, second) is not None:
-        yield Problem((second,), get(node, second), f"not together with {first}; give one of the two")
+    if node_value(node, first) is not None and node_value(node, second) is not None:
+        yield Problem((second,), node_value(node, second), f"not together with {first}; give one of the two")
 
 
 # ---------------------------------------------------------------------------------------------------------- parts
@@ -275,7 +270,7 @@ class Part(BaseModel):
             try:
                 super().__init__(**values)
             except ValidationError as error:
-                raise drive_error(report(error, self._places(values)), self._source()) from None
+                raise drive_error(error_lines(error, self._places(values)), self._source()) from None
 
         # pydantic calls a model's own __init__ for every nested part unless it is marked as not the user's: without
         # this mark the first wrong part would hide the errors of the others
@@ -293,7 +288,7 @@ class Part(BaseModel):
         return lambda path: path_text(path, values, known)
 
     @classmethod
-    def _current(cls, values: Any) -> Any:
+    def _with_current_keys(cls, values: Any) -> Any:
         """The values, with keys that earlier versions wrote under their present names."""
         if not isinstance(values, Mapping) or cls._renamed.keys().isdisjoint(values):
             return values
@@ -302,12 +297,12 @@ class Part(BaseModel):
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
-        """The unit of a key's numbers, "" for none; those of its docstring, unless other values say it."""
-        return unit_of(cls, key)
+        """The unit of a key's numbers, "" for none; that of its docstring, unless other values give it."""
+        return unit_of_key(cls, key)
 
     @classmethod
-    def _measured(cls, values: Any) -> tuple[Any, list[Problem]]:
-        """The values, with numbers for quantities such as "540 rpm", and what is wrong with their units."""
+    def _values_in_units(cls, values: Any) -> tuple[Any, list[Problem]]:
+        """The values, with numbers for quantities such as "540 rpm", and problems of their units."""
         problems: list[Problem] = []
 
         def number(value: Any, key: str, path: tuple[str | int, ...]) -> Any:
@@ -318,11 +313,11 @@ class Part(BaseModel):
                 problems.append(
                     Problem(path, value, f"must be a number, or one with a unit, of at most {LONGEST} characters")
                 )
-            if not isinstance(value, str) or not quantity(value):
+            if not isinstance(value, str) or not match_quantity(value):
                 return value
-            found = converted(value, units_of[key])
+            found = converted_number(value, units_of[key])
             if found is None:
-                units = ", ".join(fitting(units_of[key]))
+                units = ", ".join(equivalent_units(units_of[key]))
                 problems.append(Problem(path, value, f"must be a number, or one with a unit that fits: {units}"))
             elif abs(found) > HUGE:
                 problems.append(Problem(path, value, f"must be within {HUGE:g} {units_of[key]} of 0"))
@@ -338,8 +333,8 @@ class Part(BaseModel):
         return dict(values) | {key: number(values[key], key, (key,)) for key in units_of}, problems
 
     @classmethod
-    def _completed(cls, values: Any) -> Any:
-        """The values, with those that others of them stand for."""
+    def _complete_values(cls, values: Any) -> Any:
+        """The values, with those that follow from others."""
         return values
 
     @classmethod
@@ -349,7 +344,7 @@ class Part(BaseModel):
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
-        """Those of the rules that a part can break by other numbers in place of some that it has.
+        """The rules that a part can break by other numbers for some of its own.
 
         Args:
             changed: under which keys they are, in parts and lists within by the keys and places there, and so on.
@@ -357,16 +352,16 @@ class Part(BaseModel):
         return (cls._rules,) if cls._judged is None or not cls._judged.isdisjoint(changed) else ()
 
     @classmethod
-    def _missing(cls, key: str, node: Any) -> Problem:
-        """The error of a required key that is absent."""
-        return Problem((key,), None, f"missing; {allowed(cls, key)}", BARE)
+    def _missing_key_problem(cls, key: str, node: Any) -> Problem:
+        """The problem of a required key that is absent."""
+        return Problem((key,), None, f"missing; {allowed_text(cls, key)}", BARE)
 
     @model_validator(mode="wrap")
     @classmethod
     def _check(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         if isinstance(values, cls):
             return values
-        values, problems = cls._measured(cls._completed(cls._current(values)))
+        values, problems = cls._values_in_units(cls._complete_values(cls._with_current_keys(values)))
         part = None
         try:
             part = handler(values)
@@ -388,7 +383,7 @@ class Part(BaseModel):
 
     @classmethod
     def _problem(cls, detail: Any, values: Any) -> Problem:
-        """A validator's error in this part's own words; errors of parts inside are in words already."""
+        """A validator's error as a problem in this part's own words."""
         path, value, kind = detail["loc"], detail["input"], detail["type"]
         if not path:
             return Problem((), value, "must be a table")
@@ -398,21 +393,21 @@ class Part(BaseModel):
             inside = path if tagged is None or len(path) < 2 else (key, *path[2:])  # without the union's tag
             return Problem(inside, value, detail["msg"], kind)
         if kind == "missing":
-            return cls._missing(key, values)
+            return cls._missing_key_problem(key, values)
         if kind == "extra_forbidden":
-            instead = cls._elsewhere.get(str(key)) or nearest(str(key), cls.model_fields)
+            instead = cls._elsewhere.get(str(key)) or nearest_key_text(str(key), cls.model_fields)
             return Problem(path, value, f"unknown key; {instead}")
         if tagged is not None and isinstance(value, Mapping):
             given = value.get(str(tagged))
-            text = allowed(cls, key)
+            text = allowed_text(cls, key)
             if given is None:
                 return Problem((key, str(tagged)), None, f"missing; {text}", BARE)
             return Problem((key, str(tagged)), given, text)
-        return Problem(path, value, allowed(cls, key))
+        return Problem(path, value, allowed_text(cls, key))
 
 
 @cache
-def allowed(cls: type[Part], key: str) -> str:
+def allowed_text(cls: type[Part], key: str) -> str:
     """Words for the values that a field allows."""
 
     def search(source: Any) -> Iterator[str]:
@@ -425,8 +420,8 @@ def allowed(cls: type[Part], key: str) -> str:
     return next(search(cls.model_fields[key]), "must be a table")
 
 
-def valid(cls: type[PartType], value: Any) -> PartType | None:
-    """The part, if the value is one or makes one without error."""
+def valid_part(cls: type[PartType], value: Any) -> PartType | None:
+    """The part, if the value is one or makes one without error; otherwise None."""
     if isinstance(value, cls):
         return value
     try:
@@ -448,17 +443,19 @@ def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[s
     for key in path:
         if isinstance(key, int) and isinstance(node, Sequence):
             if id(node) not in known:
-                known[id(node)] = Counter(name for name in (get(element, "name") for element in node) if is_name(name))
+                known[id(node)] = Counter(
+                    name for name in (node_value(element, "name") for element in node) if is_name(name)
+                )
             names, node = known[id(node)], node[key] if key < len(node) else None
-            name = get(node, "name")
+            name = node_value(node, "name")
             words.append(str(name) if is_name(name) and names[name] == 1 else str(key))
         else:
-            node = get(node, str(key))
+            node = node_value(node, str(key))
             words.append(word_text(str(key)))
     return ".".join(words)
 
 
-def report(error: ValidationError, place: Callable[[Sequence[str | int]], str]) -> list[str]:
+def error_lines(error: ValidationError, place: Callable[[Sequence[str | int]], str]) -> list[str]:
     """The lines of a validation error: `key.path = value: what is allowed`."""
     lines = []
     for detail in error.errors(include_url=False, include_context=False):

@@ -28,10 +28,10 @@ from warpchain.drive.schema import (
     Problem,
     Switch,
     Value,
-    allowed,
-    elements,
-    get,
-    numbers,
+    allowed_text,
+    are_numbers,
+    node_list,
+    node_value,
     plain_sequence,
 )
 from warpchain.drive.sprocket import MOST_TEETH, ON_COUPLINGS, Load, Prescribed
@@ -142,12 +142,12 @@ class Motor(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        torque, table = get(node, "torque"), get(node, "table")
+        torque, table = node_value(node, "torque"), node_value(node, "table")
         if torque is None and table is None:
-            yield Problem(("torque",), None, f"missing; {allowed(cls, 'torque')}, or give table instead", BARE)
+            yield Problem(("torque",), None, f"missing; {allowed_text(cls, 'torque')}, or give table instead", BARE)
         for key in ("torque", "power"):
-            if table is not None and get(node, key) is not None:
-                yield Problem((key,), get(node, key), "not together with table")
+            if table is not None and node_value(node, key) is not None:
+                yield Problem((key,), node_value(node, key), "not together with table")
 
 
 class Shaft(Part):
@@ -175,7 +175,7 @@ class Shaft(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         for key in ("motor", "initial_speed"):
-            if get(node, "prescribed") is not None and get(node, key) is not None:
+            if node_value(node, "prescribed") is not None and node_value(node, key) is not None:
                 yield Problem((key,), None, "not together with prescribed", BARE)
 
 
@@ -212,7 +212,7 @@ class Gear(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from _two(node)
+        yield from _two_shaft_rules(node)
 
 
 LEAST_RATIO, MOST_RATIO = 0.01, 100.0
@@ -234,8 +234,8 @@ class Ratios(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        time, ratio = elements(node, "time"), elements(node, "ratio")
-        if not numbers(*time, *ratio) or len(time) < 2:
+        time, ratio = node_list(node, "time"), node_list(node, "ratio")
+        if not are_numbers(*time, *ratio) or len(time) < 2:
             return
         if len(ratio) != len(time):
             yield Problem(("ratio",), list(ratio), f"must have as many elements as time, {len(time)}")
@@ -278,9 +278,9 @@ class Clutch(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        torque, table = get(node, "torque"), get(node, "table")
+        torque, table = node_value(node, "torque"), node_value(node, "table")
         if torque is None and table is None:
-            yield Problem(("torque",), None, f"missing; {allowed(cls, 'torque')}, or give table instead", BARE)
+            yield Problem(("torque",), None, f"missing; {allowed_text(cls, 'torque')}, or give table instead", BARE)
         if torque is not None and table is not None:
             yield Problem(("torque",), torque, "not together with table")
 
@@ -326,20 +326,20 @@ class Coupling(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from _two(node)
-        names = elements(node, "between")
+        yield from _two_shaft_rules(node)
+        names = node_list(node, "between")
         if len(names) == 2 and names[1] == FIXED:
             yield Problem(("between",), list(names), f'must have "{FIXED}" first')
         if names and names[0] == FIXED:
-            if get(node, "ratios") is not None:
+            if node_value(node, "ratios") is not None:
                 yield Problem(("ratios",), None, "not to the ground", BARE)
-            if get(node, "clutch") is None and get(node, "freewheel") is not True:
+            if node_value(node, "clutch") is None and node_value(node, "freewheel") is not True:
                 text = "missing; what is between the ground and a shaft must have one (a brake), or freewheel = true"
                 yield Problem(("clutch",), None, f"{text} (a backstop)", BARE)
 
 
-def _two(node: Any) -> Iterable[Problem]:
-    """The rule of what stands between two shafts."""
-    names = elements(node, "between")
+def _two_shaft_rules(node: Any) -> Iterable[Problem]:
+    """Problems of a gear or coupling that is not between two different shafts."""
+    names = node_list(node, "between")
     if len(names) == 2 and names[0] == names[1]:
         yield Problem(("between",), list(names), "must be two different shafts")

@@ -23,9 +23,9 @@ from warpchain.drive.schema import (
     PositivePair,
     Problem,
     Value,
-    allowed,
-    at_most,
-    get,
+    allowed_text,
+    at_most_rule,
+    node_value,
 )
 
 Teeth = Annotated[int, Field(strict=True, ge=5), Value("must be an integer of at least 5")]
@@ -81,9 +81,9 @@ class Prescribed(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        speed, table, ramp = get(node, "speed"), get(node, "table"), get(node, "ramp_time")
+        speed, table, ramp = node_value(node, "speed"), node_value(node, "table"), node_value(node, "ramp_time")
         if speed is None and table is None:
-            yield Problem(("speed",), None, f"missing; {allowed(cls, 'speed')}, or give table instead", BARE)
+            yield Problem(("speed",), None, f"missing; {allowed_text(cls, 'speed')}, or give table instead", BARE)
         if speed is not None and table is not None:
             yield Problem(("speed",), speed, "not together with table; give one of the two")
         if table is not None and ramp:
@@ -156,11 +156,13 @@ class PrescribedMount(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        if get(node, "table") is None and get(node, "direction") is None:
-            yield Problem(("direction",), None, f"missing; {allowed(cls, 'direction')}, or give table instead", BARE)
+        if node_value(node, "table") is None and node_value(node, "direction") is None:
+            yield Problem(
+                ("direction",), None, f"missing; {allowed_text(cls, 'direction')}, or give table instead", BARE
+            )
         for key in ("direction", "offset", "amplitude", "frequency", "phase"):
-            if get(node, "table") is not None and get(node, key):
-                yield Problem((key,), get(node, key), "not together with table")
+            if node_value(node, "table") is not None and node_value(node, key):
+                yield Problem((key,), node_value(node, key), "not together with table")
 
 
 class ElasticMount(Part):
@@ -306,16 +308,16 @@ class Sprocket(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        positive = allowed(cls, "mass")
-        yield from at_most(node, "teeth", MOST_TEETH)
-        if all(get(node, key) is None for key in ("inertia", "prescribed", "shaft")):
+        positive = allowed_text(cls, "mass")
+        yield from at_most_rule(node, "teeth", MOST_TEETH)
+        if all(node_value(node, key) is None for key in ("inertia", "prescribed", "shaft")):
             yield Problem(("inertia",), None, f"missing; {positive}; needed unless the sprocket is prescribed", BARE)
-        kind = get(get(node, "mount"), "kind")
-        if kind in ("elastic", "slider", "arm") and get(node, "mass") is None:
+        kind = node_value(node_value(node, "mount"), "kind")
+        if kind in ("elastic", "slider", "arm") and node_value(node, "mass") is None:
             yield Problem(("mass",), None, f'missing; {positive}; needed with mount kind "{kind}"', BARE)
-        if kind == "arm" and get(node, "balance_wheel") is not None:
+        if kind == "arm" and node_value(node, "balance_wheel") is not None:
             yield Problem(("balance_wheel",), None, 'not together with mount kind "arm"', BARE)
-        if get(node, "bearing") is not None and get(node, "prescribed") is not None:
+        if node_value(node, "bearing") is not None and node_value(node, "prescribed") is not None:
             yield Problem(("bearing",), None, "not together with prescribed, whose motion nothing disturbs", BARE)
 
 

@@ -1,4 +1,4 @@
-"""Angles, motions, loads and motors of drives that begin turned on by `run.phase` teeth."""
+"""Angles, motions, loads and motors of drives whose start `run.phase` turns on by some teeth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Motor, Shaft
 from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
 from warpchain.drive.stack_math import is_true_somewhere
-from warpchain.drive.trains import turns_a_roller
+from warpchain.drive.trains import turns_per_roller
 
 TurningMotion = TypeVar("TurningMotion", Prescribed, Load, Motor)
 
@@ -21,7 +21,7 @@ def start_phase_angle(drive: Any, name: str) -> Any:
         return 0.0
     teeth: dict[str, float] = {other.name: other.teeth for other in drive.sprockets}
     if drive.shafts and not drive.chains:
-        turns = turns_a_roller(drive)[len(drive.sprockets) :]
+        turns = turns_per_roller(drive)[len(drive.sprockets) :]
         teeth |= {shaft.name: 1.0 / abs(each) for shaft, each in zip(drive.shafts, turns, strict=True)}
     return phase * 2.0 * math.pi / teeth[name]
 

@@ -1,13 +1,4 @@
-"""Contact of parallel cylinders: generalized stiffness from materials, and what an impact returns.
-
-A roller of radius R1 is pressed with a load P, over a width w, on a cylinder of radius R2. With
-s = (1 - nu1^2)/(pi E1) + (1 - nu2^2)/(pi E2) they approach each other by (Pedersen et al. 2004, eq. (20))
-
-    pen(P) = (P s / w) [ ln( w^3 (R1 + R2) / (P R1 R2 s) ) + 1 ].                                          (a)
-
-The contact law F = K pen^n takes the K that is exact at one stated load: K = P / pen(P)^n. On a flat partner
-R2 -> infinity, so (R1 + R2)/(R1 R2) -> 1/R1. Where the bracket of (a) is not positive the formula means nothing.
-"""
+"""Contact of parallel cylinders: stiffness from materials, damping, and the rebound after an impact."""
 
 from __future__ import annotations
 

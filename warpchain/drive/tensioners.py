@@ -31,13 +31,13 @@ from warpchain.drive.schema import (
     Positive,
     Problem,
     Value,
-    allowed,
-    elements,
-    get,
-    numbers,
+    allowed_text,
+    are_numbers,
+    node_list,
+    node_value,
 )
 from warpchain.drive.stack_math import hypot, is_true_somewhere, power, radians
-from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, by_two_points
+from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST, Walther, walther_from_two_points
 
 Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
 Fraction = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
@@ -98,8 +98,8 @@ class Plunger(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        diameter, gap = get(node, "diameter"), get(node, "gap")
-        if numbers(diameter, gap) and gap >= 0.5 * diameter > 0.0:
+        diameter, gap = node_value(node, "diameter"), node_value(node, "gap")
+        if are_numbers(diameter, gap) and gap >= 0.5 * diameter > 0.0:
             yield Problem(("gap",), gap, f"must be below half the diameter, {0.5 * diameter:g}")
 
 
@@ -152,15 +152,15 @@ class Valve(Part):
         return self.preload / self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Of the gap around the ball, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) at a lift y [m^2]."""
+        """Area of the gap around the ball at a lift y, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) [m^2]."""
         angle = self.seat_angle_rad
         wide = 2.0 * self.ball_radius * math.tan(angle) + lift * math.sin(angle) / math.cos(angle) ** 2
         return math.pi * lift * wide
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        hole, ball = get(node, "seat_diameter"), get(node, "ball_radius")
-        if numbers(hole, ball) and hole >= 2.0 * ball > 0.0:
+        hole, ball = node_value(node, "seat_diameter"), node_value(node, "ball_radius")
+        if are_numbers(hole, ball) and hole >= 2.0 * ball > 0.0:
             yield Problem(("seat_diameter",), hole, f"must be below the ball's diameter, {2.0 * ball:g}")
 
 
@@ -183,7 +183,7 @@ class Relief(Part):
 
     @property
     def hole_area(self) -> float:
-        """On which the pressures act [m^2]."""
+        """Area on which the pressures act [m^2]."""
         return 0.25 * math.pi * power(self.diameter, 2)
 
     def preload(self, ambient: float) -> float:
@@ -191,7 +191,7 @@ class Relief(Part):
         return (self.pressure - ambient) * self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Of the gap below the disk at a lift y, pi d y [m^2]."""
+        """Area of the gap below the disk at a lift y, pi d y [m^2]."""
         return math.pi * self.diameter * lift
 
 
@@ -252,43 +252,43 @@ class Oil(Part):
 
     @property
     def walther(self) -> Walther | None:
-        """Its viscosity over temperature; None where two viscosities do not say it."""
-        return _walther(self)
+        """The oil's viscosity over temperature; None where two viscosities do not give it."""
+        return _walther_of_oil(self)
 
     @classmethod
-    def _completed(cls, values: Any) -> Any:
+    def _complete_values(cls, values: Any) -> Any:
         given = isinstance(values, Mapping) and any(values.get(key) is not None for key in POINTS)
         if not given or values.get("viscosity") is not None:
             return values
-        law = _walther(cls._measured(values)[0])  # of points that are wrong, their own rules say it
+        law = _walther_of_oil(cls._values_in_units(values)[0])  # of points that are wrong, their own rules say it
         return dict(values) | {"viscosity": THINNEST if law is None else law.viscosity(REFERENCE)}
 
     @classmethod
-    def _missing(cls, key: str, node: Any) -> Problem:
+    def _missing_key_problem(cls, key: str, node: Any) -> Problem:
         if key == "viscosity":
-            text = f"missing; {allowed(cls, key)}, or give viscosity_40 and viscosity_100 instead"
+            text = f"missing; {allowed_text(cls, key)}, or give viscosity_40 and viscosity_100 instead"
             return Problem((key,), None, text, BARE)
-        return super()._missing(key, node)
+        return super()._missing_key_problem(key, node)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from _two_points(node)
-        supply, ambient = get(node, "supply"), get(node, "ambient")
+        yield from _viscosity_rules(node)
+        supply, ambient = node_value(node, "supply"), node_value(node, "ambient")
         ambient = 1.0e5 if ambient is None else ambient
         dry = False
         for key in ("ambient", "supply"):
-            value = get(node, key)
-            if numbers(value) and 0.0 < value <= VAPOR_PRESSURE:
+            value = node_value(node, key)
+            if are_numbers(value) and 0.0 < value <= VAPOR_PRESSURE:
                 text = f"must be above the oil's vapor pressure, {VAPOR_PRESSURE:g} Pa; pressures are absolute, in Pa"
                 yield Problem((key,), value, text)
                 dry = True
-        if not dry and numbers(supply, ambient) and 0.0 < supply < ambient:
+        if not dry and are_numbers(supply, ambient) and 0.0 < supply < ambient:
             text = f"must be at least the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
             yield Problem(("supply",), supply, text)
-        table = get(node, "supply_table")
-        factor = 1.0 if get(table, "factor") is None else get(table, "factor")
-        for i, pressure in enumerate(elements(table, "pressure")):
-            if not dry and numbers(pressure, factor, ambient) and factor * pressure < ambient:
+        table = node_value(node, "supply_table")
+        factor = 1.0 if node_value(table, "factor") is None else node_value(table, "factor")
+        for i, pressure in enumerate(node_list(table, "pressure")):
+            if not dry and are_numbers(pressure, factor, ambient) and factor * pressure < ambient:
                 text = f"must be at least the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
                 if factor == 1.0:
                     yield Problem(("supply_table", "pressure", i), pressure, text)
@@ -297,24 +297,24 @@ class Oil(Part):
                 return
 
 
-def _walther(oil: Any) -> Walther | None:
+def _walther_of_oil(oil: Any) -> Walther | None:
     """The viscosity over temperature of an oil, or of the mapping to become one; None where it is not whole."""
-    at_40, at_100 = (get(oil, key) for key in POINTS)
-    if not numbers(at_40, at_100) or not THINNEST <= at_100 < at_40 <= THICKEST:
+    at_40, at_100 = (node_value(oil, key) for key in POINTS)
+    if not are_numbers(at_40, at_100) or not THINNEST <= at_100 < at_40 <= THICKEST:
         return None
-    return by_two_points(at_40, at_100)
+    return walther_from_two_points(at_40, at_100)
 
 
-def _two_points(oil: Any) -> Iterable[Problem]:
-    """The rules of the viscosities at two temperatures."""
-    at_40, at_100 = (get(oil, key) for key in POINTS)
+def _viscosity_rules(oil: Any) -> Iterable[Problem]:
+    """Problems of the viscosities at two temperatures."""
+    at_40, at_100 = (node_value(oil, key) for key in POINTS)
     for key, other in zip(POINTS, reversed(POINTS), strict=True):
-        if get(oil, key) is None and get(oil, other) is not None:
-            yield Problem((key,), None, f"missing; {allowed(Oil, key)}; needed with {other}", BARE)
-    if numbers(at_40, at_100) and at_100 >= at_40 >= THINNEST:
+        if node_value(oil, key) is None and node_value(oil, other) is not None:
+            yield Problem((key,), None, f"missing; {allowed_text(Oil, key)}; needed with {other}", BARE)
+    if are_numbers(at_40, at_100) and at_100 >= at_40 >= THINNEST:
         yield Problem(("viscosity_100",), at_100, f"must be below viscosity_40, {at_40:g}: oil thins as it warms")
-    law, own = _walther(oil), get(oil, "viscosity")
-    if law is not None and numbers(own) and not math.isclose(own, law.viscosity(REFERENCE), rel_tol=1e-12):
+    law, own = _walther_of_oil(oil), node_value(oil, "viscosity")
+    if law is not None and are_numbers(own) and not math.isclose(own, law.viscosity(REFERENCE), rel_tol=1e-12):
         yield Problem(("viscosity",), own, "not together with viscosity_40 and viscosity_100, which say it")
 
 
@@ -369,7 +369,7 @@ class Tensioner(Part):
         return self.kind == "hydraulic"
 
     @property
-    def drained(self) -> bool:
+    def is_drained(self) -> bool:
         """Whether its chamber is not full of oil as the run begins."""
         return self.chamber is not None and bool(is_true_somewhere(self.chamber.drained))
 
@@ -411,7 +411,7 @@ class Tensioner(Part):
 
     @property
     def leak_conductance(self) -> float:
-        """G, what leaks per difference of pressure [m^3/(s Pa)], (a); 0 without oil."""
+        """G, the leak flow over the pressure difference [m^3/(s Pa)], (a); 0 without oil."""
         if not self.hydraulic:
             return 0.0
         diameter, gap, length = self._bore
@@ -434,26 +434,26 @@ class Tensioner(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        kind = get(node, "kind")
+        kind = node_value(node, "kind")
         if kind == "spring":
-            if get(node, "spring") is None:
+            if node_value(node, "spring") is None:
                 text = 'missing; must be a table { stiffness, preload, damping }; needed with kind "spring"'
                 yield Problem(("spring",), None, text, BARE)
             for key in ("chamber", "valve", "relief", "vent", "oil"):
-                if get(node, key) is not None:
+                if node_value(node, key) is not None:
                     yield Problem((key,), None, 'only with kind "hydraulic"', BARE)
         if kind != "hydraulic":
             return
         for key in OIL_PARTS:
-            if get(node, key) is None:
-                yield Problem((key,), None, f'missing; {allowed(cls, key)}; needed with kind "hydraulic"', BARE)
-        plunger = get(node, "plunger")
+            if node_value(node, key) is None:
+                yield Problem((key,), None, f'missing; {allowed_text(cls, key)}; needed with kind "hydraulic"', BARE)
+        plunger = node_value(node, "plunger")
         for key in ("diameter", "gap", "length"):
-            if isinstance(plunger, (Mapping, Part)) and get(plunger, key) is None:
+            if isinstance(plunger, (Mapping, Part)) and node_value(plunger, key) is None:
                 text = 'missing; must be a positive number; needed with kind "hydraulic"'
                 yield Problem(("plunger", key), None, text, BARE)
-        ambient = get(get(node, "oil"), "ambient")
-        ambient, opens = 1.0e5 if ambient is None else ambient, get(get(node, "relief"), "pressure")
-        if numbers(opens, ambient) and 0.0 < opens <= ambient:
+        ambient = node_value(node_value(node, "oil"), "ambient")
+        ambient, opens = 1.0e5 if ambient is None else ambient, node_value(node_value(node, "relief"), "pressure")
+        if are_numbers(opens, ambient) and 0.0 < opens <= ambient:
             text = f"must be above the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
             yield Problem(("relief", "pressure"), opens, text)

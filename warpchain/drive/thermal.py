@@ -1,15 +1,4 @@
-r"""Drives at a temperature: sizes and oil.
-
-Drive files give sizes at the reference, T_0 = 20 degrees C, as drawings do (ISO 1). At a temperature T a length is
-
-    l = l_0 (1 + a (T - T_0)),                                                                             (a)
-
-a that of what it belongs to: the block with centers, guides and pivots, the wheels with their teeth, the chain. All is
-at one temperature. Masses stay, so does what is no length, but for the oil, which has its viscosity at T.
-
-Coefficients: steel 12e-6 (EN 1993-1-1, 3.2.6), aluminum 23e-6 (EN 1999-1-1, 3.2.5), gray cast iron EN-GJL-250 11e-6
-per kelvin (makeitfrom.com).
-"""
+"""Sizes and oil of a drive at its temperature."""
 
 from __future__ import annotations
 
@@ -18,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, WithJsonSchema
 
-from warpchain.drive.schema import BARE, Allowed, Part, Problem, Value, get
+from warpchain.drive.schema import BARE, Allowed, Part, Problem, Value, node_value
 from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST
 
 COLDEST, HOTTEST = -100.0, 300.0
@@ -53,7 +42,7 @@ class Expansion(Part):
     chain: Coefficient = MATERIALS["steel"]
 
     @classmethod
-    def _completed(cls, values: Any) -> Any:
+    def _complete_values(cls, values: Any) -> Any:
         if not isinstance(values, Mapping):
             return values
         return {key: MATERIALS.get(value, value) if isinstance(value, str) else value for key, value in values.items()}
@@ -62,8 +51,8 @@ class Expansion(Part):
 Expansions = Annotated[Expansion | None, Allowed("must be a table { block, wheels, chain }")]
 
 
-class Growth(NamedTuple):
-    """The part that a number of drive files grows with, and the power of its factor.
+class ExpansionRule(NamedTuple):
+    """The part with which a number of drive files expands, and the power of its factor.
 
     Attributes:
         of: key of `Expansion`.
@@ -73,10 +62,10 @@ class Growth(NamedTuple):
     power: int = 1
 
 
-_BLOCK, _WHEELS, _CHAIN = Growth("block"), Growth("wheels"), Growth("chain")
+_BLOCK, _WHEELS, _CHAIN = ExpansionRule("block"), ExpansionRule("wheels"), ExpansionRule("chain")
 GROWS = {
     "chain.pitch": _CHAIN,
-    "chain.mass_per_length": Growth("chain", -1),
+    "chain.mass_per_length": ExpansionRule("chain", -1),
     "chain.roller_radius": _CHAIN,
     "chain.joint.pin_radius": _CHAIN,
     "chain.play": _CHAIN,
@@ -112,69 +101,70 @@ GROWS = {
 lifts of valves, and a tensioner's own parts, whose gaps, of one material, change by a thousandth."""
 
 
-def heated(drive: Any) -> bool:
+def has_other_temperature(drive: Any) -> bool:
     """Whether a drive has another temperature than the reference."""
     return drive.temperature is not None and drive.temperature != REFERENCE
 
 
-def growth(drive: Any, of: str) -> float:
+def expansion_factor(drive: Any, of: str) -> float:
     """l/l_0 of (a) of a part, by the key of `Expansion`; 1 at the reference."""
-    if not heated(drive):
+    if not has_other_temperature(drive):
         return 1.0
     assert drive.temperature is not None
     coefficient: float = getattr(drive.expansion or Expansion(), of)
     return 1.0 + coefficient * (drive.temperature - REFERENCE)
 
 
-def grown(drive: Any) -> dict[str, Any]:
-    """The parts of a drive, which is as its file says, that are others at its temperature, by key."""
-    factors = {of: growth(drive, of) for of in Expansion.model_fields}
+def expanded_parts(drive: Any) -> dict[str, Any]:
+    """The parts of a drive, as in its file, that differ at its temperature, by key."""
+    factors = {of: expansion_factor(drive, of) for of in Expansion.model_fields}
     found: dict[str, Any] = {}
     for key, value in drive.__dict__.items():
-        new = _parts_grown(value, "chain" if key == "chains" else key, factors)
+        new = _expanded_value(value, "chain" if key == "chains" else key, factors)
         if new is not value:
             found[key] = new
     for key in ("chain", "chains"):
         if found.get(key):
-            found[key] = _with_pins(found[key], factors["chain"])
+            found[key] = _chains_with_pins(found[key], factors["chain"])
     if factors["wheels"] != factors["chain"]:
-        found |= _unlike_wheels(drive, found, factors)
+        found |= _wheel_changes(drive, found, factors)
     tensioners = found.get("tensioners", ())
-    found["tensioners"] = tuple(_with_oil(tensioner, drive.temperature) for tensioner in tensioners)
+    found["tensioners"] = tuple(_tensioner_with_oil(tensioner, drive.temperature) for tensioner in tensioners)
     return found
 
 
-def _parts_grown(value: Any, path: str, factors: Mapping[str, float]) -> Any:
-    """A part, a number or a list of them grown; itself where nothing of it grows."""
+def _expanded_value(value: Any, path: str, factors: Mapping[str, float]) -> Any:
+    """A part, a number or a list of them, expanded; the same object where nothing of it expands."""
     if isinstance(value, Part):
-        new = {key: _parts_grown(inner, f"{path}.{key}", factors) for key, inner in value.__dict__.items()}
+        new = {key: _expanded_value(inner, f"{path}.{key}", factors) for key, inner in value.__dict__.items()}
         changed = {key: inner for key, inner in new.items() if inner is not value.__dict__[key]}
         return value.model_copy(update=changed) if changed else value
     if isinstance(value, tuple) and value and isinstance(value[0], Part):
-        return tuple(_parts_grown(inner, path, factors) for inner in value)
+        return tuple(_expanded_value(inner, path, factors) for inner in value)
     if path not in GROWS or value is None:
         return value
     of, power = GROWS[path]
-    return _times(value, factors[of] ** power)
+    return _multiplied(value, factors[of] ** power)
 
 
-def _times(value: Any, factor: float) -> Any:
-    return tuple(_times(inner, factor) for inner in value) if isinstance(value, tuple) else value * factor
+def _multiplied(value: Any, factor: float) -> Any:
+    """A number, or each of a list, times a factor."""
+    return tuple(_multiplied(inner, factor) for inner in value) if isinstance(value, tuple) else value * factor
 
 
-def _with_pins(chain: Any, factor: float) -> Any:
-    """Chains with the pins that their sizes have, grown."""
+def _chains_with_pins(chain: Any, factor: float) -> Any:
+    """Chains with the pins of their sizes, expanded."""
     if isinstance(chain, tuple):
-        return tuple(_with_pins(one, factor) for one in chain)
+        return tuple(_chains_with_pins(one, factor) for one in chain)
     if chain.joint is None or chain.joint.pin_radius is not None:
         return chain
     return chain.model_copy(update={"joint": chain.joint.model_copy(update={"pin_radius": factor * chain.pin_radius})})
 
 
-def _unlike_wheels(drive: Any, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
-    """Teeth of wheels that grow otherwise than the chain: the pitch that they were cut with, and the clearance."""
+def _wheel_changes(drive: Any, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
+    """Pitch and clearance of teeth on wheels that expand otherwise than the chain."""
     chains: Any = drive.chains or (drive.chain,)
-    pitches = {get(chain, "name"): chain.pitch for chain in chains}
+    pitches = {node_value(chain, "name"): chain.pitch for chain in chains}
     radii = [chain.roller_radius for chain in chains]
     sprockets = tuple(
         sprocket if sprocket.pitch is not None
@@ -190,8 +180,8 @@ def _unlike_wheels(drive: Any, found: Mapping[str, Any], factors: Mapping[str, f
     return {"sprockets": sprockets, "contact": contact.model_copy(update={"sprocket": law})}
 
 
-def _with_oil(tensioner: Any, temperature: float | None) -> Any:
-    """A tensioner whose oil is at a temperature."""
+def _tensioner_with_oil(tensioner: Any, temperature: float | None) -> Any:
+    """A tensioner with its oil at a temperature."""
     law = None if tensioner.oil is None else tensioner.oil.walther
     if law is None:
         return tensioner
@@ -200,7 +190,7 @@ def _with_oil(tensioner: Any, temperature: float | None) -> Any:
 
 
 def clearance_rules(drive: Any) -> Iterator[Problem]:
-    """Rollers that fit into the seats, of a drive at its temperature."""
+    """Problems of rollers that do not fit into the seats at the drive's temperature."""
     clearance = drive.contact.sprocket.clearance
     if clearance is not None and clearance < 0.0:
         text = "must be at least 0: wheels of another material than the chain grow into its rollers"
@@ -208,7 +198,7 @@ def clearance_rules(drive: Any) -> Iterator[Problem]:
 
 
 def oil_rules(drive: Any) -> Iterator[Problem]:
-    """Oils of a drive at a temperature: known there, and liquid."""
+    """Problems of oils that are unknown, or solid, at the drive's temperature."""
     temperature = drive.temperature
     assert temperature is not None
     for t, tensioner in enumerate(drive.tensioners):

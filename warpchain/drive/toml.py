@@ -21,8 +21,8 @@ _PLACE = re.compile(r" \(at (.*)\)$")
 _LONGEST = 60
 
 
-def parse(text: str, source: str) -> dict[str, Any]:
-    """Reads TOML.
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text.
 
     Raises:
         DriveError: for text that is not TOML; one line with line and column.
@@ -39,44 +39,48 @@ def parse(text: str, source: str) -> dict[str, Any]:
         raise drive_error(["not TOML that can be read: nested too deeply"], source) from None
 
 
-def dumps(tables: Mapping[str, Any]) -> str:
-    """Writes tables as TOML that `tomllib` reads back equal: numbers and texts, `[table]`, `[[list of tables]]`.
+def toml_text(tables: Mapping[str, Any]) -> str:
+    """TOML text that `tomllib` reads back equal: numbers and texts, `[table]`, `[[list of tables]]`.
 
     Numbers are written with `repr`, so floats keep every bit.
     """
     alone = {name: value for name, value in tables.items() if not isinstance(value, Mapping | list | tuple)}
     rest = {name: value for name, value in tables.items() if name not in alone}
-    blocks = [list(_lines(alone))] if alone else []
-    return "\n\n".join("\n".join(block) for block in [*blocks, *_blocks(rest, ())]) + "\n"
+    blocks = [list(_key_lines(alone))] if alone else []
+    return "\n\n".join("\n".join(block) for block in [*blocks, *_table_blocks(rest, ())]) + "\n"
 
 
-def _blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[list[str]]:
+def _table_blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[list[str]]:
+    """The lines of a table and of those below it, table by table."""
     for name, value in tables.items():
-        head = ".".join(_key(word) for word in (*above, name))
+        head = ".".join(_key_text(word) for word in (*above, name))
         if isinstance(value, Mapping) and value and all(isinstance(inner, Mapping) for inner in value.values()):
-            yield from _blocks(value, (*above, name))
+            yield from _table_blocks(value, (*above, name))
         elif isinstance(value, Mapping):
-            yield [f"[{head}]", *_lines(value)]
+            yield [f"[{head}]", *_key_lines(value)]
         else:
             for element in value:
-                yield [f"[[{head}]]", *_lines(element)]
+                yield [f"[[{head}]]", *_key_lines(element)]
 
 
-def _lines(table: Mapping[str, Any]) -> Iterator[str]:
+def _key_lines(table: Mapping[str, Any]) -> Iterator[str]:
+    """The lines of a table's plain keys."""
     for key, value in table.items():
-        yield f"{_key(key)} = {inline(value)}"
+        yield f"{_key_text(key)} = {inline_value(value)}"
 
 
-def _key(key: str) -> str:
-    return key if _BARE_KEY.fullmatch(key) else _quoted(key)
+def _key_text(key: str) -> str:
+    """A key, quoted if it must be."""
+    return key if _BARE_KEY.fullmatch(key) else _quoted_text(key)
 
 
-def _quoted(text: str) -> str:
+def _quoted_text(text: str) -> str:
+    """A text in quotes."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def inline(value: Any, real: Callable[[float], str] = float.__repr__) -> str:
-    """A value as it stands behind the equals sign, its floats by `real`.
+def inline_value(value: Any, real: Callable[[float], str] = float.__repr__) -> str:
+    """A value to the right of an equals sign, its floats by `real`.
 
     Raises:
         TypeError: for a type that TOML does not have.
@@ -88,24 +92,24 @@ def inline(value: Any, real: Callable[[float], str] = float.__repr__) -> str:
     if isinstance(value, float):
         return real(value)
     if isinstance(value, str):
-        return _quoted(value)
+        return _quoted_text(value)
     if isinstance(value, Mapping):
-        pairs = ", ".join(f"{_key(str(key))} = {inline(inner, real)}" for key, inner in value.items())
+        pairs = ", ".join(f"{_key_text(str(key))} = {inline_value(inner, real)}" for key, inner in value.items())
         return f"{{ {pairs} }}" if pairs else "{}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(inline(element, real) for element in value) + "]"
+        return "[" + ", ".join(inline_value(element, real) for element in value) + "]"
     raise TypeError(f"no TOML for {type(value).__name__}")
 
 
 def word_text(word: str) -> str:
     """A key for an error line: quoted if it would break the line."""
-    return word if word.isprintable() else _quoted(word)
+    return word if word.isprintable() else _quoted_text(word)
 
 
 def value_text(value: Any) -> str:
     """A value for an error line: as TOML where it can be, numbers as `number_text`, on one line, cut short."""
     try:
-        text = inline(value.item() if getattr(value, "ndim", None) == 0 else value, number_text)
+        text = inline_value(value.item() if getattr(value, "ndim", None) == 0 else value, number_text)
     except TypeError:
         text = str(value) if hasattr(value, "isoformat") else repr(value)
     except ValueError:  # python writes no integers of more than some thousand digits

@@ -1,8 +1,4 @@
-"""The driver's speed at the start and at work, where motors and loads balance, and what speeds it up.
-
-All that chain, shafts, gears and couplings tie to the driver turns as one body here, without slip, twist or play: sum
-rho^2 J w' = sum rho (moments of motors) - sum rho (moments of loads), rho the speed of a part over the driver's.
-"""
+"""The driver's speed at the start and where motors and loads balance, by a drive lumped into one body."""
 
 from __future__ import annotations
 

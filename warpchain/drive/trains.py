@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from warpchain.drive.schema import Part, elements, get, numbers
+from warpchain.drive.schema import Part, are_numbers, node_list, node_value
 from warpchain.drive.sprocket import LedSprocket, Load
 
 GEAR_PRESSURE_ANGLE = 20.0
@@ -56,20 +56,20 @@ class TiedRatios:
 
 def has_trains(drive: Any) -> bool:
     """Whether a drive has shafts, gears or couplings."""
-    return any(elements(drive, kind) for kind in ("shafts", "gears", "couplings"))
+    return any(node_list(drive, kind) for kind in ("shafts", "gears", "couplings"))
 
 
 def body_names(drive: Any) -> list[Any]:
     """Names of the bodies of a drive, sprockets then shafts."""
-    return [get(part, "name") for kind in ("sprockets", "shafts") for part in elements(drive, kind)]
+    return [node_value(part, "name") for kind in ("sprockets", "shafts") for part in node_list(drive, kind)]
 
 
 def first_coupling_ratio(coupling: Any) -> Fraction | None:
     """The first ratio of a coupling, or mapping, that is not open; None where its ratios are not right."""
-    ratios = get(coupling, "ratios")
+    ratios = node_value(coupling, "ratios")
     if ratios is None:
         return Fraction(1)
-    engaged = [value for value in elements(ratios, "ratio") if numbers(value) and value != 0.0]
+    engaged = [value for value in node_list(ratios, "ratio") if are_numbers(value) and value != 0.0]
     return (Fraction(engaged[0]).limit_denominator(1_000_000) or None) if engaged else None
 
 
@@ -80,25 +80,25 @@ def body_ties(drive: Any) -> list[BodyTie]:
     the ground. Freewheels are last.
     """
     names, found = body_names(drive), []
-    pairs = [set(map(str, elements(part, "between"))) for part in elements(drive, "couplings")]
-    count = len(elements(drive, "sprockets"))
-    on_shafts = list(enumerate(elements(drive, "sprockets")))
-    on_shafts += [(b, of) for b, of in enumerate(elements(drive, "shafts"), count) if isinstance(of, Part)]
+    pairs = [set(map(str, node_list(part, "between"))) for part in node_list(drive, "couplings")]
+    count = len(node_list(drive, "sprockets"))
+    on_shafts = list(enumerate(node_list(drive, "sprockets")))
+    on_shafts += [(b, of) for b, of in enumerate(node_list(drive, "shafts"), count) if isinstance(of, Part)]
     for b, part in on_shafts:
-        shaft = get(part, "shaft")
-        if shaft in names and {str(get(part, "name")), str(shaft)} not in pairs:
+        shaft = node_value(part, "shaft")
+        if shaft in names and {str(node_value(part, "name")), str(shaft)} not in pairs:
             path = ("sprockets", b, "shaft") if b < count else ("shafts", b - count, "shaft")
             found.append(BodyTie(names.index(shaft), b, Fraction(1), "shaft", path))
     for kind in ("gears", "couplings"):
-        for i, part in enumerate(elements(drive, kind)):
-            between, teeth = elements(part, "between"), elements(part, "teeth")
+        for i, part in enumerate(node_list(drive, kind)):
+            between, teeth = node_list(part, "between"), node_list(part, "teeth")
             if len(between) != 2 or between[0] == between[1] or any(name not in names for name in between):
                 continue
             ratio = Fraction(1)
             if kind == "gears":
                 if len(teeth) != 2 or not all(isinstance(z, int) and z > 0 for z in teeth):
                     continue
-                ratio = Fraction(teeth[0], teeth[1]) * (1 if get(part, "internal") is True else -1)
+                ratio = Fraction(teeth[0], teeth[1]) * (1 if node_value(part, "internal") is True else -1)
             else:
                 engaged = first_coupling_ratio(part)
                 if engaged is None:
@@ -110,7 +110,7 @@ def body_ties(drive: Any) -> list[BodyTie]:
 
 def is_freewheel(drive: Any, tie: BodyTie) -> bool:
     """Whether a tie of a drive, or of a mapping, is a freewheel, whose bodies may turn unlike."""
-    return tie.kind == "couplings" and get(elements(drive, "couplings")[int(tie.path[1])], "freewheel") is True
+    return tie.kind == "couplings" and node_value(node_list(drive, "couplings")[int(tie.path[1])], "freewheel") is True
 
 
 def rigid_ratios(drive: Any) -> TiedRatios:
@@ -134,12 +134,12 @@ def ratios_with_chains(
         without: a tie that is left out.
     """
     count, wrong = len(body_names(drive)), []
-    chains = [get(chain, "name") for chain in elements(drive, "chains")] or [None]
+    chains = [node_value(chain, "name") for chain in node_list(drive, "chains")] or [None]
     found = TiedRatios(count + len(chains))
-    for s, sprocket in enumerate(elements(drive, "sprockets")):
-        teeth, chain = get(sprocket, "teeth"), get(sprocket, "chain") if chains[0] is not None else None
+    for s, sprocket in enumerate(node_list(drive, "sprockets")):
+        teeth, chain = node_value(sprocket, "teeth"), node_value(sprocket, "chain") if chains[0] is not None else None
         if isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0 and chain in chains:
-            turns = Fraction(-1 if get(sprocket, "wrap") == "cw" else 1, teeth)
+            turns = Fraction(-1 if node_value(sprocket, "wrap") == "cw" else 1, teeth)
             found.tie(count + chains.index(chain), s, turns)
     for tie in body_ties(drive):
         if tie != without and (couplings or tie.kind != "couplings"):
@@ -201,8 +201,8 @@ def is_free_body(drive: Any, s: int) -> bool:
     return prescribed_leader(drive, s) is None
 
 
-def turns_a_roller(drive: Any) -> list[float]:
-    """Revolutions of each body, counter-clockwise, while a roller passes; its ratio where it hangs on no chain."""
+def turns_per_roller(drive: Any) -> list[float]:
+    """Revolutions of each body, counter-clockwise, while a roller passes; its ratio where no chain turns it."""
     found, _ = ratios_with_chains(drive)
     chain = found.ratio[-1]
     of_chain = found.root[-1]
@@ -213,7 +213,7 @@ def body_turning_sign(drive: Any, b: int) -> int:
     """+1 where forward rotation of body b is counter-clockwise, else -1."""
     if b < len(drive.sprockets):
         return drive.sprockets[b].sign
-    return 1 if turns_a_roller(drive)[b] > 0.0 else -1
+    return 1 if turns_per_roller(drive)[b] > 0.0 else -1
 
 
 def body_speed_ratio(drive: Any, b: int, other: int) -> float:
@@ -224,7 +224,7 @@ def body_speed_ratio(drive: Any, b: int, other: int) -> float:
         return abs(float(found.ratio[b] / found.ratio[other])) if found.root[b] == found.root[other] else 1.0
     if b < count and other < count:
         return drive.sprockets[other].teeth / drive.sprockets[b].teeth
-    turns = turns_a_roller(drive)
+    turns = turns_per_roller(drive)
     return abs(turns[b] / turns[other])
 
 

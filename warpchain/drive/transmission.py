@@ -15,7 +15,7 @@ from fractions import Fraction
 from typing import Any
 
 from warpchain.drive.parts_by_chain import shaft_of_sprocket
-from warpchain.drive.schema import elements, get
+from warpchain.drive.schema import node_list, node_value
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.trains import body_names, body_ties
@@ -26,17 +26,17 @@ GROUP_PARTS = ("gears", "couplings", "valves")
 
 def is_geared(drive: Any) -> bool:
     """Whether a drive of several chains, or a mapping of one, has more than sprockets on shafts."""
-    shafts = elements(drive, "shafts")
-    if not elements(drive, "chains"):
+    shafts = node_list(drive, "shafts")
+    if not node_list(drive, "chains"):
         return False
-    on = [get(sprocket, "shaft") for sprocket in elements(drive, "sprockets")]
-    bare = any(get(shaft, "name") not in on for shaft in shafts)
-    driven = any(get(shaft, key) is not None for shaft in shafts for key in ("motor", "initial_speed"))
-    return bare or driven or any(elements(drive, kind) for kind in GROUP_PARTS)
+    on = [node_value(sprocket, "shaft") for sprocket in node_list(drive, "sprockets")]
+    bare = any(node_value(shaft, "name") not in on for shaft in shafts)
+    driven = any(node_value(shaft, key) is not None for shaft in shafts for key in ("motor", "initial_speed"))
+    return bare or driven or any(node_list(drive, kind) for kind in GROUP_PARTS)
 
 
 def rotation_owners(drive: Any) -> dict[str, str]:
-    """Names of sprockets that turn as another part, with that part's name: their shaft, or the first sprocket on it.
+    """Names of the parts as which sprockets turn, their shaft or the first sprocket on it, by sprocket.
 
     It is the first sprocket where shafts are not recorded (`warpchain.results.channels`).
     """
@@ -54,10 +54,12 @@ def sprockets_with_shafts(drive: Any) -> list[Any]:
 
     Of a drive with one chain they are as they stand.
     """
-    sprockets = list(elements(drive, "sprockets"))
-    of_several = elements(drive, "shafts") if elements(drive, "chains") else ()
+    sprockets = list(node_list(drive, "sprockets"))
+    of_several = node_list(drive, "shafts") if node_list(drive, "chains") else ()
     for shaft in of_several:
-        named = (s for s, sprocket in enumerate(sprockets) if get(sprocket, "shaft") == get(shaft, "name"))
+        named = (
+            s for s, sprocket in enumerate(sprockets) if node_value(sprocket, "shaft") == node_value(shaft, "name")
+        )
         first = next(named, None)
         if first is not None:
             sprockets[first] = _sprocket_with_shaft(sprockets[first], shaft)
@@ -66,7 +68,7 @@ def sprockets_with_shafts(drive: Any) -> list[Any]:
 
 def _sprocket_with_shaft(sprocket: Any, shaft: Any) -> Any:
     """A sprocket with the motion and load of its shaft, and its inertia on top."""
-    own = {key: value for key in ("prescribed", "load", "inertia") if (value := get(shaft, key)) is not None}
+    own = {key: value for key in ("prescribed", "load", "inertia") if (value := node_value(shaft, key)) is not None}
     if not isinstance(sprocket, Sprocket):
         return {**sprocket, **own} if isinstance(sprocket, Mapping) else sprocket
     if sprocket.inertia is not None and "inertia" in own:
@@ -116,9 +118,9 @@ class Transmission:
 
 def transmission_of_sprockets(sprockets: Sequence[Any]) -> Transmission:
     """The transmission of sprockets whose chains, shafts and teeth are sound, from the first that is prescribed."""
-    chains = dict.fromkeys(get(sprocket, "chain") for sprocket in sprockets)
-    moved = {shaft_of_sprocket(s) for s in sprockets if get(s, "prescribed") is not None}
-    first = next(s for s in sprockets if get(s, "prescribed") is not None)
+    chains = dict.fromkeys(node_value(sprocket, "chain") for sprocket in sprockets)
+    moved = {shaft_of_sprocket(s) for s in sprockets if node_value(s, "prescribed") is not None}
+    first = next(s for s in sprockets if node_value(s, "prescribed") is not None)
     speeds, leaders, wrong = {shaft_of_sprocket(first): Fraction(1)}, dict[str, int](), list[RatioContradiction]()
     while len(leaders) < len(chains):
         led = _next_turned_chain(sprockets, [chain for chain in chains if chain not in leaders], (moved, set(speeds)))
@@ -126,10 +128,10 @@ def transmission_of_sprockets(sprockets: Sequence[Any]) -> Transmission:
             break
         chain, leader = led
         leaders[chain] = leader
-        begin, teeth = shaft_of_sprocket(sprockets[leader]), get(sprockets[leader], "teeth")
+        begin, teeth = shaft_of_sprocket(sprockets[leader]), node_value(sprockets[leader], "teeth")
         speeds.setdefault(begin, Fraction(1))
-        for sprocket in (s for s in sprockets if get(s, "chain") == chain and shaft_of_sprocket(s) != begin):
-            end, ratio = shaft_of_sprocket(sprocket), Fraction(teeth, get(sprocket, "teeth"))
+        for sprocket in (s for s in sprockets if node_value(s, "chain") == chain and shaft_of_sprocket(s) != begin):
+            end, ratio = shaft_of_sprocket(sprocket), Fraction(teeth, node_value(sprocket, "teeth"))
             if end in speeds and speeds[end] != speeds[begin] * ratio and end not in moved:
                 known = speeds[end] / speeds[begin]
                 pair = _shafts_of_chain(sprockets, chain) & {begin, end}
@@ -142,7 +144,7 @@ def transmission_of_sprockets(sprockets: Sequence[Any]) -> Transmission:
 
 def _shafts_of_chain(sprockets: Sequence[Any], chain: str) -> set[str]:
     """The shafts of a chain's sprockets."""
-    return {shaft_of_sprocket(s) for s in sprockets if get(s, "chain") == chain}
+    return {shaft_of_sprocket(s) for s in sprockets if node_value(s, "chain") == chain}
 
 
 def _next_turned_chain(
@@ -152,6 +154,6 @@ def _next_turned_chain(
     for turning in ways:
         for chain in todo:
             for s, sprocket in enumerate(sprockets):
-                if get(sprocket, "chain") == chain and shaft_of_sprocket(sprocket) in turning:
+                if node_value(sprocket, "chain") == chain and shaft_of_sprocket(sprocket) in turning:
                     return chain, s
     return None

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, ascending, slowest_part
+from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, ascending_rules, slowest_ripple
 from warpchain.drive.schema import (
     BARE,
     Column,
@@ -31,11 +31,11 @@ from warpchain.drive.schema import (
     Positive,
     Problem,
     Value,
-    elements,
-    get,
+    are_numbers,
     is_name,
-    nearest,
-    numbers,
+    nearest_key_text,
+    node_list,
+    node_value,
     plain_sequence,
 )
 
@@ -74,7 +74,7 @@ Shape = Annotated[
 
 @dataclass(frozen=True)
 class LiftCurve:
-    """A periodic lift as a table, before what it is multiplied by.
+    """A periodic lift as a table, without its factor.
 
     Attributes:
         over: angles [rad], ascending over the period.
@@ -136,26 +136,26 @@ class LiftTable(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        if get(node, "file") is not None:
-            yield Problem(("file",), get(node, "file"), "only drive files name a file; give angle and lift")
+        if node_value(node, "file") is not None:
+            yield Problem(("file",), node_value(node, "file"), "only drive files name a file; give angle and lift")
             return
-        angle, lift = elements(node, "angle"), elements(node, "lift")
-        if not numbers(*angle, *lift) or min(len(angle), len(lift)) < 2:
+        angle, lift = node_list(node, "angle"), node_list(node, "lift")
+        if not are_numbers(*angle, *lift) or min(len(angle), len(lift)) < 2:
             return
         if len(angle) > MOST_ROWS:
             yield Problem(("angle",), None, f"has {len(angle)} elements; must have at most {MOST_ROWS}", BARE)
         elif len(angle) != len(lift):
             yield Problem(("lift",), list(lift), f"must have as many elements as angle, {len(angle)}")
         else:
-            yield from list(ascending("angle", angle)) or _periodic(angle, lift)
-        factor = 1.0 if get(node, "factor") is None else get(node, "factor")
+            yield from list(ascending_rules("angle", angle)) or _periodic_lift_rules(angle, lift)
+        factor = 1.0 if node_value(node, "factor") is None else node_value(node, "factor")
         most = max(map(abs, lift))
-        if numbers(factor) and factor > 0.0 and most * factor > MOST_LIFT:
+        if are_numbers(factor) and factor > 0.0 and most * factor > MOST_LIFT:
             yield Problem(("lift",), None, f"reaches {most * factor:g} m; must be at most {MOST_LIFT:g} m", BARE)
 
 
-def _periodic(angle: Any, lift: Any) -> Iterator[Problem]:
-    """A lift that closes over its period, and does not jump."""
+def _periodic_lift_rules(angle: Any, lift: Any) -> Iterator[Problem]:
+    """Problems of a lift that does not close over its period, or that jumps."""
     turn, last = angle[-1] - angle[0], len(angle) - 1
     parts = round(2.0 * math.pi / turn)
     if parts < 1 or abs(turn * parts / (2.0 * math.pi) - 1.0) > TURN_TOLERANCE:
@@ -201,9 +201,9 @@ class LiftProfile(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        parts = [get(node, key) for key in ("rise", "fall")]
-        dwell = 0.0 if get(node, "dwell") is None else get(node, "dwell")
-        if not numbers(*parts, dwell):
+        parts = [node_value(node, key) for key in ("rise", "fall")]
+        dwell = 0.0 if node_value(node, "dwell") is None else node_value(node, "dwell")
+        if not are_numbers(*parts, dwell):
             return
         whole = sum(parts) + dwell
         if whole > 360.0:
@@ -243,12 +243,12 @@ class ValveSpring(Part):
 
 
 @lru_cache(maxsize=64)
-def _slowest_of(curve: LiftCurve, phases: tuple[float, ...]) -> int:
-    """`slowest_part` of the slopes of lifts that begin at these phases [degrees]."""
+def _slowest_lift_ripple(curve: LiftCurve, phases: tuple[float, ...]) -> int:
+    """`slowest_ripple` of the slopes of lifts that begin at these phases [degrees]."""
     import numpy as np  # here, since drives are read without it
 
     shifts = np.exp(-1j * np.outer(np.arange(ROWS // 2 + 1), np.radians(phases))).sum(axis=1)
-    return slowest_part(np.fft.rfft(curve.around()[1]) * shifts)
+    return slowest_ripple(np.fft.rfft(curve.around()[1]) * shifts)
 
 
 class Valves(Part):
@@ -306,8 +306,8 @@ class Valves(Part):
 
     @property
     def slowest_order(self) -> float:
-        """Periods per revolution of the slowest ripple of its torque (`slowest_part`), by the slopes of all lifts."""
-        return float(_slowest_of(self.curve, tuple(self.phases)))
+        """Periods per revolution of the slowest ripple of its torque (`slowest_ripple`), by the slopes of all lifts."""
+        return float(_slowest_lift_ripple(self.curve, tuple(self.phases)))
 
     @property
     def torsional_stiffness(self) -> Any:
@@ -319,7 +319,7 @@ class Valves(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        profile, table = get(node, "profile"), get(node, "table")
+        profile, table = node_value(node, "profile"), node_value(node, "table")
         if profile is None and table is None:
             yield Problem(("profile",), None, "missing; must be a table, or give table instead", BARE)
         if profile is not None and table is not None:
@@ -327,13 +327,15 @@ class Valves(Part):
 
 
 def valve_rules(drive: Any) -> Iterator[Problem]:
-    """Valves are on a sprocket or a shaft, without a balance wheel."""
-    parts = [*elements(drive, "sprockets"), *elements(drive, "shafts")]
-    names = [str(get(part, "name")) for part in parts if is_name(get(part, "name"))]
-    wheels = [get(part, "name") for part in parts if get(part, "balance_wheel") is not None]
-    for v, valves in enumerate(elements(drive, "valves")):
-        on = get(valves, "on")
+    """Problems of valves that are not on a sprocket or shaft, or beside a balance wheel."""
+    parts = [*node_list(drive, "sprockets"), *node_list(drive, "shafts")]
+    names = [str(node_value(part, "name")) for part in parts if is_name(node_value(part, "name"))]
+    wheels = [node_value(part, "name") for part in parts if node_value(part, "balance_wheel") is not None]
+    for v, valves in enumerate(node_list(drive, "valves")):
+        on = node_value(valves, "on")
         if is_name(on) and on not in names:
-            yield Problem(("valves", v, "on"), on, f"must be the name of a sprocket or a shaft; {nearest(on, names)}")
+            yield Problem(
+                ("valves", v, "on"), on, f"must be the name of a sprocket or a shaft; {nearest_key_text(on, names)}"
+            )
         elif is_name(on) and on in wheels:
             yield Problem(("valves", v, "on"), on, "must not have a balance wheel")

@@ -38,19 +38,20 @@ class Walther(NamedTuple):
 
     def temperature(self, viscosity: float) -> float:
         """Temperature [degrees C] at which the oil has a viscosity [m^2/s]."""
-        return 10.0 ** ((self.a - _twice_log(viscosity)) / self.b) - KELVIN
+        return 10.0 ** ((self.a - _double_logarithm(viscosity)) / self.b) - KELVIN
 
 
-def _twice_log(viscosity: float) -> float:
+def _double_logarithm(viscosity: float) -> float:
+    """log10 log10 of a viscosity [m^2/s], as in (a)."""
     return math.log10(math.log10(1e6 * viscosity + 0.7))
 
 
-def by_two_points(at_40: float, at_100: float) -> Walther:
+def walther_from_two_points(at_40: float, at_100: float) -> Walther:
     """(a) through the viscosities at 40 and 100 degrees C [m^2/s], `THINNEST` to `THICKEST`."""
-    fall = _twice_log(at_40) - _twice_log(at_100)
-    return by_slope(at_40, 40.0, fall / math.log10((100.0 + KELVIN) / (40.0 + KELVIN)))
+    fall = _double_logarithm(at_40) - _double_logarithm(at_100)
+    return walther_from_slope(at_40, 40.0, fall / math.log10((100.0 + KELVIN) / (40.0 + KELVIN)))
 
 
-def by_slope(viscosity: float, at: float = SWEPT_FROM, slope: float = SLOPE) -> Walther:
+def walther_from_slope(viscosity: float, at: float = SWEPT_FROM, slope: float = SLOPE) -> Walther:
     """(a) of an oil that has a viscosity [m^2/s] at a temperature [degrees C], with B given."""
-    return Walther(_twice_log(viscosity) + slope * math.log10(at + KELVIN), slope)
+    return Walther(_double_logarithm(viscosity) + slope * math.log10(at + KELVIN), slope)

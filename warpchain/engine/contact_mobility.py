@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
-from warpchain.drive.mounts import moving_mass, on_springs
+from warpchain.drive.mounts import is_on_springs, moving_mass
 from warpchain.drive.stack_math import power
 from warpchain.drive.trains import is_free_body, train_inertia, train_of_body
 from warpchain.engine.body_struct_rows import squared_levers
@@ -33,7 +33,7 @@ def fill_contact_mobility(packed: PackedEnsemble, rows: NDArray[np.integer], dri
     double = 2.0 * drive.chain.mass
     for s, sprocket in enumerate(drive.sprockets):
         answer = sum(turning[o] for o in train_of_body(drive, s).bodies if o < len(seated))
-        if on_springs(sprocket):
+        if is_on_springs(sprocket):
             answer = answer + seated[s] / moving_mass(sprocket)
         if (arm := drive.carrier(s)) is not None:
             answer = answer + arms[arm]

@@ -20,7 +20,7 @@ from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.stack_assembly import Assemblies, assemble_stacks
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
+from warpchain.drive.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.drive.oil import EXPONENT
 from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.engine.arrays import DIMENSIONS, dtype_of, fill_first_places
@@ -231,7 +231,7 @@ def _pack_sprocket(
         packed.tooth_friction,
         mine,
         fill_friction_row,
-        tooth_rubbing(drive),
+        tooth_friction_coefficients(drive),
         tooth_effective_mass(drive, s),
         drive.sprocket_stiffness(s),
     )
@@ -267,7 +267,7 @@ def _pack_guides(packed: PackedEnsemble, drive: Drive, at: Mapping[str, NDArray[
                 packed.guide_friction,
                 mine,
                 fill_friction_row,
-                guide_rubbing(drive, g),
+                guide_friction_coefficients(drive, g),
                 effective_mass,
                 drive.guide_stiffness(g),
             )

@@ -14,16 +14,16 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
-from warpchain.drive.friction_coefficients import Rubbing, rubbing_of
+from warpchain.drive.friction_coefficients import FrictionCoefficients, friction_coefficients
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
 from warpchain.drive.mounts import (
-    active,
-    farthest,
+    has_active_mount,
     initial_velocity,
+    is_on_springs,
+    largest_displacement,
     moving_mass,
-    on_springs,
-    unit,
+    unit_direction,
     wheel_inertia,
     wheel_mass,
 )
@@ -175,16 +175,16 @@ def fill_guide_row(row: Any, drive: Drive, g: int) -> None:
     fill_law_row(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
 
-def fill_friction_row(row: Any, rubbing: Rubbing, effective_mass: float, stiffness: float) -> None:
+def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: float, stiffness: float) -> None:
     """Fills the `kernels.structs.Friction` of a contact, apart from what depends on the step; zero without friction.
 
     `effective_mass` is what friction has to stop [kg] (`tooth_effective_mass`).
     """
-    if rubbing.rubs:
+    if rubbing.has_friction:
         fill_friction_coefficients(row, rubbing, effective_mass, stiffness)
 
 
-def fill_friction_coefficients(row: Any, rubbing: Rubbing, inertia: float, stiffness: float) -> None:
+def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia: float, stiffness: float) -> None:
     """Fills a `kernels.structs.Friction`, apart from what depends on the step.
 
     Args:
@@ -210,7 +210,7 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
     wheel = sprocket.balance_wheel
     moment = wheel_mass(sprocket) * wheel.radius if wheel is not None else 0.0
     inertia = train_inertia(drive, s)
-    if on_springs(sprocket):
+    if is_on_springs(sprocket):
         mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
         inertia = inertia - moment * offset
     if is_free_body(drive, s):
@@ -244,7 +244,7 @@ def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["jointed"] = any(arm.arm is not None for arm in drive.arms)
     carried = any(s.bearing is not None or isinstance(s.mount, ArmMount) for s in drive.sprockets)
     row["hubs"] = carried or row["jointed"]
-    reach = [drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)]
+    reach = [drive.pitch_radius(s) + largest_displacement(sprocket) for s, sprocket in enumerate(drive.sprockets)]
     for s in range(len(reach)):
         if drive.carrier(s) is not None:
             reach[s] = reach[s] + 2.0 * drive.center_lever(s)  # wherever the arm turns
@@ -301,7 +301,7 @@ def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
     plungers = drive.plunger_mass_on(s)
     if isinstance(sprocket.mount, ArmMount):
         row["moves"], row["home"] = CARRIED, array_of_columns(sprocket.center)
-    if not active(sprocket):
+    if not has_active_mount(sprocket):
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
@@ -316,7 +316,7 @@ def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
     if isinstance(mount, PrescribedMount):
         row["moves"] = PRESCRIBED
         fill_place_tables(row, mount.table, tables)
-        row["direction"] = 0.0 if mount.direction is None else unit(mount.direction)
+        row["direction"] = 0.0 if mount.direction is None else unit_direction(mount.direction)
         row["offset"], row["amplitude"], row["phase"] = mount.offset, mount.amplitude, mount.phase
         row["frequency"] = 2.0 * math.pi * mount.frequency
     elif isinstance(mount, ElasticMount):
@@ -325,7 +325,7 @@ def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
         row["stiffness"], row["damping"] = _diagonal_matrices(mount.stiffness), _diagonal_matrices(mount.damping)
         row["preload"] = array_of_columns(mount.preload)
     elif isinstance(mount, SliderMount):
-        way = unit(mount.direction)
+        way = unit_direction(mount.direction)
         line = way[..., :, None] * way[..., None, :]
         row["moves"] = FREE
         row["inverse_mass"] = line / with_last_axis(with_last_axis(mass))
@@ -349,10 +349,10 @@ def fill_chain_row(row: Any, drive: Drive) -> None:
     row["play"] = chain.link_play
     row["mass"], row["inverse_mass"] = chain.mass, 1.0 / chain.mass
     row["gravity"] = array_of_columns(drive.run.gravity)
-    if chain.joint is not None and chain.rubs:
+    if chain.joint is not None and chain.has_friction:
         pin_radius = chain.pin_radius
         assert pin_radius is not None  # the chain's own rule
         row["pin_radius"], row["joint_arm"] = pin_radius, chain.joint.factor * pin_radius
         inertia = JOINT_INERTIA * chain.mass * power(chain.pitch, 2) / 6.0
         stiffness = PIN_STIFFNESS * chain.stiffness * power(pin_radius, 2)
-        fill_friction_coefficients(row["joint"], rubbing_of(chain.joint), inertia, stiffness)
+        fill_friction_coefficients(row["joint"], friction_coefficients(chain.joint), inertia, stiffness)

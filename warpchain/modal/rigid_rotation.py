@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from warpchain.drive.geared_chain_drives import bodies_of_chain_drive
-from warpchain.drive.schema import get
+from warpchain.drive.schema import node_value
 from warpchain.drive.trains import is_free_body, part_of_body, ratios_with_chains
 from warpchain.modal.matrices import Array
 from warpchain.modal.small_motion import DriveMotion
@@ -34,7 +34,7 @@ def free_rotations(found: DriveMotion) -> list[list[float]]:
     held = {
         tied.root[b]
         for b in range(len(drive.sprockets) + len(drive.shafts))
-        if not is_free_body(drive, b) or get(part_of_body(drive, b), "balance_wheel") is not None
+        if not is_free_body(drive, b) or node_value(part_of_body(drive, b), "balance_wheel") is not None
     }
     return [
         [float(ratio) * (root == free) for ratio, root in zip(tied.ratio, tied.root, strict=True)]

@@ -274,7 +274,7 @@ def drive_motion(
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
     begun = None if start is None else [part.packed for part in start.parts]
-    drained = [t.name for t in drive.tensioners if t.drained]
+    drained = [t.name for t in drive.tensioners if t.is_drained]
     drive = drive.with_values({f"tensioners.{name}.chamber.drained": 0.0 for name in drained}) if drained else drive
     found = standing_chains(drive, speed, begun)
     parts = [_chain_motion(chain.drive, own, packed, tension, valve) for chain, own, packed, tension in found]

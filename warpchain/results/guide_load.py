@@ -27,7 +27,7 @@ def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
     """Arc length along a guide's face and height above it of points (K, 2) [m]; nan beyond its rounded ends."""
     place, height = np.full(len(points), np.nan), np.full(len(points), np.inf)
     for piece, before in zip(face.pieces, face.places, strict=True):
-        on = piece.rise(points)
+        on = piece.heights(points)
         mine = (on.place >= 0.0) & (on.place <= piece.length) & (np.abs(on.height) < np.abs(height))
         place[mine], height[mine] = before + on.place[mine], on.height[mine]
     return place, np.where(np.isfinite(height), height, np.nan)

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.mounts import unit
+from warpchain.drive.mounts import unit_direction
 from warpchain.drive.sprocket import ArmMount, ElasticMount, PrescribedMount, Sprocket
 from warpchain.errors import SimulationError
 from warpchain.results.arm_pivots import arm_pivots
@@ -118,7 +118,7 @@ def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
     if isinstance(mount, ElasticMount):
         held = off * mount.stiffness + v * mount.damping - np.asarray(mount.preload)
         return np.asarray(held)
-    along = unit(mount.direction)
+    along = unit_direction(mount.direction)
     across = np.array([-along[1], along[0]])
     slide = mount.stiffness * (off @ along) + mount.damping * (v @ along) - mount.preload
     return np.outer(slide, along) + np.outer(force @ across, across)

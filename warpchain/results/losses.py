@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.friction_coefficients import Rubbing, guide_rubbing, rubbing_of, tooth_rubbing
+from warpchain.drive.friction_coefficients import (
+    FrictionCoefficients,
+    friction_coefficients,
+    guide_friction_coefficients,
+    tooth_friction_coefficients,
+)
 from warpchain.results.guide_load import GuideContacts, recorded_guide_contacts
 from warpchain.results.metric_formulas import partner_names
 from warpchain.results.nearest_parts import engaged_sprockets, sprocket_normals
@@ -91,7 +96,7 @@ def loss_shares(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, Loss]:
 Array = NDArray[np.float64]
 
 
-def friction_coefficient(rubbing: Rubbing, speed: Array) -> Array:
+def friction_coefficient(rubbing: FrictionCoefficients, speed: Array) -> Array:
     """Friction coefficient mu(v) at sliding speeds [m/s]."""
     part = np.asarray(speed) / rubbing.stribeck_speed
     return rubbing.dynamic + (rubbing.static - rubbing.dynamic) * np.exp(-part * part)
@@ -122,14 +127,19 @@ def total_joint_friction_power(trajectory: Trajectory) -> Array:
     if joint is None or radius is None:
         return np.zeros(len(trajectory.time))
     rate = np.abs(joint_turn_rates(trajectory))
-    moment = friction_coefficient(rubbing_of(joint), radius * rate) * joint.factor * radius * joint_loads(trajectory)
+    moment = (
+        friction_coefficient(friction_coefficients(joint), radius * rate)
+        * joint.factor
+        * radius
+        * joint_loads(trajectory)
+    )
     return np.asarray((moment * rate).sum(axis=1))
 
 
 def guide_friction_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Array:
     """Friction power on guide g (F,) [W] (b)."""
     speed = np.abs(contacts.speed)
-    power = friction_coefficient(guide_rubbing(trajectory.drive, g), speed) * contacts.force * speed
+    power = friction_coefficient(guide_friction_coefficients(trajectory.drive, g), speed) * contacts.force * speed
     return np.asarray(np.bincount(contacts.frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
@@ -148,7 +158,7 @@ def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp])
     relative = np.stack([-omega * r[:, 1], omega * r[:, 0]], axis=-1) - v
     n = sprocket_normals(trajectory, s, frame, roller)
     sliding = np.abs(relative[:, 1] * n[:, 0] - relative[:, 0] * n[:, 1])
-    power = friction_coefficient(tooth_rubbing(trajectory.drive), sliding) * force * sliding
+    power = friction_coefficient(tooth_friction_coefficients(trajectory.drive), sliding) * force * sliding
     return np.asarray(np.bincount(frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
@@ -156,13 +166,13 @@ def friction_power(trajectory: Trajectory) -> dict[str, Array]:
     """Friction power (F,) [W] of "joints", guides and sprockets by name, of what rubs."""
     drive = trajectory.drive
     found: dict[str, Array] = {}
-    if drive.chain.rubs:
+    if drive.chain.has_friction:
         found["joints"] = total_joint_friction_power(trajectory)
     touching = recorded_guide_contacts(trajectory) if drive.guides else []
     for g, guide in enumerate(drive.guides):
-        if guide_rubbing(drive, g).rubs:
+        if guide_friction_coefficients(drive, g).has_friction:
             found[guide.name] = guide_friction_power(trajectory, g, touching[g])
-    if tooth_rubbing(drive).rubs:
+    if tooth_friction_coefficients(drive).has_friction:
         near = engaged_sprockets(trajectory)
         for s, sprocket in enumerate(drive.sprockets):
             found[sprocket.name] = tooth_friction_power(trajectory, s, near)

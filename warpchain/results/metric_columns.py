@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.friction_coefficients import guide_rubbing, tooth_rubbing
-from warpchain.drive.mounts import moves
+from warpchain.drive.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
+from warpchain.drive.mounts import has_moving_center
 from warpchain.drive.power_rating import size_rating
 from warpchain.drive.stacks import Stack, stacks_of_drives
 from warpchain.drive.trains import is_free_body
@@ -89,7 +89,11 @@ class MetricGroup:
 def has_partner_friction(drive: Drive, index: int) -> bool:
     """Whether rollers rub on a partner of a drive."""
     sprockets = len(drive.sprockets)
-    return (tooth_rubbing(drive) if index < sprockets else guide_rubbing(drive, index - sprockets)).rubs
+    return (
+        tooth_friction_coefficients(drive)
+        if index < sprockets
+        else guide_friction_coefficients(drive, index - sprockets)
+    ).has_friction
 
 
 TENSION_QUANTILE_SHARES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
@@ -182,7 +186,7 @@ MOUNT_METRICS = MetricGroup(
         Column("mount_dissipated", "J", "energy dissipated in the mount's damper", sum_of("dissipated")),
     ),
     source="mount",
-    applies_to=lambda drive, index: moves(drive.sprockets[index]),
+    applies_to=lambda drive, index: has_moving_center(drive.sprockets[index]),
 )
 BEARING_METRICS = MetricGroup(
     "sprocket",
@@ -296,7 +300,7 @@ FILLING_METRICS = MetricGroup(
         ),
     ),
     source="tensioner",
-    applies_to=lambda drive, index: drive.tensioners[index].drained,
+    applies_to=lambda drive, index: drive.tensioners[index].is_drained,
 )
 VENT_METRICS = MetricGroup(
     "tensioner",
@@ -364,7 +368,7 @@ JOINT_METRICS = MetricGroup(
     "chain",
     (Column("joints.friction", "J", "energy dissipated by friction in the joints", sum_of("friction")),),
     source="chain",
-    applies_to=lambda drive, index: drive.chain.rubs,
+    applies_to=lambda drive, index: drive.chain.has_friction,
 )
 BALANCE_METRICS = MetricGroup(
     "chain",
@@ -442,7 +446,7 @@ RESOLUTION_METRICS = (
                 is_aside=True,
             ),
         ),
-        applies_to=lambda drive, index: drive.chain.rubs,
+        applies_to=lambda drive, index: drive.chain.has_friction,
     ),
     MetricGroup(
         "strand",
@@ -455,7 +459,7 @@ RESOLUTION_METRICS = (
                 is_aside=True,
             ),
         ),
-        applies_to=lambda drive, index: drive.chain.rubs,
+        applies_to=lambda drive, index: drive.chain.has_friction,
     ),
     MetricGroup(
         "partner",
@@ -482,7 +486,8 @@ FRICTION_POWER_METRICS = MetricGroup(
         ),
     ),
     applies_to=lambda drive, index: (
-        drive.chain.rubs or any(has_partner_friction(drive, k) for k in range(len(drive.sprockets) + len(drive.guides)))
+        drive.chain.has_friction
+        or any(has_partner_friction(drive, k) for k in range(len(drive.sprockets) + len(drive.guides)))
     ),
 )
 RUN_METRICS = MetricGroup(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.schema import nearest, some_of
+from warpchain.drive.schema import names_text, nearest_key_text
 from warpchain.errors import StudyError
 from warpchain.results.arrow_tables import export_table as export_table
 from warpchain.results.arrow_tables import table_without_unit_heads
@@ -153,7 +153,7 @@ class Results:
         """Refuses a column that is not in the table."""
         if name not in self.table.column_names:
             raise StudyError(
-                f"column {name!r}: not in the table; {nearest(name, self.table.column_names, MOST_LISTED)}"
+                f"column {name!r}: not in the table; {nearest_key_text(name, self.table.column_names, MOST_LISTED)}"
             )
 
     def values(self, name: str) -> Array:
@@ -313,9 +313,8 @@ def read_results(
         table = table_without_unit_heads(table)
     chosen = tuple(factors) if factors is not None else _columns_with_role(table, b"factor")
     if not chosen:
-        raise StudyError(
-            f"factors: none given, and the table marks none; its columns are {some_of(table.column_names, MOST_LISTED)}"
-        )
+        columns = names_text(table.column_names, MOST_LISTED)
+        raise StudyError(f"factors: none given, and the table marks none; its columns are {columns}")
     noted = _columns_with_role(table, b"metric")
     if metrics is not None:
         measured = tuple(metrics)
@@ -334,7 +333,7 @@ def read_results(
         for name in names:
             if name not in table.column_names:
                 raise StudyError(
-                    f"{kind}: {name!r} is not in the table; {nearest(name, table.column_names, MOST_LISTED)}"
+                    f"{kind}: {name!r} is not in the table; {nearest_key_text(name, table.column_names, MOST_LISTED)}"
                 )
     results = Results(table, chosen, measured)
     for word in sorted(set(results.status) - set(ROW_STATUSES)):

@@ -19,7 +19,7 @@ import numpy as np
 
 from warpchain.argument_checks import AllowedRange, Count, NonNegativeNumber, Workers, check_arguments
 from warpchain.drive import Drive
-from warpchain.drive.schema import nearest
+from warpchain.drive.schema import nearest_key_text
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
@@ -220,7 +220,7 @@ def _compared_metric(benches: Sequence[StudySession], by: Comparison) -> tuple[s
     for bench in benches:
         names = [*metric_names(bench.drive), *(name for name in study.named_metrics if name not in bench.factor_names)]
         if metric not in names:
-            raise StudyError(f"metric = {metric!r}: no such metric; {nearest(metric, names, 8)}")
+            raise StudyError(f"metric = {metric!r}: no such metric; {nearest_key_text(metric, names, 8)}")
     if not any(fnmatchcase(metric, pattern) for pattern in kept_metric_patterns(study)):
         raise StudyError(f"metric = {metric!r}: metrics.keep of the study leaves it out")
     named = [o for o in study.objectives if metric_from_name(o.metric) == metric and not o.metric.startswith("std(")]

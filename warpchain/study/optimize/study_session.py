@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from warpchain.argument_checks import Count, Index, Workers, check_arguments
 from warpchain.drive import Drive, dumps_drive, load_drive
-from warpchain.drive.drive_text import text_alone
+from warpchain.drive.drive_text import self_contained_text
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
 from warpchain.progress import Progress
@@ -101,7 +101,7 @@ class StudySession:
     ) -> None:
         self.source = Path(source)
         self.study, self.drive, _ = read_study(source, drive)
-        self.drive_text = text_alone(base_drive_file(self.study, source, drive))
+        self.drive_text = self_contained_text(base_drive_file(self.study, source, drive))
         self.folder = None if folder is None else Path(folder)
         self._workers, self._memory, self._search_target = workers, memory, search_target
         self._known: dict[str, tuple[pa.Table, int]] = {}

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, load_drive
-from warpchain.drive.drive_text import text_alone
+from warpchain.drive.drive_text import self_contained_text
 from warpchain.drive.examples import drive_path
-from warpchain.drive.schema import elements, nearest, valid
+from warpchain.drive.schema import nearest_key_text, node_list, valid_part
 from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
@@ -83,7 +83,7 @@ def prepare_folder(
     size = study.run.shard or preferred_shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     if not grow or not (Path(out) / "plan.json").exists():
         folder = make_folder(Path(out), study, drive, design, size)
-        write_study_text(folder.path / DRIVE_TEXT_FILE, text_alone(base_drive_file(study, source)), keep=True)
+        write_study_text(folder.path / DRIVE_TEXT_FILE, self_contained_text(base_drive_file(study, source)), keep=True)
         return folder
     folder = open_folder(Path(out))
     fixed = study.model_copy(update={"study": folder.study.study.model_copy(update={"name": study.study.name})})
@@ -160,22 +160,27 @@ def _readable_study(source: str | os.PathLike[str]) -> Study | None:
         values = fields_from_file(tomllib.loads(read_text_file(source, "TOML", ValueError)))
     except (OSError, ValueError, RecursionError):
         return None
-    subject = valid(Subject, values.get("study"))
+    subject = valid_part(Subject, values.get("study"))
     if subject is None or factor_count_complaint(values):
         return None
     factors = [
-        valid(Factor, factor) or valid(Factor, _factor_without_values(factor)) for factor in elements(values, "factors")
+        valid_part(Factor, factor) or valid_part(Factor, _factor_without_values(factor))
+        for factor in node_list(values, "factors")
     ]
-    adjusts = [valid(Adjust, adjust) for adjust in elements(values, "adjust")]
+    adjusts = [valid_part(Adjust, adjust) for adjust in node_list(values, "adjust")]
     held: dict[str, Any] = {
-        "run": valid(RunOptions, values.get("run")) or RunOptions(),
-        "metrics": valid(Keep, values.get("metrics")) or Keep(),
-        "record": valid(Recording, values.get("record")) or Recording(),
+        "run": valid_part(RunOptions, values.get("run")) or RunOptions(),
+        "metrics": valid_part(Keep, values.get("metrics")) or Keep(),
+        "record": valid_part(Recording, values.get("record")) or Recording(),
         "adjust": tuple(adjusts) if all(adjusts) else (),  # all, as lines have their places
-        "objectives": tuple(o for o in (valid(Objective, e) for e in elements(values, "objectives")) if o is not None),
-        "bounds": tuple(b for b in (valid(Bound, e) for e in elements(values, "bounds")) if b is not None),
-        "measured": tuple(m for m in (valid(Measurement, e) for e in elements(values, "measured")) if m is not None),
-        "calibrate": valid(Calibrate, values.get("calibrate")),
+        "objectives": tuple(
+            o for o in (valid_part(Objective, e) for e in node_list(values, "objectives")) if o is not None
+        ),
+        "bounds": tuple(b for b in (valid_part(Bound, e) for e in node_list(values, "bounds")) if b is not None),
+        "measured": tuple(
+            m for m in (valid_part(Measurement, e) for e in node_list(values, "measured")) if m is not None
+        ),
+        "calibrate": valid_part(Calibrate, values.get("calibrate")),
     }
     return Study.model_construct(study=subject, factors=tuple(f for f in factors if f is not None), **held)
 
@@ -238,10 +243,14 @@ def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str
     place = key_path_namer(study)
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):
-            lines.append(f'{place(("metrics", "keep", i))} = "{pattern}": no such metric; {nearest(pattern, names, 8)}')
+            lines.append(
+                f'{place(("metrics", "keep", i))} = "{pattern}": no such metric; {nearest_key_text(pattern, names, 8)}'
+            )
     worst = study.record.worst
     if worst is not None and worst.metric not in names:
-        lines.append(f'record.worst.metric = "{worst.metric}": no such metric; {nearest(worst.metric, names, 8)}')
+        lines.append(
+            f'record.worst.metric = "{worst.metric}": no such metric; {nearest_key_text(worst.metric, names, 8)}'
+        )
     lines += _unknown_metric_lines(study, drive, names)
     for factor in study.factors:
         if factor.name in names:
@@ -271,17 +280,17 @@ def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> I
                 if study.record.every != 1:
                     yield f'{where} = "{name}": is of recorded variants; it needs record.every = 1'
             elif metric not in (*names, *known):
-                near = nearest(metric, [*known, *names, *recorded], 8)
+                near = nearest_key_text(metric, [*known, *names, *recorded], 8)
                 yield f'{where} = "{name}": no such metric; {near}'
     for i, measured in enumerate(study.measured):
         where = place(("measured", i, "signal" if measured.metric is None else "metric"))
         if measured.metric is not None and measured.metric not in names:
-            yield f'{where} = "{measured.metric}": no such metric; {nearest(measured.metric, names, 8)}'
+            yield f'{where} = "{measured.metric}": no such metric; {nearest_key_text(measured.metric, names, 8)}'
         elif measured.signal is not None and measured.signal not in (signals := signal_units(drive)):
-            yield f'{where} = "{measured.signal}": no such signal; {nearest(measured.signal, signals, 8)}'
+            yield f'{where} = "{measured.signal}": no such signal; {nearest_key_text(measured.signal, signals, 8)}'
     for i, name in enumerate(study.calibrate.predict if study.calibrate is not None else ()):
         if name not in names:
-            yield f'{place(("calibrate", "predict", i))} = "{name}": no such metric; {nearest(name, names, 8)}'
+            yield f'{place(("calibrate", "predict", i))} = "{name}": no such metric; {nearest_key_text(name, names, 8)}'
 
 
 def is_growable(known: Study, other: Study) -> bool:

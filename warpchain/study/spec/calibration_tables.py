@@ -19,9 +19,9 @@ from warpchain.drive.schema import (
     Problem,
     Text,
     Value,
-    elements,
-    get,
-    numbers,
+    are_numbers,
+    node_list,
+    node_value,
     plain_sequence,
 )
 from warpchain.results.measured_file import SIGNAL_STATISTICS
@@ -82,27 +82,29 @@ class Measurement(Part):
         """Unit of numbers of a key, as those of the metric or of bands."""
         if key == "bands":
             return "Hz"
-        return metric_unit(get(values, "metric")) if key in cls._quantities else ""
+        return metric_unit(node_value(values, "metric")) if key in cls._quantities else ""
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of a measurement's keys: either a metric or a signal, with what it needs."""
-        if (get(node, "metric") is None) == (get(node, "signal") is None):
-            yield Problem(("metric",), get(node, "metric"), "give metric and value, or signal and file", BARE)
+        if (node_value(node, "metric") is None) == (node_value(node, "signal") is None):
+            yield Problem(("metric",), node_value(node, "metric"), "give metric and value, or signal and file", BARE)
             return
         of_signal = ("file", "column", "time", "unit", "time_unit", "decimal", "statistics", "orders", "bands")
-        needed, other = ("file", ("value",)) if get(node, "signal") is not None else ("value", of_signal)
-        if get(node, needed) is None:
+        needed, other = ("file", ("value",)) if node_value(node, "signal") is not None else ("value", of_signal)
+        if node_value(node, needed) is None:
             yield Problem((needed,), None, "missing", BARE)
         for key in other:
-            if get(node, key):
-                yield Problem((key,), get(node, key), f"not together with {'signal' if needed == 'file' else 'metric'}")
-        if needed == "file" and not any(elements(node, key) for key in ("statistics", "orders", "bands")):
+            if node_value(node, key):
+                yield Problem(
+                    (key,), node_value(node, key), f"not together with {'signal' if needed == 'file' else 'metric'}"
+                )
+        if needed == "file" and not any(node_list(node, key) for key in ("statistics", "orders", "bands")):
             yield Problem(("statistics",), None, "missing; give statistics, orders or bands of the signal", BARE)
-        if (get(node, "error") is None) == (get(node, "relative_error") is None):
-            yield Problem(("error",), get(node, "error"), "give either error or relative_error", BARE)
-        for i, band in enumerate(elements(node, "bands")):
-            if isinstance(band, (list, tuple)) and len(band) == 2 and numbers(*band) and band[0] >= band[1]:
+        if (node_value(node, "error") is None) == (node_value(node, "relative_error") is None):
+            yield Problem(("error",), node_value(node, "error"), "give either error or relative_error", BARE)
+        for i, band in enumerate(node_list(node, "bands")):
+            if isinstance(band, (list, tuple)) and len(band) == 2 and are_numbers(*band) and band[0] >= band[1]:
                 yield Problem(("bands", i), band, "must be [low, high], low below high")
 
 
@@ -128,18 +130,20 @@ class Calibrate(Part):
 
 def calibration_rules(node: Any) -> Iterator[Problem]:
     """Problems of measurements: unknowns must be noise factors of continuous distributions."""
-    measured = elements(node, "measured")
-    if get(node, "calibrate") is not None and not measured:
+    measured = node_list(node, "measured")
+    if node_value(node, "calibrate") is not None and not measured:
         yield Problem(("measured",), None, "missing; calibrate needs at least one measured value or signal", BARE)
     if not measured:
         return
-    unknowns = [(i, factor) for i, factor in enumerate(elements(node, "factors")) if get(factor, "kind") == NOISE]
+    unknowns = [
+        (i, factor) for i, factor in enumerate(node_list(node, "factors")) if node_value(factor, "kind") == NOISE
+    ]
     if not unknowns:
         yield Problem(("factors",), None, 'none is of kind "noise": measurements need an unknown to explain them', BARE)
     for i, factor in unknowns:
         form = value_source_of(factor)
-        if form is not None and (form not in DISTRIBUTION_KEYS or get(factor, "integer") is True):
+        if form is not None and (form not in DISTRIBUTION_KEYS or node_value(factor, "integer") is True):
             yield Problem(("factors", i, "distribution"), form, "an unknown needs a continuous distribution")
-    if get(get(node, "design"), "replicates") is not None:
+    if node_value(node_value(node, "design"), "replicates") is not None:
         text = "not together with measured: how far runs scatter is found without replicates"
-        yield Problem(("design", "replicates"), get(get(node, "design"), "replicates"), text)
+        yield Problem(("design", "replicates"), node_value(node_value(node, "design"), "replicates"), text)

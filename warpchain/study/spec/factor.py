@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from warpchain.drive import Drive
 from warpchain.drive.path_units import path_unit
-from warpchain.drive.quantities import unit
+from warpchain.drive.quantities import unit_of_text
 from warpchain.drive.schema import (
     BARE,
     Direction,
@@ -21,10 +21,10 @@ from warpchain.drive.schema import (
     Switch,
     Text,
     Value,
-    allowed,
-    elements,
-    get,
-    numbers,
+    allowed_text,
+    are_numbers,
+    node_list,
+    node_value,
     plain_sequence,
 )
 from warpchain.study.results import BOOKKEEPING_COLUMNS
@@ -182,7 +182,7 @@ class Factor(Part):
         """Unit of numbers of a key of the factor."""
         if key not in cls._quantities:
             return ""
-        return factor_unit(values) or ("-" if get(values, "relative") is True else "")
+        return factor_unit(values) or ("-" if node_value(values, "relative") is True else "")
 
     @property
     def value_source(self) -> str | None:
@@ -216,67 +216,69 @@ class Factor(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of a factor's keys."""
-        if get(node, "path") is not None and get(node, "paths"):
-            yield Problem(("paths",), get(node, "paths"), "not together with path; give one of the two")
-        own, given = _target_unit(node), get(node, "unit")
-        if own and isinstance(given, str) and unit(given) != unit(own):
+        if node_value(node, "path") is not None and node_value(node, "paths"):
+            yield Problem(("paths",), node_value(node, "paths"), "not together with path; give one of the two")
+        own, given = _target_unit(node), node_value(node, "unit")
+        if own and isinstance(given, str) and unit_of_text(given) != unit_of_text(own):
             text = f'the values are in {own}: leave it out; values may have units of their own, such as "1 {own}"'
             yield Problem(("unit",), given, text)
         yield from _target_rules(node)
         yield from _value_source_rules(cls, node)
         yield from _noise_factor_rules(node)
         yield from _sample_rules(node)
-        ends = get(node, "range")
-        if isinstance(ends, (list, tuple)) and len(ends) == 2 and numbers(*ends):
+        ends = node_value(node, "range")
+        if isinstance(ends, (list, tuple)) and len(ends) == 2 and are_numbers(*ends):
             if ends[0] >= ends[1]:
                 yield Problem(("range",), ends, "must be two finite numbers [low, high], low below high")
-            elif get(node, "distribution") == "log-uniform" and ends[0] <= 0:
+            elif node_value(node, "distribution") == "log-uniform" and ends[0] <= 0:
                 yield Problem(("range",), ends, "must be two positive numbers with a log-uniform distribution")
 
 
 def _target_unit(node: Any) -> str:
     """Unit of the places that a factor sets; "" if they have none or several."""
-    if get(node, "shift") is not None:
+    if node_value(node, "shift") is not None:
         return "m"
-    paths = [path for path in (get(node, "path"), *elements(node, "paths")) if isinstance(path, str)]
+    paths = [path for path in (node_value(node, "path"), *node_list(node, "paths")) if isinstance(path, str)]
     units = {path_unit(Drive, path) for path in paths}
-    return units.pop() if len(units) == 1 and get(node, "relative") is not True else ""
+    return units.pop() if len(units) == 1 and node_value(node, "relative") is not True else ""
 
 
 def factor_unit(node: Any) -> str:
     """Unit of a factor's values, of its places or its key `unit`; "" if they are no quantities."""
-    given = get(node, "unit")
-    return _target_unit(node) or (given if isinstance(given, str) and unit(given) else "")
+    given = node_value(node, "unit")
+    return _target_unit(node) or (given if isinstance(given, str) and unit_of_text(given) else "")
 
 
 def value_source_of(node: Any) -> str | None:
     """Source of the values of a factor, or of the mapping that should become one."""
     for key in ("expression", "levels", "choice"):
-        if get(node, key) is not None:
+        if node_value(node, key) is not None:
             return key
-    given = get(node, "distribution")
+    given = node_value(node, "distribution")
     if given is not None:
         return str(given)
-    return "uniform" if get(node, "range") is not None else None
+    return "uniform" if node_value(node, "range") is not None else None
 
 
 def _target_rules(node: Any) -> Iterator[Problem]:
     """Problems of the places that a factor sets, scales, offsets or shifts."""
-    shift, placed = get(node, "shift"), get(node, "path") is not None or bool(get(node, "paths"))
+    shift, placed = node_value(node, "shift"), node_value(node, "path") is not None or bool(node_value(node, "paths"))
     if shift is not None and placed:
         yield Problem(("shift",), shift, "not together with path; give one of the two")
     if isinstance(shift, str) and not (shift.count(".") == 1 and shift.startswith(("guides.", "sprockets."))):
         yield Problem(("shift",), shift, 'must be a guide-bar or a sprocket, such as "guides.upper"')
-    if get(node, "along") is not None and shift is None:
-        yield Problem(("along",), get(node, "along"), "only together with shift")
-    if isinstance(shift, str) and shift.startswith("sprockets.") and get(node, "along") in (None, "normal"):
-        yield Problem(("along",), get(node, "along"), "must be two numbers [x, y]: a sprocket has no normal", BARE)
-    if get(node, "relative") is True and get(node, "offset") is True:
+    if node_value(node, "along") is not None and shift is None:
+        yield Problem(("along",), node_value(node, "along"), "only together with shift")
+    if isinstance(shift, str) and shift.startswith("sprockets.") and node_value(node, "along") in (None, "normal"):
+        yield Problem(
+            ("along",), node_value(node, "along"), "must be two numbers [x, y]: a sprocket has no normal", BARE
+        )
+    if node_value(node, "relative") is True and node_value(node, "offset") is True:
         yield Problem(("offset",), True, "not together with relative; give one of the two")
     for key in ("relative", "offset"):
-        if get(node, key) is True and not placed:
+        if node_value(node, key) is True and not placed:
             yield Problem((key,), True, "only together with path or paths")
-        if get(node, key) is True and any(isinstance(v, (str, bool)) for v in elements(node, "choice")):
+        if node_value(node, key) is True and any(isinstance(v, (str, bool)) for v in node_list(node, "choice")):
             yield Problem((key,), True, "needs numbers as choice")
 
 
@@ -285,19 +287,19 @@ def _value_source_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
     kind = value_source_of(node)
     if kind in ("expression", "levels", "choice"):
         for key in ("levels", "choice", "distribution", "range", "mean", "std", "points"):
-            if key != kind and get(node, key) is not None:
-                yield Problem((key,), get(node, key), f"not together with {kind}")
-        if kind != "expression" and get(node, "integer") is True:
+            if key != kind and node_value(node, key) is not None:
+                yield Problem((key,), node_value(node, key), f"not together with {kind}")
+        if kind != "expression" and node_value(node, "integer") is True:
             yield Problem(("integer",), True, f"not together with {kind}, whose values are given")
-        if kind == "expression" and get(node, "group") is not None:
-            yield Problem(("group",), get(node, "group"), "not together with expression")
+        if kind == "expression" and node_value(node, "group") is not None:
+            yield Problem(("group",), node_value(node, "group"), "not together with expression")
         return
     needed = DISTRIBUTION_KEYS.get(kind or "", ())
     for key in ("range", "mean", "std"):
-        given = get(node, key)
+        given = node_value(node, key)
         if kind in DISTRIBUTION_KEYS and key in needed and given is None:
-            yield Problem((key,), None, f'missing; {allowed(cls, key)}; needed with distribution "{kind}"', BARE)
-        elif key == "mean" and kind == "lognormal" and numbers(given) and given <= 0:
+            yield Problem((key,), None, f'missing; {allowed_text(cls, key)}; needed with distribution "{kind}"', BARE)
+        elif key == "mean" and kind == "lognormal" and are_numbers(given) and given <= 0:
             yield Problem((key,), given, "must be a positive number with a lognormal distribution")
         elif key not in needed and given is not None:
             text = f'not with distribution "{kind}"' if kind else 'needs distribution "normal" or "truncated-normal"'
@@ -306,12 +308,12 @@ def _value_source_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
 
 def _noise_factor_rules(node: Any) -> Iterator[Problem]:
     """Problems of a noise factor, which needs values of its own."""
-    if get(node, "kind") != "noise":
+    if node_value(node, "kind") != "noise":
         return
     for key in ("expression", "points"):
-        if get(node, key) is not None:
-            yield Problem((key,), get(node, key), 'not with kind "noise"')
-    if get(node, "hidden") is True:
+        if node_value(node, key) is not None:
+            yield Problem((key,), node_value(node, key), 'not with kind "noise"')
+    if node_value(node, "hidden") is True:
         yield Problem(("hidden",), True, 'not with kind "noise"')
     if value_source_of(node) is None:
         text = 'missing; needed with kind "noise": give range, a distribution, levels or choice'
@@ -320,11 +322,11 @@ def _noise_factor_rules(node: Any) -> Iterator[Problem]:
 
 def _sample_rules(node: Any) -> Iterator[Problem]:
     """Problems of an empirical distribution, which needs a sample, or a file and a column."""
-    sample, file, column = (get(node, key) for key in ("sample", "file", "column"))
+    sample, file, column = (node_value(node, key) for key in ("sample", "file", "column"))
     if value_source_of(node) != "empirical":
         for key in ("sample", "file", "column"):
-            if get(node, key) is not None:
-                yield Problem((key,), get(node, key), 'only with distribution "empirical"')
+            if node_value(node, key) is not None:
+                yield Problem((key,), node_value(node, key), 'only with distribution "empirical"')
     elif sample is None and file is None:
         yield Problem(("sample",), None, "missing; give sample, or file and column", BARE)
     elif sample is not None and (file is not None or column is not None):

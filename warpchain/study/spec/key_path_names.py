@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from warpchain.drive.schema import elements, get, is_name
+from warpchain.drive.schema import is_name, node_list, node_value
 from warpchain.drive.toml import value_text, word_text
 from warpchain.study.spec.study_tables import fields_from_file
 
@@ -35,7 +35,7 @@ def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
     def key_path_name(path: Sequence[str | int]) -> str:
         """Name of a key path for messages."""
         head, number, *rest = str(path[0]), *(path[1:] or ("",))
-        entries = elements(values, head)
+        entries = node_list(values, head)
         if head not in _ENTRY_NOUNS or not isinstance(number, int):
             return _key_path_text(*path)
         if head == "adjust" and len(entries) == 1:
@@ -66,7 +66,7 @@ def _key_path_text(*keys: str | int) -> str:
 def _entry_name(head: str, entry: Any) -> tuple[str, str]:
     """Key that an entry of a list goes by, and its value; "" if none can stand in a line."""
     if head in _NAME_KEYS:
-        name = get(entry, _NAME_KEYS[head])
+        name = node_value(entry, _NAME_KEYS[head])
         return _NAME_KEYS[head], name if is_name(name) else ""
-    keys = [key for key in ("metric", "signal") if isinstance(get(entry, key), str) and get(entry, key)]
-    return (keys[0], get(entry, keys[0])) if keys and _ENTRY_NOUNS[head][1] else ("", "")
+    keys = [key for key in ("metric", "signal") if isinstance(node_value(entry, key), str) and node_value(entry, key)]
+    return (keys[0], node_value(entry, keys[0])) if keys and _ENTRY_NOUNS[head][1] else ("", "")

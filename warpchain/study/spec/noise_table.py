@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.schema import BARE, Part, Problem, Value, elements, get, numbers, plain_sequence
+from warpchain.drive.schema import BARE, Part, Problem, Value, are_numbers, node_list, node_value, plain_sequence
 from warpchain.errors import StudyError
 from warpchain.study.results import NOISE
 from warpchain.study.spec.expression import parse_expression
@@ -82,7 +82,7 @@ class Noise(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of the rank correlations in the table `noise`."""
-        names, ranks = elements(node, "correlated"), elements(node, "ranks")
+        names, ranks = node_list(node, "correlated"), node_list(node, "ranks")
         if not names and not ranks:
             return
         if len(names) < 2 or len(set(names)) < len(names):
@@ -128,7 +128,9 @@ def _least_eigenvalue(matrix: Any) -> float:
 
 def _is_correlation_matrix(ranks: Any, size: int) -> bool:
     """Whether rows of a list are a symmetric matrix of `size` rows with 1 on its diagonal."""
-    if len(ranks) != size or any(not isinstance(r, (list, tuple)) or len(r) != size or not numbers(*r) for r in ranks):
+    if len(ranks) != size or any(
+        not isinstance(r, (list, tuple)) or len(r) != size or not are_numbers(*r) for r in ranks
+    ):
         return False
     matrix = np.array(ranks, dtype=float)
     return bool((matrix == matrix.T).all() and (np.diag(matrix) == 1.0).all() and (np.abs(matrix) <= 1.0).all())
@@ -141,10 +143,12 @@ def normal_from_rank_correlation(ranks: Any) -> Any:
 
 def noise_factor_names(node: Any) -> tuple[str, ...]:
     """Names of a study's noise factors, and of the factors whose expressions depend on one."""
-    found = [str(get(factor, "name")) for factor in elements(node, "factors") if get(factor, "kind") == NOISE]
+    found = [
+        str(node_value(factor, "name")) for factor in node_list(node, "factors") if node_value(factor, "kind") == NOISE
+    ]
     tied = {
-        str(get(factor, "name")): _expression_names(get(factor, "expression"))
-        for factor in elements(node, "factors")
+        str(node_value(factor, "name")): _expression_names(node_value(factor, "expression"))
+        for factor in node_list(node, "factors")
         if value_source_of(factor) == "expression"
     }
     count = -1
@@ -164,32 +168,32 @@ def _expression_names(text: Any) -> tuple[str, ...]:
 
 def noise_table_rules(node: Any) -> Iterator[Problem]:
     """Problems of a study's noise with its design, factors, constraints, objectives and limits."""
-    factors, noise = elements(node, "factors"), noise_factor_names(node)
-    own = [str(get(f, "name")) for f in factors if get(f, "kind") == NOISE]
-    if get(node, "noise") is not None and not noise:
+    factors, noise = node_list(node, "factors"), noise_factor_names(node)
+    own = [str(node_value(f, "name")) for f in factors if node_value(f, "kind") == NOISE]
+    if node_value(node, "noise") is not None and not noise:
         yield Problem(("noise",), None, 'needs at least one factor of kind "noise"', BARE)
-    free = [get(factor, "name") for factor in factors if value_source_of(factor) != "expression"]
-    if get(get(node, "design"), "kind") == NOISE and len(own) < len(free):
+    free = [node_value(factor, "name") for factor in factors if value_source_of(factor) != "expression"]
+    if node_value(node_value(node, "design"), "kind") == NOISE and len(own) < len(free):
         other = next(name for name in free if name not in own)
         yield Problem(
             ("design", "kind"), NOISE, f"is of studies whose factors are all noise; {other} is a design factor"
         )
     groups: dict[str, Any] = {}
     for i, factor in enumerate(factors):
-        group = get(factor, "group")
-        if isinstance(group, str) and groups.setdefault(group, get(factor, "kind") == NOISE) != (
-            get(factor, "kind") == NOISE
+        group = node_value(factor, "group")
+        if isinstance(group, str) and groups.setdefault(group, node_value(factor, "kind") == NOISE) != (
+            node_value(factor, "kind") == NOISE
         ):
             yield Problem(("factors", i, "group"), group, "factors of a group must be of one kind")
-    yield from _correlation_rules(node, [f for f in factors if get(f, "kind") == NOISE])
-    for i, constraint in enumerate(elements(node, "constraints")):
-        reached = [name for name in _expression_names(get(constraint, "require")) if name in noise]
+    yield from _correlation_rules(node, [f for f in factors if node_value(f, "kind") == NOISE])
+    for i, constraint in enumerate(node_list(node, "constraints")):
+        reached = [name for name in _expression_names(node_value(constraint, "require")) if name in noise]
         if reached:
             text = f"{reached[0]} is noise, which nobody can choose: constrain design factors"
-            yield Problem(("constraints", i, "require"), get(constraint, "require"), text)
+            yield Problem(("constraints", i, "require"), node_value(constraint, "require"), text)
     for key in ("objectives", "bounds"):
-        for i, entry in enumerate(elements(node, key)):
-            metric = get(entry, "metric")
+        for i, entry in enumerate(node_list(node, key)):
+            metric = node_value(entry, "metric")
             if metric in noise:
                 yield Problem((key, i, "metric"), metric, "is noise, which nobody can choose")
             elif isinstance(metric, str) and statistic_from_name(metric) is not None and not noise:
@@ -198,10 +202,10 @@ def noise_table_rules(node: Any) -> Iterator[Problem]:
 
 def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
     """Problems of `noise.correlated`: names must be noise factors, or groups of these."""
-    groups = {str(get(f, "name")): get(f, "group") for f in factors}
+    groups = {str(node_value(f, "name")): node_value(f, "group") for f in factors}
     free = [name for name, group in groups.items() if group is None]
     known = list(dict.fromkeys(name if group is None else str(group) for name, group in groups.items()))
-    for name in elements(get(node, "noise"), "correlated"):
+    for name in node_list(node_value(node, "noise"), "correlated"):
         text = None
         if name in free and name in groups.values():
             text = f"{name} is a noise factor and a group of others: rename one"
@@ -224,6 +228,6 @@ def factor_with_sample(factor: Factor, folder: Path) -> Factor:
     if factor.column not in table.column_names:
         raise StudyError(f"{path}: no column {factor.column}; it has {', '.join(table.column_names)}")
     values = table[factor.column].to_pylist()
-    if len(values) < 2 or not numbers(*values) or not np.isfinite(values).all():
+    if len(values) < 2 or not are_numbers(*values) or not np.isfinite(values).all():
         raise StudyError(f"{path}: column {factor.column}: must hold at least 2 numbers, all finite")
     return factor.model_copy(update={"sample": tuple(values), "file": None, "column": None})

@@ -16,7 +16,7 @@ from warpchain.drive import Drive
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.chain_drives import sprockets_on_shaft_of
 from warpchain.drive.json_schema import file_schema
-from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, elements, get
+from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, node_list, node_value
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text_file
 from warpchain.results.judgement import Limits
@@ -58,51 +58,51 @@ MOST_FACTORS = 1000
 
 def factor_count_complaint(study: Any) -> str:
     """Complaint about a study's number of factors, or ""."""
-    count = len(elements(study, "factors"))
+    count = len(node_list(study, "factors"))
     return f"{count} of them; must be at most {MOST_FACTORS}" if count > MOST_FACTORS else ""
 
 
 def _factor_paths(factor: Any) -> list[str]:
     """Key paths into the drive that a factor sets."""
-    paths = get(factor, "paths")
-    found = [get(factor, "path"), *(paths if isinstance(paths, (list, tuple)) else ())]
+    paths = node_value(factor, "paths")
+    found = [node_value(factor, "path"), *(paths if isinstance(paths, (list, tuple)) else ())]
     return [path for path in found if isinstance(path, str)]
 
 
 def fatigue_rules(node: Any) -> Iterator[Problem]:
     """Problems of a study's table `fatigue`: it needs recorded tensions."""
-    record = get(node, "record")
-    if get(node, "fatigue") is None:
+    record = node_value(node, "record")
+    if node_value(node, "fatigue") is None:
         return
-    if not any(get(record, key) for key in ("variants", "every", "worst")):
+    if not any(node_value(record, key) for key in ("variants", "every", "worst")):
         yield Problem(("fatigue",), None, "needs record.variants, record.every or record.worst", BARE)
-    channels = get(record, "channels")
+    channels = node_value(record, "channels")
     if isinstance(channels, (list, tuple)) and "tension" not in channels:
         yield Problem(("record", "channels"), channels, 'must hold "tension", which fatigue counts')
 
 
 def factor_name_rules(node: Any) -> Iterator[Problem]:
     """Problems of factors among each other: names and places must be unique, and each must have a use."""
-    factors = elements(node, "factors")
-    if get(node, "factors") is not None and not factors:
-        yield Problem(("factors",), get(node, "factors"), "must be a list of at least 1 factor")
+    factors = node_list(node, "factors")
+    if node_value(node, "factors") is not None and not factors:
+        yield Problem(("factors",), node_value(node, "factors"), "must be a list of at least 1 factor")
     names: set[str] = set()
     taken: dict[str, Any] = {}
     used = {name for _, expression in _parsed_expressions(node) for name in expression.names}
     for i, factor in enumerate(factors):
-        name = get(factor, "name")
+        name = node_value(factor, "name")
         if not isinstance(name, str):
             continue  # its own rule says so
         if name in names:
             yield Problem(("factors", i, "name"), name, "must be unique among factors")
-        if name in (COPY_COLUMN, COUNT_COLUMN) and get(get(node, "design"), "replicates") is not None:
+        if name in (COPY_COLUMN, COUNT_COLUMN) and node_value(node_value(node, "design"), "replicates") is not None:
             yield Problem(("factors", i, "name"), name, "is a column of studies with design.replicates")
         names.add(name)
         for path in _factor_paths(factor):
             if path in taken:
                 yield Problem(("factors", i, "path"), path, f'is set by factor "{taken[path]}" already')
             taken[path] = name
-        if not _factor_paths(factor) and get(factor, "shift") is None and name not in used:
+        if not _factor_paths(factor) and node_value(factor, "shift") is None and name not in used:
             text = (
                 "missing; must be a key path into the drive; needed unless an expression or constraint uses the factor"
             )
@@ -111,13 +111,13 @@ def factor_name_rules(node: Any) -> Iterator[Problem]:
 
 def _expression_texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Key path and text of every expression of a study."""
-    for i, factor in enumerate(elements(node, "factors")):
-        yield ("factors", i, "expression"), get(factor, "expression")
-    for i, constraint in enumerate(elements(node, "constraints")):
-        yield ("constraints", i, "require"), get(constraint, "require")
-    for k, adjust in enumerate(elements(node, "adjust")):
+    for i, factor in enumerate(node_list(node, "factors")):
+        yield ("factors", i, "expression"), node_value(factor, "expression")
+    for i, constraint in enumerate(node_list(node, "constraints")):
+        yield ("constraints", i, "require"), node_value(constraint, "require")
+    for k, adjust in enumerate(node_list(node, "adjust")):
         for key in ("strain", "preload"):
-            yield ("adjust", k, key), get(adjust, key)
+            yield ("adjust", k, key), node_value(adjust, key)
 
 
 def _parsed_expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]]:
@@ -132,7 +132,7 @@ def _parsed_expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expr
 
 def expression_rules(node: Any) -> Iterator[Problem]:
     """Problems of a study's expressions: they must parse, name factors, and not need themselves."""
-    factors = [str(get(factor, "name")) for factor in elements(node, "factors")]
+    factors = [str(node_value(factor, "name")) for factor in node_list(node, "factors")]
     for path, text in _expression_texts(node):
         if not isinstance(text, str):
             continue
@@ -145,9 +145,9 @@ def expression_rules(node: Any) -> Iterator[Problem]:
             known = ", ".join(str(name) for name in factors)
             yield Problem(path, text, f"{unknown[0]} is not a factor; factors are {known}")
     needs = {factors[int(i)]: found.names for (head, i, *_), found in _parsed_expressions(node) if head == "factors"}
-    for i, (name, factor) in enumerate(zip(factors, elements(node, "factors"), strict=True)):
+    for i, (name, factor) in enumerate(zip(factors, node_list(node, "factors"), strict=True)):
         if name in needs and name in _expression_dependencies(name, needs):
-            yield Problem(("factors", i, "expression"), get(factor, "expression"), "needs itself")
+            yield Problem(("factors", i, "expression"), node_value(factor, "expression"), "needs itself")
 
 
 def _expression_dependencies(name: str, needs: Mapping[str, tuple[str, ...]]) -> set[str]:
@@ -164,15 +164,15 @@ def _expression_dependencies(name: str, needs: Mapping[str, tuple[str, ...]]) ->
 
 def design_rules(node: Any) -> Iterator[Problem]:
     """Problems of the factors with the design: it must know their values, and groups must agree."""
-    kind = get(get(node, "design"), "kind")
-    factors = elements(node, "factors")
+    kind = node_value(node_value(node, "design"), "kind")
+    factors = node_list(node, "factors")
     for i, factor in enumerate(factors):
         given = value_source_of(factor)
-        if given == "expression" or get(factor, "kind") == NOISE:
+        if given == "expression" or node_value(factor, "kind") == NOISE:
             continue
         if kind == "table":
-            if get(factor, "points") is not None:
-                yield Problem(("factors", i, "points"), get(factor, "points"), "only in a factorial design")
+            if node_value(factor, "points") is not None:
+                yield Problem(("factors", i, "points"), node_value(factor, "points"), "only in a factorial design")
             continue
         if given is None:
             text = "missing; give range, a distribution, levels, choice or expression"
@@ -183,10 +183,10 @@ def design_rules(node: Any) -> Iterator[Problem]:
 
 def _design_factor_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[Problem]:
     """Problems of one factor's values with the kind of design."""
-    values = get(factor, str(given)) if given in ("levels", "choice") else None
+    values = node_value(factor, str(given)) if given in ("levels", "choice") else None
     if values is not None and not isinstance(values, (list, tuple)):
         return  # its own rule says so
-    points = get(factor, "points")
+    points = node_value(factor, "points")
     if kind == "factorial" and given in DISTRIBUTION_KEYS and points is None:
         text = "missing; must be an integer from 2 to 100000; needed in a factorial design"
         yield Problem(("factors", i, "points"), None, text, BARE)
@@ -200,13 +200,13 @@ def _design_factor_rules(i: int, factor: Any, given: str | None, kind: Any) -> I
 
 def _listed_count(factor: Any) -> Any:
     """Number of values of levels, choice or grid points that a factor states."""
-    values = get(factor, "levels") or get(factor, "choice")
-    return len(values) if isinstance(values, (list, tuple)) else get(factor, "points")
+    values = node_value(factor, "levels") or node_value(factor, "choice")
+    return len(values) if isinstance(values, (list, tuple)) else node_value(factor, "points")
 
 
 def _group_rules(factors: Any) -> Iterator[Problem]:
     """Problems of groups of factors: they need two members with equally many values."""
-    groups = [get(factor, "group") for factor in factors]
+    groups = [node_value(factor, "group") for factor in factors]
     members = Counter(group for group in groups if isinstance(group, str))
     sizes: dict[str, Any] = {}
     for i, (factor, group) in enumerate(zip(factors, groups, strict=True)):
@@ -312,18 +312,18 @@ class Study(Part):
         return key_path_namer(values)
 
     @classmethod
-    def _completed(cls, values: Any) -> Any:
+    def _complete_values(cls, values: Any) -> Any:
         """Fields of a study from a file's values."""
         return fields_from_file(values)
 
     @classmethod
-    def _measured(cls, values: Any) -> tuple[Any, list[Problem]]:
+    def _values_in_units(cls, values: Any) -> tuple[Any, list[Problem]]:
         """Values with quantities as plain numbers, those of constraints included, and problems with them."""
-        values, problems = super()._measured(values)
-        units = {str(get(factor, "name")): factor_unit(factor) for factor in elements(values, "factors")}
-        constraints = list(elements(values, "constraints"))
+        values, problems = super()._values_in_units(values)
+        units = {str(node_value(factor, "name")): factor_unit(factor) for factor in node_list(values, "factors")}
+        constraints = list(node_list(values, "constraints"))
         for i, constraint in enumerate(constraints):
-            require = get(constraint, "require")
+            require = node_value(constraint, "require")
             if isinstance(constraint, Mapping) and isinstance(require, str):
                 text, complaint = condition_without_units(require, units)
                 constraints[i] = {**constraint, "require": text}
@@ -354,7 +354,7 @@ def loads_study(text: str, source: str = "<text>") -> Study:
         StudyError: a line for each error of the text.
     """
     try:
-        values = drive_toml.parse(text, source)
+        values = drive_toml.parse_toml(text, source)
     except DriveError as error:
         raise StudyError(str(error)) from None
     if complaint := factor_count_complaint(values):  # before each of them is read
@@ -391,7 +391,7 @@ def study_schema() -> dict[str, Any]:
 
 def dumps_study(study: Study) -> str:
     """A study as TOML text, which `loads_study` reads back equal."""
-    return drive_toml.dumps(file_from_fields(_plain_values(study)))
+    return drive_toml.toml_text(file_from_fields(_plain_values(study)))
 
 
 def _plain_values(value: Any) -> Any:

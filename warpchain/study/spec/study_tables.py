@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.quantities import converted, fitting, quantity, unit
+from warpchain.drive.quantities import converted_number, equivalent_units, match_quantity, unit_of_text
 from warpchain.drive.replicates import FORMER_WAYS, MOST_COPIES, REPLICATE_WAYS
 from warpchain.drive.run_settings import Step
 from warpchain.drive.schema import (
@@ -25,10 +25,10 @@ from warpchain.drive.schema import (
     Problem,
     Text,
     Value,
-    allowed,
-    elements,
-    get,
-    numbers,
+    allowed_text,
+    are_numbers,
+    node_list,
+    node_value,
     plain_sequence,
 )
 from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
@@ -71,7 +71,7 @@ def metric_unit(name: Any) -> str:
     if not isinstance(name, str):
         return ""
     found = unit_of_metric(metric_from_name(name))
-    return "-" if found == "1" else found if unit(found) else ""
+    return "-" if found == "1" else found if unit_of_text(found) else ""
 
 
 class Design(Part):
@@ -117,9 +117,9 @@ class Design(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of a design's keys: each kind needs and takes its own."""
-        if get(node, "replicate_by") is not None and get(node, "replicates") is None:
-            yield Problem(("replicate_by",), get(node, "replicate_by"), "only together with replicates")
-        kind = get(node, "kind")
+        if node_value(node, "replicate_by") is not None and node_value(node, "replicates") is None:
+            yield Problem(("replicate_by",), node_value(node, "replicate_by"), "only together with replicates")
+        kind = node_value(node, "kind")
         if kind not in DESIGN_KINDS:
             return
         takes = {
@@ -130,11 +130,11 @@ class Design(Part):
             "center": ("central-composite", "plackett-burman"),
         }
         for key, kinds in takes.items():
-            given = get(node, key)
+            given = node_value(node, key)
             if given is not None and kind not in kinds:
                 yield Problem((key,), given, f'not with kind "{kind}"')
             elif given is None and kind in kinds and key in ("count", "file"):
-                yield Problem((key,), None, f'missing; {allowed(cls, key)}; needed with kind "{kind}"', BARE)
+                yield Problem((key,), None, f'missing; {allowed_text(cls, key)}; needed with kind "{kind}"', BARE)
 
 
 class Constraint(Part):
@@ -159,8 +159,8 @@ def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, s
     """
     words = _CONDITION_MARKS.split(text)
     for k in range(0, len(words), 2):
-        match = quantity(words[k].strip())
-        if match is None or unit(match[2]) is None or (match[2].startswith("%") and match[2] != "%"):
+        match = match_quantity(words[k].strip())
+        if match is None or unit_of_text(match[2]) is None or (match[2].startswith("%") and match[2] != "%"):
             continue  # 90 % m is a remainder
         beside = [
             words[j + (j - k)] for j in (k - 1, k + 1) if 0 < j < len(words) - 1 and words[j] in _COMPARISON_MARKS
@@ -168,9 +168,9 @@ def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, s
         wanted = {units.get(word.strip(), "") for word in beside}
         if len(wanted) != 1 or "" in wanted:
             return text, f"{words[k].strip()} must be compared with a factor alone, whose values have a unit"
-        found = converted(words[k].strip(), *wanted)
+        found = converted_number(words[k].strip(), *wanted)
         if found is None:
-            return text, f"{words[k].strip()} must have a unit that fits: {', '.join(fitting(*wanted))}"
+            return text, f"{words[k].strip()} must have a unit that fits: {', '.join(equivalent_units(*wanted))}"
         if not math.isfinite(found):
             return text, f"{words[k].strip()} must be a finite number of {', '.join(wanted)}"
         words[k] = f" {found!r} "
@@ -202,20 +202,20 @@ class Adjust(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of an adjustment: what moves, and either a strain or a preload."""
-        sprocket = get(node, "sprocket")
-        if sprocket is None and get(node, "links") is None:
+        sprocket = node_value(node, "sprocket")
+        if sprocket is None and node_value(node, "links") is None:
             yield Problem(("sprocket",), None, "missing; give the sprocket that moves, or links, or both", BARE)
         for key in ("direction", "travel"):
-            if get(node, key) is not None and sprocket is None:
-                yield Problem((key,), get(node, key), "only together with sprocket")
-        if sprocket is not None and get(node, "direction") is None:
-            yield Problem(("direction",), None, f"missing; {allowed(cls, 'direction')}", BARE)
-        strain, preload = get(node, "strain"), get(node, "preload")
+            if node_value(node, key) is not None and sprocket is None:
+                yield Problem((key,), node_value(node, key), "only together with sprocket")
+        if sprocket is not None and node_value(node, "direction") is None:
+            yield Problem(("direction",), None, f"missing; {allowed_text(cls, 'direction')}", BARE)
+        strain, preload = node_value(node, "strain"), node_value(node, "preload")
         if strain is None and preload is None:
-            yield Problem(("preload",), None, f"missing; {allowed(cls, 'preload')}, or give strain instead", BARE)
+            yield Problem(("preload",), None, f"missing; {allowed_text(cls, 'preload')}, or give strain instead", BARE)
         if strain is not None and preload is not None:
             yield Problem(("strain",), strain, "not together with preload; give one of the two")
-        if numbers(preload) and preload < 0:
+        if are_numbers(preload) and preload < 0:
             yield Problem(("preload",), preload, "must be at least 0 N")
 
 
@@ -228,10 +228,10 @@ def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]
 
 def adjustment_rules(node: Any) -> Iterator[Problem]:
     """Problems of several adjustments: each must name a chain of its own."""
-    adjusts = elements(node, "adjust")
+    adjusts = node_list(node, "adjust")
     chains: list[Any] = []
     for k, adjust in enumerate(adjusts if len(adjusts) > 1 else ()):
-        chain = get(adjust, "chain")
+        chain = node_value(adjust, "chain")
         if chain is None:
             yield Problem(
                 ("adjust", k, "chain"), None, "missing; each of several adjustments must name a chain of its own", BARE
@@ -267,8 +267,8 @@ class RunOptions(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of the run's window."""
-        window = get(node, "window")
-        if isinstance(window, (list, tuple)) and len(window) == 2 and numbers(*window) and window[0] >= window[1]:
+        window = node_value(node, "window")
+        if isinstance(window, (list, tuple)) and len(window) == 2 and are_numbers(*window) and window[0] >= window[1]:
             yield Problem(("window",), window, "must be two times [start, end], 0 <= start < end")
 
 
@@ -318,7 +318,7 @@ class Recording(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of the recorded channels' names."""
-        for i, channel in enumerate(elements(node, "channels")):
+        for i, channel in enumerate(node_list(node, "channels")):
             if channel not in CHANNEL_NAMES:
                 yield Problem(("channels", i), channel, f"must be one of {', '.join(CHANNEL_NAMES)}")
 
@@ -366,15 +366,15 @@ class Bound(Part):
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
         """Unit of a limit's numbers, that of the metric."""
-        return metric_unit(get(values, "metric")) if key in cls._quantities else ""
+        return metric_unit(node_value(values, "metric")) if key in cls._quantities else ""
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Problems of a limit's ends."""
-        low, high = get(node, "min"), get(node, "max")
+        low, high = node_value(node, "min"), node_value(node, "max")
         if low is None and high is None:
             yield Problem(("max",), None, "missing; must be a finite number; give max, min or both", BARE)
-        if numbers(low, high) and low >= high:
+        if are_numbers(low, high) and low >= high:
             yield Problem(("max",), high, f"must be above min, which is {low:g}")
 
 
@@ -460,12 +460,12 @@ def objective_rules(node: Any) -> Iterator[Problem]:
     """Problems of objectives and limits: no metric twice, and a search needs objectives."""
     for key in _METRIC_LISTS:
         names: set[str] = set()
-        for i, entry in enumerate(elements(node, key)):
-            name = get(entry, "metric")
+        for i, entry in enumerate(node_list(node, key)):
+            name = node_value(entry, "metric")
             if not isinstance(name, str):
                 continue  # its own rule says so
             if name in names:
                 yield Problem((key, i, "metric"), name, f"must be unique among {_METRIC_LISTS[key]}")
             names.add(name)
-    if get(node, "optimize") is not None and not elements(node, "objectives"):
+    if node_value(node, "optimize") is not None and not node_list(node, "objectives"):
         yield Problem(("optimize",), None, "needs at least one entry of objectives", BARE)
