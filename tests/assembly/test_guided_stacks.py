@@ -130,7 +130,7 @@ def test_cars_are_packed_together():
     drives, schedule = cars(5), Schedule(1e-6, 10, 10, 10, 0)
     together = pack(drives, [schedule] * 5)
     for v, drive in enumerate(drives):
-        part, alone = together.part(v, v + 1), pack([drive], [schedule])
+        part, alone = together.variant_range(v, v + 1), pack([drive], [schedule])
         for name in (field.name for field in fields(part) if isinstance(getattr(part, field.name), np.ndarray)):
             np.testing.assert_array_equal(getattr(part, name), getattr(alone, name), err_msg=name)
 

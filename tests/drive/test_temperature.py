@@ -185,7 +185,7 @@ def test_variants_at_several_temperatures_are_packed_as_each_alone():
     assert len(stacks_of_drives(drives)) == 1  # straight bars on the ground
     together = pack(drives, [PLAN] * 4)
     for v, drive in enumerate(drives):
-        part, alone = together.part(v, v + 1), pack([drive], [PLAN])
+        part, alone = together.variant_range(v, v + 1), pack([drive], [PLAN])
         for key in ("rollers", "chains", "sprockets", "guides", "bodies"):
             assert getattr(part, key).tobytes() == getattr(alone, key).tobytes(), key
 
