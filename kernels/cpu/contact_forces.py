@@ -30,7 +30,6 @@ class ContactForceFunctions:
     find_normal_forces: wp.Function
     add_measured_forces: wp.Function
     add_forces: wp.Function
-    find_powers: wp.Function
 
 
 @cache
@@ -144,35 +143,53 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
         return changed
 
     @wp.func
-    def force_power(w: wp.array[Real], i: int, x: Real, y: Real, memory: Memory):
-        """Power [W] of a force (x, y) on roller i's contact at the mean of the speeds before and after the step."""
+    def find_powers(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
+        """Stores the powers that roller i's contact takes at the mean of the speeds before and after the step.
+
+        That without friction is with stages its damper's; that of friction is stored where the contact `rubs`.
+        """
         more = approach_acceleration(w, i, memory)
         speed_x = access.load(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = access.load(w, row.relative_y + i) + memory.lag * more[1]
-        return value_if_touching(w, i, power_of_force(x, y, speed_x, speed_y))
-
-    @wp.func
-    def find_damper_power(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
-        """Stores the power that roller i's contact takes without friction; with stages that of its damper."""
         elastic = elastic_force(access.load(w, row.penetration + i), law.stiffness, law.exponent)
         size = access.load(w, row.force_size + i) - wp.where(memory.lag > Real(0.0), Real(0.0), elastic)
-        x = size * access.load(w, row.normal_x + i)
-        y = size * access.load(w, row.normal_y + i)
-        access.store(w, row.damper_power + i, force_power(w, i, x, y, memory))
+        x, y = size * access.load(w, row.normal_x + i), size * access.load(w, row.normal_y + i)
+        power = power_of_force(x, y, speed_x, speed_y)
+        access.store(w, row.damper_power + i, value_if_touching(w, i, power))
+        if rubs:
+            x, y = access.load(w, row.friction_x + i), access.load(w, row.friction_y + i)
+            power = power_of_force(x, y, speed_x, speed_y)
+            access.store(w, row.friction_power + i, value_if_touching(w, i, power))
 
     @wp.func
-    def add_measured_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
-        """Adds the forces of a linear law without friction to those on rollers, with moments and powers, in one loop.
+    def add_measured_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
+        """Adds the contact's force to that on roller i, and stores its moment and powers; 1 if it begins."""
+        add_force(w, i)
+        find_powers(w, i, law, rubs, memory)
+        return contact_rows.is_beginning(w, i)
+
+    @wp.func
+    def add_measured_forces(
+        w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory
+    ):
+        """Adds forces to those on rollers, and stores moments and powers; of a linear law in loops that vectorize.
 
         Returns 1 if any contact begins.
         """
-        law.exponent = Real(1.0)  # so that the compiler knows
         began = int(0)
+        rubs = friction.inertia > Real(0.0)
         i = group.low
+        if law.exponent == Real(1.0):
+            law.exponent = Real(1.0)  # so that the compiler knows
+            if rubs:
+                while i < group.high:
+                    began = began | add_measured_force(w, i, law, True, memory)
+                    i = i + 1
+            while i < group.high:
+                began = began | add_measured_force(w, i, law, False, memory)
+                i = i + 1
         while i < group.high:
-            add_force(w, i)
-            find_damper_power(w, i, law, memory)
-            began = began | contact_rows.is_beginning(w, i)
+            began = began | add_measured_force(w, i, law, rubs, memory)
             i = i + 1
         return began
 
@@ -184,31 +201,10 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
             add_force(w, i)
             i = i + 1
 
-    @wp.func
-    def find_powers(w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory):
-        """Stores the powers that contacts and friction take; of a linear law in a loop of its own, which vectorizes."""
-        i = group.low
-        if law.exponent == Real(1.0):
-            law.exponent = Real(1.0)  # so that the compiler knows
-            while i < group.high:
-                find_damper_power(w, i, law, memory)
-                i = i + 1
-        while i < group.high:
-            find_damper_power(w, i, law, memory)
-            i = i + 1
-        if friction.inertia > Real(0.0):
-            i = group.low
-            while i < group.high:
-                x = access.load(w, row.friction_x + i)
-                y = access.load(w, row.friction_y + i)
-                access.store(w, row.friction_power + i, force_power(w, i, x, y, memory))
-                i = i + 1
-
     return ContactForceFunctions(
         value_if_touching=value_if_touching,
         copy_row=copy_row,
         find_normal_forces=find_normal_forces,
         add_measured_forces=add_measured_forces,
         add_forces=add_forces,
-        find_powers=find_powers,
     )

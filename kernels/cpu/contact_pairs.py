@@ -107,18 +107,16 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
         copied where branches join.
         """
         measured = memory.wanted.measures != 0
-        began = int(1)
         if law.answer > Real(0.0):
             contact_forces.copy_row(w, group, memory.damper_row, row.damper_speed)
         changed = contact_forces.find_normal_forces(w, group, law, memory)
-        if measured and law.exponent == Real(1.0) and friction.inertia == Real(0.0):
-            began = contact_forces.add_measured_forces(w, group, law, memory)
+        if friction.inertia > Real(0.0):
+            contact_friction.add_friction_forces(w, group, friction, memory)
+        began = int(0)
+        if measured:
+            began = contact_forces.add_measured_forces(w, group, law, friction, memory)
         else:
-            if friction.inertia > Real(0.0):
-                contact_friction.add_friction_forces(w, group, friction, memory)
             contact_forces.add_forces(w, group)
-            if measured:
-                contact_forces.find_powers(w, group, law, friction, memory)
         if law.answer > Real(0.0):
             contact_forces.copy_row(w, group, row.damper_speed, memory.damper_row)
         if measured:
@@ -126,7 +124,7 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
             if began != 0:
                 totals[slot].impacts += contact_sums.count_beginning(w, group)
         else:
-            contact_sums.add_totals(w, group, totals, slot, False)
+            contact_sums.add_totals(w, group, totals, slot, False, False)
         return changed
 
     @wp.func

@@ -32,14 +32,18 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
     contact_rows = contact_row_functions(Real, capacity)
 
     @wp.func
-    def add_totals(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool):
-        """Adds the group's forces and moments, roller by roller; where `measured`, powers and magnitudes too."""
+    def add_totals(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool, rubs: bool):
+        """Adds the group's forces and moments, roller by roller; where `measured`, powers and magnitudes too.
+
+        All in one loop: sums wait for their own last value only, and friction's where contacts rub is one more.
+        """
         moment = totals[slot].moment
         x = Real(totals[slot].push[0])
         y = Real(totals[slot].push[1])
         damped = totals[slot].dissipated
+        rubbed = totals[slot].friction
         force = totals[slot].force
-        largest = totals[slot].force_max
+        largest = Real(totals[slot].force_max)
         i = group.low
         while i < group.high:
             moment += wp.float64(access.load(w, row.reaction + i))
@@ -47,16 +51,20 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
             y -= access.load(w, row.force_y + i)
             if measured:
                 damped += wp.float64(access.load(w, row.damper_power + i))
-                size = wp.float64(access.load(w, row.force_size + i))
-                force += size
-                largest = wp.max(largest, size)
+                size = access.load(w, row.force_size + i)
+                force += wp.float64(size)
+                largest = wp.where(size > largest, size, largest)  # `wp.max` would take five times as long
+            if rubs:
+                rubbed += wp.float64(access.load(w, row.friction_power + i))
             i = i + 1
         totals[slot].moment = moment
         totals[slot].push = wp.vec2d(wp.float64(x), wp.float64(y))
         if measured:
             totals[slot].dissipated = damped
             totals[slot].force = force
-            totals[slot].force_max = largest
+            totals[slot].force_max = wp.float64(largest)
+        if rubs:
+            totals[slot].friction = rubbed
 
     @wp.func
     def count_beginning(w: wp.array[Real], group: Group):
@@ -92,16 +100,12 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
         slot: int,
     ):
         """Adds the group's forces, moments, powers and, at the window's ends, elastic energies to the totals."""
-        add_totals(w, group, totals, slot, True)
+        if friction.inertia > Real(0.0):
+            add_totals(w, group, totals, slot, True, True)
+        else:
+            add_totals(w, group, totals, slot, True, False)
         if wanted.ends != 0:
             add_energies(w, group, law, totals, slot)
-        if friction.inertia > Real(0.0):
-            taken = totals[slot].friction
-            i = group.low
-            while i < group.high:
-                taken += wp.float64(access.load(w, row.friction_power + i))
-                i = i + 1
-            totals[slot].friction = taken
 
     return ContactSumFunctions(
         add_totals=add_totals, count_beginning=count_beginning, add_measured_totals=add_measured_totals
