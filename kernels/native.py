@@ -235,24 +235,24 @@ def moved(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
     """The same at float32."""
 
 
-@wp.func_native(by_device("return b < a ? b : a;", "return wp::min(a, b);"))
+@wp.func_native("return b < a ? b : a;")
 def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
-    """The smaller of two; on CUDA without the instructions that keep it a number where one of them is none."""
+    """The smaller of two, without the instructions that keep it a number where one of them is none."""
 
 
-@wp.func_native("return wp::min(a, b);")
+@wp.func_native(by_device("return wp::min(a, b);", "return b < a ? b : a;"))
 def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The smaller of two."""
+    """The smaller of two; on CUDA an instruction that keeps it a number."""
 
 
-@wp.func_native(by_device("return a < b ? b : a;", "return wp::max(a, b);"))
+@wp.func_native("return a < b ? b : a;")
 def larger(a: wp.float64, b: wp.float64) -> wp.float64:
     """The larger of two, as `smaller`."""
 
 
-@wp.func_native("return wp::max(a, b);")
+@wp.func_native(by_device("return wp::max(a, b);", "return a < b ? b : a;"))
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The larger of two."""
+    """The larger of two, as `smaller`."""
 
 
 @wp.func

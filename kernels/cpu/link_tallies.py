@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import row_access
+from ..native import larger, row_access, smaller
 from ..physics.link import link_spring, roller_energy
 from ..structs import ChainSums, LinkTally, Strand, StrandSums, types
 from ..sums import add_tension, after, displacement, merge_extremes, merge_tension
@@ -70,8 +70,8 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
         i = int(0)
         while i < access.round_up(n):
             tension = access.load(w, row.tension + i)
-            access.store(w, row.tension_min + i, wp.min(access.load(w, row.tension_min + i), tension))
-            access.store(w, row.tension_max + i, wp.max(access.load(w, row.tension_max + i), tension))
+            access.store(w, row.tension_min + i, smaller(access.load(w, row.tension_min + i), tension))
+            access.store(w, row.tension_max + i, larger(access.load(w, row.tension_max + i), tension))
             i = i + 1
 
     @wp.func

@@ -30,7 +30,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import dot, inverse_root, multiply_add, quotient
+from ..native import dot, inverse_root, larger, multiply_add, quotient, smaller
 
 SPRING = 0.2
 """s: of the speed in a step, what a bristle takes at most; it then oscillates at 0.45 / h."""
@@ -65,8 +65,8 @@ def bristle_friction(most: Any, speed: Any, bristle: Any, spring: Any, damper: A
         damper: c [N s/m].
         stretch_part: part of a step over which the bristle is stretched (`integrate.stretching`).
     """
-    bristle_after = wp.clamp(multiply_add(stretch_part * spring, speed, bristle), -most, most)
-    return wp.clamp(multiply_add(damper, speed, bristle_after), -most, most), bristle_after
+    bristle_after = smaller(larger(-most, multiply_add(stretch_part * spring, speed, bristle)), most)
+    return smaller(larger(-most, multiply_add(damper, speed, bristle_after)), most), bristle_after
 
 
 @wp.func
@@ -104,7 +104,7 @@ def joint_friction_moment(
         chain: whose joint it is (`structs.Chain`).
         stretch_part: as in `bristle_friction`.
     """
-    most = mu * chain.joint_arm * wp.max(wp.abs(tension_before), wp.abs(tension_after))
+    most = mu * chain.joint_arm * larger(wp.abs(tension_before), wp.abs(tension_after))
     drag, bristle_after = bristle_friction(
         most, turn_after - turn_before, bristle, chain.joint.spring, chain.joint.damper, stretch_part
     )
