@@ -6,8 +6,8 @@ compiler sees as constants. A new channel is a row of that table and
 one line here.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -16,8 +16,22 @@ from .number import rounded
 from .structs import Drive, types
 
 
+@dataclass(frozen=True)
+class FrameWriterFunctions:
+    """Functions that write parts of a drive into its frame."""
+
+    drive_width: wp.Function
+    write_roller: wp.Function
+    write_sprocket: wp.Function
+    write_arm: wp.Function
+    write_tensioner: wp.Function
+    write_shaft: wp.Function
+    write_coupling: wp.Function
+    write_valve: wp.Function
+
+
 @cache
-def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
+def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     """The functions that write frames of type `Real` that lie as `frame` says."""
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -32,13 +46,13 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
         return wp.static(frame.values("roller")) * n + wp.static(frame.values("sprocket")) * sprockets + of_bodies
 
     @wp.func
-    def width_of(drive: Drive):
+    def drive_width(drive: Drive):
         """Number of values of a drive's frame."""
         return width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings,
                      drive.valves)  # fmt: skip
 
     @wp.func
-    def put_pair(frames: wp.array[Real], at: int, n: int, value: vec2):
+    def put_vector(frames: wp.array[Real], at: int, n: int, value: vec2):
         """A roller's vector: its first component at `at`, the second in the row of n values after that."""
         frames[at] = value[0]
         frames[at + n] = value[1]
@@ -49,8 +63,8 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
     ):
         """Roller i and the link after it, in a frame of n rollers whose first value is at `at`."""
         mine = at + i
-        put_pair(frames, mine + wp.static(place("position")) * n, n, position)
-        put_pair(frames, mine + wp.static(place("velocity")) * n, n, velocity)
+        put_vector(frames, mine + wp.static(place("position")) * n, n, position)
+        put_vector(frames, mine + wp.static(place("velocity")) * n, n, velocity)
         frames[mine + wp.static(place("tension")) * n] = seen.tension
         frames[mine + wp.static(place("sprocket_force")) * n] = seen.sprocket_force
         frames[mine + wp.static(place("guide_force")) * n] = seen.guide_force
@@ -109,4 +123,13 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
         frames[at + counts + wp.static(place("valve_torque"))] = Real(torque)
         frames[at + counts + wp.static(place("valve_force"))] = Real(force)
 
-    return SimpleNamespace(**locals())
+    return FrameWriterFunctions(
+        drive_width=drive_width,
+        write_roller=write_roller,
+        write_sprocket=write_sprocket,
+        write_arm=write_arm,
+        write_tensioner=write_tensioner,
+        write_shaft=write_shaft,
+        write_coupling=write_coupling,
+        write_valve=write_valve,
+    )

@@ -1,7 +1,7 @@
 """The window cut into batches of about equal length, at whose ends sums are noted.
 
 With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
-the drive's `look_every` and at least a + k W / BATCHES, before that step is added. The window's end gives the last
+the drive's `sample_interval` and at least a + k W / BATCHES, before that step is added. The window's end gives the last
 batch.
 """
 
@@ -35,7 +35,7 @@ def batches_ended(drive: Drive, step: int):
 @wp.func
 def notes_due(drive: Drive, step: int):
     """The first note to take at `step`, a look in the window, and the one after the last."""
-    return batches_ended(drive, step - drive.look_every), batches_ended(drive, step)
+    return batches_ended(drive, step - drive.sample_interval), batches_ended(drive, step)
 
 
 BINS = wp.constant(256)

@@ -41,7 +41,7 @@ class Tabulated:
 class Drive:
     """One variant: where its parts begin in the ensemble's arrays, and its settings."""
 
-    rings: wp.int32  # chains of the variant that begins here, each a row; 0: a further one of that before
+    chains: wp.int32  # chains of the variant that begins here, each a row; 0: a further one of that before
     rollers: wp.int32  # N
     sprockets: wp.int32  # S
     guides: wp.int32  # G
@@ -75,8 +75,8 @@ class Drive:
     window_start: wp.int32  # metrics are taken from this step
     window_end: wp.int32  # to this one
     tension_scale: wp.float64  # of the bins of link tension [N]
-    sample_every: wp.int32  # steps between frames; 0: not recorded
-    look_every: wp.int32  # steps between two looks at the chain, a power of two (`sums.is_look`)
+    frame_interval: wp.int32  # steps between frames; 0: not recorded
+    sample_interval: wp.int32  # steps between two looks at the chain, a power of two (`sums.is_look`)
     first_value: wp.int64  # of this variant's frames in the block's buffer
     low: wp.vec2d  # bounding box beyond which a roller has left the drive [m]
     high: wp.vec2d
@@ -104,7 +104,9 @@ class Motion:
     load_harmonics: Harmonics
     drive_table: Tabulated  # speed [rad/s] over time, instead of `speed` and `ramp_time`
     load_table: Tabulated  # torque [N m], on top of `load`
-    apart: wp.int32  # by how many bodies the one stands after it that it turns as, with others that are tied or on its
+    shaft_offset: (
+        wp.int32
+    )  # by how many bodies the one stands after it that it turns as, with others that are tied or on its
     # shaft, of another chain; 0: it is that itself
 
 
@@ -839,7 +841,9 @@ class State:
     wrenches: wp.array[Wrench]  # (all bodies,), of contacts
     poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
     rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
-    passed: wp.array[wp.float64]  # (all bodies,), on the CPU: moment on each, with what couplings pass on to it [N m]
+    train_moments: wp.array[
+        wp.float64
+    ]  # (all bodies,), on the CPU: moment on each, with what couplings pass on to it [N m]
     cams: wp.array[Cam]  # (all bodies,), on the CPU
     couplings: wp.array[Engaged]  # (all couplings,)
     tensioners: wp.array[TensionerState]  # (all tensioners,)
@@ -854,7 +858,7 @@ class State:
     hub_hold: wp.array[wp.float64]  # (all sprockets,): the same of bearings [N m]
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
     extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
-    stages: wp.array[wp.float64]  # (10 * all rollers,) for stages on blocks, else (1,): see `block_stages`
+    stages: wp.array[wp.float64]  # (10 * all rollers,) for stages on blocks, else (1,): see `gpu.rollers.STAGE_ROWS`
     rows: wp.array[wp.float64]  # for blocks too large to share theirs; else (1,)
     parts: wp.array[wp.float64]  # the same
     progress: wp.array[Progress]  # (variants,)
@@ -976,7 +980,7 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
         of_blocks = {"pairs": ("tables",), "seats": wp.array[wp.vec4f], "harmonics": wp.array[wp.vec4f]}
         others = of_blocks if blocks else {"kept": ("seats", "harmonics", "tables")}
         made[Ensemble] = at_float32(Ensemble, made, **others)
-        made[State] = at_float32(State, made, kept=("rates", "passed", "cams", "hub_hold"))
+        made[State] = at_float32(State, made, kept=("rates", "train_moments", "cams", "hub_hold"))
     named = {full.key: made.get(full, full) for full in STRUCTS}
     paired = Real == wp.float32 and blocks
     instant, number = (at_float32(BodyState, {}, rest=wp.float32), Pair) if paired else (BodyState, wp.float64)

@@ -17,14 +17,14 @@ MERGE_EVERY = wp.constant(32)
 """Steps after which what links and sprockets have gathered since is added to the window's sums.
 
 Looks at the chain (which links lie on a strand, their tensions, where mid-strand is) are as far apart, or a power of
-two times as far (`Drive.look_every`). The chain moves a small part of a pitch in between.
+two times as far (`Drive.sample_interval`). The chain moves a small part of a pitch in between.
 """
 
 
 @wp.func
 def is_look(drive: Drive, step: int):
     """Whether the chain is looked at, at a step in the window: the window's first has a look too."""
-    return step & (drive.look_every - 1) == 0 or step == drive.window_start
+    return step & (drive.sample_interval - 1) == 0 or step == drive.window_start
 
 
 @wp.func

@@ -23,7 +23,7 @@ from warpchain.engine.gpu_kernels import block_kind as engine_kind
 from warpchain.engine.gpu_kernels import block_shape, roller_capacity, variant_kind_columns
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.shared_memory import room
+from warpchain.kernels.gpu.shared_memory import block_memory
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.statistics import BINS
 from warpchain.results.channels import CHANNEL_NAMES, PartCounts, drive_frame_width, frame_with_channels
@@ -106,7 +106,7 @@ def moving_sprockets():
 
 def large(kind, blocks):
     """What `upload_state` is to keep in global memory for such blocks."""
-    of = room(kind)
+    of = block_memory(kind)
     return blocks * of.values, blocks * of.part_values
 
 
@@ -553,7 +553,7 @@ def run_blocks(packed, kind, blocks, order, frames):
     for end in accumulate(blocks):
         ends = wp.full(len(order), end, dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, turn, ends, begun]
-        dim = shape.launched(len(order))
+        dim = shape.launch_threads(len(order))
         wp.launch(kernel, dim=dim, inputs=inputs, block_dim=shape.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, {name: device_values(getattr(sums, name), "sums", name, packed.real) for name in ARRAYS["sums"]}
@@ -634,7 +634,9 @@ def sharing(family, many, precision):
     packed = pack_for(variants, [Schedule(drive.run.step, 1, 0, 1, 0) for drive in variants], precision)
     columns = variant_kind_columns(packed)
     # a kernel goes through so many parts of each drive
-    assert all(np.ptp(columns[sort]) == 0 for sort in ("sprockets", "guides", "arms", "tensioners", "others", "rings"))
+    assert all(
+        np.ptp(columns[sort]) == 0 for sort in ("sprockets", "guides", "arms", "tensioners", "other_bodies", "chains")
+    )
     return drives, kind_of(packed, shape_of(variants, 100 if many else 1)), packed.frame
 
 

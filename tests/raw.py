@@ -38,7 +38,7 @@ def chain(
     steps,
     integrator="leapfrog",
     window=None,
-    sample_every=0,
+    frame_interval=0,
     joint=None,
     precision="float64",
 ):
@@ -70,11 +70,11 @@ def chain(
         seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=blank_states(1),
     )  # fmt: skip
     row = packed.drives[0]
-    row["rings"] = 1
+    row["chains"] = 1
     row["rollers"], row["sprockets"], row["guides"], row["bodies"] = n, wheels, bars, bodies
     row["pieces"], row["arms"] = pieces, len(arms)
     row["integrator"] = INTEGRATORS[integrator]
-    row["step"], row["steps"], row["sample_every"] = step, steps, sample_every
+    row["step"], row["steps"], row["frame_interval"] = step, steps, frame_interval
     row["window_start"], row["window_end"] = window or (0, steps)
     row["low"], row["high"] = -1e3, 1e3
     row = packed.chains[0]
@@ -237,7 +237,7 @@ def settling(packed, step, tolerance, limit):
 def run(packed, workers=1):
     """Steps a hand-made ensemble to its end; returns the engine and, where sampled, frames (F, values)."""
     steps = int(packed.drives["steps"][0])
-    every = int(packed.drives["sample_every"][0])
+    every = int(packed.drives["frame_interval"][0])
     width = 7 * int(packed.drives["rollers"][0]) + 5 * int(packed.drives["sprockets"][0])
     frames = steps // every + 1 if every else 0
     engine, buffer = stepped(packed, steps + 1, values=frames * width, workers=workers)

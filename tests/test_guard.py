@@ -67,7 +67,13 @@ class Launched:
 
     def __init__(self, packed, device, cores):
         drives = packed.drives
-        self.what = len(drives), drives["rollers"][0], drives["window_start"][0], drives["look_every"][0], packed.real
+        self.what = (
+            len(drives),
+            drives["rollers"][0],
+            drives["window_start"][0],
+            drives["sample_interval"][0],
+            packed.real,
+        )
 
     def frame_buffer(self, steps):
         return steps

@@ -43,8 +43,8 @@ def step_now(drive: Drive, step: int):
         now.ends = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
     if now.ends != 0:
         now.weight = wp.float64(0.5) * now.weight
-    if drive.sample_every > 0:
-        now.sizes = wp.where(step % drive.sample_every == 0, 1, 0)
+    if drive.frame_interval > 0:
+        now.sizes = wp.where(step % drive.frame_interval == 0, 1, 0)
     return now
 
 
@@ -52,7 +52,7 @@ def step_now(drive: Drive, step: int):
 def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.Kernel:
     """The kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers of a chain.
 
-    Frames lie as `frame` says (`frames.frame_writers`). Only with `several` may a variant have more than one chain.
+    Frames lie as `frame` says (`kernels.frames`). Only with `several` may a variant have more than one chain.
     """
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
@@ -115,7 +115,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         chains, w = wp.static(1), scratch[0]
         if wp.static(several):
             drive, chain = drive_at(ensemble, variant), chain_at(ensemble, variant)
-            chains = drive.rings
+            chains = drive.chains
         else:
             drive, chain = ensemble.drives[variant], ensemble.chains[variant]
         integrator, h, last = drive.integrator, drive.step, drive.steps
@@ -192,7 +192,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
     ):
         """Takes variants, whose chains begin at rows `first` + thread, up to `steps` steps on, with sums and frames."""
         variant = first + wp.tid()
-        if ensemble.drives[variant].rings > 0:
+        if ensemble.drives[variant].chains > 0:
             advance_variant(ensemble, state, sums, variant, frames, scratch, steps)
 
     return advance

@@ -55,7 +55,7 @@ def body_functions(Real: type) -> BodyFunctions:
         wrench.load = loads.body_load(ensemble, state, drive, body, b, time)
         state.wrenches[b].load = wrench.load
         wrench.load = wrench.load + wrench.bearing
-        if drive.tied != 0 and motion.train >= 0 and motion.apart == 0:
+        if drive.tied != 0 and motion.train >= 0 and motion.shaft_offset == 0:
             wrench.moment = trains.train_moment(ensemble, state, drive, b)
             wrench.load = wp.float64(0.0)
             if drive.valves > 0:

@@ -1,6 +1,6 @@
 """Sums over the chain of one variant, from links' tallies and samples of tensions, mid-strands and slips.
 
-Tallies are merged every `MERGE_EVERY` steps, samples taken every `look_every` steps.
+Tallies are merged every `MERGE_EVERY` steps, samples taken every `sample_interval` steps.
 """
 
 from dataclasses import dataclass

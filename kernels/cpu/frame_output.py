@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..frames import frame_writers
+from ..frames import frame_writer_functions
 from ..native import row_access
 from ..structs import Drive, Now, types
 from .body_states import body_state_functions
@@ -24,10 +24,10 @@ class FrameOutputFunctions:
 
 @cache
 def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutputFunctions:
-    """The functions that write frames of one variant, which lie as `frame` says (`frames.frame_writers`)."""
+    """The functions that write frames of one variant, which lie as `frame` says (`kernels.frames`)."""
     kinds = types(Real)
     vec2 = kinds.vec2
-    write = frame_writers(Real, frame)
+    frame_writers = frame_writer_functions(Real, frame)
     access = row_access(Real)
     row = rows(capacity)
     rollers = roller_functions(Real, capacity)
@@ -58,7 +58,7 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
     ):
         """Writes the frame of one chain, number `number` of the launch."""
         n = drive.rollers
-        begin = int(drive.first_value + wp.int64(number) * wp.int64(write.width_of(drive)))
+        begin = int(drive.first_value + wp.int64(number) * wp.int64(frame_writers.drive_width(drive)))
         lag = Real(now.lag)
         chain = ensemble.chains[variant]
         inverse_mass = chain.inverse_mass
@@ -70,27 +70,27 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
             if wp.static(frame.holds("joint_friction_power")):
                 if chain.joint.inertia > Real(0.0):
                     extra.friction_power = joints.friction_power(w, i, n, chain, lag)
-            write.write_roller(frames, begin, n, i, position, velocity, extra)
+            frame_writers.write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):
             b = drive.first_body + s
             body = body_states.body_now(ensemble, state, b, now.time, now.lag)
-            write.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment, state.wrenches[b].force)
+            frame_writers.write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment, state.wrenches[b].force)
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
             arm = body_states.body_now(ensemble, state, b, now.time, now.lag)
-            write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
+            frame_writers.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
         for t in range(drive.tensioners):
-            write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
+            frame_writers.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
         for h in range(drive.shafts):
             shaft = body_states.body_now(ensemble, state, drive.first_body + drive.sprockets + h, now.time, now.lag)
-            write.write_shaft(frames, begin, drive, h, shaft)
+            frame_writers.write_shaft(frames, begin, drive, h, shaft)
         for c in range(drive.couplings):
             twist, rate, moment = trains.twist_and_moment_now(
                 ensemble, state, drive, drive.first_coupling + c, now.time, now.lag
             )
-            write.write_coupling(frames, begin, drive, c, twist, moment)
+            frame_writers.write_coupling(frames, begin, drive, c, twist, moment)
         for v in range(drive.valves):
             torque, force = trains.valve_load_now(ensemble, state, drive, drive.first_valve + v, now.time, now.lag)
-            write.write_valve(frames, begin, drive, v, torque, force)
+            frame_writers.write_valve(frames, begin, drive, v, torque, force)
 
     return FrameOutputFunctions(write_frame=write_frame)

@@ -29,9 +29,9 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     trains = train_functions(Real)
 
     @wp.func
-    def body_count(ensemble: Ensemble, first: int, rings: int):
+    def body_count(ensemble: Ensemble, first: int, chains: int):
         """Number of bodies of a variant whose chains begin at row `first`."""
-        last = ensemble.drives[first + rings - 1]
+        last = ensemble.drives[first + chains - 1]
         return last.first_body + last.bodies - ensemble.drives[first].first_body
 
     @wp.func
@@ -45,17 +45,17 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
             kick: `trains.leapfrog_interval` [s].
             lifting: whether cams lift valves.
         """
-        first = b + ensemble.motions[b].apart
+        first = b + ensemble.motions[b].shaft_offset
         mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
         if lifting:
             cam = trains.train_cam(ensemble, state, begin, count, first)
             share = valve_inertia_share(state.bodies[first].speed, kick, cam, mine)
             more = more / (wp.float64(1.0) + share)
-        state.passed[first] = state.passed[first] + wrench.moment + wrench.bearing + wrench.load
+        state.train_moments[first] = state.train_moments[first] + wrench.moment + wrench.bearing + wrench.load
         if ensemble.motions[b].prescribed == 0:
             for other in range(begin, begin + count):
                 motion = ensemble.motions[other]
-                if motion.train == mine.train and motion.apart == 0:
+                if motion.train == mine.train and motion.shaft_offset == 0:
                     rates = state.rates[other]
                     rates[2] = rates[2] + motion.ratio / mine.ratio * more
                     state.rates[other] = rates
@@ -64,24 +64,24 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     def join_shafts(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
         """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
-            if ensemble.motions[b].apart != 0:
+            if ensemble.motions[b].shaft_offset != 0:
                 add_train_acceleration(ensemble, state, begin, count, b, kick, lifting)
         for b in range(begin, begin + count):
-            if ensemble.motions[b].apart != 0 and ensemble.motions[b].prescribed == 0:
+            if ensemble.motions[b].shaft_offset != 0 and ensemble.motions[b].prescribed == 0:
                 rates = state.rates[b]
-                rates[2] = state.rates[b + ensemble.motions[b].apart][2]
+                rates[2] = state.rates[b + ensemble.motions[b].shaft_offset][2]
                 state.rates[b] = rates
 
     @wp.func
-    def join_shafts_of_variant(ensemble: Ensemble, state: State, variant: int, rings: int, time: wp.float64):
+    def join_shafts_of_variant(ensemble: Ensemble, state: State, variant: int, chains: int, time: wp.float64):
         """Gives all bodies of each shaft of a variant the sum of their angular accelerations, at a stage's `time`."""
-        drive, last = ensemble.drives[variant], ensemble.drives[variant + rings - 1]
+        drive, last = ensemble.drives[variant], ensemble.drives[variant + chains - 1]
         lifting = last.first_valve + last.valves > drive.first_valve
         join_shafts(
             ensemble,
             state,
             drive.first_body,
-            body_count(ensemble, variant, rings),
+            body_count(ensemble, variant, chains),
             trains.leapfrog_interval(drive, time),
             lifting,
         )

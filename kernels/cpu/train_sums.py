@@ -66,7 +66,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
         for b in range(drive.sprockets + drive.shafts):
             if is_on_gear_side(gear, b):
                 other = drive.first_body + b
-                moment = moment - ensemble.motions[other].ratio / mine.ratio * state.passed[other]
+                moment = moment - ensemble.motions[other].ratio / mine.ratio * state.train_moments[other]
         for v in range(drive.first_valve, drive.first_valve + drive.valves):
             valve = ensemble.valves[v]
             if is_on_gear_side(gear, valve.body):

@@ -80,20 +80,20 @@ def train_functions(Real: type) -> TrainFunctions:
 
     @wp.func
     def find_train_moments(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
-        """Sets `state.passed`, the moments on all bodies but arms with those of motors and couplings."""
+        """Sets `state.train_moments`, the moments on all bodies but arms with those of motors and couplings."""
         if stage == 0:
             update_couplings(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
             wrench = loads.body_wrench(ensemble, state, drive, b)
             moment = wrench.moment + wrench.bearing + loads.body_load(ensemble, state, drive, state.bodies[b], b, time)
-            state.passed[b] = moment + loads.body_motor_moment(ensemble, state, drive, b, time)
+            state.train_moments[b] = moment + loads.body_motor_moment(ensemble, state, drive, b, time)
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]
             first, second = drive.first_body + coupling.first, drive.first_body + coupling.second
             twist, moment = twist_and_moment(ensemble, state, drive, c)
             if coupling.first != GROUND:
-                state.passed[first] = state.passed[first] - moment
-            state.passed[second] = state.passed[second] + state.couplings[c].ratio * moment
+                state.train_moments[first] = state.train_moments[first] - moment
+            state.train_moments[second] = state.train_moments[second] + state.couplings[c].ratio * moment
         if drive.valves > 0:
             find_valve_loads(ensemble, state, drive)
 
@@ -130,7 +130,7 @@ def train_functions(Real: type) -> TrainFunctions:
         for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
             motion = ensemble.motions[other]
             if motion.train == mine.train:
-                total = total + motion.ratio * state.passed[other]
+                total = total + motion.ratio * state.train_moments[other]
         return total / mine.ratio
 
     @wp.func

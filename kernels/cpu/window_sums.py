@@ -93,7 +93,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
                     turned = relative_body(body, carrier)
                     energy += carried_energy(body, carrier, of)
                 energy = arm_energy(energy, turned, heading, of)
-            if arm < 0 and (drive.tied != 0 or drive.rings != 1):
+            if arm < 0 and (drive.tied != 0 or drive.chains != 1):
                 energy = own_body_energy(energy, body.speed, ensemble.motions[b])
             if drive.valves > 0:
                 energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])

@@ -1,7 +1,7 @@
 """Bodies, teeth, guides and laws of a variant, where all threads of its block read them; rollers seen from bodies."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -9,24 +9,37 @@ import warp as wp
 from ..number import difference, leading, number_of
 from ..physics.guide import carried_guide, frame_vector
 from ..structs import GROUND, Drive
-from .kind import BlockKind
-from .rings import block_rings
-from .rollers import roller_rows
+from .block_kinds import BlockKind
+from .chains import chain_functions
+from .rollers import roller_functions
+
+
+@dataclass(frozen=True)
+class GeometryFunctions:
+    """Bodies, teeth and guides of one variant as contacts see them."""
+
+    put_pose: wp.Function
+    share_chains_and_guides: wp.Function
+    share_sprocket: wp.Function
+    guide_now: wp.Function
+    arm_from_body: wp.Function
+    arm_and_carrier_coordinates: wp.Function
 
 
 @cache
-def contact_geometry(kind: BlockKind) -> SimpleNamespace:
+def geometry_functions(kind: BlockKind) -> GeometryFunctions:
     """The functions that share and read what contacts of one variant on a block see of bodies and guides."""
     Real, sprockets, guides, bodies = kind.Real, kind.parts.sprockets, kind.parts.guides, kind.parts.bodies
     profiles = kind.profiles
     kinds, moving = kind.types, kind.moving
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
-    vec2, point, rings = kinds.vec2, roller_rows(kind).point, block_rings(kind)
-    ring_of_guide, body_of = rings.ring_of_guide, rings.body_of
+    chains = chain_functions(kind)
+    rollers = roller_functions(kind)
+    vec2 = kinds.vec2
 
     @wp.func
     def put_pose(shared: Shared, b: int, pose: Pose):
-        """Makes it the pose of body b, and its band go with it."""
+        """Sets the pose of body b, and the center of its band."""
         shared.poses[b] = pose
         if wp.static(moving):
             if b < wp.static(sprockets):
@@ -34,17 +47,17 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
                 shared.bands[b].center = vec2(Real(center[0]), Real(center[1]))
 
     @wp.func
-    def share_ring(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int, r: int):
+    def share_chain(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int, r: int):
         """Shares chain r, `drive`, and its box."""
-        shared.box[2 * r] = vec2(Real(drive.low[0]), Real(drive.low[1]))
-        shared.box[2 * r + 1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
-        shared.chain[r] = ensemble.chains[variant + r]
+        shared.boxes[2 * r] = vec2(Real(drive.low[0]), Real(drive.low[1]))
+        shared.boxes[2 * r + 1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
+        shared.chains[r] = ensemble.chains[variant + r]
 
     @wp.func
-    def share_chain(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):
-        """The chain and the guides, of all chains; `drive` is the first of them."""
-        for r in range(wp.static(kind.parts.rings)):
-            share_ring(ensemble, shared, ensemble.drives[variant + r], variant, r)
+    def share_chains_and_guides(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):
+        """Shares all chains and guides of a variant; `drive` is that of its first chain."""
+        for r in range(wp.static(kind.parts.chains)):
+            share_chain(ensemble, shared, ensemble.drives[variant + r], variant, r)
         if wp.static(profiles):
             ground = Pose()
             ground.cosine = number_of(Real(1.0))
@@ -52,17 +65,17 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
         for g in range(wp.static(guides)):
             bar = ensemble.guides[drive.first_guide + g]
             if wp.static(profiles):
-                ring = ring_of_guide(shared, g)
-                body = body_of(ensemble, shared, variant + ring, ring, bar.body)
+                chain = chains.chain_number_of_guide(shared, g)
+                body = chains.body_on_block(ensemble, shared, variant + chain, chain, bar.body)
                 bar.body = wp.where(body == GROUND, wp.static(bodies), body)
-                bar.first_piece = ensemble.drives[variant + ring].first_piece + bar.first_piece
-            shared.bars[g] = bar
+                bar.first_piece = ensemble.drives[variant + chain].first_piece + bar.first_piece
+            shared.guides[g] = bar
             if wp.static(kind.friction.contacts):
                 shared.friction[wp.static(sprockets) + g] = ensemble.guide_friction[drive.first_guide + g]
 
     @wp.func
     def share_sprocket(ensemble: Ensemble, shared: Shared, drive: Drive, s: int, center: Any):
-        """Teeth and band of sprocket s at `center`."""
+        """Shares teeth and band of sprocket s, at `center`."""
         sprocket = ensemble.sprockets[drive.first_sprocket + s]
         shared.teeth[s] = sprocket
         band = kinds.Band()
@@ -74,27 +87,34 @@ def contact_geometry(kind: BlockKind) -> SimpleNamespace:
             shared.friction[s] = ensemble.tooth_friction[drive.first_sprocket + s]
 
     @wp.func
-    def guide_at(shared: Shared, g: int):
+    def guide_now(shared: Shared, g: int):
         """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
-        bar = shared.bars[g]
+        bar = shared.guides[g]
         if wp.static(profiles):
             if bar.pieces == 0 and bar.body < wp.static(bodies):
                 bar = carried_guide(bar, shared.poses[bar.body])
         return bar
 
     @wp.func
-    def arm_on(shared: Shared, j: int, b: int):
+    def arm_from_body(shared: Shared, j: int, b: int):
         """Roller j from the center of body b, which carries a guide [m]."""
-        return leading(difference(point(shared.rows, j), shared.poses[b].center))
+        return leading(difference(rollers.exact_position(shared.rows, j), shared.poses[b].center))
 
     @wp.func
-    def in_carrier(shared: Shared, j: int, b: int):
+    def arm_and_carrier_coordinates(shared: Shared, j: int, b: int):
         """Roller j from the center of body b, which carries a guide, and in that body's frame [m]."""
         carrier = shared.poses[b]
-        arm = difference(point(shared.rows, j), carrier.center)
+        arm = difference(rollers.exact_position(shared.rows, j), carrier.center)
         q = arm
         if b < wp.static(bodies):  # the ground has not turned
             q = frame_vector(arm, carrier)
         return arm, q
 
-    return SimpleNamespace(**locals())
+    return GeometryFunctions(
+        put_pose=put_pose,
+        share_chains_and_guides=share_chains_and_guides,
+        share_sprocket=share_sprocket,
+        guide_now=guide_now,
+        arm_from_body=arm_from_body,
+        arm_and_carrier_coordinates=arm_and_carrier_coordinates,
+    )

@@ -1,7 +1,7 @@
 """The contacts of a block's rollers with guides, straight bars and profiles: forces and their reactions on bodies."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -10,39 +10,50 @@ from ..number import difference, leading
 from ..physics.contact import MISSED, UNTOUCHED, has_missed_face, reaction_moment, rotated_vector, surface_velocity
 from ..physics.guide import bar_contact, profile_contact, tracked_piece
 from ..structs import Tallies
-from .contacts import contact_sums, wrench_parts
-from .geometry import contact_geometry
-from .kind import START, BlockKind, Mine
-from .near import near_mask
-from .rings import block_rings
-from .rollers import roller_rows
-from .sync import add_to
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .chains import chain_functions
+from .contacts import contact_functions
+from .events import START
+from .geometry import geometry_functions
+from .partner_bits import partner_bit_functions
+from .rollers import roller_functions
+from .sync import add_to_element
+from .wrench_parts import wrench_part_functions
+
+
+@dataclass(frozen=True)
+class GuideFunctions:
+    """Contacts of one variant's rollers with guides."""
+
+    add_guide_forces: wp.Function
 
 
 @cache
-def guide_contacts(kind: BlockKind) -> SimpleNamespace:
+def guide_functions(kind: BlockKind) -> GuideFunctions:
     """The functions that evaluate the contacts of one variant's rollers on a block with its guides."""
     Real, sprockets, bodies = kind.Real, kind.parts.sprockets, kind.parts.bodies
     profiles = kind.profiles
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Guide = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Guide
     vec2 = kinds.vec2
-    row, geometry, bits, sums = roller_rows(kind), contact_geometry(kind), near_mask(kind), contact_sums(kind)
-    in_carrier, arm_on, guide_at = geometry.in_carrier, geometry.arm_on, geometry.guide_at
-    Bits, of_bars, any_of, first, rest = bits.Bits, bits.of_bars, bits.any_of, bits.first, bits.rest
-    Touch, placed, press, keep, gaining = sums.Touch, sums.placed, sums.press, sums.keep, sums.gaining
-    remembering = sums.remembering
-    add_wrench = wrench_parts(kind).add_wrench
-    point, velocity, memory_of = row.point, row.velocity, block_rings(kind).memory_of
-    load_row, rows_of_pieces = row_access(Real).load, aligned(kinds.Piece)
-    load_whole, store_whole = row_access(wp.int32).load, row_access(wp.int32).store
+    chains = chain_functions(kind)
+    whole_access = row_access(wp.int32)
+    geometry = geometry_functions(kind)
+    rollers = roller_functions(kind)
+    contacts = contact_functions(kind)
+    wrench_parts = wrench_part_functions(kind)
+    partner_bits = partner_bit_functions(kind)
+    rows_of_pieces = aligned(kinds.Piece)
 
     @wp.func
-    def at_profile(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
+    def profile_kinematics(
+        ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, j: int, g: int, bar: Guide
+    ):
         """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
-        at = memory_of(shared, mine, j, wp.static(sprockets) + g)
-        kept = load_whole(state.seat, at)
-        arm, q = in_carrier(shared, j, bar.body)
+        at = chains.contact_memory(shared, mine, j, wp.static(sprockets) + g)
+        kept = whole_access.load(state.seat, at)
+        arm, q = geometry.arm_and_carrier_coordinates(shared, j, bar.body)
         pieces = rows_of_pieces(ensemble.pieces)
         number = int(kept)
         if kept < 0:
@@ -52,77 +63,87 @@ def guide_contacts(kind: BlockKind) -> SimpleNamespace:
             number = wp.clamp(kept + beyond, 0, bar.pieces - 1)
             penetration, facing, beyond = profile_contact(q, number, bar, pieces)
         if number != kept:
-            store_whole(state.seat, at, number)
+            whole_access.store(state.seat, at, number)
         pose = shared.poses[bar.body]
-        relative = surface_velocity(pose, leading(arm)) - velocity(shared.rows, j)
+        relative = surface_velocity(pose, leading(arm)) - rollers.velocity(shared.rows, j)
         return penetration, rotated_vector(facing, leading(pose.cosine), leading(pose.sine)), relative
 
     @wp.func
-    def on_straight(shared: Shared, j: int, bar: Guide):
-        """The same on a straight bar, which is where `guide_at` has it."""
-        p = difference(point(shared.rows, j), bar.start)
+    def bar_kinematics(shared: Shared, j: int, bar: Guide):
+        """Penetration [m], normal and relative velocity [m/s] of roller j on a straight bar, as it is now."""
+        p = difference(rollers.exact_position(shared.rows, j), bar.start)
         surface = vec2(Real(0.0), Real(0.0))
         if wp.static(profiles):
-            surface = surface_velocity(shared.poses[bar.body], arm_on(shared, j, bar.body))
-        return bar_contact(p, velocity(shared.rows, j), surface, bar)
+            surface = surface_velocity(shared.poses[bar.body], geometry.arm_from_body(shared, j, bar.body))
+        return bar_contact(p, rollers.velocity(shared.rows, j), surface, bar)
 
     @wp.func
-    def on_bar(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, j: int, g: int, bar: Guide):
+    def guide_kinematics(
+        ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, j: int, g: int, bar: Guide
+    ):
         """Penetration [m], normal and relative velocity [m/s] of roller j on guide g."""
         if wp.static(profiles):
             penetration = Real(0.0)
             normal = vec2()
             relative = vec2()
             if bar.pieces != 0:
-                penetration, normal, relative = at_profile(ensemble, state, shared, mine, j, g, bar)
+                penetration, normal, relative = profile_kinematics(ensemble, state, shared, mine, j, g, bar)
             else:
-                penetration, normal, relative = on_straight(shared, j, bar)
+                penetration, normal, relative = bar_kinematics(shared, j, bar)
             return penetration, normal, relative
         else:
-            return on_straight(shared, j, bar)
+            return bar_kinematics(shared, j, bar)
 
     @wp.func
-    def at_guide(
-        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, j: int, g: int
+    def add_guide_force(
+        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, g: int
     ):
         """Adds the force of guide g to roller j's, and its reaction to the body that carries it."""
-        bar = guide_at(shared, g)
-        touch = Touch()
-        touch.partner = wp.static(sprockets) + g
-        at = memory_of(shared, mine, j, touch.partner)
-        touch = remembering(state, touch, at)
-        before = touch.before
-        penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
+        bar = geometry.guide_now(shared, g)
+        contact = contacts.Contact()
+        contact.partner = wp.static(sprockets) + g
+        at = chains.contact_memory(shared, mine, j, contact.partner)
+        contact = contacts.with_memory(state, contact, at)
+        before = contact.impact_speed
+        penetration, normal, relative = guide_kinematics(ensemble, state, shared, mine, j, g, bar)
         closed = bool(False)
         kept = Real(UNTOUCHED)
         if penetration > -bar.law.ahead:
             if has_missed_face(penetration, before, bar):
                 kept = Real(MISSED)
-                if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                    add_to(tallies.missed, at, 1)
+                if now.measures != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
+                    add_to_element(tallies.missed, at, 1)
             else:
-                touch = placed(touch, penetration, normal, relative)
+                contact = contacts.with_kinematics(contact, penetration, normal, relative)
                 arm = vec2()
                 carrier = kinds.Pose()
                 if wp.static(profiles):
-                    arm = arm_on(shared, j, bar.body)
+                    arm = geometry.arm_from_body(shared, j, bar.body)
                     carrier = shared.poses[bar.body]
-                touch.gaining = gaining(shared, carrier, arm, j)
-                closed, force = press(state, tallies, shared, mine, now, j, touch, bar.law)
+                contact.acceleration = contacts.approach_acceleration(shared, carrier, arm, j)
+                closed, force = contacts.add_normal_force(state, tallies, shared, mine, now, j, contact, bar.law)
                 if wp.static(profiles):
                     if closed and bar.body < wp.static(bodies):
                         moment = reaction_moment(arm, force)
-                        add_wrench(shared, mine, bar.body, j, moment, force, now.measured)
+                        wrench_parts.add_wrench(shared, mine, bar.body, j, moment, force, now.measures)
         if not closed:
-            keep(state, now, at, before, kept)
+            contacts.keep_impact_speed(state, now, at, before, kept)
 
     @wp.func
-    def at_bars(ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: Mine, now: Now, near: Bits):
+    def add_guide_forces(
+        ensemble: Ensemble,
+        state: State,
+        tallies: Tallies,
+        shared: Shared,
+        mine: ThreadParts,
+        now: Now,
+        near: partner_bits.Bits,
+    ):
         """Adds the forces of the guides that they are near to those of the thread's rollers."""
-        by_bar = of_bars(near)
-        while any_of(by_bar):
-            j, p = first(by_bar, mine.thread)
-            by_bar = rest(by_bar)
-            at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
+        by_bar = partner_bits.of_guides(near)
+        while partner_bits.has_any(by_bar):
+            j, p = partner_bits.first_pair(by_bar, mine.thread)
+            by_bar = partner_bits.without_first_pair(by_bar)
+            add_guide_force(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
 
-    return SimpleNamespace(**locals())
+    return GuideFunctions(add_guide_forces=add_guide_forces)

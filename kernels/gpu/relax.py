@@ -9,18 +9,22 @@ from ..native import moved
 from ..physics.body import aligned_pose, pose_with_coordinates, relax_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import Tallies
-from .bodies import body_access, body_steps
-from .contact_pairs import contact_forces
-from .contacts import wrench_parts
-from .geometry import contact_geometry
-from .hydraulics import block_tensioners
-from .jointed import block_jointed
-from .kind import BlockKind, Mine, mine_of
-from .links import link_forces
-from .near import near_partners
-from .rollers import roller_rows
-from .shared_memory import shared_arrays, view
-from .sync import lanes, sync
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts, thread_parts
+from .block_sums import block_sum_functions
+from .bodies import body_functions
+from .body_states import body_state_functions
+from .carried_arms import carried_arm_functions
+from .contact_forces import contact_force_functions
+from .geometry import geometry_functions
+from .links import link_functions
+from .near_partners import near_partner_functions
+from .rollers import roller_functions
+from .shared_memory import array_view, shared_arrays
+from .sync import sync_functions
+from .tensioners import tensioner_functions
+from .tooth_gaps import tooth_gap_functions
+from .wrench_parts import wrench_part_functions
 
 
 @cache
@@ -32,87 +36,70 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2 = kinds.vec2
     of_each = wp.types.vector(rollers_per_thread, Real)
-    row, forces, partners, wrenches = roller_rows(kind), contact_forces(kind), near_partners(kind), wrench_parts(kind)
-    of, bodies, steps, tensioners = contact_geometry(kind), body_access(kind), body_steps(kind), block_tensioners(kind)
-    joints = block_jointed(kind)
-    barrier, warp_sum, warp_max = sync(kind).barrier, sync(kind).warp_sum, sync(kind).warp_max
-    shared_of, lengths_of = shared_arrays(kind), view(Real)
-    pull, acceleration, velocity = link_forces(kind).pull, row.acceleration, row.velocity
-    set_velocity, move = row.set_velocity, row.move
+    wrench_parts = wrench_part_functions(kind)
+    rollers = roller_functions(kind)
+    geometry = geometry_functions(kind)
+    body_states = body_state_functions(kind)
+    tensioners = tensioner_functions(kind)
+    carried_arms = carried_arm_functions(kind)
+    bodies = body_functions(kind)
+    sync = sync_functions(kind)
+    near_partners = near_partner_functions(kind)
+    links = link_functions(kind)
+    tooth_gaps = tooth_gap_functions(kind)
+    contact_forces = contact_force_functions(kind)
+    shared_of, lengths_of = shared_arrays(kind), array_view(Real)
+    block_sums = block_sum_functions(kind)
 
     @wp.func
-    def begin(ensemble: Ensemble, state: State, shared: Shared, variant: int, i: int):
-        """The place of thread i; shares the chain and the bodies, the sprockets at rest."""
+    def begin_settling(ensemble: Ensemble, state: State, shared: Shared, variant: int, i: int):
+        """The parts of thread i; shares the chain and the bodies, the sprockets at rest."""
         drive = ensemble.drives[variant]
-        mine = mine_of(drive, variant, i, wrenches.body_of(i))
+        mine = thread_parts(drive, variant, i, wrench_parts.thread_body(i))
         mine.sprocket = -1  # all sprockets are held
-        row.fetch(state, shared, mine)
+        rollers.fetch(state, shared, mine)
         if i == 0:
-            of.share_chain(ensemble, shared, drive, variant)
+            geometry.share_chains_and_guides(ensemble, shared, drive, variant)
         if i < wp.static(kind.parts.bodies):
-            pose = bodies.pose_from(ensemble, state, drive, i)
-            if i < wp.static(kind.parts.mounted):
+            pose = body_states.pose_from_state(ensemble, state, drive, i)
+            if i < wp.static(kind.parts.rotors):
                 pose.speed = wp.float64(0.0)
                 pose.velocity = wp.vec2d()
             if i < wp.static(sprockets):
-                of.share_sprocket(ensemble, shared, drive, i, pose.center)
-            of.put_pose(shared, i, pose)
-            bodies.share_hub(ensemble, shared, variant, variant, i)
+                geometry.share_sprocket(ensemble, shared, drive, i, pose.center)
+            geometry.put_pose(shared, i, pose)
+            body_states.share_hub(ensemble, shared, variant, variant, i)
             shared.motions[i] = ensemble.motions[drive.first_body + i]
         return mine
 
     @wp.func
-    def turn_arm(shared: Shared, mine: Mine, angular: wp.float64, kick: wp.float64, h: wp.float64):
-        """A step of the thread's arm."""
+    def turn_arm(shared: Shared, mine: ThreadParts, angular: wp.float64, kick: wp.float64, h: wp.float64):
+        """Takes the thread's arm a step on."""
         pose = shared.poses[mine.body]
-        arm = relax_arm(bodies.state_of(pose), angular, kick, h)
-        of.put_pose(shared, mine.body, aligned_pose(pose_with_coordinates(pose, arm)))
+        arm = relax_arm(body_states.body_from_pose(pose), angular, kick, h)
+        geometry.put_pose(shared, mine.body, aligned_pose(pose_with_coordinates(pose, arm)))
 
     @wp.func
-    def rest_arm(ensemble: Ensemble, state: State, shared: Shared, mine: Mine, wrench: kinds.Wrench):
+    def arm_acceleration(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, wrench: kinds.Wrench):
         """Angular acceleration of the thread's arm [rad/s^2]."""
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners > 0):
-            wrench = tensioners.pushed(ensemble, state, mine, 0, pose, wrench)
+            wrench = tensioners.add_tensioner_forces(ensemble, state, mine, 0, pose, wrench)
         load = wp.float64(0.0)
         if wp.static(kind.parts.jointed):
-            load = joints.own_on(ensemble, shared, mine) + joints.joints_on(ensemble, shared, mine)
+            load = carried_arms.own_moment(ensemble, shared, mine) + carried_arms.carried_spring_moment(
+                ensemble, shared, mine
+            )
         else:
-            load = steps.load_on(ensemble, shared, mine, load, load, pose)
+            load = bodies.body_load(ensemble, shared, mine, load, load, pose)
         return (wrench.moment + load) * shared.motions[mine.body].inverse_inertia
 
     @wp.func
-    def share_of_warps(shared: Shared, value: Real, i: int):
-        """Makes the value of each warp stand among the parts."""
-        barrier()
-        if i % lanes() == 0:
-            shared.parts[i // lanes()] = value
-        barrier()
-
-    @wp.func
-    def block_largest(shared: Shared, value: Real, i: int):
-        """The largest `value` of all threads."""
-        share_of_warps(shared, warp_max(value), i)
-        result = wp.float64(shared.parts[0])
-        for w in range(1, wp.static(threads) // lanes()):
-            result = wp.max(result, wp.float64(shared.parts[w]))
-        barrier()
-        return result
-
-    @wp.func
-    def block_total(shared: Shared, value: wp.float64, i: int):
-        """The sum of `value` over all threads."""
-        share_of_warps(shared, Real(warp_sum(value)), i)
-        result = wp.float64(0.0)
-        for w in range(wp.static(threads) // lanes()):
-            result = result + wp.float64(shared.parts[w])
-        barrier()
-        return result
-
-    @wp.func
-    def energy_and_residual(ensemble: Ensemble, shared: Shared, mine: Mine, tension: of_each, angular: wp.float64):
+    def energy_and_residual(
+        ensemble: Ensemble, shared: Shared, mine: ThreadParts, tension: of_each, angular: wp.float64
+    ):
         """Kinetic energy [J] and residual of chain and arms; all threads together."""
-        chain = shared.chain[0]
+        chain = shared.chains[0]
         i = mine.thread
         square = wp.float64(0.0)
         size = Real(0.0)
@@ -120,9 +107,9 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
             if j < mine.rollers:
-                v = velocity(shared.rows, j)
+                v = rollers.velocity(shared.rows, j)
                 square = square + wp.float64(wp.dot(v, v))
-                size = wp.max(size, finite_size(acceleration(shared, j)))
+                size = wp.max(size, finite_size(rollers.acceleration(shared, j)))
                 most = wp.max(most, wp.abs(tension[k]))
         mass = wp.float64(chain.mass)
         if wp.static(kind.parts.arms > 0):
@@ -134,25 +121,25 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                 turning = wp.vec2d(angular, wp.float64(0.0)) / (inverse_inertia * reach * mass)
                 size = wp.max(size, Real(finite_size(turning)))
         gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
-        energy = wp.float64(0.5) * mass * block_total(shared, square, i)
-        worst = block_largest(shared, size, i)
-        most_tension = block_largest(shared, most, i)
+        energy = wp.float64(0.5) * mass * block_sums.block_total(shared, square, i)
+        worst = block_sums.block_largest(shared, size, i)
+        most_tension = block_sums.block_largest(shared, most, i)
         return energy, relative_residual(worst, most_tension, mass, gravity, wp.float64(chain.stiffness))
 
     @wp.func
-    def stop(shared: Shared, i: int):
-        """The thread's rollers at rest."""
+    def stop_rollers(shared: Shared, i: int):
+        """Sets the velocities of the thread's rollers to zero."""
         for k in range(wp.static(rollers_per_thread)):
-            set_velocity(shared, k * wp.static(threads) + i, vec2())
+            rollers.set_velocity(shared, k * wp.static(threads) + i, vec2())
 
     @wp.func
-    def kick_drift(shared: Shared, i: int, kick: Real, h: Real):
-        """v += kick a, then x += h v, of the thread's rollers."""
+    def kick_and_drift(shared: Shared, i: int, kick: Real, h: Real):
+        """Sets v += kick a, then x += h v, of the thread's rollers."""
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
-            v = moved(velocity(shared.rows, j), kick, acceleration(shared, j))
-            set_velocity(shared, j, v)
-            move(shared, j, h, v)
+            v = moved(rollers.velocity(shared.rows, j), kick, rollers.acceleration(shared, j))
+            rollers.set_velocity(shared, j, v)
+            rollers.move(shared, j, h, v)
 
     @wp.kernel(
         enable_backward=False,
@@ -172,51 +159,53 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
         shared = shared_of(state, number)
-        mine = begin(ensemble, state, shared, order[number], i)
-        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
+        mine = begin_settling(ensemble, state, shared, order[number], i)
+        lengths = lengths_of(ensemble.lengths, mine.first_roller, wp.static(kind.shape.slots))
         now = settling[mine.variant]
         end = wp.min(now.steps + steps, now.limit)
-        barrier()
-        near = partners.remembered(state, shared, mine)
+        sync.barrier()
+        near = near_partners.remembered_partners(state, shared, mine)
         still = Now()
         while now.steps < end and now.settled == 0:
-            tension, rate = pull(state, shared, mine, Now(), lengths)
-            near = partners.update_near(state, shared, mine, still, near)
-            touch = forces.touch_of(ensemble, state, shared, mine, near)
-            forces.contacts(ensemble, state, tallies, shared, mine, still, touch)
-            barrier()
+            tension, rate = links.find_link_forces(state, shared, mine, Now(), lengths)
+            near = near_partners.update_near_partners(state, shared, mine, still, near)
+            contact = tooth_gaps.contact_from_bits(ensemble, state, shared, mine, near)
+            contact_forces.add_contact_forces(ensemble, state, tallies, shared, mine, still, contact)
+            sync.barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.parts.arms > 0):
-                moment = wrenches.moment_on(shared, i)
-                acting = joints.hang(ensemble, shared, mine, wrenches.acting_on(shared, i, moment, 0))
+                moment = wrench_parts.chain_moment(shared, i)
+                acting = carried_arms.add_carried_wrenches(
+                    ensemble, shared, mine, wrench_parts.chain_moment_and_force(shared, i, moment, 0)
+                )
                 if mine.arm >= 0:
-                    angular = rest_arm(ensemble, state, shared, mine, wrenches.wrench_of(acting))
+                    angular = arm_acceleration(ensemble, state, shared, mine, wrench_parts.wrench_from_vector(acting))
                 if wp.static(kind.parts.jointed):
-                    barrier()  # others see where the arm was
+                    sync.barrier()  # others see where the arm was
             restart = int(0)
             if now.steps % ENERGY_EVERY == 0:
                 energy, residual = energy_and_residual(ensemble, shared, mine, tension, angular)
                 now, restart = judged(now, energy, residual)
                 if restart == 1:
-                    stop(shared, i)
+                    stop_rollers(shared, i)
             if now.settled == 0:
-                kick_drift(shared, i, Real(relaxation_kick(now, restart)), Real(now.step))
+                kick_and_drift(shared, i, Real(relaxation_kick(now, restart)), Real(now.step))
                 if wp.static(kind.parts.arms > 0):
                     if mine.arm >= 0:
                         turn_arm(shared, mine, angular, relaxation_kick(now, restart), now.step)
                 if wp.static(kind.parts.jointed):
-                    barrier()
-                    joints.carry(ensemble, shared, mine, 1)
+                    sync.barrier()
+                    carried_arms.place_carried_arm(ensemble, shared, mine, 1)
                 if wp.static(kind.parts.hubs > 0):
-                    barrier()
-                    bodies.carry(shared, mine.body)
+                    sync.barrier()
+                    body_states.place_carried_sprocket(shared, mine.body)
                 now.steps = now.steps + 1
-            barrier()
-        row.put_back(state, shared, mine)
+            sync.barrier()
+        rollers.put_back(state, shared, mine)
         if wp.static(kind.parts.arms > 0):
             if mine.arm >= 0 or (wp.static(kind.parts.hubs > 0) and mine.body >= 0):
                 at = ensemble.drives[mine.variant].first_body + mine.body
-                state.bodies[at] = bodies.state_of(shared.poses[mine.body])
+                state.bodies[at] = body_states.body_from_pose(shared.poses[mine.body])
         if i == 0:
             settling[mine.variant] = now
 

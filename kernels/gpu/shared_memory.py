@@ -14,29 +14,36 @@ from typing import Any
 
 import warp as wp
 
-from .kind import DECLARED, WARP, BlockKind
-from .sync import sync
+from .block_kinds import DECLARED, WARP, BlockKind
+from .sync import sync_functions
 
-COURSE = 32
+PLANNED_STEPS = 32
 """Steps that prescribed motion is worked out for at a time, one a thread of a warp."""
 
-ORDERED = 512
+
+LONGEST_IN_ORDER = 512
 """Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
 
-OF_A_THREAD = 4
+
+BYTES_PER_THREAD = 4
 """Bytes that Warp takes of what a launch asks for, for each thread of a block."""
 
-OF_AN_ARM = 10
-"""Values that each arm shares where arms carry arms (`jointed`):"""
-FORCE = wp.constant(0)  # of contacts on it, then of its turning (x, y), passed on to the one that carries it [N],
-RATES = wp.constant(2)  # accelerations of its pivot (x, y) [m/s^2] and of its angle, as if nothing hung on it,
-ANGULAR = wp.constant(5)  # that of its angle [rad/s^2],
-MOMENT = wp.constant(6)  # of springs, dampers and stops of arms on it [N m],
-TURNED = wp.constant(7)  # angle [rad] and angular velocity [rad/s] at the step's instant, as its own spring sees them,
-ENERGY = wp.constant(9)  # and `hub.carried_arm_energy` [J]
+
+VALUES_PER_ARM = 10
+"""Values that each arm shares where arms carry arms (`carried_arms`):"""
+ARM_FORCE = wp.constant(0)  # of contacts on it, then of its turning (x, y), passed on to the one that carries it [N],
+ARM_RATES = wp.constant(2)  # accelerations of its pivot (x, y) [m/s^2] and of its angle, as if nothing hung on it,
+ARM_ACCELERATION = wp.constant(5)  # that of its angle [rad/s^2],
+ARM_MOMENT = wp.constant(6)  # of springs, dampers and stops of arms on it [N m],
+ARM_TURN = wp.constant(
+    7
+)  # angle [rad] and angular velocity [rad/s] at the step's instant, as its own spring sees them,
+ARM_ENERGY = wp.constant(9)  # and `hub.carried_arm_energy` [J]
+
 
 STRAND_WORD = 32
 """Bits of the numbers that say on which strands links are."""
+
 
 ALIGNED = 16
 """Bytes of which each array's place is a multiple."""
@@ -51,47 +58,47 @@ def shared_rows(Real: type) -> int:
 
 
 def joint_rows(kind: BlockKind) -> int:
-    """Rows beside these for the friction of joints (`block_joints`)."""
+    """Rows for the friction of joints, beside `shared_rows` (`joints`)."""
     if not kind.friction.joints or (kind.shape.threads == WARP and not kind.measuring):
         return 0
     return 1 if kind.shape.threads == WARP and kind.Real == wp.float64 else 2
 
 
-def extremes(kind: BlockKind) -> int:
+def extreme_values(kind: BlockKind) -> int:
     """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none
     of each chain, and what threads without a link are held against.
     """
-    return 2 * (kind.parts.sprockets + kind.parts.rings + 1)
+    return 2 * (kind.parts.sprockets + kind.parts.chains + 1)
 
 
 def strand_bits(kind: BlockKind) -> int:
     """Bits of the strand that a link is on: of a sprocket each, on none of a chain, or that there is no such link."""
-    return (kind.parts.sprockets + kind.parts.rings).bit_length()
+    return (kind.parts.sprockets + kind.parts.chains).bit_length()
 
 
 def strand_words(kind: BlockKind) -> int:
-    """Numbers that hold these bits of all links of a thread."""
+    """Whole numbers that hold `strand_bits` of each link of a thread."""
     return -(-kind.shape.rollers_per_thread // (STRAND_WORD // strand_bits(kind)))
 
 
-def rubbed(kind: BlockKind) -> int:
-    """Values of what joints' friction takes: one a roller, so that their sum is the same whatever a thread has."""
+def joint_work_values(kind: BlockKind) -> int:
+    """Values of the work of joints' friction: one a roller, so that their sum is the same whatever a thread has."""
     return (kind.friction.joints > 0) * kind.shape.slots
 
 
-def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
+def tally_places(kind: BlockKind) -> tuple[int, int, int]:
     """Where, after the extremes, each link's squared rates and the joints' friction begin, and where they end."""
-    first = kind.shape.threads // WARP * extremes(kind)
-    return first, first + kind.shape.slots, first + kind.shape.slots + rubbed(kind)
+    first = kind.shape.threads // WARP * extreme_values(kind)
+    return first, first + kind.shape.slots, first + kind.shape.slots + joint_work_values(kind)
 
 
-def parts_of_a_body(kind: BlockKind) -> int:
+def parts_per_body(kind: BlockKind) -> int:
     """Into how many parts the sum over all rollers of what acts on a body is taken apart.
 
     A roller has one, or a thread: on one warp, where that is the same order, which it is not where a roller may press
     on an arm in two ways, and where the rollers are many. What has no rollers has none.
     """
-    by_threads = kind.shape.slots > ORDERED or (kind.shape.threads == WARP and not kind.parts.crowded)
+    by_threads = kind.shape.slots > LONGEST_IN_ORDER or (kind.shape.threads == WARP and not kind.parts.crowded_arms)
     return kind.shape.threads if by_threads else kind.shape.room
 
 
@@ -100,54 +107,54 @@ def part_rows(kind: BlockKind) -> int:
     return 3 if kind.moving or kind.measuring else 1
 
 
-def _small(kind: BlockKind) -> dict[str, int]:
+def _small_arrays(kind: BlockKind) -> dict[str, int]:
     """Values of each array but the rows of rollers, and of their parts in sums."""
-    sprockets, guides, rings, measuring = kind.parts.sprockets, kind.parts.guides, kind.parts.rings, kind.measuring
-    several = rings > 1
+    sprockets, guides, chains, measuring = kind.parts.sprockets, kind.parts.guides, kind.parts.chains, kind.measuring
+    several = chains > 1
     counts = {
         "motions": kind.parts.bodies,
-        "led_angle": COURSE * kind.parts.prescribed,
-        "led_speed": COURSE * kind.parts.prescribed,
+        "prescribed_angles": PLANNED_STEPS * kind.parts.prescribed,
+        "prescribed_speeds": PLANNED_STEPS * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
-        "passed": kind.parts.bodies * kind.parts.tied,
+        "train_moments": kind.parts.bodies * kind.parts.tied,
         "cams": kind.parts.bodies * (kind.parts.valves > 0),
         "lifts": kind.parts.valves,
         "mounts": kind.parts.bodies * kind.moving,
         "hubs": sprockets * (kind.parts.hubs > 0),
-        "bearings": sprockets * (kind.parts.hubs > 0),
+        "bearing_moments": sprockets * (kind.parts.hubs > 0),
         "strokes": kind.parts.tensioners * kind.shape.oil_warp,
-        "turning": kind.parts.bodies * (kind.parts.hubs > 0),
-        "joints": OF_AN_ARM * kind.parts.arms * kind.parts.jointed,
+        "speeds_now": kind.parts.bodies * (kind.parts.hubs > 0),
+        "carried_arms": VALUES_PER_ARM * kind.parts.arms * kind.parts.jointed,
         "mount_sums": sprockets * kind.moving * measuring,
         "sprocket_sums": sprockets * measuring,
         "teeth": sprockets,
         "bands": sprockets,
-        "bars": guides,
-        "chain": rings,
-        "box": 2 * rings,
+        "guides": guides,
+        "chains": chains,
+        "boxes": 2 * chains,
         "friction": (sprockets + guides) * (kind.friction.contacts > 0),
-        "rings": rings * several,
-        "memories": (sprockets + guides) * several,
-        "places": kind.parts.bodies * several,
-        "strand_of": kind.shape.threads * strand_words(kind) * measuring,
+        "chain_places": chains * several,
+        "contact_begins": (sprockets + guides) * several,
+        "body_indices": kind.parts.bodies * several,
+        "strand_words": kind.shape.threads * strand_words(kind) * measuring,
     }
     return {name: count for name, count in counts.items() if count > 0}
 
 
 @dataclass(frozen=True)
-class Room:
+class BlockMemory:
     """Sizes and places of the arrays that a block's threads share, by their names in `Shared`.
 
     Attributes:
-        parts, rows, seen: values of these; the others are never in global memory.
+        wrench_parts, rows, link_sums: values of these; the others are never in global memory.
         shared: values of each array in shared memory.
         places: where those lie that a launch asks for, after the beginning of their variant's [bytes].
         asked: what a launch asks for of each variant [bytes].
     """
 
-    parts: int
+    wrench_parts: int
     rows: int
-    seen: int  # extremes of tension, each link's squared rates, the work of each roller's joint friction
+    link_sums: int  # extremes of tension, each link's squared rates, the work of each roller's joint friction
     shared: Mapping[str, int]
     places: Mapping[str, int]
     asked: int
@@ -155,12 +162,12 @@ class Room:
     @property
     def part_values(self) -> int:
         """Values of `parts` of a block in global memory."""
-        return self.parts * ("parts" not in self.shared)
+        return self.wrench_parts * ("wrench_parts" not in self.shared)
 
     @property
     def values(self) -> int:
         """Values of a block in global memory, at the kernel's precision."""
-        return self.rows * ("rows" not in self.shared) + self.seen * ("seen" not in self.shared)
+        return self.rows * ("rows" not in self.shared) + self.link_sums * ("link_sums" not in self.shared)
 
 
 def size_of(dtype: Any) -> int:
@@ -168,22 +175,22 @@ def size_of(dtype: Any) -> int:
     return int(wp.types.type_size_in_bytes(dtype))
 
 
-def room(kind: BlockKind) -> Room:
+def block_memory(kind: BlockKind) -> BlockMemory:
     """The memory that a block of a kind needs."""
     fields = kind.types.Shared.vars
-    parts = part_rows(kind) * kind.parts.bodies * parts_of_a_body(kind)
+    parts = part_rows(kind) * kind.parts.bodies * parts_per_body(kind)
     rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
-    seen = seen_rows(kind)[-1] if kind.measuring else 0
+    seen = tally_places(kind)[-1] if kind.measuring else 0
 
     def needed(counts: Mapping[str, int]) -> int:
         bytes_ = (count * size_of(fields[name].type.dtype) for name, count in counts.items())
         return sum(-(-each // ALIGNED) * ALIGNED for each in bytes_)
 
-    shared = _small(kind)
+    shared = _small_arrays(kind)
     used = needed(shared)
-    large = [{"rows": rows}, {"parts": parts}, {"seen": seen}]
+    large = [{"rows": rows}, {"wrench_parts": parts}, {"link_sums": seen}]
     asks = used + sum(map(needed, large)) > DECLARED and kind.shape.shared_bytes > DECLARED
-    used += OF_A_THREAD * kind.shape.threads * asks
+    used += BYTES_PER_THREAD * kind.shape.threads * asks
     asked: list[str] = []
     for counts in large:
         counts = {name: count for name, count in counts.items() if count > 0}
@@ -197,42 +204,42 @@ def room(kind: BlockKind) -> Room:
     for name in asked:
         places[name] = end
         end += needed({name: shared[name]})
-    return Room(parts, rows, seen, shared, places, end)
+    return BlockMemory(parts, rows, seen, shared, places, end)
 
 
-def asked_of_a_block(kind: BlockKind) -> int:
+def launch_bytes_per_block(kind: BlockKind) -> int:
     """Bytes of each block of a launch: of what is asked for, and of strokes."""
-    each = room(kind).asked + kind.parts.tensioners * kind.shape.oil_warp * size_of(kind.types.Stroke)
-    return kind.shape.variants_per_block * each + OF_A_THREAD * kind.shape.block_threads
+    each = block_memory(kind).asked + kind.parts.tensioners * kind.shape.oil_warp * size_of(kind.types.Stroke)
+    return kind.shape.variants_per_block * each + BYTES_PER_THREAD * kind.shape.block_threads
 
 
-PART = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
+VIEW_CODE = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
 """Code of the view of `count` values of a global array from `first` on."""
 
 
 @cache
-def view(Real: type) -> wp.Function:
+def array_view(Real: type) -> wp.Function:
     """The function that gives a part of a global array of `Real`."""
 
-    @wp.func_native(PART)
+    @wp.func_native(VIEW_CODE)
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
         """`count` values from `first` on."""
 
     return view
 
 
-def _array(kind: BlockKind, of: Room, name: str) -> wp.Function:
+def _array_function(kind: BlockKind, of: BlockMemory, name: str) -> wp.Function:
     """The function that gives an array of the block's own shared memory, or the variant's part of it; empty if none."""
     dtype = kind.types.Shared.vars[name].type.dtype
 
-    @wp.func_native(_code(kind, of, name, size_of(dtype)))
+    @wp.func_native(_array_code(kind, of, name, size_of(dtype)))
     def array(like: kind.types.Shared, place: int) -> wp.array[dtype]: ...
 
     return array
 
 
-def _code(kind: BlockKind, of: Room, name: str, size: int) -> str:
-    """Code of that function, for values of `size` bytes."""
+def _array_code(kind: BlockKind, of: BlockMemory, name: str, size: int) -> str:
+    """Code of the function that gives an array of values of `size` bytes."""
     if name not in of.shared:
         return "return {};"
     count, element, variants = of.shared[name], f"*like.{name}.data", kind.shape.variants_per_block
@@ -260,42 +267,43 @@ def _code(kind: BlockKind, of: Room, name: str, size: int) -> str:
 @cache
 def shared_arrays(kind: BlockKind) -> wp.Function:
     """The function that gives the arrays which the threads of a block share of a variant."""
-    kinds, of, together, variants = kind.types, room(kind), sync(kind).together, kind.shape.variants_per_block
+    sync = sync_functions(kind)
+    kinds, of, variants = kind.types, block_memory(kind), kind.shape.variants_per_block
     Shared = kinds.Shared
-    part = view(kind.Real)
-    arrays = (name for name in kinds.Shared.vars if name != "begins")
-    found = SimpleNamespace(**{name: _array(kind, of, name) for name in arrays})
+    part = array_view(kind.Real)
+    arrays = (name for name in kinds.Shared.vars if name != "first_rollers")
+    found = SimpleNamespace(**{name: _array_function(kind, of, name) for name in arrays})
 
     @wp.func
     def in_shared_memory(place: int):
         """The arrays that lie in shared memory, of the variant at `place` of the block's."""
         shared = Shared()
         shared.rows = found.rows(shared, place)
-        shared.seen = found.seen(shared, place)
-        shared.strand_of = found.strand_of(shared, place)
+        shared.link_sums = found.link_sums(shared, place)
+        shared.strand_words = found.strand_words(shared, place)
         shared.poses = found.poses(shared, place)
         shared.motions = found.motions(shared, place)
-        shared.passed = found.passed(shared, place)
+        shared.train_moments = found.train_moments(shared, place)
         shared.cams = found.cams(shared, place)
         shared.lifts = found.lifts(shared, place)
         shared.mounts = found.mounts(shared, place)
         shared.hubs = found.hubs(shared, place)
-        shared.bearings = found.bearings(shared, place)
+        shared.bearing_moments = found.bearing_moments(shared, place)
         shared.strokes = found.strokes(shared, place)
-        shared.turning = found.turning(shared, place)
-        shared.joints = found.joints(shared, place)
-        shared.led_angle = found.led_angle(shared, place)
-        shared.led_speed = found.led_speed(shared, place)
+        shared.speeds_now = found.speeds_now(shared, place)
+        shared.carried_arms = found.carried_arms(shared, place)
+        shared.prescribed_angles = found.prescribed_angles(shared, place)
+        shared.prescribed_speeds = found.prescribed_speeds(shared, place)
         shared.teeth = found.teeth(shared, place)
         shared.bands = found.bands(shared, place)
-        shared.bars = found.bars(shared, place)
+        shared.guides = found.guides(shared, place)
         shared.friction = found.friction(shared, place)
-        shared.chain = found.chain(shared, place)
-        shared.box = found.box(shared, place)
-        shared.rings = found.rings(shared, place)
-        shared.memories = found.memories(shared, place)
-        shared.places = found.places(shared, place)
-        shared.parts = found.parts(shared, place)
+        shared.chains = found.chains(shared, place)
+        shared.boxes = found.boxes(shared, place)
+        shared.chain_places = found.chain_places(shared, place)
+        shared.contact_begins = found.contact_begins(shared, place)
+        shared.body_indices = found.body_indices(shared, place)
+        shared.wrench_parts = found.wrench_parts(shared, place)
         shared.sprocket_sums = found.sprocket_sums(shared, place)
         shared.mount_sums = found.mount_sums(shared, place)
         return shared
@@ -310,15 +318,15 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
             wp.tile_zeros(
                 shape=wp.static(kind.shape.variants_per_block * of.asked // 8), dtype=wp.float64, storage="shared"
             )
-            together()
+            sync.block_barrier()
         shared = in_shared_memory(number % wp.static(variants))
         first = number * wp.static(of.values)
         if wp.static("rows" not in of.shared):
             shared.rows = part(state.rows, first, wp.static(of.rows))
-        if wp.static("seen" not in of.shared):
-            shared.seen = part(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
-        if wp.static("parts" not in of.shared):
-            shared.parts = part(state.parts, number * wp.static(of.parts), wp.static(of.parts))
+        if wp.static("link_sums" not in of.shared):
+            shared.link_sums = part(state.rows, first + wp.static(of.values - of.link_sums), wp.static(of.link_sums))
+        if wp.static("wrench_parts" not in of.shared):
+            shared.wrench_parts = part(state.parts, number * wp.static(of.wrench_parts), wp.static(of.wrench_parts))
         return shared
 
     return shared_arrays

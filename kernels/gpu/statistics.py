@@ -1,7 +1,7 @@
-"""Samples every `look_every` steps: tensions by size, mid-strand displacement, slips, notes of sums."""
+"""Samples every `sample_interval` steps: tensions by size, mid-strand displacement, slips, notes of sums."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -10,15 +10,16 @@ from ..modules import own_module, uncontracted
 from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
 from ..structs import ContactSums, Drive, LinkTally, Note, Tallies, types
 from ..sums import merge_contact, merge_extremes, merge_roller, merge_tension, note_mount, note_sprocket
-from .kind import BlockKind, Mine
-from .links import link_forces
-from .observe import block_observing
-from .rings import block_rings
-from .shared_memory import view
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .chains import chain_functions
+from .link_tallies import link_tally_functions
+from .links import link_functions
+from .shared_memory import array_view
 
 
 @wp.func
-def seen_on(drive: Drive, tallies: Tallies, category: int):
+def strand_note(drive: Drive, tallies: Tallies, category: int):
     """Tensions that links have seen on a strand so far, link by link in order, whatever the block's threads."""
     note = Note()
     first = drive.first_tally + category * drive.rollers
@@ -28,60 +29,69 @@ def seen_on(drive: Drive, tallies: Tallies, category: int):
     return note
 
 
+@dataclass(frozen=True)
+class StatisticsFunctions:
+    """Samples of one variant's chains, and notes of its sums."""
+
+    sample_chain: wp.Function
+    note_sums: wp.Function
+
+
 @cache
-def block_statistics(kind: BlockKind) -> SimpleNamespace:
-    """The functions that take one variant's statistics on a block."""
+def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
+    """The functions that sample one variant's chains on a block."""
     Real, threads, moving = kind.Real, kind.shape.threads, kind.moving
-    kinds, observe = kind.types, block_observing(kind)
+    links = link_functions(kind)
+    chains = chain_functions(kind)
+    link_tallies = link_tally_functions(kind)
+    kinds = kind.types
     Ensemble, Shared, Out = kinds.Ensemble, kinds.Shared, kinds.Out
     SprocketNote, MountNote = kinds.SprocketNote, kinds.MountNote
-    links, lengths_of, rings = link_forces(kind), view(Real), block_rings(kind)
-    row_of, own_span, memory_of = rings.row_of, rings.own_span, rings.memory_of
-    link_of, length_of = links.link_of, links.length_of
+    lengths_of = array_view(Real)
 
     @wp.func
-    def look(ensemble: Ensemble, state: kinds.State, out: Out, shared: Shared, mine: Mine):
+    def sample_chain(ensemble: Ensemble, state: kinds.State, out: Out, shared: Shared, mine: ThreadParts):
         """Adds up and counts tensions of the thread's links, and follows its strand's middle and sprocket's slips."""
         n = mine.rollers
-        lengths = lengths_of(ensemble.lengths, mine.first, wp.static(kind.shape.slots))
+        lengths = lengths_of(ensemble.lengths, mine.first_roller, wp.static(kind.shape.slots))
         j = int(mine.thread)
         while j < n:
-            tension, rate, force = link_of(shared, j, n, length_of(shared, lengths, j))
-            row = row_of(shared, mine, j)
+            tension, rate, force = links.link_load(shared, j, n, links.link_length(shared, lengths, j))
+            row = chains.drive_row(shared, mine, j)
             drive = ensemble.drives[row]
-            strand = observe.add_link(out.tallies, drive, shared, j, n, tension)
+            strand = link_tallies.add_link_tension(out.tallies, drive, shared, j, n, tension)
             at = (drive.first_sprocket + row + strand) * BINS
             count_tension(out.sums.tension_counts, at, tension, bins_per_force(drive.tension_scale))
             j = j + wp.static(threads)
         s = mine.sprocket
         if s >= 0:
-            own = ensemble.drives[mine.row]
-            at = own.first_sprocket + mine.number
-            begin, count = own_span(shared, mine)
-            observe.add_middle(out.sums, shared, begin, count, at, state.strands[at])
-            last = wp.where(mine.number > 0, mine.number, own.sprockets) - 1
+            own = ensemble.drives[mine.drive_row]
+            at = own.first_sprocket + mine.body_number
+            begin, count = chains.own_chain_span(shared, mine)
+            link_tallies.add_mid_displacement(out.sums, shared, begin, count, at, state.strands[at])
+            last = wp.where(mine.body_number > 0, mine.body_number, own.sprockets) - 1
             roller = mid_wrap(state.strands[own.first_sprocket + last], state.strands[at], count)
-            seat = state.seat[memory_of(shared, mine, begin + roller, s)]
+            seat = state.seat[chains.contact_memory(shared, mine, begin + roller, s)]
             sign = wp.float64(shared.motions[s].sign)
             out.sums.slip[at] = follow_slip(out.sums.slip[at], roller, seat, shared.teeth[s].teeth, sign, count)
 
     @wp.func
-    def note(ensemble: Ensemble, out: Out, shared: Shared, mine: Mine, step: int):
+    def note_sums(ensemble: Ensemble, out: Out, shared: Shared, mine: ThreadParts, step: int):
         """Notes the sums at the ends of batches; links on no strand are noted as the chain's, `collect` adds the rest.
 
-        All threads must be past the look before.
+        All threads must be past the sample before.
         """
         drive = ensemble.drives[mine.variant]
         first, end = notes_due(drive, step)
         if end > first:
             if mine.thread == 0:
-                for row in range(mine.variant, mine.variant + wp.static(kind.parts.rings)):
-                    loose = seen_on(ensemble.drives[row], out.tallies, ensemble.drives[row].sprockets)
+                for row in range(mine.variant, mine.variant + wp.static(kind.parts.chains)):
+                    loose = strand_note(ensemble.drives[row], out.tallies, ensemble.drives[row].sprockets)
                     for k in range(first, end):
                         out.sums.chain_notes[row * NOTES + k] = loose
             s = mine.sprocket
             if s >= 0:
-                of_strand = seen_on(ensemble.drives[mine.row], out.tallies, mine.number)
+                of_strand = strand_note(ensemble.drives[mine.drive_row], out.tallies, mine.body_number)
                 of_strand.samples = out.sums.strand[drive.first_sprocket + s].samples
                 of_strand.displacement = out.sums.strand[drive.first_sprocket + s].displacement
                 for k in range(first, end):
@@ -91,11 +101,14 @@ def block_statistics(kind: BlockKind) -> SimpleNamespace:
                     if wp.static(moving):
                         out.sums.mount_notes[at] = note_mount(MountNote(), shared.mount_sums[s])
 
-    return SimpleNamespace(**locals())
+    return StatisticsFunctions(
+        sample_chain=sample_chain,
+        note_sums=note_sums,
+    )
 
 
 @wp.func
-def whole_note(sums: Any, drive: Drive, k: int, note: Note):
+def chain_note(sums: Any, drive: Drive, k: int, note: Note):
     """Note k of a chain from that of its links on no strand, counted one by one, and those of its strands."""
     for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
         note.tension = note.tension + sums.strand_notes[s * NOTES + k].tension
@@ -105,7 +118,7 @@ def whole_note(sums: Any, drive: Drive, k: int, note: Note):
 
 
 @wp.func
-def contact_sums(tallies: Tallies, at: int):
+def contact_sums_of(tallies: Tallies, at: int):
     """The sums of one roller's contacts with one partner."""
     found = ContactSums()
     found.force_max = tallies.force_max[at]
@@ -146,7 +159,7 @@ def collect_kernel(Real: type) -> wp.Kernel:
                 sums.strand[drive.first_sprocket + c] = mine
         chain.samples = samples / wp.int64(n)
         for k in range(variant * NOTES, (variant + 1) * NOTES):
-            sums.chain_notes[k] = whole_note(sums, drive, k - variant * NOTES, sums.chain_notes[k])
+            sums.chain_notes[k] = chain_note(sums, drive, k - variant * NOTES, sums.chain_notes[k])
         for i in range(n):
             chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
         for b in range(drive.bodies):
@@ -157,7 +170,7 @@ def collect_kernel(Real: type) -> wp.Kernel:
             at = drive.first_sprocket + drive.first_guide + p
             total = ContactSums()
             for i in range(n):
-                total = merge_contact(total, contact_sums(tallies, memory + i))
+                total = merge_contact(total, contact_sums_of(tallies, memory + i))
             sums.contact[at] = total
             memory = memory + n
 

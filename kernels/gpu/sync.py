@@ -3,14 +3,14 @@
 On the CPU a block's threads are cooperative fibers of one thread, a warp is one thread, and blocks follow each other.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from ..native import by_device
 from ..structs import LinkTally, RollerTally
-from .kind import WARP, BlockKind
+from .block_kinds import WARP, BlockKind
 
 LARGEST = """
 #if defined(__CUDA_ARCH__)
@@ -23,6 +23,7 @@ LARGEST = """
     return value;
 """
 
+
 SUM = """
 #if defined(__CUDA_ARCH__)
     #pragma unroll
@@ -31,6 +32,7 @@ SUM = """
     return value;
 """
 
+
 GROUP_SUM = """
 #if defined(__CUDA_ARCH__)
     #pragma unroll
@@ -38,6 +40,7 @@ GROUP_SUM = """
 #endif
     return value;
 """
+
 
 SUM_OF_LANES = """
     const int width = 8, groups = 4;
@@ -58,26 +61,28 @@ SUM_OF_LANES = """
     return of[0];
 """
 
+
 BARRIER = "WP_TILE_SYNC();"
+
 
 WARP_BARRIER = by_device("__syncwarp();", BARRIER)
 """The barrier of a block of one warp."""
 
 
-def _named(what: str, number: int, threads: int, elsewhere: str = "") -> str:
-    """Code of a whole warp at one of the block's barriers beside that of all, for so many threads."""
+def _named_barrier(what: str, number: int, threads: int, elsewhere: str = "") -> str:
+    """Code of a warp at a barrier of `threads` threads, by its number, which is not that of all threads."""
     return by_device(f'__syncwarp(); asm volatile("bar.{what} {number}, {threads};" ::: "memory");', elsewhere)
 
 
 @wp.func_native(by_device("return 32;", "return 1;"))
-def lanes() -> int:
+def warp_lanes() -> int:
     """Threads of a warp."""
 
 
 @wp.func
-def group() -> int:
+def group_lanes() -> int:
     """Threads of a group, which adds up what acts on one sprocket: a quarter of a warp."""
-    return (lanes() + 3) // 4
+    return (warp_lanes() + 3) // 4
 
 
 @wp.func_native("""
@@ -93,21 +98,21 @@ def lowest_bit(mask: int) -> int:
     """Position of the lowest bit set in `mask`, which is not zero."""
 
 
-def _added(of: str, letter: str) -> str:
-    """Adds `value` in global memory; of an address that may be anywhere the compiler would try again and again."""
+def _addition(of: str, letter: str) -> str:
+    """Code that adds `value` in global memory; of a generic address the compiler would loop."""
     place = "__cvta_generic_to_global(sums.data + at)"
     red = f'asm volatile("red.global.add.{of} [%0], %1;" :: "l"({place}), "{letter}"(value));'
     return by_device(red, "sums.data[at] += value;")
 
 
-@wp.func_native(_added("f64", "d"))
-def add_to(sums: wp.array[wp.float64], at: int, value: wp.float64):
+@wp.func_native(_addition("f64", "d"))
+def add_to_element(sums: wp.array[wp.float64], at: int, value: wp.float64):
     """Adds `value` to what stands at `at` in global memory, and does not wait for it."""
 
 
-@wp.func_native(_added("u32", "r"))
-def add_to(sums: wp.array[wp.int32], at: int, value: int):
-    """The same of counts."""
+@wp.func_native(_addition("u32", "r"))
+def add_to_element(sums: wp.array[wp.int32], at: int, value: int):
+    """Adds `value` to a count at `at` in global memory, and does not wait for it."""
 
 
 @wp.func_native("""
@@ -118,7 +123,7 @@ def add_to(sums: wp.array[wp.int32], at: int, value: int):
     if (value > values.data[at]) values.data[at] = value;
 #endif
 """)
-def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
+def raise_element(values: wp.array[wp.float64], at: int, value: wp.float64):
     """Raises what stands at `at` in global memory, not negative, to `value`, and does not wait for it.
 
     As whole numbers, bits of positive numbers have their order.
@@ -133,12 +138,12 @@ def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
     return value;
 #endif
 """)
-def widened(value: wp.float32) -> wp.float64:
+def float64_from_float32(value: wp.float32) -> wp.float64:
     """A float32 as float64 without an instruction of float64, those below 1e-38 as something as small."""
 
 
-def _adds(**types_of: str) -> str:
-    """Adds the fields of a struct `more` to those of `tallies` at `at`, and does not wait for them."""
+def _field_additions(**types_of: str) -> str:
+    """Code that adds the fields of a struct `more` to those of `tallies` at `at`, and does not wait for them."""
     address = "__cvta_generic_to_global(&tallies.data[at].{0})"
     letters = {"f64": "d", "u64": "l"}
     red = """    asm volatile("red.global.add.{1} [%0], %1;" :: "l"({2}), "{3}"(more.{0}));"""
@@ -147,23 +152,23 @@ def _adds(**types_of: str) -> str:
     return by_device("\n".join(reds), "\n".join(adds))
 
 
-@wp.func_native(_adds(samples="u64", tension="f64", tension_square="f64"))
-def add_to_link(tallies: wp.array[LinkTally], at: int, more: LinkTally):
+@wp.func_native(_field_additions(samples="u64", tension="f64", tension_square="f64"))
+def add_to_link_tally(tallies: wp.array[LinkTally], at: int, more: LinkTally):
     """Adds `more` to a link's tally; no other thread does."""
 
 
-@wp.func_native(_adds(dissipated="f64", friction="f64"))
-def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
+@wp.func_native(_field_additions(dissipated="f64", friction="f64"))
+def add_to_roller_tally(tallies: wp.array[RollerTally], at: int, more: RollerTally):
     """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
 
 
 @wp.func_native(by_device("return __ballot_sync(0xffffffffu, flag);", "return flag;"))
-def lanes_where(flag: int) -> int:
+def lanes_with_flag(flag: int) -> int:
     """The threads of the warp where `flag`, 0 or 1, is 1, as bits."""
 
 
 @wp.func_native(by_device("__syncwarp();", ""))
-def after_turn():
+def end_turn():
     """Ends a thread's turn, after those of the warp that had theirs and before those that have none yet."""
 
 
@@ -180,8 +185,24 @@ FIBERS_OR = """
 """
 
 
+@dataclass(frozen=True)
+class SyncFunctions:
+    """Barriers and sums of the threads of a variant or of a block."""
+
+    barrier: wp.Function
+    block_barrier: wp.Function
+    is_set_in_any_thread: wp.Function
+    hand_over_contacts: wp.Function
+    await_contacts: wp.Function
+    roller_barrier: wp.Function
+    warp_sum: wp.Function
+    group_sum: wp.Function
+    sum_of_lanes: wp.Function
+    warp_max: wp.Function
+
+
 @cache
-def sync(kind: BlockKind) -> SimpleNamespace:
+def sync_functions(kind: BlockKind) -> SyncFunctions:
     """The functions by which the threads of a block of a kind wait for each other and add up together."""
     Real, threads = kind.Real, kind.shape.threads
 
@@ -190,23 +211,23 @@ def sync(kind: BlockKind) -> SimpleNamespace:
         """Waits for all threads of the variant."""
 
     @wp.func_native(BARRIER)
-    def together():
+    def block_barrier():
         """Waits for all threads of the block, of all its variants."""
 
     @wp.func_native(by_device(WARP_OR if threads == WARP else BLOCK_OR, FIBERS_OR))
-    def any_thread(flag: int) -> int:
+    def is_set_in_any_thread(flag: int) -> int:
         """Whether `flag` is not zero in any thread of the variant; a barrier."""
 
-    @wp.func_native(_named("arrive", 1, threads))
-    def hand_over():
+    @wp.func_native(_named_barrier("arrive", 1, threads))
+    def hand_over_contacts():
         """Tells the warp that moves the bodies that this warp's contacts are done, and does not wait."""
 
-    @wp.func_native(_named("sync", 1, threads, BARRIER))
-    def taken_over():
+    @wp.func_native(_named_barrier("sync", 1, threads, BARRIER))
+    def await_contacts():
         """Waits until all other warps have handed over."""
 
-    @wp.func_native(_named("sync", 2, threads - WARP, BARRIER))
-    def among_rollers():
+    @wp.func_native(_named_barrier("sync", 2, threads - WARP, BARRIER))
+    def roller_barrier():
         """Waits for all threads but those of the warp that moves the bodies."""
 
     @wp.func_native(SUM)
@@ -225,4 +246,15 @@ def sync(kind: BlockKind) -> SimpleNamespace:
     def warp_max(value: Real) -> Real:
         """Largest `value` of the threads of this warp."""
 
-    return SimpleNamespace(**locals())
+    return SyncFunctions(
+        barrier=barrier,
+        block_barrier=block_barrier,
+        is_set_in_any_thread=is_set_in_any_thread,
+        hand_over_contacts=hand_over_contacts,
+        await_contacts=await_contacts,
+        roller_barrier=roller_barrier,
+        warp_sum=warp_sum,
+        group_sum=group_sum,
+        sum_of_lanes=sum_of_lanes,
+        warp_max=warp_max,
+    )

@@ -18,9 +18,9 @@ from warpchain.engine.pack import pack
 from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.engine.settling import settling_ensemble
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BY_SPEED, BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.block_kinds import BY_SPEED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
-from warpchain.kernels.gpu.shared_memory import room
+from warpchain.kernels.gpu.shared_memory import block_memory
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.relaxation import Settling
 from warpchain.results.channels import DEFAULT_FRAME, drive_frame_width
@@ -74,7 +74,7 @@ def run_on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bo
     widths = [drive_frame_width(drive) * 16 for drive in drives]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     kind, blocks = block_kind(packed, shape, measuring), len(drives)
-    of = room(kind)
+    of = block_memory(kind)
     with fiber_blocks():
         large = blocks * of.values, blocks * of.part_values
         ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", large)

@@ -146,12 +146,12 @@ def test_notes_are_taken_over_where_they_were_taken():
     assert has_usable_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0))
     assert not has_usable_sums(kept(0, 3200), Schedule(STEP, 64000, 8, 64008, 0))
     assert not has_usable_sums(
-        kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0, look_every=64)
+        kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0, sample_interval=64)
     )  # looks weigh otherwise
     before = kept(0, 3200)  # of a version in which looks were always 32 steps apart
     before = VariantState({name: value for name, value in before.facts.items() if name != "look_every"}, before.data)
     assert has_usable_sums(before, Schedule(STEP, 64000, 0, 64000, 0))
-    assert not has_usable_sums(before, Schedule(STEP, 64000, 0, 64000, 0, look_every=64))
+    assert not has_usable_sums(before, Schedule(STEP, 64000, 0, 64000, 0, sample_interval=64))
 
 
 @pytest.mark.parametrize("every", [0, 16, 48, 96, -32])

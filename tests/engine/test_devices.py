@@ -31,8 +31,8 @@ from warpchain.engine.gpu_kernels import (
 )
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
-from warpchain.kernels.gpu.kind import DECLARED, EVEN, BlockKind, BlockShape, Friction, Parts
-from warpchain.kernels.gpu.shared_memory import ORDERED, room
+from warpchain.kernels.gpu.block_kinds import DECLARED, EVEN, BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.shared_memory import LONGEST_IN_ORDER, block_memory
 from warpchain.results.schedule import Schedule
 
 
@@ -59,7 +59,7 @@ def kinds_of(real=wp.float64, *, links=128, each=100, most_shared=DECLARED, guid
 
 def test_oil_has_a_warp_where_a_multiprocessor_gets_more_variants_than_it_holds_by_themselves():
     def abreast(real, each, tensioners=1, oil=1, most_shared=232_448):
-        parts = Parts(3, 2, arms=1, tensioners=tensioners, oil=oil)
+        parts = Parts(3, 2, arms=1, tensioners=tensioners, hydraulic=oil)
         kind = BlockKind(real, block_shape(128, each, most_shared), parts, profiles=True)
         bucket = Bucket(kind, np.arange(7), None, most_shared, each)
         shapes = [kernel_kind(name, bucket).shape for name in ("advance", "measure", "relax")]
@@ -130,7 +130,7 @@ def test_blocks_have_room_for_the_chain_and_little_more():
         shapes = [block_shape(int(r), each) for r in most]
         assert [shape.room for shape in shapes] == most.tolist()
         # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
-        assert all(shape.threads == 32 or shape.room <= ORDERED or shape.room > 512 for shape in shapes)
+        assert all(shape.threads == 32 or shape.room <= LONGEST_IN_ORDER or shape.room > 512 for shape in shapes)
         assert all(shape.body_warp == (each == 1 and shape.room <= 512) for shape in shapes)
     # longer chains have one shape however many they are: their order is that of threads
     assert all(block_shape(int(r), 1) == block_shape(int(r), FEW_VARIANTS + 1) for r in most if r > 512)
@@ -150,7 +150,7 @@ def test_every_kernel_finds_its_rows(room_, most, moves):
         found = kernel_kind(name, bucket)
         assert found.shape.room >= room_
         assert (found.moving, found.measuring) == (moving, measuring)
-        of = room(found)
+        of = block_memory(found)
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.part_values
     # a roller has 6 values, 48 bytes: 1,024 need 49,152 of 47,000 bytes, 4,096 need 196,608 of 232,448
     assert (there[0] >= 7 * 6 * room_) == (room_ >= 1024 and most == DECLARED)

@@ -24,7 +24,7 @@ def apart(step, steps, integrator, every=1):
     ring, _ = polygon(12, 0.1)
     wheel = {"teeth": 12, "stiffness": 1e8, "center": (10.0, 0.0), "inertia": 1.0}
     return chain(ring, 0 * ring, mass=1.0, pitch=0.1, stiffness=1e6, sprockets=[wheel], step=step, steps=steps,
-                 integrator=integrator, sample_every=every)  # fmt: skip
+                 integrator=integrator, frame_interval=every)  # fmt: skip
 
 
 def on_springs(packed, *, mass, stiffness=(0.0, 0.0), damping=(0.0, 0.0), preload=(0.0, 0.0), gravity=(0.0, 0.0)):

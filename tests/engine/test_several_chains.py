@@ -264,7 +264,7 @@ def test_on_a_gpu_chains_are_stepped_together_and_settle_each_by_itself(monkeypa
     array = lambda values, **_: values  # noqa: E731
     monkeypatch.setattr(gpu_kernels, "wp", SimpleNamespace(get_device=lambda _: gpu, array=array, int32=None))
     kernels = gpu_kernels.GpuKernels(packed_for([two_sprockets(), chains.two_stages(), chains.two_stages()]), "cuda:0")
-    steps = {bucket.kind.parts.rings: bucket for bucket in kernels.buckets_of_kernel("advance")}
+    steps = {bucket.kind.parts.chains: bucket for bucket in kernels.buckets_of_kernel("advance")}
     assert steps.keys() == {1, 2}
     assert steps[1].order.tolist() == [0] and steps[2].order.tolist() == [1, 3]
     assert steps[2].kind.shape.room >= 66 + 68 and steps[2].kind.parts.sprockets == 4

@@ -23,7 +23,7 @@ STEPS = 96
 
 def beyond(how: str) -> None:
     """Reads the value after an array's last, as an array, as a row of one, or as a view that is too long."""
-    from warpchain.kernels.gpu.shared_memory import PART
+    from warpchain.kernels.gpu.shared_memory import VIEW_CODE
     from warpchain.kernels.native import row_access
 
     load_row = row_access(wp.float64).load
@@ -32,7 +32,7 @@ def beyond(how: str) -> None:
     def reads(values: wp.array[wp.float64], found: wp.array[wp.float64], i: int):
         found[0] = values[i]
 
-    @wp.func_native(PART)
+    @wp.func_native(VIEW_CODE)
     def view(all: wp.array[wp.float64], first: int, count: int) -> wp.array[wp.float64]: ...
 
     @wp.kernel(module="unique")
@@ -90,7 +90,7 @@ def settle_on_blocks() -> None:
 
     from warpchain.engine.arrays import empty_tallies, upload_ensemble, upload_state
     from warpchain.engine.settling import settling_ensemble
-    from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
+    from warpchain.kernels.gpu.block_kinds import BlockKind, BlockShape, Parts
     from warpchain.kernels.gpu.relax import block_relax_kernel
     from warpchain.kernels.relaxation import Settling
 
@@ -159,7 +159,7 @@ def cases():
     """What is run, by name."""
     import blocks as of
 
-    from warpchain.kernels.gpu.kind import BlockShape
+    from warpchain.kernels.gpu.block_kinds import BlockShape
 
     every = (of.marine, of.equal_sprockets, of.moving_sprockets, of.unusual_contacts, of.rk4, of.rubbing, of.bending)
     every += (of.rubbing_on_moving_sprockets, of.uneven, of.bending_rk4)

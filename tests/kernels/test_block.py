@@ -36,8 +36,8 @@ from raw import stepped
 
 from warpchain.engine.arrays import device_values
 from warpchain.engine.pack import pack
-from warpchain.kernels.gpu.kind import BlockShape
-from warpchain.kernels.gpu.shared_memory import room, strand_words
+from warpchain.kernels.gpu.block_kinds import BlockShape
+from warpchain.kernels.gpu.shared_memory import block_memory, strand_words
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
@@ -95,7 +95,7 @@ def test_rows_beyond_shared_memory(fibers):
     variants = long_chains()
     packed = pack(variants, [Schedule(drive.run.step, 100, 11, 90, 0) for drive in variants])
     kind = kind_of(packed, BlockShape(64, 16))
-    assert "rows" not in room(kind).shared
+    assert "rows" not in block_memory(kind).shared
     serial, none = stepped(packed, 101)
     state, sums = run_blocks(packed, kind, [64, 37], [0, 1], none)
     # the same functions in the same order: round-off, which contacts amplify

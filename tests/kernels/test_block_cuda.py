@@ -14,9 +14,9 @@ from ptx import called, compiled
 
 from warpchain.engine.gpu_kernels import Bucket, block_kind, kernel_kind, resident_variants, variant_kind_columns
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BY_SPEED, DECLARED, BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.block_kinds import BY_SPEED, DECLARED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
-from warpchain.kernels.gpu.shared_memory import room
+from warpchain.kernels.gpu.shared_memory import block_memory
 from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_FRAME, frame_with_channels
 from warpchain.results.schedule import Schedule
 
@@ -38,10 +38,10 @@ def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, kind, bloc
 def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     # 1,024 rollers at float64: 6 rows of 8 bytes, 49,152 of them, which no kernel may declare
     kind = BlockKind(wp.float64, BlockShape(256, 4, shared_bytes=232_448), Parts(2, 0))
-    of = room(kind)
+    of = block_memory(kind)
     assert "rows" in of.places and of.asked >= 1024 * 48
     assert all(place % 16 == 0 for place in of.places.values())
-    assert room(replace(kind, shape=replace(kind.shape, shared_bytes=DECLARED))).asked == 0
+    assert block_memory(replace(kind, shape=replace(kind.shape, shared_bytes=DECLARED))).asked == 0
     module = block_kernel(kind, 2, DEFAULT_FRAME).module
     wp.compile_aot_module(module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     asked = json.loads(next(path for path in tmp_path.iterdir() if path.suffix == ".meta").read_text())
@@ -59,7 +59,7 @@ FORMS = {
     "moving": partial(measuring, 4, FEW, Parts(2, 1), moving=True),
     "few": partial(measuring, 4, FEW, Parts(2, 1)),
     "rk4, bending": partial(measuring, 8, WARPS, Parts(2, 1), frame=frame_with_channels(CHANNEL_NAMES), **BENDING),
-    "several chains": partial(measuring, 8, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, rings=2)),
+    "several chains": partial(measuring, 8, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, chains=2)),
     "relax": lambda real: block_relax_kernel(BlockKind(real, FEW, Parts(2, 1)), 4),
 }
 CASES = [*product([75, 90], FORMS, ["float64", "float32"])]

@@ -49,7 +49,7 @@ from warpchain.engine.checkpoint import StateKeeper, States, latest_stop_step
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import damp_arm_contacts, lighten_arms, settling_ensemble
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
+from warpchain.kernels.gpu.block_kinds import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.relaxation import Settling
 from warpchain.results.schedule import Schedule
@@ -78,7 +78,7 @@ from warpchain.results.schedule import Schedule
 def test_where_launches_end_does_not_matter(fibers, drives, many, precision, family):
     of_family, kind, frame = sharing(family or (drives,), many, precision)
     variants = of_family[drives]
-    schedules = [Schedule(drive.run.step, 2100, 1000, 2100, 0, look_every=64) for drive in variants]
+    schedules = [Schedule(drive.run.step, 2100, 1000, 2100, 0, sample_interval=64) for drive in variants]
     packed = replace(pack_for(variants, schedules, precision), frame=frame)
     none = wp.zeros(1, dtype=packed.real, device="cpu")
     once = run_blocks(packed, kind, [2101], [0], none)
@@ -245,7 +245,7 @@ def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, many, pre
         states.prepare(len(variants))
         keeper = StateKeeper(states, variants, schedules, np.arange(len(variants)), precision)
         settled, left = np.zeros(2, dtype=Settling.numpy_dtype()), np.zeros(2)
-        keeper.take_over_settling(of.packed_name, settled, left)
+        keeper.take_over_settling(of.packed, settled, left)
         keeper.restore_states(of)
         of.advance(upto)
         keeper.keep_due_states(of, of.state.progress.numpy())

@@ -33,7 +33,7 @@ from blocks import (
 )
 
 from warpchain.engine.arrays import ARRAYS
-from warpchain.kernels.gpu.shared_memory import parts_of_a_body
+from warpchain.kernels.gpu.shared_memory import parts_per_body
 from warpchain.results.schedule import Schedule
 
 DRIVES = [
@@ -80,7 +80,7 @@ def test_parts_of_sums_are_of_rollers_where_an_arm_has_a_guide_beside_its_sprock
     variants = drives()
     packed = pack_for(variants, [Schedule(1e-6, 10, 1, 10, 0)] * 2, "float64")
     kinds = [kind_of(packed, shape_of(variants, each)) for each in (1, 100)]
-    assert [parts_of_a_body(kind) for kind in kinds] == [128, many]
+    assert [parts_per_body(kind) for kind in kinds] == [128, many]
 
 
 @pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.long)])

@@ -116,7 +116,7 @@ def momentum(engine, inertia):
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
 def test_springs_carry_what_lies_on_the_bar(integrator):
     # 0.4 s are 48 time constants of the carrier: what is left is rounding, some 1e-12 N of 49 N
-    packed = straight(gravity=WEIGHT, damped=True, integrator=integrator, steps=8000, sample_every=8000)
+    packed = straight(gravity=WEIGHT, damped=True, integrator=integrator, steps=8000, frame_interval=8000)
     engine, frames = raw.run(packed)
     pressed = engine.state.wrenches.numpy()[0]["force"]
     sinks = engine.state.bodies.numpy()[0]["center"] - packed.mounts[0]["home"]

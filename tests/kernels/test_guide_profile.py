@@ -68,7 +68,7 @@ def falling(guide, precision="float64", integrator="leapfrog"):
         gravity=(0.0, -9.81),
         guides=[{"roller_radius": ROLLER_RADIUS, "stiffness": 1e6, "damping": 0.5, "end_radius": 0.02, "friction": 0.1}
                 | guide],
-        step=1e-5, steps=2000, integrator=integrator, sample_every=2000, precision=precision,
+        step=1e-5, steps=2000, integrator=integrator, frame_interval=2000, precision=precision,
     )  # fmt: skip
     packed.lengths[-1] = (n - 1) * pitch
     return packed
@@ -123,7 +123,7 @@ def test_rollers_at_rest_over_an_arc():
     packed = raw.chain(
         position * (1.0 - depth / radius), np.zeros((n, 2)), mass=0.01, pitch=pitch * (1.0 - strain), stiffness=1e6,
         guides=[round_guide(face, stiffness=1e7)],
-        step=1e-6, steps=1, sample_every=1,
+        step=1e-6, steps=1, frame_interval=1,
     )  # fmt: skip
     engine, frames = raw.run(packed)
     force = frames[0][DEFAULT_FRAME.place("guide_force") * n :][:n]

@@ -13,12 +13,12 @@ FIT = {"sprockets.driven.center": [20 * 0.05 * 1.0004, 0.0]}
 """Taut by about 4e-4 of the strands where links are as new."""
 
 
-def pushed(amplitude, steps, sample_every=0, **links):
+def pushed(amplitude, steps, frame_interval=0, **links):
     """Two masses pushed at each other between walls: here two that swing against each other on two links in parallel,
     as far as the play lets them go and beyond, `amplitude` beyond it, a closed chain of two."""
     position = np.array([[0.0, 0.0], [PITCH + PLAY + amplitude, 0.0]])
     packed = chain(position, np.zeros((2, 2)), mass=MASS, pitch=PITCH, stiffness=STIFFNESS, step=1e-6, steps=steps,
-                   sample_every=sample_every)  # fmt: skip
+                   frame_interval=frame_interval)  # fmt: skip
     row = packed.chains[0]
     row["play"] = PLAY
     row["outer_stiffness"] = links.get("outer_stiffness", STIFFNESS)

@@ -15,7 +15,7 @@ import warp as wp
 from warpchain.kernels import modules
 from warpchain.kernels.cpu import advance
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BlockKind, BlockShape, Parts
+from warpchain.kernels.gpu.block_kinds import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.physics import impact

@@ -21,7 +21,7 @@ from ptx import (
 
 from warpchain.engine.arrays import harmonic_rows, seat_directions
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import BY_SPEED, BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.block_kinds import BY_SPEED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.number import (  # noqa: F401  (the signs between pairs)
     Pair,
     add,
@@ -521,7 +521,7 @@ LOOPS = {
     "tables, profiles": kind(WARPS, Parts(2, 2), profiles=True, friction=Friction(BY_SPEED)),
     "arm, moving": kind(WARPS, ON_ARM, moving=True, profiles=True),
     "pushed, rk4": kind(WARPS, Parts(2, 0, tensioners=1), integrator=1, moving=True),
-    "shafts": kind(WARPS, Parts(2, 0, others=3, tied=1)),
+    "shafts": kind(WARPS, Parts(2, 0, other_bodies=3, tied=1)),
 }
 """Each has what others lack; together they have all that drives may have."""
 
@@ -554,7 +554,7 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     # contacts' sums, forces and all of the motion are in what goes around without float64
     assert len(free) > 0.7 * len(loop)
     assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
-    if not MEASURING[name].staged and not MEASURING[name].profiles:
+    if not MEASURING[name].has_stages and not MEASURING[name].profiles:
         # of the two steps in the code the one that nearly all are has none at all
         common = largest_part_without_float64(ptx)
         assert len(common) > 0.2 * len(loop)  # whose other step and looks are drawn in, too

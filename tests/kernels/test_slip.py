@@ -66,7 +66,7 @@ def test_batches_end_where_their_durations_say(start, end, every):
     """Every note is taken once, at the first look that is not before its share of the window."""
     drive = np.zeros(1, dtype=Drive.numpy_dtype())
     drive["window_start"], drive["window_end"], drive["step"] = start, end, 1.0
-    drive["look_every"] = every
+    drive["sample_interval"] = every
     shares = start + (end - start) * np.arange(1, 80) / 80
     expected = (-(-shares // every) * every).astype(int)
     steps = np.unique(np.concatenate([expected + every * k for k in (-2, -1, 0, 1, 2)]))

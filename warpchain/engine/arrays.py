@@ -159,7 +159,7 @@ ARRAYS = {
         "couplings": ArrayRow("coupling", packed_name="engaged", in_checkpoints=True),
         "poses": ArrayRow("body", where="cpu"),
         "rates": ArrayRow("body", where="cpu"),
-        "passed": ArrayRow("body", where="cpu"),
+        "train_moments": ArrayRow("body", where="cpu"),
         "cams": ArrayRow("body", where="cpu"),
         "extra": ArrayRow("roller", where="gpu"),
         "stages": ArrayRow(""),

@@ -117,7 +117,7 @@ class ChainRows:
             self.variant_drives[v] if geared else drive_with_bare_shafts(self.variant_drives[v]),
             packed.drives,
         )
-        rows["rings"][a:b] = [b - a, *[0] * (b - a - 1)]
+        rows["chains"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin = int(rows["first_body"][a])
         _number_trains(packed, range(a, b), begin)
         members_of: list[tuple[ChainSprocket, Any]] = []
@@ -175,7 +175,7 @@ TRAIN_FIELDS = (
 def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
     """Makes `body`, which stands for a shaft in one chain, turn as that shaft's body `home` in another."""
     motions = packed.motions
-    motions["apart"][body], motions["own_inertia"][home] = home - body, 0.0
+    motions["shaft_offset"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in TRAIN_FIELDS:
         motions[name][body] = motions[name][home]
     if motions["prescribed"][home]:
@@ -187,7 +187,7 @@ def _tie_shaft(packed: PackedEnsemble, members: Sequence[ChainSprocket], begin: 
     """Makes the bodies of sprockets on one shaft turn together; the variant's bodies begin at `begin`."""
     bodies = np.array([body for _, body, _ in members])
     packed.motions["train"][bodies] = bodies[0] - begin
-    packed.motions["apart"][bodies] = bodies[0] - bodies
+    packed.motions["shaft_offset"][bodies] = bodies[0] - bodies
     packed.bodies["speed"][bodies] = packed.bodies["speed"][bodies[0]]
 
 

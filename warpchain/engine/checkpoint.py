@@ -128,7 +128,9 @@ def latest_stop_step(schedule: Schedule) -> int:
 def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
     """Whether a run can take over a state's sums: the same window so far, and its notes."""
     first, last = kept.facts["window"]
-    if kept.facts.get("look_every", LOOK_EVERY) != schedule.look_every:  # before it was a fact it was always the same
+    if (
+        kept.facts.get("look_every", LOOK_EVERY) != schedule.sample_interval
+    ):  # before it was a fact it was always the same
         return False
     if schedule.window_start != first or schedule.window_end < kept.step or kept.step < first:
         return False
@@ -138,7 +140,7 @@ def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
 def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]] | None:
     """(note of the longer run, note of the state) for each note before the state; None where one was not taken."""
     first, last = kept.facts["window"]
-    every = schedule.look_every
+    every = schedule.sample_interval
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
     if not has_batches(schedule.window_end - schedule.window_start, every):
         return []
@@ -191,7 +193,9 @@ class StateKeeper:
         self._states, self._numbers = states, numbers.tolist()
         begin = [states.begin[number] for number in self._numbers] if states.begin else [None] * len(drives)
         self.begin = [
-            kept if kept is not None and schedule.sample_every == 0 and _is_usable(kept, drive, schedule, run) else None
+            kept
+            if kept is not None and schedule.frame_interval == 0 and _is_usable(kept, drive, schedule, run)
+            else None
             for kept, drive, schedule in zip(begin, drives, schedules, strict=True)
         ]
         for number, kept in zip(self._numbers, self.begin, strict=True):
@@ -250,7 +254,7 @@ class StateKeeper:
         """The state of variant v, with the bytes of its arrays."""
         schedule = self._schedules[v]
         window = [schedule.window_start, schedule.window_end]
-        more = {"next": int(self._stops[v]), "window": window, "look_every": schedule.look_every, **self._ends[v]}
+        more = {"next": int(self._stops[v]), "window": window, "look_every": schedule.sample_interval, **self._ends[v]}
         return VariantState({**_required_facts(self._drives[v], schedule, self._run), **more}, data)
 
 

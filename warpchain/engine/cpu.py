@@ -31,7 +31,7 @@ def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
     form = real_type(precision), _row_capacity(packed)
     if name == "relax":
         return relax_kernel(*form)
-    return advance_kernel(*form, packed.frame, several=bool(packed.drives["rings"].max() > 1))
+    return advance_kernel(*form, packed.frame, several=bool(packed.drives["chains"].max() > 1))
 
 
 class CpuEngine(Engine):
@@ -51,7 +51,7 @@ class CpuEngine(Engine):
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
         self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
         partners = int((packed.drives["sprockets"] + packed.drives["guides"]).max())
-        shape = (int(packed.drives["rings"].max()), (SCRATCH_ROWS + partners) * self.capacity)
+        shape = (int(packed.drives["chains"].max()), (SCRATCH_ROWS + partners) * self.capacity)
         for _ in range(workers):
             self._scratch.put(wp.zeros(shape, dtype=packed.real, device="cpu"))
         self.ensemble = upload_ensemble(packed, "cpu")

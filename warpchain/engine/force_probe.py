@@ -74,7 +74,7 @@ class ForceProbe:
         base = packed.copy()
         row = base.drives[0]
         row["integrator"], row["step"], row["steps"] = INTEGRATORS["leapfrog"], PROBE_STEP, 2
-        row["window_start"], row["window_end"], row["sample_every"] = 3, 3, 0
+        row["window_start"], row["window_end"], row["frame_interval"] = 3, 3, 0
         base.remove_lag()
         self.base = base
         self.rollers = int(base.drives["rollers"][0])

@@ -42,7 +42,7 @@ from warpchain.engine.launches import (
 from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.errors import DeviceError, SimulationError
 from warpchain.kernels import relaxation
-from warpchain.kernels.gpu.kind import BITS
+from warpchain.kernels.gpu.block_structs import BITS
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.progress import ProgressReport, StopRequest
 
@@ -89,7 +89,9 @@ def gpu_refusal(packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None
     ):
         whole = np.add.reduceat(count, begins)
         for v in np.flatnonzero(whole > most):
-            words = words if drives["rings"][begins[v]] == 1 else words.replace("chain.links =", "links of all chains:")
+            words = (
+                words if drives["chains"][begins[v]] == 1 else words.replace("chain.links =", "links of all chains:")
+            )
             number = v if numbers is None else numbers[v]
             return f'variant {number}: {words.format(whole[v])}: a GPU takes up to {most}; use device="cpu"'
     return None
@@ -210,7 +212,7 @@ class GpuEngine(GpuKernels, Engine):
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
         """Launches a bucket's kernel for variants `order` of it."""
         made = self._bucket_kernel(name, bucket)
-        dim, block = made.kind.shape.launched(len(order)), made.kind.shape.block_threads
+        dim, block = made.kind.shape.launch_threads(len(order)), made.kind.shape.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
@@ -222,7 +224,7 @@ class GpuEngine(GpuKernels, Engine):
             kernel = "measure" if (step + share > begins)[variants].any() else "advance"
             turn = bucket.count if apart else self._bucket_kernel(kernel, bucket).resident_variants * self._processors
             # what is recorded takes longer
-            longest = variants[np.lexsort((-share[variants], drives["sample_every"][variants] == 0))]
+            longest = variants[np.lexsort((-share[variants], drives["frame_interval"][variants] == 0))]
             parts = launch_groups(longest, turn)
             cut = LAUNCH_PARTS if len(parts) > 1 else 1
             lanes += [(not apart, bucket, list(split_launches(each, step, share, begins, cut))) for each in parts]

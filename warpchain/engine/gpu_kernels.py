@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from warpchain.engine.compilation import KernelSpec
 from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.kind import DECLARED, WARP, BlockKind, BlockShape, Friction, Parts
+from warpchain.kernels.gpu.block_kinds import DECLARED, WARP, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
-from warpchain.kernels.gpu.shared_memory import asked_of_a_block, room
+from warpchain.kernels.gpu.shared_memory import block_memory, launch_bytes_per_block
 from warpchain.kernels.gpu.statistics import collect_kernel
 
 ROLLER_CAPACITIES = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
@@ -81,8 +81,10 @@ def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShap
 def is_simple_kind(kind: BlockKind) -> bool:
     """Whether kernels of a kind are as short as can be, but for friction at float32."""
     rubs = kind.friction.contacts or kind.friction.joints
-    more = kind.moving or kind.staged or kind.links == "varied" or kind.parts.arms or kind.parts.tied or kind.profiles
-    return kind.linear_hysteretic and not more and (kind.paired or not rubs)
+    more = (
+        kind.moving or kind.has_stages or kind.links == "varied" or kind.parts.arms or kind.parts.tied or kind.profiles
+    )
+    return kind.linear_hysteretic and not more and (kind.is_paired or not rubs)
 
 
 def resident_variants(kind: BlockKind) -> int:
@@ -97,13 +99,13 @@ def resident_variants(kind: BlockKind) -> int:
         return 20 if per <= 4 and not (kind.friction.contacts or kind.friction.joints) else 16
     if shape.threads == WARP:
         if not is_simple_kind(kind):
-            long = kind.parts.hubs or kind.parts.rings > 1 or (not kind.paired and (kind.moving or kind.profiles))
+            long = kind.parts.hubs or kind.parts.chains > 1 or (not kind.is_paired and (kind.moving or kind.profiles))
             return 8 if per > 6 or long or kind.measuring else 12  # or registers spill
-        if kind.paired:
+        if kind.is_paired:
             return 20 if per <= 4 else 16 if per <= 6 else 8 if kind.measuring else 12
         return 14 if per <= (4 if kind.measuring else 6) else 12 if per <= 6 else 8
     if per > 1:
-        most = 2 if per > 8 else 4 if kind.paired else 3
+        most = 2 if per > 8 else 4 if kind.is_paired else 3
         return max(1, most * 128 // shape.threads)
     return FEW_VARIANTS
 
@@ -139,18 +141,20 @@ def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> Blo
     holds otherwise.
     """
     shape = kind.shape
-    if kind.parts.oil and shape.threads == WARP:
-        most = FULL_AT_FLOAT32 if kind.paired else FULL_OF_OIL
+    if kind.parts.hydraulic and shape.threads == WARP:
+        most = FULL_AT_FLOAT32 if kind.is_paired else FULL_OF_OIL
         if kind.measuring:
-            most = FULL_OF_OIL if kind.paired else FULL_WITH_METRICS
+            most = FULL_OF_OIL if kind.is_paired else FULL_WITH_METRICS
         oiled = replace(kind, shape=replace(shape, variants_per_block=most, oil_warp=True))
-        fits = most * kind.parts.tensioners <= WARP and asked_of_a_block(oiled) <= most_shared
+        fits = most * kind.parts.tensioners <= WARP and launch_bytes_per_block(oiled) <= most_shared
         return oiled if fits and each > resident_variants(kind) else kind
     long = kind.measuring or shape.rollers_per_thread > 4
-    if not (kind.paired and shape.threads == WARP and shape.rollers_per_thread <= 6 and long and is_simple_kind(kind)):
+    if not (
+        kind.is_paired and shape.threads == WARP and shape.rollers_per_thread <= 6 and long and is_simple_kind(kind)
+    ):
         return kind
     several = replace(kind, shape=replace(shape, variants_per_block=VARIANTS_PER_BLOCK))
-    needed = asked_of_a_block(several) + RESERVED_BYTES
+    needed = launch_bytes_per_block(several) + RESERVED_BYTES
     return (
         several if resident_variants(several) // VARIANTS_PER_BLOCK * needed <= most_shared + RESERVED_BYTES else kind
     )
@@ -160,7 +164,17 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
-        parts = replace(kind.parts, prescribed=1, tabulated=1, tied=0, crowded=0, oil=0, fed=0, valves=0, rings=1)
+        parts = replace(
+            kind.parts,
+            prescribed=1,
+            tabulated=1,
+            tied=0,
+            crowded_arms=0,
+            hydraulic=0,
+            tabulated_supply=0,
+            valves=0,
+            chains=1,
+        )
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW_VARIANTS + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
@@ -169,7 +183,7 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
 
 
 COLUMN_SUMS = {
-    np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "others", "valves"),
+    np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "other_bodies", "valves"),
     np.minimum: ("linear_hysteretic",),
 }
 """How columns of several chains become those of their variant; the others by `np.maximum`."""
@@ -177,15 +191,15 @@ COLUMN_SUMS = {
 
 def variant_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
     """The properties that decide the kernels of steps, (variants,) each."""
-    rings, begins, columns = packed.drives["rings"], packed.first_rows, chain_kind_columns(packed)
+    chains, begins, columns = packed.drives["chains"], packed.first_rows, chain_kind_columns(packed)
     if len(begins) == packed.variants:
         return columns
-    several = rings[begins] > 1
+    several = chains[begins] > 1
     ways = {name: way for way, names in COLUMN_SUMS.items() for name in names}
     whole = {name: ways.get(name, np.maximum).reduceat(values, begins) for name, values in columns.items()}
     whole["room"] = roller_capacity(np.add.reduceat(packed.drives["rollers"], begins))
     prescribed = np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"][begins])
-    whole |= {"prescribed": np.maximum(prescribed, 1), "tied": whole["tied"] | several, "rings": rings[begins]}
+    whole |= {"prescribed": np.maximum(prescribed, 1), "tied": whole["tied"] | several, "chains": chains[begins]}
     return whole
 
 
@@ -201,15 +215,15 @@ def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
         "arms": drives["arms"],
         "tensioners": drives["tensioners"],
         "prescribed": np.maximum(np.add.reduceat(packed.motions["prescribed"], drives["first_body"]), 1),
-        "others": drives["bodies"] - drives["sprockets"] - drives["arms"],
+        "other_bodies": drives["bodies"] - drives["sprockets"] - drives["arms"],
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
         "tied": drives["tied"],
         "hubs": drives["hubs"] + drives["jointed"],
-        "crowded": packed.has_crowded_arms,
-        "oil": packed.has_oil,
-        "fed": packed.has_supply_table,
+        "crowded_arms": packed.has_crowded_arms,
+        "hydraulic": packed.has_oil,
+        "tabulated_supply": packed.has_supply_table,
         "valves": CAM_STEP * -(-packed.cam_counts // CAM_STEP),
-        "rings": np.ones_like(drives["rings"]),
+        "chains": np.ones_like(drives["chains"]),
         "integrator": drives["integrator"],
         "moving": (np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0) | (drives["hubs"] > 0),
         "profiles": packed.has_carried_guides,
@@ -241,7 +255,7 @@ def global_memory_values(buckets: Sequence[Bucket]) -> tuple[int, int]:
     needs = np.zeros(2, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
-            of = room(kernel_kind(name, bucket))
+            of = block_memory(kernel_kind(name, bucket))
             needs = np.maximum(needs, bucket.count * np.array([of.values, of.part_values]))
     return int(needs[0]), int(needs[1])
 
@@ -295,7 +309,7 @@ class GpuKernels:
         buckets = []
         for key in _distinct_rows(keys):
             order = rows[(keys == key).all(axis=1)]
-            recorded = packed.drives["sample_every"][order] > 0
+            recorded = packed.drives["frame_interval"][order] > 0
             order = order[np.argsort(~recorded, kind="stable")]  # which take longer
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             each = -(-len(order) // self._processors)

@@ -139,7 +139,7 @@ class PackedEnsemble(_PackedArrays):
     @property
     def first_rows(self) -> NDArray[np.intp]:
         """Row of each variant's first chain."""
-        return np.flatnonzero(self.drives["rings"] > 0)
+        return np.flatnonzero(self.drives["chains"] > 0)
 
     def has_any_of(self, sprockets: NDArray[np.bool_], guides: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(variants,) whether a variant has one of the marked sprockets or guides."""

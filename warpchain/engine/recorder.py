@@ -126,7 +126,7 @@ class Recorder:
         self.owners = [v for v in self.indices for _ in range(self.begins[v], self.begins[v + 1])]
         self.written = [r for v in self.indices for r in range(self.begins[v], self.begins[v + 1])]
         self.widths = np.array([drive_frame_width(rows.drives[r], packed.frame) for r in self.written], dtype=np.int64)
-        self.every = np.array([schedules[v].sample_every for v in self.owners], dtype=np.int64)
+        self.every = np.array([schedules[v].frame_interval for v in self.owners], dtype=np.int64)
         self.bytes_per_value = np.dtype(recording.precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
         self._archive = archive

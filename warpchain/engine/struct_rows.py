@@ -234,7 +234,7 @@ def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
 
 def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
     """Fills a `kernels.structs.Drive`: counts, integrator, and the box that rollers and bodies do not leave."""
-    row["rings"] = 1
+    row["chains"] = 1
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
     row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.shafts) + len(drive.arms), len(drive.arms)
     fill_train_counts(row, drive)

@@ -82,17 +82,17 @@ def _batch_sums_by_name(
 
 
 def note_steps(
-    start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: NDArray[Any] | int, batches: int = int(BATCHES)
+    start: NDArray[Any] | int, end: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = int(BATCHES)
 ) -> NDArray[np.int64]:
     """(..., batches - 1) steps at which batches of a window end, if it is long enough (`kernels.statistics`)."""
-    first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, look_every))
+    first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, sample_interval))
     reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
     return np.asarray(-(-reached // every) * every)
 
 
-def has_batches(window: NDArray[Any] | int, look_every: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
+def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
     """(...) whether a window of so many steps has a sample for each batch."""
-    return window >= batches * look_every
+    return window >= batches * sample_interval
 
 
 def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArray[np.float64]:
@@ -104,13 +104,13 @@ def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArra
     start, noted, end = _batch_edges(drives, batches)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
-    steps[~has_batches((end - start)[:, 0], drives["look_every"].astype(np.int64), batches)] = np.nan
+    steps[~has_batches((end - start)[:, 0], drives["sample_interval"].astype(np.int64), batches)] = np.nan
     return steps * drives["step"][:, None]
 
 
 def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Steps at which windows begin (V, 1), batches but the last end (V, batches - 1) and windows end (V, 1)."""
-    start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "look_every"))
+    start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "sample_interval"))
     return start[:, None], note_steps(start, end, every, batches), end[:, None]
 
 

@@ -40,18 +40,18 @@ class Schedule:
     steps: int
     window_start: int
     window_end: int
-    sample_every: int  # 0: not recorded
-    look_every: int = LOOK_EVERY  # steps between two samples for sums (`engine.simulation`)
+    frame_interval: int  # 0: not recorded
+    sample_interval: int = LOOK_EVERY  # steps between two samples for sums (`engine.simulation`)
 
     def __post_init__(self) -> None:
-        times, rest = divmod(self.look_every, LOOK_EVERY)
+        times, rest = divmod(self.sample_interval, LOOK_EVERY)
         if rest or times < 1 or times & (times - 1):
-            raise ValueError(f"look_every = {self.look_every}: allowed is {LOOK_EVERY} times a power of two")
+            raise ValueError(f"sample_interval = {self.sample_interval}: allowed is {LOOK_EVERY} times a power of two")
 
     @property
     def frames(self) -> int:
         """Number of frames of the whole run, the one at t = 0 among them."""
-        return self.steps // self.sample_every + 1 if self.sample_every else 0
+        return self.steps // self.frame_interval + 1 if self.frame_interval else 0
 
 
 def schedule_columns(schedules: Sequence[Schedule]) -> dict[str, NDArray[np.float64 | np.int64]]:

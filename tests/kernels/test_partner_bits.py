@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warpchain.kernels.gpu.kind import BITS, BlockKind, BlockShape, Parts
-from warpchain.kernels.gpu.near import near_mask
+from warpchain.kernels.gpu.block_kinds import BlockKind, BlockShape, Parts
+from warpchain.kernels.gpu.block_structs import BITS
+from warpchain.kernels.gpu.partner_bits import partner_bit_functions
 
 # one number; three, the last not full; one roller; a number a roller, as there may be 31 partners
 KINDS = [
@@ -18,18 +19,16 @@ KINDS = [
 
 def walked(kind: BlockKind):
     """A kernel that walks through what is in `near` but not in `before`: all, of teeth, of bars; and tells changes."""
-    of = near_mask(kind)
-    with_slot, any_of, first, rest = of.with_slot, of.any_of, of.first, of.rest
-    of_teeth, of_bars = of.of_teeth, of.of_bars
-    rollers_per_thread, threads, Bits = kind.shape.rollers_per_thread, kind.shape.threads, of.Bits
+    partner_bits = partner_bit_functions(kind)
+    rollers_per_thread, threads, Bits = kind.shape.rollers_per_thread, kind.shape.threads, partner_bits.Bits
     most = rollers_per_thread * (kind.parts.sprockets + kind.parts.guides)
 
     @wp.func
     def walk(bits: Bits, seen: wp.array3d[int], thread: int, which: int):
         at = int(0)
-        while any_of(bits):
-            j, p = first(bits, thread)
-            bits = rest(bits)
+        while partner_bits.has_any(bits):
+            j, p = partner_bits.first_pair(bits, thread)
+            bits = partner_bits.without_first_pair(bits)
             seen[which, thread, at] = wp.static(100) * j + p
             at = at + 1
 
@@ -39,11 +38,11 @@ def walked(kind: BlockKind):
         bits = Bits()
         old = Bits()
         for k in range(wp.static(rollers_per_thread)):
-            bits = with_slot(bits, k, near[thread, k])
-            old = with_slot(old, k, before[thread, k])
+            bits = partner_bits.with_roller(bits, k, near[thread, k])
+            old = partner_bits.with_roller(old, k, before[thread, k])
         walk(bits & ~old, seen, thread, 0)
-        walk(of_teeth(bits), seen, thread, 1)
-        walk(of_bars(bits), seen, thread, 2)
+        walk(partner_bits.of_sprockets(bits), seen, thread, 1)
+        walk(partner_bits.of_guides(bits), seen, thread, 2)
         walk(bits | old, seen, thread, 3)
         changed[thread] = wp.where(bits == old, 0, 1)
 

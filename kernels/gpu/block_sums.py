@@ -1,0 +1,56 @@
+"""Sums and extremes over all threads of a variant's block, where a step may take its time: in settling."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from .block_kinds import BlockKind
+from .sync import sync_functions, warp_lanes
+
+
+@dataclass(frozen=True)
+class BlockSumFunctions:
+    """Sums and extremes over all threads of a variant."""
+
+    block_largest: wp.Function
+    block_total: wp.Function
+
+
+@cache
+def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
+    """The functions that add up over the warps of a block."""
+    Real, threads = kind.Real, kind.shape.threads
+    kinds = kind.types
+    Shared = kinds.Shared
+    sync = sync_functions(kind)
+
+    @wp.func
+    def share_warp_values(shared: Shared, value: Real, i: int):
+        """Shares a value of each warp, in the place of parts."""
+        sync.barrier()
+        if i % warp_lanes() == 0:
+            shared.wrench_parts[i // warp_lanes()] = value
+        sync.barrier()
+
+    @wp.func
+    def block_largest(shared: Shared, value: Real, i: int):
+        """The largest `value` of all threads."""
+        share_warp_values(shared, sync.warp_max(value), i)
+        result = wp.float64(shared.wrench_parts[0])
+        for w in range(1, wp.static(threads) // warp_lanes()):
+            result = wp.max(result, wp.float64(shared.wrench_parts[w]))
+        sync.barrier()
+        return result
+
+    @wp.func
+    def block_total(shared: Shared, value: wp.float64, i: int):
+        """The sum of `value` over all threads."""
+        share_warp_values(shared, Real(sync.warp_sum(value)), i)
+        result = wp.float64(0.0)
+        for w in range(wp.static(threads) // warp_lanes()):
+            result = result + wp.float64(shared.wrench_parts[w])
+        sync.barrier()
+        return result
+
+    return BlockSumFunctions(block_largest=block_largest, block_total=block_total)

@@ -1,0 +1,160 @@
+"""Bodies of one variant on a block: shared from the state, and put back."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..number import leading, trimmed
+from ..physics.body import aligned_pose, has_finite_rotation, is_in_box, pose_with_coordinates
+from ..physics.hub import carried_body
+from ..physics.tooth import grid_magic
+from ..structs import GROUND, Drive
+from ..sums import gathered_powers
+from .block_kinds import BlockKind, inlined
+from .block_structs import ThreadParts
+from .chains import chain_functions
+from .geometry import geometry_functions
+from .prescribed_motion import prescribed_motion_functions
+
+
+@dataclass(frozen=True)
+class BodyStateFunctions:
+    """Bodies of one variant between the state and shared memory."""
+
+    body_from_pose: wp.Function
+    heading: wp.Function
+    pose_from_state: wp.Function
+    share_hub: wp.Function
+    place_carried_sprocket: wp.Function
+    share_body: wp.Function
+    put_back_body: wp.Function
+    has_body_left: wp.Function
+    align_pose: wp.Function
+
+
+@cache
+def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
+    """The functions that share bodies and their sums, and put them back into the state."""
+    sprockets, mounted, moving, measuring = kind.parts.sprockets, kind.parts.rotors, kind.moving, kind.measuring
+    kinds = kind.types
+    Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
+    Sums = kinds.Sums
+    chains = chain_functions(kind)
+    geometry = geometry_functions(kind)
+    prescribed_motion = prescribed_motion_functions(kind)
+
+    @wp.func
+    def body_from_pose(pose: Pose):
+        """The coordinates and rates of a body."""
+        body = kinds.BodyState()
+        body.angle = pose.angle
+        body.speed = pose.speed
+        body.center = pose.center
+        body.velocity = pose.velocity
+        body.straight = pose.straight
+        body.angular = pose.angular
+        return body
+
+    @wp.func
+    def heading(pose: Pose):
+        """Cosine and sine of a body's angle."""
+        return wp.vector(leading(pose.cosine), leading(pose.sine))
+
+    @wp.func
+    def pose_from_state(ensemble: Ensemble, state: State, drive: Drive, b: int):
+        """The pose of body b of a chain, from the state."""
+        pose = Pose()
+        if wp.static(kind.is_paired):
+            if b < drive.sprockets:
+                pose.radius = ensemble.sprockets[drive.first_sprocket + b].exact_radius
+                pose.inverse_radius = 1.0 / pose.radius.high
+                pose.grid = grid_magic(pose.radius.high)
+        return aligned_pose(pose_with_coordinates(pose, state.bodies[drive.first_body + b]))
+
+    @wp.func
+    def share_hub(ensemble: Ensemble, shared: Shared, variant: int, row: int, b: int):
+        """Shares the hub of body b, if that is a sprocket, of a chain in a row of the drives."""
+        if wp.static(kind.parts.hubs > 0):
+            if b < wp.static(sprockets):
+                hub = ensemble.hubs[ensemble.drives[variant].first_sprocket + b]
+                hub.arm = chains.body_on_block(ensemble, shared, row, row - variant, hub.arm)
+                shared.hubs[b] = hub
+
+    @wp.func
+    def place_carried_sprocket(shared: Shared, b: int):
+        """Takes body b along with the arm that carries it, where one does; after a barrier, as that may have moved."""
+        if wp.static(kind.parts.hubs > 0):
+            if b >= 0 and b < wp.static(sprockets):
+                hub = shared.hubs[b]
+                if hub.arm != GROUND:
+                    geometry.put_pose(shared, b, carried_body(shared.poses[b], shared.poses[hub.arm], hub))
+
+    @inlined
+    def share_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: ThreadParts, step: int):
+        """Shares the thread's body at `step`, its sums and, with the first, the chain and guides."""
+        drive = ensemble.drives[mine.variant]
+        own = ensemble.drives[mine.drive_row]
+        b = mine.body
+        if b == 0:
+            geometry.share_chains_and_guides(ensemble, shared, drive, mine.variant)
+        pose = pose_from_state(ensemble, state, own, mine.body_number)
+        shared.motions[b] = ensemble.motions[own.first_body + mine.body_number]
+        if b < wp.static(mounted):
+            angle, speed = prescribed_motion.angle_and_speed(ensemble, shared, mine, b, step)
+            pose.exact_speed = speed
+        if wp.static(moving):
+            shared.mounts[b] = ensemble.mounts[own.first_body + mine.body_number]
+        share_hub(ensemble, shared, mine.variant, mine.drive_row, b)
+        if b < wp.static(sprockets):
+            at = drive.first_sprocket + b
+            geometry.share_sprocket(ensemble, shared, drive, b, leading(pose.center))
+            if wp.static(measuring):
+                shared.sprocket_sums[b] = sums.sprocket[at]
+                if wp.static(moving):
+                    shared.mount_sums[b] = sums.mount[at]
+        geometry.put_pose(shared, b, pose)
+
+    @wp.func
+    def put_back_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: ThreadParts):
+        """Puts the thread's body and its sums back into the state."""
+        drive = ensemble.drives[mine.variant]
+        b = mine.body
+        body = body_from_pose(shared.poses[b])
+        body.angle = trimmed(body.angle)
+        body.speed = trimmed(body.speed)
+        body.center = trimmed(body.center)
+        body.velocity = trimmed(body.velocity)
+        state.bodies[ensemble.drives[mine.drive_row].first_body + mine.body_number] = body
+        if wp.static(measuring):
+            if b < wp.static(sprockets):
+                at = drive.first_sprocket + b
+                sums.sprocket[at] = gathered_powers(shared.sprocket_sums[b])
+                if wp.static(moving):
+                    sums.mount[at] = shared.mount_sums[b]
+
+    @wp.func
+    def has_body_left(shared: Shared, mine: ThreadParts):
+        """1 where the thread's body does not turn soundly, or its center has left the drive's box."""
+        pose, box = shared.poses[mine.body], 2 * (mine.drive_row - mine.variant)
+        gone = int(not has_finite_rotation(pose.angle, pose.speed))
+        if wp.static(moving):
+            gone = wp.max(gone, int(not is_in_box(shared.boxes[box], shared.boxes[box + 1], leading(pose.center))))
+        return gone
+
+    @wp.func
+    def align_pose(shared: Shared, b: int):
+        """Works out cosine and sine of body b's angle anew."""
+        geometry.put_pose(shared, b, aligned_pose(shared.poses[b]))
+
+    return BodyStateFunctions(
+        body_from_pose=body_from_pose,
+        heading=heading,
+        pose_from_state=pose_from_state,
+        share_hub=share_hub,
+        place_carried_sprocket=place_carried_sprocket,
+        share_body=share_body,
+        put_back_body=put_back_body,
+        has_body_left=has_body_left,
+        align_pose=align_pose,
+    )

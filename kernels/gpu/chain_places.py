@@ -1,0 +1,92 @@
+"""Where the parts of each of several chains are among those of a variant on a block."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from .block_kinds import BlockKind
+from .block_structs import MOST_CHAINS, ThreadParts
+from .sync import sync_functions
+
+
+@wp.func
+def bit_range(first: int, count: int):
+    """`count` bits from `first` on."""
+    return ((1 << count) - 1) << first
+
+
+@dataclass(frozen=True)
+class ChainPlaceFunctions:
+    """Places of several chains among the parts of one variant."""
+
+    among_chains: wp.Function
+    first_rollers: wp.Function
+
+
+@cache
+def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
+    """The functions that share where chains are."""
+    chain_count, sprockets, mounted = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
+    several, of_others = chain_count > 1, wp.types.vector(MOST_CHAINS - 1, int)
+    kinds = kind.types
+    Ensemble, Shared, ChainPlace = kinds.Ensemble, kinds.Shared, kinds.ChainPlace
+    sync = sync_functions(kind)
+
+    @wp.func
+    def share_chain_place(ensemble: Ensemble, shared: Shared, variant: int, r: int):
+        """Shares where the rollers, partners and bodies of chain r are."""
+        whole, drive = ensemble.drives[variant], ensemble.drives[variant + r]
+        place = ChainPlace()
+        place.first_roller = drive.first_roller - whole.first_roller
+        place.end_roller = place.first_roller + drive.rollers
+        place.first_sprocket = drive.first_sprocket - whole.first_sprocket
+        place.first_guide = drive.first_guide - whole.first_guide
+        place.first_arm = drive.first_arm - whole.first_arm
+        place.first_shaft = drive.first_shaft - whole.first_shaft
+        bars = wp.static(sprockets) + place.first_guide
+        place.partners = bit_range(place.first_sprocket, drive.sprockets) | bit_range(bars, drive.guides)
+        shared.chain_places[r] = place
+        for s in range(drive.sprockets):
+            shared.body_indices[place.first_sprocket + s] = drive.first_body + s
+            shared.contact_begins[place.first_sprocket + s] = (
+                drive.first_contact + s * drive.rollers - place.first_roller
+            )
+        for g in range(drive.guides):
+            shared.contact_begins[bars + g] = (
+                drive.first_contact + (drive.sprockets + g) * drive.rollers - place.first_roller
+            )
+        for h in range(drive.shafts):
+            shared.body_indices[wp.static(sprockets) + place.first_shaft + h] = drive.first_body + drive.sprockets + h
+        for a in range(drive.arms):
+            shared.body_indices[wp.static(mounted) + place.first_arm + a] = (
+                drive.first_body + drive.bodies - drive.arms + a
+            )
+
+    @wp.func
+    def among_chains(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
+        """`mine` among the parts of all chains, which are shared before; all threads together."""
+        if wp.static(several):
+            if mine.thread < wp.static(chain_count):
+                share_chain_place(ensemble, shared, mine.variant, mine.thread)
+            sync.barrier()
+            mine.rollers = shared.chain_places[wp.static(chain_count - 1)].end_roller
+            mine.sprocket = wp.where(mine.body < wp.static(sprockets), mine.body, -1)
+            mine.arm = wp.max(mine.body - wp.static(mounted), -1)
+            if mine.body >= 0:
+                place = shared.body_indices[mine.body]
+                for r in range(wp.static(chain_count)):
+                    if place >= ensemble.drives[mine.variant + r].first_body:
+                        mine.drive_row = mine.variant + r
+                mine.body_number = place - ensemble.drives[mine.drive_row].first_body
+        return mine
+
+    @wp.func
+    def first_rollers(shared: Shared):
+        """The first roller of each chain but the first, which a thread keeps; the chains are shared before."""
+        begins = of_others()
+        for r in range(1, wp.static(chain_count)):
+            begins[r - 1] = shared.chain_places[r].first_roller
+        return begins
+
+    return ChainPlaceFunctions(among_chains=among_chains, first_rollers=first_rollers)

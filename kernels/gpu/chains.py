@@ -1,0 +1,181 @@
+"""Several chains of a variant on one block, where they stand as one: rollers, sprockets, guides and arms of all chains
+one after the other, those of the first chain first.
+
+So all threads are at work on all chains at once, and bodies of one shaft pass on moments as trains do. Which chain a
+roller is of decides its neighbors, what it may touch, and where state and sums have what is its own: each chain
+is a row of `Drive`, and lies there as if it were alone. With one chain nothing is looked up.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..structs import GROUND, Drive
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+
+
+@dataclass(frozen=True)
+class ChainFunctions:
+    """Which chain of one variant a roller, guide or body on a block is of."""
+
+    chain_number: wp.Function
+    chain_number_of_guide: wp.Function
+    drive_row: wp.Function
+    chain_at: wp.Function
+    chain_span: wp.Function
+    own_chain_span: wp.Function
+    next_roller: wp.Function
+    previous_roller: wp.Function
+    partners_of_chain: wp.Function
+    contact_memory: wp.Function
+    strand_in_chain: wp.Function
+    body_index: wp.Function
+    body_on_block: wp.Function
+    tensioner_count: wp.Function
+
+
+@cache
+def chain_functions(kind: BlockKind) -> ChainFunctions:
+    """The functions by which the chains of one variant on a block are kept apart."""
+    chain_count, sprockets, mounted = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
+    several = chain_count > 1
+    kinds = kind.types
+    Ensemble, Shared = kinds.Ensemble, kinds.Shared
+
+    @wp.func
+    def chain_number(shared: Shared, j: int):
+        """The number of roller j's chain; beyond all, of the last."""
+        number = int(0)
+        for r in range(1, wp.static(chain_count)):
+            number = number + wp.where(j >= shared.first_rollers[r - 1], 1, 0)
+        return number
+
+    @wp.func
+    def chain_number_of_guide(shared: Shared, g: int):
+        """The number of guide g's chain."""
+        number = int(0)
+        if wp.static(several):
+            for r in range(1, wp.static(chain_count)):
+                number = number + wp.where(g >= shared.chain_places[r].first_guide, 1, 0)
+        return number
+
+    @wp.func
+    def drive_row(shared: Shared, mine: ThreadParts, j: int):
+        """The row of roller j's chain among the drives."""
+        return mine.variant + chain_number(shared, j)
+
+    @wp.func
+    def chain_at(shared: Shared, j: int):
+        """Roller j's chain."""
+        return shared.chains[chain_number(shared, j)]
+
+    @wp.func
+    def chain_span(shared: Shared, j: int, n: int):
+        """The first roller of roller j's chain, and how many it has; all chains together have `n`."""
+        if wp.static(several):
+            place = shared.chain_places[chain_number(shared, j)]
+            return place.first_roller, place.end_roller - place.first_roller
+        else:
+            return 0, n
+
+    @wp.func
+    def own_chain_span(shared: Shared, mine: ThreadParts):
+        """The first roller of the chain on the thread's body, and how many it has."""
+        if wp.static(several):
+            place = shared.chain_places[mine.drive_row - mine.variant]
+            return place.first_roller, place.end_roller - place.first_roller
+        else:
+            return 0, mine.rollers
+
+    @wp.func
+    def next_roller(shared: Shared, j: int, n: int):
+        """The roller after roller j; one that there is where j is beyond all, which are n."""
+        next = j + 1
+        first = int(0)
+        for r in range(1, wp.static(chain_count)):
+            next = wp.where(j + 1 == shared.first_rollers[r - 1], first, next)
+            first = shared.first_rollers[r - 1]
+        return wp.where(j + 1 < n, next, first)
+
+    @wp.func
+    def previous_roller(shared: Shared, j: int, n: int):
+        """The roller before roller j, of n in all."""
+        last = j - 1
+        first = int(0)
+        for r in range(1, wp.static(chain_count)):
+            last = wp.where(j == first, shared.first_rollers[r - 1] - 1, last)
+            first = shared.first_rollers[r - 1]
+        return wp.where(j == first, n - 1, last)
+
+    @wp.func
+    def partners_of_chain(shared: Shared, j: int, mask: int):
+        """Those of the partners `mask`, as bits, that are of roller j's chain."""
+        if wp.static(several):
+            return mask & shared.chain_places[chain_number(shared, j)].partners
+        else:
+            return mask
+
+    @wp.func
+    def contact_memory(shared: Shared, mine: ThreadParts, j: int, p: int):
+        """The contact memory of roller j with partner p, which is of its chain."""
+        if wp.static(several):
+            return shared.contact_begins[p] + j
+        else:
+            return mine.first_contact + j + p * mine.rollers
+
+    @wp.func
+    def strand_in_chain(shared: Shared, drive: Drive, j: int, strand: int):
+        """Strand, or none, of roller j's link in its chain `drive`, from that among all."""
+        if wp.static(several):
+            return wp.min(strand - shared.chain_places[chain_number(shared, j)].first_sprocket, drive.sprockets)
+        else:
+            return strand
+
+    @wp.func
+    def body_index(shared: Shared, first: int, b: int):
+        """Body b's place among all bodies of the ensemble; the variant's begin at `first`."""
+        if wp.static(several):
+            return shared.body_indices[b]
+        else:
+            return first + b
+
+    @wp.func
+    def body_on_block(ensemble: Ensemble, shared: Shared, row: int, chain: int, b: int):
+        """The body among those of the variant that is body `b`, or the ground, of its chain in a row of the drives."""
+        if wp.static(several):
+            drive = ensemble.drives[row]
+            arm = b - (drive.bodies - drive.arms)
+            sprocket = shared.chain_places[chain].first_sprocket + b
+            of_arm = wp.static(mounted) + shared.chain_places[chain].first_arm + arm
+            of_shaft = wp.static(sprockets) + shared.chain_places[chain].first_shaft + b - drive.sprockets
+            turning = wp.where(b < drive.sprockets, sprocket, of_shaft)
+            return wp.where(b == GROUND, b, wp.where(arm >= 0, of_arm, turning))
+        else:
+            return b
+
+    @wp.func
+    def tensioner_count(drive: Drive):
+        """The number of tensioners of a chain."""
+        if wp.static(several):
+            return drive.tensioners
+        else:
+            return wp.static(kind.parts.tensioners)
+
+    return ChainFunctions(
+        chain_number=chain_number,
+        chain_number_of_guide=chain_number_of_guide,
+        drive_row=drive_row,
+        chain_at=chain_at,
+        chain_span=chain_span,
+        own_chain_span=own_chain_span,
+        next_roller=next_roller,
+        previous_roller=previous_roller,
+        partners_of_chain=partners_of_chain,
+        contact_memory=contact_memory,
+        strand_in_chain=strand_in_chain,
+        body_index=body_index,
+        body_on_block=body_on_block,
+        tensioner_count=tensioner_count,
+    )

@@ -1,0 +1,78 @@
+"""The block kernels' contacts: forces of teeth and guide-bars on the rollers that touch them.
+
+A contact's memory (seat, v0) and its sums stay where the state and the tallies have them, which the cache holds.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..structs import Tallies
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .contacts import contact_functions
+from .guides import guide_functions
+from .partner_bits import partner_bit_functions
+from .sync import lowest_bit
+from .teeth import tooth_functions
+from .tooth_gaps import tooth_gap_functions
+
+
+@dataclass(frozen=True)
+class ContactForceFunctions:
+    """Contacts of one variant's rollers with all partners."""
+
+    add_contact_forces: wp.Function
+
+
+@cache
+def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
+    """The functions that evaluate the contacts of one variant on a block."""
+    gripping = kind.recalls_seats_early
+    # most contacts of the usual law are worked out without branches, in kernels of one length of chain all or none, so
+    # that metrics leave a variant its bits: of more links not all kernels gave the same bits (docs/performance.md)
+    branchless = kind.linear_hysteretic and kind.shape.room <= 192
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    contacts = contact_functions(kind)
+    partner_bits = partner_bit_functions(kind)
+    tooth_gaps = tooth_gap_functions(kind)
+    teeth = tooth_functions(kind)
+    guides = guide_functions(kind)
+
+    @wp.func
+    def add_contact_forces(
+        ensemble: Ensemble,
+        state: State,
+        tallies: Tallies,
+        shared: Shared,
+        mine: ThreadParts,
+        now: Now,
+        contact: contacts.Contact,
+    ):
+        """Adds the contacts' forces to those of the thread's rollers.
+
+        Each thread goes on to its next roller in teeth at once, so that few wait.
+        """
+        by_teeth = partner_bits.of_sprockets(contact.near)
+        while partner_bits.has_any(by_teeth):
+            j, s = partner_bits.first_pair(by_teeth, mine.thread)
+            by_teeth = partner_bits.without_first_pair(by_teeth)
+            if wp.static(not gripping):
+                contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
+            done = int(0)
+            if wp.static(branchless):
+                if now.flags == 0:
+                    done = teeth.add_straight_flank_force(state, tallies, shared, mine, now, j, contact)
+            if done == 0:
+                teeth.add_tooth_force(ensemble, state, tallies, shared, mine, now, j, contact)
+            if wp.static(gripping):
+                if partner_bits.has_any(by_teeth):
+                    contact = tooth_gaps.with_sprocket(
+                        ensemble, state, shared, mine, contact, j, lowest_bit(by_teeth[0])
+                    )
+        if wp.static(kind.parts.guides > 0):
+            guides.add_guide_forces(ensemble, state, tallies, shared, mine, now, contact.near)
+
+    return ContactForceFunctions(add_contact_forces=add_contact_forces)

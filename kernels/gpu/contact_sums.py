@@ -1,0 +1,70 @@
+"""Sums over the window of a block's contacts, in float64 in global memory."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..physics.contact import (
+    UNTOUCHED,
+)
+from ..structs import Tallies
+from .block_kinds import BlockKind
+from .events import ENDS, START
+from .sync import add_to_element, float64_from_float32, raise_element
+
+
+@dataclass(frozen=True)
+class ContactSumFunctions:
+    """Sums over the window of one variant's contacts."""
+
+    add_powers: wp.Function
+    add_force_and_counts: wp.Function
+    add_stored_energy: wp.Function
+
+
+@cache
+def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
+    """The functions that add contacts to the sums of the window."""
+    Real, staged, sliding = kind.Real, kind.has_stages, kind.friction.contacts
+    Now = kind.types.Now
+
+    @wp.func
+    def as_float64(value: Real):
+        """A value as the sums of contacts have it."""
+        if wp.static(kind.is_paired):
+            return float64_from_float32(value)
+        else:
+            return value
+
+    @wp.func
+    def add_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
+        """Adds the powers [W] that a closed contact's force and friction take to its sums."""
+        add_to_element(tallies.dissipated, at, as_float64(now.weight * damped))
+        if wp.static(sliding):
+            add_to_element(tallies.friction, at, as_float64(now.weight * rubbed))
+
+    @wp.func
+    def add_force_and_counts(tallies: Tallies, now: Now, at: int, before: Real, size: Real, passing: bool):
+        """Adds a closed contact's force [N] to its sums, and counts it at its first instant.
+
+        Rollers pass sprockets, where first touches count.
+        """
+        add_to_element(tallies.impulse, at, as_float64(now.weight * size))
+        raise_element(tallies.force_max, at, as_float64(size))
+        if before <= Real(0.0):
+            add_to_element(tallies.impacts, at, 1)
+            if passing and before == Real(UNTOUCHED):
+                add_to_element(tallies.contacts, at, 1)
+
+    @wp.func
+    def add_stored_energy(tallies: Tallies, now: Now, at: int, energy: Real):
+        """Takes what a contact stores at the window's end, and not at its start, from what it has taken."""
+        if wp.static(kind.measuring and not staged) and now.flags & ENDS != 0:
+            add_to_element(tallies.dissipated, at, as_float64(wp.where(now.flags & START != 0, energy, -energy)))
+
+    return ContactSumFunctions(
+        add_powers=add_powers,
+        add_force_and_counts=add_force_and_counts,
+        add_stored_energy=add_stored_energy,
+    )

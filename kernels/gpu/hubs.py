@@ -1,0 +1,91 @@
+"""Bearings of sprockets on a block, and sprockets that arms carry."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..number import difference, leading, rounded
+from ..physics.hub import bearing_moment
+from ..structs import GROUND
+from ..sums import add_bearing
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .body_states import body_state_functions
+from .rollers import roller_functions
+from .sync import sync_functions
+
+
+@dataclass(frozen=True)
+class HubFunctions:
+    """Bearings of one variant's sprockets, and sprockets on arms (`physics.hub`)."""
+
+    add_bearing_moments: wp.Function
+    end_hub_step: wp.Function
+
+
+@cache
+def hub_functions(kind: BlockKind) -> HubFunctions:
+    """The functions of the bearings of one variant's sprockets on a block; nothing where none rubs or is on an arm."""
+    Real, sprockets, hubs = kind.Real, kind.parts.sprockets, kind.parts.hubs
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
+    rollers = roller_functions(kind)
+    sync = sync_functions(kind)
+    body_states = body_state_functions(kind)
+
+    @wp.func
+    def add_bearing_moments(
+        ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench
+    ):
+        """`wrench`, of the chain on the thread's body, with the moment of bearings on it; all threads together."""
+        if wp.static(hubs > 0):
+            s = mine.body
+            if s >= 0 and s < wp.static(sprockets):
+                hub = shared.hubs[s]
+                at = ensemble.drives[mine.variant].first_sprocket + s
+                turning = leading(shared.poses[s].speed)
+                if hub.arm != GROUND:
+                    turning = rounded(difference(shared.poses[s].speed, shared.poses[hub.arm].speed))
+                stretched = rollers.stretch_part(now)
+                moment, holds = bearing_moment(wrench.force, turning, Real(state.hub_hold[at]), hub, stretched)
+                shared.bearing_moments[s] = moment
+                if now.stage == 0:
+                    state.hub_hold[at] = wp.float64(holds)
+            sync.barrier()
+            wrench.bearing = bearing_moment_on_body(shared, mine)
+        return wrench
+
+    @wp.func
+    def bearing_moment_on_body(shared: Shared, mine: ThreadParts):
+        """Moment of bearings on the thread's body [N m]: on an arm, of all sprockets that it carries."""
+        moment = Real(0.0)
+        for s in range(wp.static(sprockets)):
+            if s == mine.body:
+                moment = moment + shared.bearing_moments[s]
+            if shared.hubs[s].arm == mine.body and mine.body >= 0:
+                moment = moment - shared.bearing_moments[s]
+        return moment
+
+    @wp.func
+    def end_hub_step(shared: Shared, mine: ThreadParts, now: Now):
+        """Adds up what the bearing of the thread's sprocket takes, and takes that along with its arm; all threads
+        together, once all bodies are a step or a stage on.
+        """
+        if wp.static(hubs > 0):
+            sync.barrier()
+            s = mine.sprocket
+            if wp.static(kind.measuring):
+                if s >= 0 and now.measures != 0:
+                    turning = shared.speeds_now[s]
+                    if shared.hubs[s].arm != GROUND:
+                        turning = turning - shared.speeds_now[shared.hubs[s].arm]
+                    power = -shared.bearing_moments[s] * turning
+                    shared.mount_sums[s] = add_bearing(shared.mount_sums[s], power, now.weight)
+            if now.goes_on != 0:
+                body_states.place_carried_sprocket(shared, s)
+
+    return HubFunctions(
+        add_bearing_moments=add_bearing_moments,
+        end_hub_step=end_hub_step,
+    )

@@ -1,0 +1,106 @@
+"""A warp of a block that has the oil of all its variants, and how they wait for each other."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..native import by_device
+from .block_kinds import BlockKind
+
+DONE = wp.constant(0)
+"""Requests of a stroke to the warp that has the oil: none,"""
+STEP = wp.constant(1)  # a step,
+METERED = wp.constant(2)  # one whose energies are wanted,
+OVER = wp.constant(-1)  # and no more of them in this launch
+
+
+NOWHERE = wp.constant(1 << 30)
+"""A place in a block that is of no variant, and of no launch."""
+
+
+ASKED = "*(volatile int*)&strokes.data[k].asked"
+REQUEST = by_device(f"__threadfence_block(); {ASKED} = what;", "strokes.data[k].asked = what;")
+REQUESTED = by_device(
+    f"const int what = {ASKED}; __threadfence_block(); return what;",
+    "WP_TILE_SYNC(); return strokes.data[k].asked;",
+)
+LEAVE = """
+    static int left = 0;
+    const int all = (left / COUNT + 1) * COUNT;
+    ++left;
+    while (left < all) WP_TILE_SYNC();
+"""
+AWAIT = by_device(
+    f"for (int k = 0; k < COUNT; ++k) while ({ASKED} > 0);\n__threadfence_block(); __syncwarp();",
+    "for (int k = 0; k < COUNT; ++k) while (strokes.data[k].asked > 0) WP_TILE_SYNC();",
+)
+
+
+@dataclass(frozen=True)
+class OilWarpFunctions:
+    """Requests of variants to the warp that has their oil."""
+
+    place_in_launch: wp.Function
+    set_request: wp.Function
+    request_of: wp.Function
+    await_oil: wp.Function
+    end_thread: wp.Function
+    request_oil_step: wp.Function
+
+
+@cache
+def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
+    """The functions by which the variants of a block and the warp that has their oil wait for each other."""
+    kinds, variants, tensioners = kind.types, kind.shape.variants_per_block, kind.parts.tensioners
+    Shared, Stroke = kinds.Shared, kinds.Stroke
+
+    @wp.func
+    def place_in_launch(tid: int):
+        """The number of a thread's variant in its launch, its own number there, and of the oil's warp the number of
+        the tensioner whose oil it has, else -1.
+        """
+        block = tid // wp.static(kind.shape.block_threads)
+        at = tid - block * wp.static(kind.shape.block_threads)
+        place = at // wp.static(kind.shape.threads)
+        i = at - place * wp.static(kind.shape.threads)
+        k = int(-1)
+        if wp.static(kind.shape.oil_warp):
+            if place == wp.static(variants):
+                place = i // wp.static(tensioners)
+                k = i - place * wp.static(tensioners)
+                if place >= wp.static(variants):
+                    place, k = NOWHERE, -1
+        return block * wp.static(variants) + place, i, k
+
+    @wp.func_native(REQUEST)
+    def set_request(strokes: wp.array[Stroke], k: int, what: int):
+        """Sets the request of a stroke, once all that was written before is there for others."""
+
+    @wp.func_native(REQUESTED)
+    def request_of(strokes: wp.array[Stroke], k: int) -> int:
+        """The request that a stroke has; on fibers the others go on meanwhile."""
+
+    @wp.func_native(AWAIT.replace("COUNT", str(tensioners)))
+    def await_oil(strokes: wp.array[Stroke]):
+        """Waits until the oil of all of a variant's tensioners has been taken along; all its threads together."""
+
+    @wp.func_native(by_device("", LEAVE.replace("COUNT", str(kind.shape.block_threads))))
+    def end_thread():
+        """Ends a thread of the block; fibers, whose barriers do not bear that one ends before others, end together."""
+
+    @wp.func
+    def request_oil_step(shared: Shared, k: int, x: kinds.Number, rate: kinds.Real, metered: bool):
+        """Asks the oil's warp to take the oil of the variant's tensioner k a step on."""
+        shared.strokes[k].x = x
+        shared.strokes[k].rate = rate
+        set_request(shared.strokes, k, wp.where(metered, METERED, STEP))
+
+    return OilWarpFunctions(
+        place_in_launch=place_in_launch,
+        set_request=set_request,
+        request_of=request_of,
+        await_oil=await_oil,
+        end_thread=end_thread,
+        request_oil_step=request_oil_step,
+    )

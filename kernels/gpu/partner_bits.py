@@ -1,0 +1,104 @@
+"""Partners of a thread's rollers, sprockets and guides, as bits of a few whole numbers."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from .block_kinds import BlockKind
+from .block_structs import BITS
+from .sync import lowest_bit
+
+
+@dataclass(frozen=True)
+class PartnerBitFunctions:
+    """Bits of the partners of a thread's rollers."""
+
+    Bits: Any
+    with_roller: wp.Function
+    has_any: wp.Function
+    of_sprockets: wp.Function
+    of_guides: wp.Function
+    first_pair: wp.Function
+    without_first_pair: wp.Function
+
+
+@cache
+def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
+    """The functions that set and go through the bits of a thread's rollers."""
+    threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
+    partners = sprockets + kind.parts.guides
+    slots = BITS // partners
+    word_count = -(-rollers_per_thread // slots)
+    Bits = wp.types.vector(word_count, wp.int32)
+    OF_SPROCKETS = sum(((1 << sprockets) - 1) << k * partners for k in range(min(slots, rollers_per_thread)))
+    OF_GUIDES = sum(((1 << partners) - (1 << sprockets)) << k * partners for k in range(min(slots, rollers_per_thread)))
+
+    @wp.func
+    def with_roller(bits: Bits, k: int, near: int):
+        """`bits` with those of the thread's roller k, which has none yet: the partners that it is near."""
+        bits[k // wp.static(slots)] = bits[k // wp.static(slots)] | (
+            near << (k % wp.static(slots) * wp.static(partners))
+        )
+        return bits
+
+    @wp.func
+    def has_any(bits: Bits):
+        """Whether any bit is set."""
+        found = int(0)
+        for q in range(wp.static(word_count)):
+            found = found | bits[q]
+        return found != 0
+
+    @wp.func
+    def of_sprockets(bits: Bits):
+        """The bits of sprockets."""
+        return bits & Bits(wp.static(OF_SPROCKETS))
+
+    @wp.func
+    def of_guides(bits: Bits):
+        """The bits of guides."""
+        return bits & Bits(wp.static(OF_GUIDES))
+
+    @wp.func
+    def first_word(bits: Bits):
+        """The first number that has bits set, where any has."""
+        q = int(wp.static(word_count - 1))
+        for back in range(wp.static(word_count - 1)):
+            if bits[wp.static(word_count - 2) - back] != 0:
+                q = wp.static(word_count - 2) - back
+        return q
+
+    @wp.func
+    def first_pair(bits: Bits, i: int):
+        """The first roller of thread i that has a bit set, and the first of its partners; some is set."""
+        if wp.static(rollers_per_thread == 1):
+            return i, lowest_bit(bits[0])
+        else:
+            q = first_word(bits)
+            number = int(bits[0])
+            for other in range(1, wp.static(word_count)):
+                number = wp.where(q == other, bits[other], number)
+            b = lowest_bit(number)
+            k = b // wp.static(partners)
+            return (q * wp.static(slots) + k) * wp.static(threads) + i, b - k * wp.static(partners)
+
+    @wp.func
+    def without_first_pair(bits: Bits):
+        """`bits` without that of `first_pair`."""
+        q = first_word(bits)
+        for other in range(wp.static(word_count)):
+            if q == other:
+                bits[other] = bits[other] & (bits[other] - 1)
+        return bits
+
+    return PartnerBitFunctions(
+        Bits=Bits,
+        with_roller=with_roller,
+        has_any=has_any,
+        of_sprockets=of_sprockets,
+        of_guides=of_guides,
+        first_pair=first_pair,
+        without_first_pair=without_first_pair,
+    )

@@ -1,0 +1,92 @@
+"""Prescribed angles and speeds of a block's bodies, worked out for some steps ahead."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..number import counted
+from ..physics.motion import prescribed_rotation
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .shared_memory import PLANNED_STEPS
+from .sync import warp_lanes
+
+
+@wp.func
+def plan_index(course: int, step: int):
+    """Where the prescribed angle and speed of a body at `step` lie, by its `prescribed_index`."""
+    return course * wp.static(PLANNED_STEPS) + step % wp.static(PLANNED_STEPS)
+
+
+@dataclass(frozen=True)
+class PrescribedMotionFunctions:
+    """Prescribed angles and speeds of one variant's bodies."""
+
+    is_prescribed: wp.Function
+    prescribed_index: wp.Function
+    angle_and_speed: wp.Function
+    exact_time_step: wp.Function
+    plan_steps: wp.Function
+
+
+@cache
+def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
+    """The functions that work out prescribed angles and speeds of bodies for some steps ahead."""
+    mounted, threads = kind.parts.rotors, kind.shape.threads
+    kinds = kind.types
+    Ensemble, Shared = kinds.Ensemble, kinds.Shared
+
+    @wp.func
+    def is_prescribed(shared: Shared, b: int):
+        """Whether the angle of body b is prescribed."""
+        return shared.motions[b].prescribed == 1
+
+    @wp.func
+    def prescribed_index(shared: Shared, b: int):
+        """The place of body b among those whose angle is prescribed; of any other body a place that there is."""
+        place = int(0)
+        for other in range(wp.static(mounted)):
+            if other < b and is_prescribed(shared, other):
+                place = place + 1
+        return wp.min(place, wp.static(kind.parts.prescribed - 1))
+
+    @wp.func
+    def angle_and_speed(ensemble: Ensemble, shared: Shared, mine: ThreadParts, b: int, step: int):
+        """Prescribed angle [rad] and speed [rad/s] of body b at a step."""
+        motion = shared.motions[b]
+        if wp.static(kind.parts.tabulated == 0):
+            motion.drive_table.cells = 0  # so that the compiler knows
+        return prescribed_rotation(counted(step, exact_time_step(mine)), motion, ensemble)
+
+    @wp.func
+    def exact_time_step(mine: ThreadParts):
+        """The time step [s], at float32 a pair."""
+        if wp.static(kind.is_paired):
+            return mine.step_pair
+        else:
+            return mine.step
+
+    @wp.func
+    def plan_steps(ensemble: Ensemble, shared: Shared, mine: ThreadParts, step: int):
+        """Works out prescribed angles and speeds of the next `PLANNED_STEPS` steps, a step a thread."""
+        i = mine.thread
+        b = i // warp_lanes()
+        while b < wp.static(mounted):
+            if is_prescribed(shared, b):
+                ahead = 1 + i % warp_lanes()
+                while ahead <= wp.static(PLANNED_STEPS):
+                    at = plan_index(prescribed_index(shared, b), step + ahead)
+                    angle, speed = angle_and_speed(ensemble, shared, mine, b, step + ahead)
+                    shared.prescribed_angles[at] = angle
+                    shared.prescribed_speeds[at] = speed
+                    ahead = ahead + warp_lanes()
+            b = b + wp.static(threads) // warp_lanes()
+
+    return PrescribedMotionFunctions(
+        is_prescribed=is_prescribed,
+        prescribed_index=prescribed_index,
+        angle_and_speed=angle_and_speed,
+        exact_time_step=exact_time_step,
+        plan_steps=plan_steps,
+    )

@@ -1,0 +1,75 @@
+"""Strands that a block's links are on, stored as a few bits a link."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..structs import Strand
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .chains import chain_functions
+from .shared_memory import STRAND_WORD, strand_bits, strand_words
+
+
+@dataclass(frozen=True)
+class StrandFunctions:
+    """Strands that the links of one variant are on."""
+
+    find_strands: wp.Function
+    stored_strand: wp.Function
+
+
+@cache
+def strand_functions(kind: BlockKind) -> StrandFunctions:
+    """The functions that find the strand that each link of one variant on a block is on."""
+    threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
+    kinds = kind.types
+    Shared = kinds.Shared
+    bits = strand_bits(kind)
+    together = STRAND_WORD // bits
+    chains = chain_functions(kind)
+    several = kind.parts.chains > 1
+
+    @wp.func
+    def strand_of_link(shared: Shared, strands: wp.array[Strand], first: int, j: int, n: int):
+        """Strand that link j is on; S where it is on none, or S + r of chain r, and beyond these where there is no such
+        link. `first` is strand 0.
+        """
+        found = int(wp.static(sprockets) + chains.chain_number(shared, j))
+        begin, count = chains.chain_span(shared, j, n)
+        for s in range(wp.static(sprockets)):
+            place = j - begin - strands[first + s].first_link
+            if place < 0:
+                place = place + count
+            if place < strands[first + s].links:
+                if wp.static(not several) or chains.partners_of_chain(shared, j, 1 << s) != 0:
+                    found = s
+        return wp.where(j < n, found, wp.static(sprockets + kind.parts.chains))
+
+    @wp.func
+    def find_strands(ensemble: kinds.Ensemble, state: kinds.State, shared: Shared, mine: ThreadParts):
+        """Brings up to date which strands the thread's links are on."""
+        first = ensemble.drives[mine.variant].first_sprocket
+        k = int(0)
+        for q in range(wp.static(strand_words(kind))):
+            word = wp.uint32(0)
+            shift = int(0)
+            while shift < wp.static(together * bits) and k < wp.static(rollers_per_thread):
+                of = strand_of_link(shared, state.strands, first, k * wp.static(threads) + mine.thread, mine.rollers)
+                word = word | (wp.uint32(of) << wp.uint32(shift))
+                shift = shift + wp.static(bits)
+                k = k + 1
+            shared.strand_words[q * wp.static(threads) + mine.thread] = word
+
+    @wp.func
+    def stored_strand(shared: Shared, i: int, k: int):
+        """The strand that thread i's link k is on, as `strand_of_link` found it."""
+        word = shared.strand_words[k // wp.static(together) * wp.static(threads) + i]
+        shift = wp.uint32(k % wp.static(together) * wp.static(bits))
+        return int((word >> shift) & wp.uint32(wp.static((1 << bits) - 1)))
+
+    return StrandFunctions(
+        find_strands=find_strands,
+        stored_strand=stored_strand,
+    )

@@ -1,0 +1,211 @@
+"""Tensioners on blocks of threads: what they do to the body that they push, and how their oil goes on.
+
+The oil wants no more than where its plunger is, and nothing wants it before the next step's contacts are done. So where
+many variants share a block, a warp of its own takes the oil of all of them on, a tensioner a thread, while the others
+are at the next step: by itself a thread would have its whole warp wait. They wait for each other by a number that
+stands beside each stroke.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..integrate import stages_of
+from ..number import leading
+from ..physics.tensioner import (
+    advance_tensioner,
+    extension_and_rate,
+    extension_rate,
+    plunger_arm,
+    plunger_losses,
+    supply_pressure,
+    tensioner_energy,
+    tensioner_push,
+)
+from ..sums import add_energy, add_flows, add_meter, add_tensioner
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts, thread_parts
+from .chains import chain_functions
+from .events import END, ENDS, START
+from .oil_warp import DONE, METERED, OVER, oil_warp_functions
+from .rollers import roller_functions
+from .sync import sync_functions
+
+
+@dataclass(frozen=True)
+class TensionerFunctions:
+    """Tensioners of one variant on a block."""
+
+    add_tensioner_forces: wp.Function
+    add_tensioner_step: wp.Function
+    find_supplies: wp.Function
+    advance_tensioners: wp.Function
+    await_oil: wp.Function
+    end_oil_warp: wp.Function
+    serve_variant: wp.Function
+
+
+@cache
+def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
+    """The functions of one variant's tensioners on a block."""
+    chains = chain_functions(kind)
+    oil_warp = oil_warp_functions(kind)
+    rollers = roller_functions(kind)
+    sync = sync_functions(kind)
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
+
+    @wp.func
+    def tensioner_at(ensemble: Ensemble, t: int):
+        """Tensioner t of all, as the kernel knows it."""
+        tensioner = ensemble.tensioners[t]
+        if wp.static(kind.parts.hydraulic == 0):
+            tensioner.hydraulic = 0  # so that the compiler knows
+        return tensioner
+
+    @wp.func
+    def add_tensioner_forces(
+        ensemble: Ensemble, state: State, mine: ThreadParts, stage: int, pose: Pose, wrench: kinds.Wrench
+    ):
+        """The wrench on the thread's body, at `pose` in a stage, with what its tensioners do to it."""
+        kept = True
+        if wp.static(kind.has_stages):
+            kept = stage == 0
+        drive = ensemble.drives[mine.drive_row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
+            tensioner = tensioner_at(ensemble, t)
+            if tensioner.body == mine.body_number:
+                push = tensioner_push(pose, kept, state.tensioners[t], tensioner)
+                state.pushes[t] = push
+                wrench.force = wrench.force + push.thrust
+                wrench.moment = wrench.moment + push.moment
+        return wrench
+
+    @wp.func
+    def add_tensioner_step(
+        ensemble: Ensemble,
+        state: State,
+        out: kinds.Out,
+        mine: ThreadParts,
+        now: Now,
+        before: Pose,
+        seen: kinds.Instant,
+    ):
+        """Adds a step of the tensioners of the thread's body to the sums of the window.
+
+        `before` is where the body was, `seen` has its rates at the step's instant.
+        """
+        drive = ensemble.drives[mine.drive_row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
+            tensioner = tensioner_at(ensemble, t)
+            if tensioner.body == mine.body_number:
+                push = state.pushes[t]
+                rate = extension_rate(leading(plunger_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
+                power, suction = plunger_losses(push, rate, state.tensioners[t], tensioner)
+                sums = out.sums.tensioner[t]
+                out.sums.tensioner[t] = add_tensioner(sums, push, power, suction, now.weight)
+                if now.flags & ENDS != 0:
+                    start, end = now.flags & START != 0, now.flags & END != 0
+                    out.sums.tensioner[t] = add_meter(out.sums.tensioner[t], state.meters[t], start, end)
+                    energy = wp.float64(tensioner_energy(push.extension, push.pressure, state.tensioners[t], tensioner))
+                    at = drive.first_body + mine.body_number
+                    out.tallies.body[at] = add_energy(out.tallies.body[at], now.flags & START != 0, energy)
+
+    @wp.func
+    def find_supplies(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, time: kinds.Number):
+        """Finds what tabulated supplies of the tensioners of the thread's body have at a step's start [s].
+
+        No body moves meanwhile: what turns a pump is another thread's.
+        """
+        drive = ensemble.drives[mine.drive_row]
+        for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
+            tensioner = ensemble.tensioners[t]
+            if tensioner.body == mine.body_number and tensioner.supply_table.cells > 0:
+                pump = chains.body_on_block(
+                    ensemble, shared, mine.drive_row, mine.drive_row - mine.variant, tensioner.pump
+                )
+                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
+                state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
+
+    @wp.func
+    def advance_oil(
+        ensemble: Ensemble, state: State, t: int, x: kinds.Number, rate: kinds.Real, h: kinds.Real, metered: bool
+    ):
+        """Takes the oil of tensioner t of all a step of `h` [s] on, after a stroke to `x` [m] at `rate` [m/s]."""
+        tensioner = tensioner_at(ensemble, t)
+        if wp.static(kind.parts.tabulated_supply > 0):
+            if tensioner.supply_table.cells > 0:
+                tensioner.supply = state.tensioners[t].supply
+        after, flows = advance_tensioner(x, rate, h, metered, state.tensioners[t], tensioner)
+        state.tensioners[t] = after
+        state.meters[t] = add_flows(state.meters[t], flows)
+
+    @wp.func
+    def advance_tensioners(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
+        """Takes the tensioners of the thread's body a step on, once it has moved."""
+        if now.goes_on != 0 and now.stage == stages_of(wp.static(kind.integrator)) - 1:
+            drive = ensemble.drives[mine.drive_row]
+            for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
+                tensioner = ensemble.tensioners[t]
+                if tensioner.body == mine.body_number:
+                    x, rate = extension_and_rate(shared.poses[mine.body], tensioner)
+                    metered = wp.static(kind.measuring) and now.in_window != 0
+                    if wp.static(kind.shape.oil_warp):
+                        k = t - ensemble.drives[mine.variant].first_tensioner
+                        oil_warp.request_oil_step(shared, k, x, rate, metered)
+                    else:
+                        advance_oil(ensemble, state, t, x, rate, rollers.time_step(mine), metered)
+
+    @wp.func
+    def await_oil(shared: Shared):
+        """Waits for the oil, where another warp has it; all threads of the variant together."""
+        if wp.static(kind.shape.oil_warp):
+            oil_warp.await_oil(shared.strokes)
+            sync.barrier()  # before the next stroke
+
+    @wp.func
+    def end_oil_warp(shared: Shared, i: int):
+        """Waits for the oil and lets its warp go, where it has one."""
+        await_oil(shared)
+        if wp.static(kind.shape.oil_warp):
+            if i < wp.static(kind.parts.tensioners):
+                oil_warp.set_request(shared.strokes, i, OVER)
+
+    @wp.func
+    def serve_tensioner(ensemble: Ensemble, state: State, shared: Shared, variant: int, k: int):
+        """Takes the oil of a variant's tensioner k along, whenever that is asked for, until the launch is over."""
+        mine = thread_parts(ensemble.drives[variant], variant, k, -1)
+        asked = oil_warp.request_of(shared.strokes, k)
+        while asked != OVER:
+            if asked != DONE:
+                stroke = shared.strokes[k]
+                t = ensemble.drives[variant].first_tensioner + k
+                advance_oil(ensemble, state, t, stroke.x, stroke.rate, rollers.time_step(mine), asked == METERED)
+                oil_warp.set_request(shared.strokes, k, DONE)
+            asked = oil_warp.request_of(shared.strokes, k)
+
+    @wp.func
+    def serve_variant(ensemble: Ensemble, state: State, shared: Shared, order: wp.array[wp.int32], number: int, k: int):
+        """Whether a thread has no part in a variant; if `k` is not negative it has taken a tensioner's oil along."""
+        over = False
+        if wp.static(kind.shape.oil_warp):
+            if k >= 0:
+                shared.strokes[k].asked = DONE
+            sync.block_barrier()
+            over = k >= 0 or number >= order.shape[0]
+            if k >= 0 and number < order.shape[0]:
+                serve_tensioner(ensemble, state, shared, order[number], k)
+            if over:
+                oil_warp.end_thread()
+        return over
+
+    return TensionerFunctions(
+        add_tensioner_forces=add_tensioner_forces,
+        add_tensioner_step=add_tensioner_step,
+        find_supplies=find_supplies,
+        advance_tensioners=advance_tensioners,
+        await_oil=await_oil,
+        end_oil_warp=end_oil_warp,
+        serve_variant=serve_variant,
+    )

@@ -1,0 +1,75 @@
+"""Moments that turn the bodies of trains on a block, from what each of them has shared."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..integrate import leapfrog_lag
+from ..native import quotient
+from ..number import counted, leading
+from ..physics.motion import prescribed_acceleration
+from ..physics.valve import add_geared_cam, constant_inertia_moment
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .prescribed_motion import prescribed_motion_functions
+
+
+@dataclass(frozen=True)
+class TrainMomentFunctions:
+    """Moments that turn the bodies of trains (`physics.train`)."""
+
+    train_moment: wp.Function
+    speed_and_acceleration_now: wp.Function
+
+
+@cache
+def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
+    """The functions that gather moments on the bodies of a train (`physics.train`)."""
+    Real, kinds = kind.Real, kind.types
+    Ensemble, Shared, Now = kinds.Ensemble, kinds.Shared, kinds.Now
+    prescribed_motion = prescribed_motion_functions(kind)
+
+    @wp.func
+    def moment_without_valves(shared: Shared, mine: ThreadParts, now: Now, b: int, moment: Real):
+        """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
+        cam, kick, own = kinds.Cam(), Real(0.0), shared.motions[b]
+        for other in range(wp.static(kind.parts.rotors)):
+            motion = shared.motions[other]
+            if motion.train == own.train:
+                cam = add_geared_cam(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
+        if wp.static(not kind.has_stages):
+            kick = Real(2.0) * leapfrog_lag(now.step, leading(prescribed_motion.exact_time_step(mine)))
+        return constant_inertia_moment(moment, leading(shared.poses[b].speed), kick, cam, own)
+
+    @wp.func
+    def train_moment(shared: Shared, mine: ThreadParts, now: Now, b: int):
+        """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
+        own, total = shared.motions[b], Real(0.0)
+        for other in range(wp.static(kind.parts.rotors)):
+            motion = shared.motions[other]
+            if motion.train == own.train:
+                total = total + motion.ratio * shared.train_moments[other]
+        moment = quotient(total, own.ratio)
+        if wp.static(kind.parts.valves > 0):
+            moment = moment_without_valves(shared, mine, now, b, moment)
+        return moment
+
+    @wp.func
+    def speed_and_acceleration_now(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, b: int):
+        """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
+        pose, motion = shared.poses[b], shared.motions[b]
+        speed, angular = leading(pose.speed), train_moment(shared, mine, now, b) * motion.inverse_inertia
+        if wp.static(kind.integrator == 0):
+            lag = leapfrog_lag(now.step, leading(prescribed_motion.exact_time_step(mine)))
+            speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
+        if motion.prescribed == 1:
+            angular = prescribed_acceleration(
+                counted(now.step, prescribed_motion.exact_time_step(mine)), motion, ensemble
+            )
+        return speed, angular
+
+    return TrainMomentFunctions(
+        train_moment=train_moment,
+        speed_and_acceleration_now=speed_and_acceleration_now,
+    )

@@ -1,0 +1,151 @@
+"""Whole steps of one variant on one warp, and variants of a block that wait for each other."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from .block_kinds import BlockKind, inlined
+from .block_structs import ThreadParts
+from .contacts import contact_functions
+from .events import EXTRA
+from .joints import joint_functions
+from .links import link_functions
+from .near_partners import near_partner_functions
+from .rollers import roller_functions
+from .sampling import sampling_functions
+from .shared_memory import array_view
+from .steps import step_functions
+from .sync import sync_functions
+from .tooth_gaps import tooth_gap_functions
+
+MEETING_INTERVAL = wp.constant(16)
+"""Steps after which variants of a block wait for each other."""
+
+
+@wp.func
+def plain_step(now: Any):
+    """A step at which nothing is wanted but forces and motion: so the compiler leaves out what else there is."""
+    now.flags = 0
+    now.goes_on = 1
+    return now
+
+
+@dataclass(frozen=True)
+class WarpStepFunctions:
+    """Whole steps of a variant on one warp."""
+
+    find_near_partners: wp.Function
+    is_common_step: wp.Function
+    take_step: wp.Function
+    wait_for_other_variants: wp.Function
+    take_steps_to_event: wp.Function
+
+
+@cache
+def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
+    """The functions that take a variant on one warp through whole steps."""
+    Real, measuring = kind.Real, kind.measuring
+    kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    joints = joint_functions(kind)
+    links = link_functions(kind)
+    contacts = contact_functions(kind)
+    near_partners = near_partner_functions(kind)
+    tooth_gaps = tooth_gap_functions(kind)
+    rollers = roller_functions(kind)
+    sampling = sampling_functions(kind, frame)
+    sync = sync_functions(kind)
+    steps = step_functions(kind, frame)
+    lengths_of = array_view(Real)
+    pull = joints.find_link_forces if kind.friction.joints else links.find_link_forces
+
+    @wp.func
+    def find_near_partners(
+        ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, contact: contacts.Contact
+    ):
+        """The partners that the thread's rollers may touch, from those of the step before in `contact`."""
+        near = near_partners.update_near_partners(state, shared, mine, now, contact.near)
+        return tooth_gaps.contact_from_bits(ensemble, state, shared, mine, near)
+
+    @wp.func
+    def is_common_step(now: Now):
+        """Whether a step is neither the first nor the last, without a frame, and not at the window's ends."""
+        whole = now.goes_on != 0 and now.step != 0 and now.flags & EXTRA == 0
+        if wp.static(measuring):
+            return whole and now.measures != 0
+        else:
+            return whole
+
+    @wp.func
+    def common_step(mine: ThreadParts, now: Now):
+        """A step of which metrics are wanted in full, but neither frames nor events: the compiler leaves those out."""
+        now.measures = wp.static(int(measuring))
+        now.weight = rollers.time_step(mine)
+        now.wanted_moments = now.moved_sprockets
+        return plain_step(now)
+
+    @inlined
+    def take_step(
+        ensemble: Ensemble,
+        state: State,
+        out: Out,
+        shared: Shared,
+        mine: ThreadParts,
+        now: Now,
+        contact: contacts.Contact,
+    ):
+        """A whole step or stage of a variant on one warp, with `contact` as from `find_near_partners`."""
+        lengths = lengths_of(ensemble.lengths, mine.first_roller, wp.static(kind.shape.slots))
+        # first, so that both read places of rollers once, and nothing branches while they wait for them
+        contact = find_near_partners(ensemble, state, shared, mine, now, contact)
+        tension, rate = pull(state, shared, mine, now, lengths)
+        # before anything else, so that tensions and rates do not stay in registers any longer
+        sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        steps.add_contact_forces(ensemble, state, out, shared, mine, now, contact)
+        sync.barrier()
+        steps.sample_rollers(ensemble, state, out, shared, mine, now)
+        steps.advance_bodies(ensemble, state, out, shared, mine, now)
+        steps.advance_oil(ensemble, state, shared, mine, now)
+        return contact
+
+    @wp.func
+    def wait_for_other_variants(now: Now):
+        """Waits now and then for the block's other variants, so that all go through the same code at the same time."""
+        if (
+            wp.static(kind.shape.variants_per_block > 1 and not kind.shape.oil_warp)
+            and now.step % MEETING_INTERVAL == 0
+        ):
+            sync.block_barrier()
+
+    @inlined
+    def take_steps_to_event(
+        ensemble: Ensemble,
+        state: State,
+        out: Out,
+        shared: Shared,
+        mine: ThreadParts,
+        now: Now,
+        contact: contacts.Contact,
+        end: int,
+    ):
+        """Steps of a variant on one warp that want no more than most do, `now` being one: to an event, or to `end`."""
+        now = common_step(mine, now)
+        end = wp.min(end, now.next_event)
+        while True:
+            contact = take_step(ensemble, state, out, shared, mine, now, contact)
+            now.step = now.step + 1
+            sync.barrier()
+            if now.step >= end:
+                break
+            wait_for_other_variants(now)
+        return now, contact
+
+    return WarpStepFunctions(
+        find_near_partners=find_near_partners,
+        is_common_step=is_common_step,
+        take_step=take_step,
+        wait_for_other_variants=wait_for_other_variants,
+        take_steps_to_event=take_steps_to_event,
+    )
