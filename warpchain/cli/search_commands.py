@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from warpchain.cli.commands import DONE, resumable_command
 from warpchain.cli.shared_options import (
@@ -15,6 +15,10 @@ from warpchain.cli.shared_options import (
     run_options_from_arguments,
     status_printer,
 )
+
+if TYPE_CHECKING:
+    from warpchain.study.optimize.recommend import RecommendedDesign
+    from warpchain.study.results import Results
 
 
 def add_search_command(
@@ -61,7 +65,10 @@ def optimize_command(arguments: argparse.Namespace) -> int:
 def add_risk_command(commands: Any) -> None:
     """Adds `warpchain risk` to the command line."""
     text = "how likely a drive breaks a limit over its noise, and how it most likely does"
-    add_search_command(commands, risk_command, text, "noise factors and [[limits]]")
+    drive = {"metavar": "DRIVE", "nargs": "?"}
+    drive["help"] = "drive file or name of an example, beside the study's own as today's design; default that alone"
+    words = "STUDY.toml proposed.toml"
+    add_search_command(commands, risk_command, text, "noise factors and [[limits]]", words, {"drive": drive})
 
 
 @resumable_command("what is done is")
@@ -71,35 +78,24 @@ def risk_command(arguments: argparse.Namespace) -> int:
     from warpchain.study.report.risk_page import risk_lines, write_risk_page
 
     say = status_printer(arguments)
-    found = estimate_risk(arguments.study, arguments.output, report=say, **run_options_from_arguments(arguments))
+    options = run_options_from_arguments(arguments)
+    found = estimate_risk(arguments.study, arguments.output, arguments.drive, report=say, **options)
+    if found.today is not None:
+        write_risk_page(found.today)
     print(*risk_lines(found), f"page: {write_risk_page(found)}", sep="\n")
     return DONE
 
 
 def _print_recommended(found: Any) -> None:
     """Prints the designs that a search recommends, and how to play them."""
-    from warpchain.results.units import quantity_words
 
     results, runs = found.designs, len(found.results.status)
     over = f" of {len(results.status)} designs over the same noise" if found.results.noise_factors else ""
     print(f"{runs} variants{over} in {found.rounds} rounds, {int(found.results.ok.sum())} of them ok")
+    if found.today is not None:
+        _print_design(results, "today's design", found.today)
     for k, one in enumerate(found.recommended):
-        print(f"\ndesign {k + 1}: variant {one.variant}" + (", its worst run" if one.spreads else ""))
-        for line in one.reasons:
-            print(f"  {line}")
-        for name in results.factors:
-            value = results.table[name][one.row].as_py()
-            words = (
-                quantity_words(value, results.column_unit(name), digits=6) if isinstance(value, float) else str(value)
-            )
-            print(f"  {name} = {words}")
-        for name, (mean, deviation) in one.believed.items():
-            if name not in results.factors:
-                unit = results.column_unit(name)
-                simulated = "" if one.spreads else f"model estimate; {quantity_words(one.measured[name], unit)} "
-                print(f"  {name}: {quantity_words(mean, unit, deviation)} ({simulated}simulated)")
-        for of in one.spreads:
-            print(f"  spread of {of.metric} over the noise comes from: {of.parts_text()}")
+        _print_design(results, f"design {k + 1}", one)
         print(f"  drive: {found.drives[k]}")
         if found.archives[k] is not None:
             archive, number = found.archives[k]
@@ -109,6 +105,30 @@ def _print_recommended(found: Any) -> None:
     of = over_noise if found.results.noise_factors else "one standard deviation of the metric itself, by a surrogate"
     print(f"\n± is {of}")
     print(f"report: warpchain study report {found.folder} -o report.html")
+
+
+def _print_design(results: Results, name: str, one: RecommendedDesign) -> None:
+    """Prints a design: its reasons, factors, metrics, and what is other than today."""
+    from warpchain.results.units import quantity_words
+    from warpchain.study.report.decision_sections import change_texts
+
+    print(f"\n{name}: variant {one.variant}" + (", its worst run" if one.spreads else ""))
+    for line in one.reasons:
+        print(f"  {line}")
+    for factor in results.factors:
+        value = results.table[factor][one.row].as_py()
+        unit = results.column_unit(factor)
+        print(f"  {factor} = {quantity_words(value, unit, digits=6) if isinstance(value, float) else value}")
+    for metric, (mean, deviation) in one.believed.items():
+        if metric in results.factors:
+            continue
+        unit = results.column_unit(metric)
+        simulated = "" if one.spreads else f"model estimate; {quantity_words(one.measured[metric], unit)} "
+        change = ", ".join(filter(None, change_texts(one.changes.get(metric), unit)))
+        beside = f"; less today's {change}" if change else ""
+        print(f"  {metric}: {quantity_words(mean, unit, deviation)} ({simulated}simulated{beside})")
+    for of in one.spreads:
+        print(f"  spread of {of.metric} over the noise comes from: {of.parts_text()}")
 
 
 def add_calibrate_command(commands: Any) -> None:

@@ -91,7 +91,7 @@ def largest_effect_error(results: Results, metrics: tuple[str, ...], relative: b
     """The largest standard error of a group's mean, with its metric and factor."""
     if not results.ok.any():
         raise StudyError("no variant is ok: there are no main effects to know")
-    worst = (0.0, "", "")
+    results, worst = results.sampled_rows(), (0.0, "", "")
     for metric in metrics:
         rows = results.usable_rows(metric)
         if rows.sum() < 2:

@@ -30,10 +30,13 @@ ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
 """Adjustments that make the chain fit: number of links, travel of the sprocket [m]."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 """Ends of the adjustment columns of one of several chains."""
+TODAY_COLUMN = "today"
+"""Mark of the rows of today's design: whether they were added to the study's design; null in other rows."""
 RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
 SETTLING_COLUMNS = tuple(column.name for column in SETTLING_METRICS.columns)
 BOOKKEEPING_COLUMNS = (
     "variant",
+    TODAY_COLUMN,
     *OUTCOME_COLUMNS,
     *ARCHIVE_COLUMNS,
     *ADJUSTMENT_COLUMNS,
@@ -59,6 +62,13 @@ def search_target_of(table: pa.Table) -> str:
     """Target of the search that made a table's rows, such as "failures"; "" for a sample."""
     noted = ((field.metadata or {}).get(SEARCH_TARGET_KEY.encode(), b"") for field in table.schema)
     return next((word.decode() for word in noted if word), "")
+
+
+def added_rows(table: pa.Table) -> NDArray[np.bool_]:
+    """Whether each row of a table was added to the study's design as today's (R,)."""
+    if TODAY_COLUMN not in table.column_names:
+        return np.zeros(table.num_rows, dtype=bool)
+    return np.array([mark is True for mark in table[TODAY_COLUMN].to_pylist()], dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -203,16 +213,25 @@ class Results:
             )
 
     def sampled_rows(self) -> Results:
-        """Results of the rows that are a sample: all of a study's, the first round of a search.
+        """Results of the rows that are a sample: all of a study's, the first round of a search, no added rows.
 
         Raises:
             StudyError: all rows search for something.
         """
         self.check_sampled()
-        if ROUND_COLUMN not in self.table.column_names:
-            return self
-        rounds = self.values(ROUND_COLUMN)
-        return Results(self.table.take(np.flatnonzero(rounds == rounds.min())), self.factors, self.metrics)
+        rows = ~added_rows(self.table)
+        if ROUND_COLUMN in self.table.column_names:
+            rounds = self.values(ROUND_COLUMN)
+            rows &= rounds == rounds.min()
+        return self if rows.all() else Results(self.table.filter(rows), self.factors, self.metrics)
+
+    @property
+    def row_of_today(self) -> int | None:
+        """First row of today's design; None if there is none."""
+        if TODAY_COLUMN not in self.table.column_names:
+            return None
+        marks = self.table[TODAY_COLUMN].to_pylist()
+        return next((row for row, mark in enumerate(marks) if mark is not None), None)
 
     def _noise_kind(self, factor: str) -> str:
         """`kind` in a factor's field metadata: `NOISE`, `TIED_NOISE`, or ""."""

@@ -30,7 +30,7 @@ from warpchain.results.replicate_metrics import ERROR_SUFFIX, ROLE_OF_ERRORS
 from warpchain.study.analysis.paired import FEWEST_PAIRS, MeanDifference, mean_difference
 from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals
 from warpchain.study.analysis.pure_error import CONFIDENCE
-from warpchain.study.results import ARCHIVE_COLUMNS, Array, Results
+from warpchain.study.results import ARCHIVE_COLUMNS, TODAY_COLUMN, Array, Results
 from warpchain.study.spec.noise_table import Statistic, metric_from_name, statistic_from_name
 from warpchain.study.spec.study_tables import Bound, Objective
 
@@ -186,6 +186,10 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
     for name in ("status", "reason"):
         if name in results.table.column_names:
             table = table.append_column(name, results.table[name].take(worst))
+    if TODAY_COLUMN in results.table.column_names:
+        marks = results.table[TODAY_COLUMN].to_pylist()
+        own = [next((marks[row] for row in of.tolist() if marks[row] is not None), None) for of in rows]
+        table = table.append_column(TODAY_COLUMN, pa.array(own, pa.bool_()))
     metrics = []
     for statistic in _statistics_of_goals(over):
         values = _ok_values(results, statistic.metric)

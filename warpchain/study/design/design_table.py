@@ -30,7 +30,7 @@ from warpchain.study.design.factor_values import (
     values_from_probabilities,
 )
 from warpchain.study.design.noise_rows import crossed_rows, noise_rows
-from warpchain.study.results import DISTRIBUTION_KEY, NOISE, TIED_NOISE
+from warpchain.study.results import DISTRIBUTION_KEY, NOISE, TIED_NOISE, TODAY_COLUMN
 from warpchain.study.store import MOST_ROWS
 
 if TYPE_CHECKING:
@@ -61,25 +61,36 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
 
 
 def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Design table of rows given by factor, with tied factors and checked constraints."""
+    """Design table of rows given by factor, with tied factors and checked constraints.
+
+    Rows may also have a value of `TODAY_COLUMN`.
+    """
     given = [factor.name for factor in study.factors if factor.value_source != "expression"]
     for i, values in enumerate(rows):
         for name in given:
             if values.get(name) is None:
                 raise StudyError(f"rows: row {i}: factor {name!r} has no value")
-    return _completed_table(study, ({name: values[name] for name in given} for values in rows))
+    kept = (*given, TODAY_COLUMN)
+    return _completed_table(study, ({name: values[name] for name in kept if name in values} for values in rows))
 
 
 def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
     """Design table of rows without tied factors, which are filled in."""
+    import pyarrow as pa
+
     order = tied_factors(study)
     columns: dict[str, list[Any]] = {factor.name: [] for factor in study.factors}
     reasons: list[str | None] = []
+    today: list[bool | None] = []
     for row in rows:
+        today.append(row.pop(TODAY_COLUMN, None))
         reasons.append(fill_tied_values(study, order, row))
         for name, column in columns.items():
             column.append(row[name])
-    return _arrow_table(study, columns, reasons)
+    table = _arrow_table(study, columns, reasons)
+    if all(mark is None for mark in today):
+        return table
+    return table.add_column(1 + len(columns), pa.field(TODAY_COLUMN, pa.bool_()), pa.array(today, pa.bool_()))
 
 
 def _factor_columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:

@@ -13,26 +13,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from warpchain.argument_checks import AllowedRange, Count, NonNegativeNumber, Workers, check_arguments
-from warpchain.drive import Drive
 from warpchain.drive.schema import nearest_key_text
 from warpchain.engine.simulation import MEMORY
-from warpchain.errors import StudyError, WarpchainError
+from warpchain.errors import StudyError
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.metric_columns import metric_names
 from warpchain.study.analysis.paired import MeanDifference, mean_difference
-from warpchain.study.design.factor_values import fill_tied_values, tied_factors
-from warpchain.study.design.noise_rows import noise_dimensions, noise_rows_of_normals, nominal_value
+from warpchain.study.design.noise_rows import noise_dimensions, noise_rows_of_normals
 from warpchain.study.optimize.design_search import make_search_folder
 from warpchain.study.optimize.study_session import StudySession, read_rounds
 from warpchain.study.results import Array, Results, read_results
-from warpchain.study.run.row_drives import drive_of_row
 from warpchain.study.run.shards import kept_metric_patterns
-from warpchain.study.spec import Study
+from warpchain.study.run.today import row_of_drive
 from warpchain.study.spec.noise_table import Noise, metric_from_name, statistic_from_name
 from warpchain.study.store import write_table
 
@@ -165,7 +162,7 @@ def find_better(
     if first.drive == second.drive:
         raise StudyError(f"{drives[0]} and {drives[1]}: are the same drive")
     metric, way = _compared_metric(benches, by)
-    held = [_held_design_values(bench, drive) for bench, drive in zip(benches, drives, strict=True)]
+    held = [row_of_drive(study, bench.drive, drive) for bench, drive in zip(benches, drives, strict=True)]
     folders = tuple(
         make_search_folder(Path(out) / name, bench) for name, bench in zip(DRIVE_NAMES, benches, strict=True)
     )
@@ -225,31 +222,3 @@ def _compared_metric(benches: Sequence[StudySession], by: Comparison) -> tuple[s
         raise StudyError(f"metric = {metric!r}: metrics.keep of the study leaves it out")
     named = [o for o in study.objectives if metric_from_name(o.metric) == metric and not o.metric.startswith("std(")]
     return metric, by.sense or (named[0].sense if named else "min")
-
-
-def _held_design_values(bench: StudySession, drive: Any) -> dict[str, Any]:
-    """Values of the design factors that leave a drive as it is."""
-    study: Study = bench.study.design_study
-    row = {
-        factor.name: nominal_value(factor, bench.drive)
-        for factor in study.factors
-        if factor.value_source != "expression"
-    }
-    given = dict(row)
-    reason = fill_tied_values(study, tied_factors(study), row)
-    for factor in study.factors if reason is None else ():
-        if factor.value_source != "expression" and not any(factor.target_paths()) and factor.shift is None:
-            reason = f"factor {factor.name} has no place in a drive file, which could not say its value"
-        elif not _is_unchanged(study.model_copy(update={"factors": (factor,)}), bench.drive, row):
-            reason = reason or f"factor {factor.name} has no value that leaves this drive as it is"
-    if reason is not None:
-        raise StudyError(f"{drive}: {reason}")
-    return given
-
-
-def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
-    """Whether values of a study's factors leave a drive as it is."""
-    try:
-        return drive_of_row(study, drive, row) == drive
-    except WarpchainError:
-        return False

@@ -31,7 +31,13 @@ from warpchain.results.arrow_tables import table_with_column
 from warpchain.study.analysis.over_noise import Designs, designs_of
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.design_table import design_table_of_rows
-from warpchain.study.optimize.recommend import RecommendedDesign, recommend, rows_of_recommended
+from warpchain.study.optimize.recommend import (
+    RecommendedDesign,
+    design_of_today,
+    judge_rows,
+    recommend_rows,
+    rows_of_recommended,
+)
 from warpchain.study.optimize.study_session import StudySession, read_rounds, round_table_path
 from warpchain.study.results import ARCHIVE_COLUMNS, Results, read_results
 from warpchain.study.run.study_folder import DRIVE_TEXT_FILE
@@ -47,6 +53,7 @@ class SearchResult:
     Attributes:
         designs: the rows, or with noise the designs over it (`analysis.over_noise`).
         recommended: recommended designs, the best compromise first.
+        today: today's design; None if the study did not ask for it.
         archives: archive and number in it of each one's recording; None if it has none.
     """
 
@@ -56,6 +63,7 @@ class SearchResult:
     designs: Results
     rounds: int
     recommended: tuple[RecommendedDesign, ...]
+    today: RecommendedDesign | None
     drives: tuple[Path, ...]
     archives: tuple[tuple[Path, int] | None, ...]
 
@@ -100,11 +108,11 @@ def optimize(
             table = read_table(done)  # what was asked for follows from the rows before: it need not be found again
             bench.remember_rows(table)
         else:
-            rows = optimizer.ask()
+            rows = bench.ask()
             if not rows:
                 break
             table = bench.run_round(rounds, rows, progress)
-        optimizer.observe(table)
+        bench.observe(table)
         rounds += 1
         gathered = read_rounds(folder, rounds)
         write_table(folder / "results.parquet", gathered)
@@ -113,11 +121,13 @@ def optimize(
             report(f"round {rounds}: {_search_status_line(results, optimizer.goals)}")
     results = read_results(folder / "results.parquet", bench.shown_factors)
     designs, over = designs_of(results, optimizer.goals)
-    chosen = tuple(recommend(designs, over, search.recommend))
+    judged = judge_rows(designs, over)
+    chosen = tuple(recommend_rows(designs, judged, search.recommend))
     drives, archives = _write_recommended(
         folder, bench, results, rows_of_recommended(bench.study, bench.drive, designs, chosen), chosen
     )
-    return SearchResult(folder, optimizer.goals, results, designs, rounds, chosen, drives, archives)
+    today = design_of_today(designs, judged)
+    return SearchResult(folder, optimizer.goals, results, designs, rounds, chosen, today, drives, archives)
 
 
 def make_search_folder(path: Path, bench: StudySession) -> Path:

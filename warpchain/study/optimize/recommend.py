@@ -8,9 +8,9 @@ another one beats.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from warpchain.study.analysis.pure_error import row_standard_errors
 from warpchain.study.design.noise_rows import nominal_row
 from warpchain.study.results import Array, Results
 from warpchain.study.spec import Study
-from warpchain.study.spec.noise_table import metric_from_name
+from warpchain.study.spec.noise_table import metric_from_name, statistic_from_name
 from warpchain.study.surrogate import best_surrogate
 
 SURE_PROBABILITY = 0.95
@@ -47,8 +47,36 @@ class MetricEstimate:
 
 
 @dataclass(frozen=True)
+class MetricChange:
+    """Change of a goal's metric from today's design to another.
+
+    Attributes:
+        difference: of the metric; of what a surrogate estimates without noise.
+        half: half width of the interval of the difference: 95 % over the same noise, else two standard deviations.
+        sign: 1 or -1 if the metric is surely above or below today's, else 0.
+        sense: "min" or "max" of an objective, "" of another metric.
+        pairs: over the same noise, number of pairs of runs that differ in this way, and of all pairs; None without.
+    """
+
+    difference: float
+    half: float
+    sign: int
+    sense: str
+    pairs: tuple[int, int] | None = None
+
+    @property
+    def verdict(self) -> str:
+        """Word on the change: better or worse of an objective, more or less of another metric, or not known."""
+        if not self.sign:
+            return "not known"
+        if not self.sense:
+            return "more" if self.sign > 0 else "less"
+        return "better" if (self.sign > 0) == (self.sense == "max") else "worse"
+
+
+@dataclass(frozen=True)
 class RecommendedDesign:
-    """A recommended design, with its reasons.
+    """A recommended design, or today's, with its reasons.
 
     Attributes:
         believed: mean and standard deviation by metric; with noise, of its runs.
@@ -56,6 +84,7 @@ class RecommendedDesign:
         chance: probability that it keeps all limits; with noise, the share of its runs that do.
         alike: number of other rows that are not surely different in its objectives.
         spreads: with noise, spreads of its metrics.
+        changes: from today's design, by metric; none without one that is ok, and of today's itself.
     """
 
     row: int
@@ -66,6 +95,7 @@ class RecommendedDesign:
     chance: float
     alike: int
     spreads: tuple[NoiseSpread, ...] = ()
+    changes: Mapping[str, MetricChange] = field(default_factory=dict)
 
 
 def metric_estimate(results: Results, metric: str) -> MetricEstimate:
@@ -157,7 +187,22 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
     Raises:
         StudyError: no row is ok and has all metrics.
     """
-    judged = judge_rows(results, goals)
+    return recommend_rows(results, judge_rows(results, goals), most)
+
+
+def design_of_today(results: Results, judged: JudgedRows) -> RecommendedDesign | None:
+    """Today's design, described as recommended ones are; None if it was not run."""
+    row = results.row_of_today
+    return None if row is None else _recommended_design(results, judged, row, [])
+
+
+def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[RecommendedDesign]:
+    """`recommend` of rows that are judged.
+
+    Raises:
+        StudyError: no row has a chance to keep the limits.
+    """
+    goals = judged.goals
     front = estimated_front(judged)
     if not len(front):
         raise StudyError("objectives: no variant that is ok has any chance to keep the limits")
@@ -241,7 +286,7 @@ def _chance_text(judged: JudgedRows, row: int) -> str:
 def _recommended_design(
     results: Results, judged: JudgedRows, row: int, reasons: list[tuple[str, int]]
 ) -> RecommendedDesign:
-    """Recommended design of a row, with its reasons as lines."""
+    """Recommended design of a row, with its reasons as lines; without reasons one that is only shown."""
     goals = judged.goals
     objectives = [m for _, m in reasons if m >= 0] or list(range(len(goals.objectives)))
     others = np.flatnonzero(judged.held)
@@ -253,7 +298,11 @@ def _recommended_design(
     if isinstance(results, Designs):
         metrics = dict.fromkeys(metric_from_name(n) for n in goals.named_metrics if n not in results.factors)
         spreads = tuple(spread(results, row, metric) for metric in metrics)
-    over = isinstance(results, Designs)
+    over, today = isinstance(results, Designs), results.row_of_today
+    if row == today:
+        lines.append("today's design, the base drive as it is")
+    if not results.ok[row]:
+        lines.append(f"{results.status[row]}: {results.reason(row)}")
     if isinstance(results, Designs) and results.bounds:
         lines.append(results.kept_text(row))
         kept, count = results.kept_counts(row)
@@ -272,7 +321,7 @@ def _recommended_design(
     if alike > 0:
         how = "over the same noise" if over else "within two standard deviations"
         lines.append(f"{alike} other variant{'s' if alike > 1 else ''} cannot be told from it {how}")
-    if isinstance(results, Designs):
+    if isinstance(results, Designs) and reasons:
         lines += _passed_over_lines(results, judged, row)
     return RecommendedDesign(
         row,
@@ -283,7 +332,26 @@ def _recommended_design(
         chance,
         max(alike, 0),
         spreads,
+        {} if today in (None, row) else _metric_changes(results, judged, today, row),
     )
+
+
+def _metric_changes(results: Results, judged: JudgedRows, before: int, after: int) -> dict[str, MetricChange]:
+    """Changes of the goals' metrics from one row to another, by metric, of those that both have."""
+    senses = {objective.metric: objective.sense for objective in judged.goals.objectives}
+    found = {}
+    for name, of in judged.believed.items():
+        gap, half = of.mean[after] - of.mean[before], 2.0 * np.hypot(of.deviation[after], of.deviation[before])
+        sign, statistic, pairs = int(np.sign(gap)) * int(abs(gap) > half), statistic_from_name(name), None
+        if isinstance(results, Designs) and statistic is not None:
+            ways = np.sign(np.diff(results.paired_values(before, after, statistic.metric))[:, 0])
+            pairs = int((ways == np.sign(gap)).sum()), len(ways)
+            sure = results.sure_sign(before, after, name)
+            if sure is not None:
+                sign, half = sure, results.statistic_difference(before, after, statistic).half
+        if np.isfinite(gap):
+            found[name] = MetricChange(float(gap), float(half), sign, senses.get(name, ""), pairs)
+    return found
 
 
 def rows_of_recommended(

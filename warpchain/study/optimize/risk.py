@@ -5,9 +5,10 @@
     results.parquet          all runs, marked as no sample of the noise
     risk.json                the estimates
     played/                  a recording of the most likely way to fail
+    today/                   the same of the study's own drive, today's design, where another one was asked for
 
-Noise factors are made of independent standard normals; design factors are held at the base drive's values. The same
-study asks for the same runs, so that it can be resumed.
+Noise factors are made of independent standard normals; design factors are held at the drive's values. The same study
+asks for the same runs, so that it can be resumed.
 """
 
 from __future__ import annotations
@@ -35,16 +36,17 @@ from warpchain.study.analysis.importance_sampling import (
     joint_estimate,
 )
 from warpchain.study.design.factor_values import design_dimensions
-from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals, nominal_value
+from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals
 from warpchain.study.optimize.design_search import make_search_folder
 from warpchain.study.optimize.study_session import StudySession, read_rounds
 from warpchain.study.results import Array, Results, read_results
 from warpchain.study.run.recordings import RepeatedRun, recording_of_variant
+from warpchain.study.run.today import row_of_drive
 from warpchain.study.spec import Study, load_study
 from warpchain.study.spec.study_tables import Risk
 from warpchain.study.store import write_study_text, write_table
 
-SUMMARY_FILE = "risk.json"
+SUMMARY_FILE, TODAY_FOLDER = "risk.json", "today"
 NOT_OK_LIMIT = ("", "")
 """Stands for a limit if a run is not ok."""
 LimitEnd = tuple[str, str]
@@ -69,18 +71,21 @@ class DesignPoint:
 
 @dataclass(frozen=True)
 class RiskEstimate:
-    """Probability that a study's limits are broken over its noise, by two ways.
+    """Probability that a drive breaks a study's limits over its noise, by two ways.
 
     Attributes:
+        drive: its file or example, as it was named.
         joint: the estimate to state, or in words why there is none.
         sampled: estimate by importance sampling, or in words why there is none.
         search_runs: number of runs of the search for them.
         shares: part of the failures that break each limit [-].
         variant: number of the run that failed at the likeliest values.
         distance: its distance from the medians, in standard deviations [-].
+        today: the same of the study's own drive, today's design; None where that is this drive.
     """
 
     folder: Path
+    drive: str
     study: Study
     results: Results
     joint: FailureEstimate | str
@@ -92,17 +97,37 @@ class RiskEstimate:
     variant: int
     distance: float
     archive: Path
+    today: RiskEstimate | None = None
+
+    @property
+    def sign_beside_today(self) -> int | None:
+        """-1 or 1 if it surely fails less or more often than today's design; 0 if not known, None without that.
+
+        Sure is where the two intervals of 95 % do not overlap.
+        """
+        if self.today is None:
+            return None
+        here, there = self.joint, self.today.joint
+        if isinstance(here, str) or isinstance(there, str):
+            return 0
+        return int(here.low > there.high) - int(here.high < there.low)
 
 
 class LimitMargins:
-    """Least margin to a study's limits, in parts of them, over standard normals."""
+    """Least margin to a study's limits, in parts of them, over standard normals.
+
+    Args:
+        held: values of the design factors.
+    """
 
     def __init__(
-        self, bench: StudySession, progress: Progress, report: Callable[[str], object] = lambda line: None
+        self,
+        bench: StudySession,
+        held: Mapping[str, Any],
+        progress: Progress,
+        report: Callable[[str], object] = lambda line: None,
     ) -> None:
-        self._bench, self._progress, self._report = bench, progress, report
-        chosen = [factor for factor in bench.study.design_study.factors if factor.value_source != "expression"]
-        self._held = {factor.name: nominal_value(factor, bench.drive) for factor in chosen}
+        self._bench, self._held, self._progress, self._report = bench, held, progress, report
         ends = [(b.metric, end, getattr(b, end)) for b in bench.study.bounds for end in ("min", "max")]
         self._ends = [(metric, end, float(value)) for metric, end, value in ends if value is not None]
         self.limits: list[LimitEnd] = [*((metric, end) for metric, end, _ in self._ends), NOT_OK_LIMIT]
@@ -112,7 +137,7 @@ class LimitMargins:
 
     def __call__(self, u: Array) -> Array:
         raise_if_stopped()
-        rows = [self._held | row for row in noise_rows_of_normals(self._bench.study, u)]
+        rows = [{**self._held, **row} for row in noise_rows_of_normals(self._bench.study, u)]
         table = self._bench.run_round(self.rounds, rows, self._progress)
         self.rounds += 1
         results = read_results(table, self._bench.factor_names, ())
@@ -155,6 +180,7 @@ class LimitMargins:
 def estimate_risk(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
+    drive: str | os.PathLike[str] | None = None,
     *,
     workers: Workers | None = None,
     memory: Count = MEMORY,
@@ -166,6 +192,8 @@ def estimate_risk(
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
         out: the folder; made if there is none.
+        drive: file of the drive, or the name of an example; the study's own drive, today's design, is then estimated
+            as well, unless it is the same. None is the study's own.
         progress: True shows a bar for each batch; see `StudySession.evaluate`.
         report: called with a line on what is to be run, and with one after each batch.
 
@@ -174,29 +202,54 @@ def estimate_risk(
             subset simulation does not come to them.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
-    bench = StudySession(source, out, workers=workers, memory=memory, search_target="failures")
-    study, settings = bench.study, bench.study.risk or Risk()
+    say = report or (lambda line: None)
+    machine: dict[str, Any] = {"workers": workers, "memory": memory}
+    bench = StudySession(source, out, drive=drive, search_target="failures", **machine)
+    name = bench.study.study.drive if drive is None else os.fspath(drive)
+    own = (
+        bench if drive is None else StudySession(source, Path(out) / TODAY_FOLDER, search_target="failures", **machine)
+    )
+    _estimate_drive_risk(bench, name, machine, progress, say)
+    if own.drive != bench.drive:
+        try:
+            report_today = lambda line: say(f"today's design: {line}")  # noqa: E731
+            _estimate_drive_risk(own, own.study.study.drive, machine, progress, report_today)
+        except StudyError as error:
+            raise StudyError(f"today's design: {error}") from None
+    return read_risk(out)
+
+
+def _estimate_drive_risk(
+    bench: StudySession, name: str, machine: Mapping[str, Any], progress: Progress, say: Callable[[str], object]
+) -> None:
+    """Estimates the risk of one drive, and writes it to its session's folder.
+
+    Args:
+        name: of the drive.
+        machine: threads and memory, as of `estimate_risk`.
+    """
+    source, study, settings = bench.source, bench.study, bench.study.risk or Risk()
     if not study.noise_names:
         raise StudyError(f'{source}: factors: none is noise; risk needs at least one of kind "noise"')
     if not study.bounds:
         raise StudyError(f"{source}: limits: none is on a metric; risk needs an entry with metric, and max or min")
-    folder = make_search_folder(Path(out), bench)
-    say = report or (lambda line: None)
+    held = row_of_drive(study, bench.drive, name)
+    assert bench.folder is not None  # both sessions have one
+    folder = make_search_folder(bench.folder, bench)
     say(
         f"{settings.count * settings.repeats} runs for each power of ten of the probability, then {settings.samples} "
         "more and the search of the design points"
     )
-    margins = LimitMargins(bench, progress, say)
+    margins = LimitMargins(bench, held, progress, say)
     try:
-        found = _risk_data(margins, study, settings)
+        found = {"drive": name, **_risk_data(margins, study, settings)}
     finally:
         if margins.rounds:
             write_table(folder / "results.parquet", read_rounds(folder, margins.rounds))
     again = recording_of_variant(folder, found["variant"])
     if isinstance(again, RepeatedRun):
-        again.run_again(workers=workers, memory=memory)
+        again.run_again(**machine)
     write_study_text(folder / SUMMARY_FILE, json.dumps(found, indent=1))
-    return read_risk(folder)
 
 
 def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str, Any]:
@@ -281,6 +334,7 @@ def read_risk(folder: str | os.PathLike[str]) -> RiskEstimate:
         shares = {(metric, end): float(share) for metric, end, share in found["shares"]}
         joint, subset, sampled = (_estimate_from_data(found[name]) for name in ("joint", "subset", "sampled"))
         search_runs, variant, distance = int(found["search_runs"]), int(found["variant"]), float(found["distance"])
+        drive = str(found["drive"])
     except (ValueError, TypeError, KeyError):
         raise StudyError(f"{path / SUMMARY_FILE}: is damaged; make it anew with: warpchain risk") from None
     assert isinstance(subset, FailureEstimate)
@@ -288,6 +342,20 @@ def read_risk(folder: str | os.PathLike[str]) -> RiskEstimate:
     results = read_results(path / "results.parquet", shown)
     again = recording_of_variant(path, variant)
     archive = again.archive if isinstance(again, RepeatedRun) else again[0]
+    today = read_risk(path / TODAY_FOLDER) if (path / TODAY_FOLDER / SUMMARY_FILE).exists() else None
     return RiskEstimate(
-        path, study, results, joint, subset, sampled, points, search_runs, shares, variant, distance, archive
+        path,
+        drive,
+        study,
+        results,
+        joint,
+        subset,
+        sampled,
+        points,
+        search_runs,
+        shares,
+        variant,
+        distance,
+        archive,
+        today,
     )

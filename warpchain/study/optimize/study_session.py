@@ -24,11 +24,20 @@ from warpchain.results.arrow_tables import table_with_column
 from warpchain.study.design import make_design
 from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.optimize.optimizer import Optimizer
-from warpchain.study.results import ARCHIVE_COLUMNS, ROUND_COLUMN, SEARCH_TARGET_KEY, Results, read_results
+from warpchain.study.results import (
+    ARCHIVE_COLUMNS,
+    ROUND_COLUMN,
+    SEARCH_TARGET_KEY,
+    TODAY_COLUMN,
+    Results,
+    added_rows,
+    read_results,
+)
 from warpchain.study.run.prepare import base_drive_file, preferred_shard_size, read_study
 from warpchain.study.run.row_drives import Variant, build_drives
 from warpchain.study.run.runner import run_folder
 from warpchain.study.run.study_folder import StudyFolder, make_folder
+from warpchain.study.run.today import rows_with_today
 from warpchain.study.spec import Study, load_study
 from warpchain.study.store import read_table, write_table
 from warpchain.study.surrogate import Surrogate, fit_surrogate
@@ -111,7 +120,11 @@ class StudySession:
 
     def design_rows(self) -> list[dict[str, Any]]:
         """Rows of the study's design, values by factor."""
-        return list(make_design(self.study, self.source).select(self.factor_names).to_pylist())
+        return self._rows_with_today(make_design(self.study, self.source).select(self.factor_names).to_pylist())
+
+    def _rows_with_today(self, rows: Rows) -> list[dict[str, Any]]:
+        """Rows of the design with those of today's, if the study asks for it."""
+        return rows_with_today(self.study, self.drive, rows, self.source)
 
     @check_arguments(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
@@ -317,13 +330,14 @@ class StudySession:
 
     @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
-        """Next rows to run, values by factor; see `Optimizer.ask`."""
-        return self.optimizer.ask(count)
+        """Next rows to run, values by factor, today's design among the first; see `Optimizer.ask`."""
+        first, rows = self.optimizer.observed_count == 0, self.optimizer.ask(count)
+        return self._rows_with_today(rows) if first else rows
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Adds results of rows to the search; see `Optimizer.observe`."""
-        self.optimizer.observe(table)
+        """Adds results of rows to the search, but those of today's design; see `Optimizer.observe`."""
+        self.optimizer.observe(table.filter(~added_rows(table)))
 
 
 def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
@@ -333,6 +347,10 @@ def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]
         at = found.column_names.index(name)
         column = design["variant"] if name == "variant" else design[name]
         found = found.set_column(at, design.schema.field(name), column.combine_chunks())
+    if TODAY_COLUMN in found.column_names:  # a known row may have been today's in another table
+        found = found.drop_columns([TODAY_COLUMN])
+    if TODAY_COLUMN in design.column_names:
+        found = found.append_column(design.schema.field(TODAY_COLUMN), design[TODAY_COLUMN].combine_chunks())
     return table_with_column(found, "variant", range(found.num_rows))
 
 

@@ -17,7 +17,14 @@ from warpchain.results.units import quantity_words
 from warpchain.study.analysis.left_out import LeftOut
 from warpchain.study.analysis.over_noise import SHOWN_STATISTICS, Designs
 from warpchain.study.analysis.pareto import SENSE_SIGNS, Goals, check_senses, pareto_front
-from warpchain.study.optimize.recommend import RecommendedDesign, recommend, rows_of_recommended
+from warpchain.study.optimize.recommend import (
+    MetricChange,
+    RecommendedDesign,
+    design_of_today,
+    judge_rows,
+    recommend_rows,
+    rows_of_recommended,
+)
 from warpchain.study.report import panels
 from warpchain.study.report.panels import ShownColumn
 from warpchain.study.results import ARCHIVE_COLUMNS, Results
@@ -40,6 +47,17 @@ SURROGATE_NOTE = (
     "the mean of several runs where that is known better: the best of many runs is the best partly by luck, and this "
     "takes that out."
 )
+TODAY = "today"
+"""Stands in place of a letter for today's design, the base drive as it is."""
+NO_TODAY_NOTE = (
+    "The base drive as it is, today's design, was not run with these. With today = true in the study's [design] it is, "
+    "and stands beside them."
+)
+CHANGE_HEADS = {
+    True: "less today's, 95 % interval",
+    False: "less today's, two standard deviations",
+}
+"""Heads of changes from today's design, over noise and without."""
 OVER_NOISE_NOTE = (
     "Designs are judged by their own runs, and compared in pairs of runs with the same noise. \N{PLUS-MINUS SIGN} is "
     "the standard error of a statistic over a design's runs."
@@ -118,7 +136,8 @@ def recommended_section(
         return None, []
     goals = wanted.goals
     try:
-        found = recommend(results, goals, wanted.most)
+        judged = judge_rows(results, goals)
+        found = recommend_rows(results, judged, wanted.most)
     except StudyError as error:
         return html.page_section("designs", "Recommended designs", html.paragraph_html(str(error))), []
     asked = [f"{o.metric} {'low' if o.sense == 'min' else 'high'}" for o in wanted.objectives]
@@ -130,17 +149,18 @@ def recommended_section(
     ]
     if isinstance(results, Designs):
         parts.append(html.paragraph_html(noise_text(results, wanted.keep)))
-    for k, one in enumerate(found):
-        parts.append(_design_html(results, goals, one, DESIGN_LETTERS[k % len(DESIGN_LETTERS)], wanted))
+    today = design_of_today(results, judged)
+    shown = list(zip((DESIGN_LETTERS[k % len(DESIGN_LETTERS)] for k in range(len(found))), found, strict=True))
+    if today is not None and today.row not in [one.row for one in found]:
+        shown.append((TODAY, today))
+    parts += [_design_html(results, goals, one, letter, wanted) for letter, one in shown]
+    if today is None and wanted.folder is not None:
+        parts.append(html.paragraph_html(NO_TODAY_NOTE, muted=True))
+    letters, rows = [letter for letter, _ in shown], [one.row for _, one in shown]
     if isinstance(results, Designs):
-        parts.append(
-            panels.panels_html(
-                panels.noise_panels(results, [one.row for one in found], DESIGN_LETTERS), "runs over the noise"
-            )
-        )
-    parts.append(
-        variants_table_html(results, [one.row for one in found], results.factors, DESIGN_LETTERS[: len(found)])
-    )
+        parts.append(panels.panels_html(panels.noise_panels(results, rows, letters), "runs over the noise"))
+    columns = tuple(dict.fromkeys((*goals.named_metrics, *results.factors)))
+    parts.append(variants_table_html(results, rows, columns, letters))
     return html.page_section("designs", "Recommended designs", *parts), found
 
 
@@ -174,7 +194,7 @@ def play_command(wanted: ReportGoals, results: Results, row: int) -> str:
 
 
 def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter: str, wanted: ReportGoals) -> str:
-    """HTML of a recommended design: reasons, metrics, command, drive file."""
+    """HTML of a recommended design, or today's: reasons, metrics, what is other than today, command, drive file."""
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -182,20 +202,36 @@ def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter:
         words = [quantity_words(mean, unit) if is_set else quantity_words(mean, unit, deviation)]
         if not one.spreads:
             words.append("" if is_set else quantity_words(one.measured[name], unit))
+        if one.changes:
+            words += change_texts(one.changes.get(name), unit)
         lines.append((name, *words, "set" if is_set else ""))
     heads = ("simulated",) if one.spreads else ("model estimate", "simulated")
-    lines_table = html.table_html(("metric", *heads, ""), lines)
+    beside = (CHANGE_HEADS[bool(one.spreads)], "") if one.changes else ()
+    lines_table = html.table_html(("metric", *heads, *beside, ""), lines)
     if one.spreads:
         lines_table += html.table_html(
             ("over the noise", *(of.metric for of in one.spreads)), _statistic_lines(results, one)
         )
     command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
     play = command and f"<p>Play {'its worst run' if one.spreads else 'it'}: <code>{command}</code></p>"
-    if wanted.page is not None:
+    if wanted.page is not None and letter != TODAY:
         play += f"<p>Drive file, beside this page: <code>{escape(f'{wanted.page}-{letter}.toml')}</code></p>"
     chosen = [factor_value_text(results, name, one.row) for name in results.factors] if one.spreads else []
     head = html.heading_html(f"{letter}: {', '.join(chosen) or f'variant {one.variant}'}")
     return f'<div class="design">{head}{html.bullets_html(one.reasons)}{lines_table}{play}</div>'
+
+
+def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
+    """A change from today's design with its interval and pairs, and the verdict on it, as texts; empty for None.
+
+    There is no interval where pairs that all agree tell more than it does.
+    """
+    if change is None:
+        return "", ""
+    sign = "+" if change.difference > 0.0 else ""
+    half = None if change.sign and change.half > abs(change.difference) else change.half  # all pairs agree there
+    pairs = "" if change.pairs is None else ", in {} of {} pairs".format(*change.pairs)
+    return f"{sign}{quantity_words(change.difference, unit, half)}{pairs}", change.verdict
 
 
 def factor_value_text(results: Results, name: str, row: int) -> str:
@@ -218,7 +254,9 @@ def pareto_section(results: Results, objectives: Mapping[str, str], by_default: 
     """Section on the Pareto front: an interactive view and a table; None with one objective."""
     if len(objectives) < 2:
         return None
-    front = pareto_front(results, objectives)
+    front, today = pareto_front(results, objectives), results.row_of_today
+    rows = front[:MOST_FRONT_ROWS].tolist()
+    rows += [] if today is None or today in rows else [today]
     words = " and ".join(f"{metric} {'low' if sense == 'min' else 'high'}" for metric, sense in objectives.items())
     hint = " (taken for want of chosen objectives)" if by_default else ""
     columns = tuple(dict.fromkeys((*objectives, *results.factors)))
@@ -230,7 +268,9 @@ def pareto_section(results: Results, objectives: Mapping[str, str], by_default: 
             "the table has those of all variants, the picture those of the ones that are kept below."
         ),
         panels.placeholder_html("front-view", f"Pareto front of {words}"),
-        variants_table_html(results, front[:MOST_FRONT_ROWS].tolist(), columns),
+        variants_table_html(
+            results, rows, columns, () if today is None else [TODAY if row == today else "" for row in rows]
+        ),
         html.paragraph_html(f"{len(front) - MOST_FRONT_ROWS} further variants are on the front.")
         if len(front) > MOST_FRONT_ROWS
         else "",
@@ -315,6 +355,8 @@ def explorer_data(
         ends = [None if end is None else end * factor for end in (bound.min, bound.max)]
         limits.append([place[bound.metric], *ends])
     row_of = {one.row: DESIGN_LETTERS[k % len(DESIGN_LETTERS)] for k, one in enumerate(recommended)}
+    if results.row_of_today is not None:
+        row_of[results.row_of_today] = ", ".join(filter(None, (row_of.get(results.row_of_today), TODAY)))
     return {
         "variant": results.variants.tolist(),
         "columns": [_explorer_column(results, name, axes[name]) for name in names],

@@ -134,7 +134,7 @@ def histogram_panels(results: Results, metrics: Sequence[str]) -> list[Panel]:
     return panels
 
 
-def noise_panels(designs: Designs, chosen: Sequence[int], letters: str) -> list[Panel]:
+def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]) -> list[Panel]:
     """Runs of designs over the noise for each metric: all of them, their mean, and 5 to 95 %."""
     panels = []
     for k, metric in enumerate(dict.fromkeys(name[5:-1] for name in designs.metrics if name.startswith("mean("))):
@@ -164,8 +164,7 @@ def noise_panels(designs: Designs, chosen: Sequence[int], letters: str) -> list[
         ends = [end for b in designs.bounds if b.metric == metric for end in (b.min, b.max)]
         for end in (end for end in ends if end is not None):
             series.append({"kind": "level", "x": [0], "y": axis.shown_values([end]), "color": INK, "label": "limit"})
-        words = [letters[place % len(letters)] for place in range(len(chosen))]
-        panels.append({"x": {"label": "design", "words": words}, "y": {"label": axis.name}, "series": series})
+        panels.append({"x": {"label": "design", "words": list(letters)}, "y": {"label": axis.name}, "series": series})
     return panels
 
 

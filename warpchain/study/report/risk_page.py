@@ -48,7 +48,7 @@ def risk_lines(found: RiskEstimate) -> list[str]:
     held = _named_values(found, row, [name for name in results.factors if name not in results.noise_factors])
     at = f", at {', '.join(f'{name} = {value}' for name, value in held)}" if held else ""
     lines = [
-        f"over the noise of {', '.join(results.noise_factors)}{at}",
+        f"drive: {found.drive}, over the noise of {', '.join(results.noise_factors)}{at}",
         *(f"limit: {words}" for words in _limit_texts(found)),
         *(
             f"P(a limit is exceeded) = {_estimate_text(of)}: {way}"
@@ -64,7 +64,23 @@ def risk_lines(found: RiskEstimate) -> list[str]:
     lines += [f"  {name} = {value}" for name, value in _named_values(found, row, results.noise_factors)]
     for metric in dict.fromkeys(bound.metric for bound in found.study.bounds):
         lines.append(f"  {metric}: {quantity_words(float(results.values(metric)[row]), results.column_unit(metric))}")
-    return [*lines, f"  play it: warpchain view {found.archive} --variant {found.variant}"]
+    return [*lines, f"  play it: warpchain view {found.archive} --variant {found.variant}", *today_lines(found)]
+
+
+def today_lines(found: RiskEstimate) -> list[str]:
+    """Lines on today's design beside a drive; none where it was not estimated."""
+    if found.today is None:
+        return []
+    verdict = {
+        -1: f"{found.drive} surely fails less often than today's design: the 95 % intervals do not overlap",
+        0: "which of the two fails less often is not known: their 95 % intervals overlap, or one is unknown",
+        1: f"{found.drive} surely fails more often than today's design: the 95 % intervals do not overlap",
+    }
+    return [
+        f"today's design, {found.today.drive}: {_headline_text(found.today)}",
+        f"what fails today: {_failures_text(found.today)}",
+        verdict[found.sign_beside_today or 0],
+    ]
 
 
 def risk_warning_lines(found: RiskEstimate) -> list[str]:
@@ -98,6 +114,12 @@ def _estimate_text(of: FailureEstimate, runs: bool = True) -> str:
 def _named_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
     """Estimates by subset simulation and by importance sampling, with their names."""
     return ((SUBSET_NAME, found.subset), ("importance sampling", found.sampled))
+
+
+def _stated_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
+    """Estimates to state, of a drive and of today's design beside it, with their names."""
+    beside = () if found.today is None else ((f"today's design, {found.today.drive}", found.today.joint),)
+    return ((f"stated: {found.drive}", found.joint), *beside)
 
 
 def _row_of_variant(found: RiskEstimate, variant: int) -> int:
@@ -160,10 +182,11 @@ def _risk_summary(found: RiskEstimate) -> html.PageSection:
         f"What fails: {_failures_text(found)}.",
         f"The likeliest failure is {found.distance:.3g} standard deviations from the medians of the noise.",
         *risk_warning_lines(found),
+        *(f"{line[0].upper()}{line[1:]}." for line in today_lines(found)),
     ]
     rows = [
         (way, *((of, "", "", "") if isinstance(of, str) else _estimate_cells(of)))
-        for way, of in (*_named_estimates(found), ("stated", found.joint))
+        for way, of in (*_named_estimates(found), *_stated_estimates(found))
     ]
     return html.page_section(
         "summary",
@@ -187,7 +210,8 @@ def _estimate_cells(of: FailureEstimate) -> tuple[str, str, str, str]:
 
 def _interval_panels(found: RiskEstimate) -> list[Panel]:
     """Panel of the intervals of both estimates over the logarithm of the probability."""
-    known = [(way, of) for way, of in _named_estimates(found) if not isinstance(of, str)][::-1]
+    named = (*_named_estimates(found), *_stated_estimates(found)[1:])
+    known = [(way, of) for way, of in named if not isinstance(of, str)][::-1]
     low, middle, high = (
         rounded_numbers(np.log10([getattr(of, name) for _, of in known])) for name in ("low", "probability", "high")
     )
@@ -297,7 +321,7 @@ def _noise_section(found: RiskEstimate) -> html.PageSection:
         lines = [f"Rank correlations: {', '.join(words)}; other factors are independent."]
     lines += [
         *([f"Held: {', '.join(f'{name} = {value}' for name, value in held)}."] if held else []),
-        "What is not in this table has the base drive's value in every run, and each run begins as that drive does.",
+        "What is not in this table has the drive's value in every run, and each run begins as that drive does.",
         "A run that is not ok counts as a failure.",
         "P is as right as these distributions are in their tails, where the failures lie, and as the drive's model.",
     ]

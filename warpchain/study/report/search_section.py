@@ -91,6 +91,10 @@ def _progress_panel(results: Results, wanted: ReportGoals, measured: GoalValues,
         label = label if wanted.bounds else "variants"
         if rows.any() and (wanted.bounds or color == ACCENT):
             series.append(_dots_series(count[rows], axis.shown_values(values[rows]), color, label if named else ""))
+    today = results.row_of_today
+    if today is not None and np.isfinite(values[today]):
+        level = {"kind": "level", "x": [0], "y": axis.shown_values([values[today]]), "color": INK}
+        series.append(level | ({"label": "today's design"} if named else {}))
     if len(steps):
         line = {"kind": "line", "x": x.tolist(), "y": axis.shown_values(y), "color": MARK}
         series.append(line | ({"label": "best so far"} if named else {}))

@@ -34,7 +34,7 @@ from warpchain.study.report.decision_sections import (
     write_recommended_drives,
 )
 from warpchain.study.report.search_section import search_section
-from warpchain.study.results import ROUND_COLUMN, ROW_STATUSES, Results, read_results
+from warpchain.study.results import ROUND_COLUMN, ROW_STATUSES, Results, added_rows, read_results
 from warpchain.study.spec.noise_table import metric_from_name
 from warpchain.study.spec.study_tables import Objective
 from warpchain.study.store import write_study_text
@@ -180,14 +180,18 @@ def _report_parts(
 
 
 def _sample_note(results: Results, sample: Results) -> str:
-    """Sentence on the rows of a search that distributions and effects are of; "" if these are all."""
-    rows, some = len(results.status), len(sample.status)
-    if some == rows:
+    """Sentences on the rows that distributions and effects are of; "" if these are all."""
+    some, today = len(sample.status), int(added_rows(results.table).sum())
+    crowded = len(results.status) - some - today
+    if not crowded + today:
         return ""
-    return (
-        f"Distributions, effects and correlations are of the {some} variants of the search's design. The other "
-        f"{rows - some} crowd where it looked, and are no sample of the factors."
-    )
+    of = "search's" if crowded else "study's"
+    lines = [f"Distributions, effects and correlations are of the {some} variants of the {of} design."]
+    if today:
+        lines.append(f"Those of today's design, {today}, are no part of it.")
+    if crowded:
+        lines.append(f"The other {crowded} crowd where it looked, and are no sample of the factors.")
+    return " ".join(lines)
 
 
 EXPLORE_HINT = (

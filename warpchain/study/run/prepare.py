@@ -34,6 +34,7 @@ from warpchain.study.run.study_folder import (
     plan_file_name,
     write_plan,
 )
+from warpchain.study.run.today import design_with_today
 from warpchain.study.spec import Study, check_base_drive, dumps_study, load_study
 from warpchain.study.spec.calibration_tables import Calibrate, Measurement
 from warpchain.study.spec.factor import Factor
@@ -125,7 +126,7 @@ def read_study(
         raise StudyError("\n".join(dict.fromkeys(lines)))
     if study.fatigue is not None:
         rainflow_counter()  # refused now, not when all variants have run
-    design = make_design(study, Path(source))
+    design = design_with_today(study, drive, make_design(study, Path(source)), source)
     for variant in study.record.variants:
         if variant >= design.num_rows:
             lines.append(f"{source}: record.variants = {variant}: must be below the number of rows, {design.num_rows}")
@@ -325,7 +326,8 @@ def grow_folder(folder: StudyFolder, study: Study, source: Path, shard: int) -> 
     path, number = folder.path, folder.plan_count
     files = [folder.path / plan_file_name("study.toml", earlier) for earlier in range(folder.plan_count)]
     before = tuple(dict.fromkeys(load_study(file).design.count or 0 for file in files))  # points, at each growth
-    design = make_design(study, source, before if study.design.kind == "latin-hypercube" else ())
+    points = make_design(study, source, before if study.design.kind == "latin-hypercube" else ())
+    design = design_with_today(study, folder.base_drive, points, source)
     names = [factor.name for factor in study.factors]
     if not design.select(names).slice(0, folder.rows).equals(folder.read_design().select(names)):
         raise StudyError(

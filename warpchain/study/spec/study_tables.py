@@ -88,6 +88,7 @@ class Design(Part):
         center: number of center rows of a central composite or Plackett-Burman design.
         replicates: how often each row is run, begun in different ways; None is once.
         replicate_by: "build", "phase" or "perturbation" (`warpchain.drive.replicates`); None is "build".
+        today: also run the base drive as it is, today's design, so that pages show it beside the others.
     """
 
     kind: Annotated[Literal[*DESIGN_KINDS], Value(_KINDS_HELP)]  # type: ignore[valid-type]
@@ -103,6 +104,7 @@ class Design(Part):
     center: WholeNumber | None = None
     replicates: ReplicateCount | None = None
     replicate_by: ReplicateBy | None = None
+    today: Switch | None = None
 
     @property
     def copies(self) -> int:
@@ -122,6 +124,8 @@ class Design(Part):
         kind = node_value(node, "kind")
         if kind not in DESIGN_KINDS:
             return
+        if node_value(node, "today") and kind == "noise":
+            yield Problem(("today",), True, 'not with kind "noise", whose rows are all of the drive as it is')
         takes = {
             "count": SAMPLED_DESIGNS,
             "seed": SAMPLED_DESIGNS,
