@@ -1,15 +1,13 @@
 """Drives of several chains: what files may say, ratios, and each chain as a drive of its own."""
 
-from fractions import Fraction
-
 import chains
 import pytest
 
+from warpchain.assembly.summary import derive
 from warpchain.drive import dumps_drive, loads_drive
-from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.chain_drives import chain_drives, shaft_speed_ratios
 from warpchain.drive.examples import drive_path
-from warpchain.drive.trains import is_free_body
-from warpchain.drive.transmission import transmission_of_sprockets
+from warpchain.drive.trains import body_speed_ratio, is_free_body, train_inertia
 from warpchain.errors import DriveError
 
 
@@ -33,13 +31,14 @@ def test_code_for_one_chain_refuses_several_in_one_line():
 
 
 def test_ratios_multiply_stage_by_stage():
-    train = transmission_of_sprockets(chains.two_stages(teeth=(20, 30, 18, 36)).sprockets)
-    assert train.speeds == {"crank=": Fraction(1), "mid": Fraction(2, 3), "out=": Fraction(20 * 18, 30 * 36)}
+    drive = chains.two_stages(teeth=(20, 30, 18, 36))
+    assert shaft_speed_ratios(drive) == {"mid": 2 / 3}
+    assert body_speed_ratio(drive, 3, 0) == (20 * 18) / (30 * 36)
 
 
 def test_each_chain_is_a_drive_with_the_inertia_of_its_shafts():
     first, second = chain_drives(chains.two_stages())
-    assert [s.inertia for s in first.drive.sprockets] == [None, 2.0]
+    assert [s.inertia for s in first.drive.sprockets] == [None, 1.0] and train_inertia(first.drive, 1) == 2.0
     assert [s.inertia for s in second.drive.sprockets] == [2.0, 2.0]
     assert second.drive.sprockets[0].prescribed.speed == pytest.approx(10.0 * 20 / 30)
     assert is_free_body(second.drive, 0) and second.places["sprockets"] == (2, 3)
@@ -68,16 +67,12 @@ def text_of(**changes):
 
 
 WRONG = {
-    'chains.b.name = "b": the two chains between "A" and "B" have ratios 0.5 and 0.487805; its sprocket on "B" '
-    "would need 40 teeth": {},
+    'sprockets.b2.shaft = "B": the rest of the drive turns "b2" 0.97561 times as fast as "B"; teeth = 40 would fit': {},
     "sprockets.b1.chain = \"c\": must be the name of a chain; allowed are a, b": {"chain": "c"},
     'chains.b.name = "b": must be named by at least 2 sprockets, is by 1': {"chain": "a", "shaft": "B"},
     "sprockets.b1.chain: missing; must be the name of a chain: a, b": {"chain": ""},
     'sprockets.b1.shaft = "C": must be the name of a shaft; allowed are A, B': {"shaft": "C"},
     'sprockets.b1.center = [0.1, 0.0]: must be [0.0, 0.0], as of "a1" on the shaft "A"': {"center": (0.1, 0.0)},
-    'sprockets.b1.prescribed: must be given to one sprocket of the shaft "A" only': {
-        "motion": "prescribed = { speed = 3.0 }"
-    },
     'sprockets.a2.mount.kind': None,
     'sprockets.b2.mount: must be the same as of "a2" on the shaft "B"': {
         "more": 'mount = { kind = "prescribed", direction = [1.0, 0.0], amplitude = 1e-4, frequency = 3.0 }'
@@ -146,7 +141,8 @@ GEARED = {
         SHAFT + '[[shafts]]\nname = "C"\ninertia = 1.0\n',
     'shafts.C.inertia: missing; must be a positive number; needed as nothing prescribes "C"':
         SHAFT + '[[shafts]]\nname = "C"\nload = { torque = 1.0 }\n',
-    'sprockets.a1.prescribed: not together with shafts."A".prescribed; give one of the two': f"{SHAFT}{GIVEN}\n",
+    'shafts.A.prescribed: not together with that of "a1", with which it turns as one; give one of the two':
+        f"{SHAFT}{GIVEN}\n",
 }  # fmt: skip
 """Contradictions beside several chains, or what is given twice."""
 
@@ -191,9 +187,15 @@ def test_ratios_of_chains_that_contradict_each_other_beside_gears_name_the_teeth
     assert error(text_of(more="") + pump) == line
 
 
+def test_one_sprocket_of_a_shaft_is_prescribed():
+    text = text_of(motion="prescribed = { speed = 10.0 }").replace("41", "40")
+    line = 'sprockets.b1.prescribed: not together with that of "a1", with which it turns as one; give one of the two'
+    assert error(text) == line
+
+
 def test_bearings_do_not_rub_where_the_shaft_is_prescribed():
     text = text_of(motion="bearing = { friction = 0.1, radius = 0.01 }").replace("41", "40")
-    line = 'sprockets.b1.bearing: not on the shaft "A", which is prescribed and whose motion nothing disturbs'
+    line = 'sprockets.b1.bearing: not on a sprocket that turns with "a1", whose prescribed motion nothing disturbs'
     assert error(text) == line
 
 
@@ -203,9 +205,13 @@ def test_a_shaft_gives_what_it_has_to_its_first_sprocket():
     values |= {"shafts.A.prescribed.speed": 10.0, "shafts.B.load.torque": 600.0, "shafts.B.inertia": 2.0}
     on_shafts = on_sprockets.with_values(values)
     assert (on_shafts.driver, on_shafts.driver_speed) == (0, 10.0)
-    assert [chain.drive for chain in chain_drives(on_shafts)] == [chain.drive for chain in chain_drives(on_sprockets)]
+    tensions = [
+        [strand["working_tension"] for chain in derive(of)["chains"].values() for strand in chain["strands"]]
+        for of in (on_shafts, on_sprockets)
+    ]
+    assert tensions[0] == pytest.approx(tensions[1], rel=1e-9)
     both = on_shafts.with_values({"sprockets.b1.inertia": 3.0})
-    assert [chain.drive.sprockets[1].inertia for chain in chain_drives(both)] == [5.0, 5.0]
+    assert [train_inertia(chain.drive, 1) for chain in chain_drives(both)] == [5.0, 5.0]
     assert loads_drive(dumps_drive(both)) == both
 
 
@@ -219,7 +225,7 @@ def test_harmonics_count_the_turns_of_shafts_over_chains():
 
 def test_a_chain_that_nothing_turns_is_named():
     text = text_of(shaft="").replace('chain = "b"\nshaft = "B"', 'chain = "b"')
-    line = 'chains.b.name = "b": is turned by nothing: no sprocket of it is prescribed, or on a shaft that another'
+    line = 'chains.b.name = "b": is turned by nothing: neither a sprocket of it, nor what that turns with'
     assert line in error(text)
 
 

@@ -64,7 +64,7 @@ def test_torsion_of_three_shafts_on_two_chains():
     square = np.linalg.eigvals(np.diag(1.0 / np.array([1e12, 2000.0, 1500.0])) @ stiffness)
     omega = np.sqrt(np.sort(square.real)[1:])
     found = modes(drive, 30)
-    turning = found.participation[:, [found.parts.index(name) for name in ("middle", "out")]].sum(axis=1)
+    turning = found.participation[:, [found.parts.index(name) for name in ("mid in", "out")]].sum(axis=1)
     own = np.sort(np.argsort(turning)[-2:])
     assert np.abs(found.eigenvalue[own]) == pytest.approx(omega, rel=4e-3)
     assert (turning[own] > 0.95).all()

@@ -20,8 +20,7 @@ import numpy as np
 
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives
-from warpchain.drive.geared_chain_drives import shafts_of_own_chain
+from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives, shafts_of_own_chain
 from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket

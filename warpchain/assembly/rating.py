@@ -47,7 +47,7 @@ from warpchain.drive.power_rating import (
     size_rating,
 )
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import body_names, body_speed_ratio, inertia_of_body, is_free_body, nearest_sprocket
+from warpchain.drive.trains import body_speed_ratio, inertia_behind_body, is_free_body, nearest_sprocket
 
 SLACK = (0.02, 0.04, 0.06)
 """Movement of the slack strand by hand over its length [-]: Tsubaki asks for 4 %, and 2 % where it is long or steep or
@@ -122,9 +122,7 @@ def sag(drive: Drive, assembly: Assembly, strands: Strands, resting: Steady) -> 
     return {"strand": strands[k]["name"], "sag": hangs, "length": length, "movement": moved, "slack": moved / length}
 
 
-def critical_speeds(
-    drive: Drive, path: ChainPath, strands: Strands, speed: float, beyond: Mapping[str, float]
-) -> dict[str, dict[str, Any]]:
+def critical_speeds(drive: Drive, path: ChainPath, strands: Strands, speed: float) -> dict[str, dict[str, Any]]:
     """Frequencies of strands and sprockets, and the driver's speeds at which teeth, and the driver's revolutions, have
     them; of strands those of the one whose speed is nearest to that at work.
 
@@ -132,7 +130,6 @@ def critical_speeds(
         path: of the chain.
         strands: each with "name", "links", "free_lengths", "working_tension", "centrifugal_tension".
         speed: of the driver at work [rad/s].
-        beyond: inertia of the chains that a sprocket turns by name [kg m^2].
 
     Returns:
         "transverse", "longitudinal" and "torsional", each with "strand" ("" for all), "frequency" [Hz], that of the
@@ -164,7 +161,7 @@ def critical_speeds(
         for name, of in (("transverse", across), ("longitudinal", along))
         if of
     }
-    turning = torsional_frequency(drive, path, strands, beyond)
+    turning = torsional_frequency(drive, path, strands)
     return found if turning is None else found | {"torsional": critical("", turning, math.tau * turning)}
 
 
@@ -173,18 +170,18 @@ def _swinging_speed(pull: float, length: float, period: float) -> float:
     return math.sqrt(0.5 * (math.sqrt(pull * pull + (pull * period / length) ** 2) - pull))
 
 
-def torsional_frequency(drive: Drive, path: ChainPath, strands: Strands, beyond: Mapping[str, float]) -> float | None:
+def torsional_frequency(drive: Drive, path: ChainPath, strands: Strands) -> float | None:
     """Lowest frequency [Hz] at which sprockets turn against each other on the pulled strands; None where none does.
 
     Args:
-        path, strands, beyond: as of `critical_speeds`.
+        path, strands: as of `critical_speeds`.
     """
     count, (gx, gy) = len(drive.sprockets), drive.run.gravity
     masses = np.zeros(count)
-    for b, name in enumerate(body_names(drive)):
+    for b in range(count + len(drive.shafts)):
         s = nearest_sprocket(drive, b)
         if s is not None:
-            inertia = inertia_of_body(drive, b) + beyond.get(name, 0.0) if is_free_body(drive, b) else math.inf
+            inertia = inertia_behind_body(drive, b) if is_free_body(drive, b) else math.inf
             masses[s] += inertia * (body_speed_ratio(drive, b, s) / drive.pitch_radius(s)) ** 2
     stiffness = np.zeros((count, count))
     for k, strand in enumerate(strands):

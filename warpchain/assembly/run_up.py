@@ -10,21 +10,20 @@ not carry.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.statics import load_moments
-from warpchain.drive.shafts import SprocketShaft
 from warpchain.drive.train_speeds import SPEED_STEPS, lumped_drive, speed_steps
 from warpchain.drive.trains import (
     body_names,
     body_speed_ratio,
     driving_body,
     free_body_loads,
-    inertia_of_body,
+    inertia_behind_body,
     is_free_body,
     is_held_body,
     nearest_sprocket,
@@ -87,18 +86,12 @@ def _driven(drive: Drive) -> Passed:
     return Passed(np.concatenate([grid, grid, [top]]), moments / float(one.inertia))
 
 
-def moments_of(drive: Drive, of: Passed, beyond: Mapping[str, float] | None = None) -> Array:
-    """(S + H, K) mean moments [N m] that loads and inertias ask of sprockets and shafts against forward rotation, (a).
-
-    Args:
-        beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `SprocketShaft`.
-    """
+def moments_of(drive: Drive, of: Passed) -> Array:
+    """(S + H, K) mean moments [N m] on sprockets and shafts, of loads and inertias against forward rotation, (a)."""
     found = load_moments(drive, of.speed)
-    for b, name in enumerate(body_names(drive)):
+    for b in range(len(found)):
         if is_free_body(drive, b) and nearest_sprocket(drive, b) is not None:
-            part = part_of_body(drive, b)
-            more = part.driven_inertia if isinstance(part, SprocketShaft) else (beyond or {}).get(name, 0.0)
-            found[b] += (inertia_of_body(drive, b) + more) * body_speed_ratio(drive, b, drive.driver) * of.acceleration
+            found[b] += inertia_behind_body(drive, b) * body_speed_ratio(drive, b, drive.driver) * of.acceleration
     return found
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,8 @@ from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, Hard
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.chain_drives import (
-    chain_driver_ratios,
-    driven_chain_inertias,
-    loaded_chain_drives,
-    shaft_speed_ratios,
-)
+from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives, shaft_speed_ratios, shafts_of_own_chain
 from warpchain.drive.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
-from warpchain.drive.geared_chain_drives import shafts_of_own_chain
 from warpchain.drive.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, expansion_factor
@@ -91,21 +84,17 @@ def derive(drive: Drive) -> dict[str, Any]:
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
     """
-    found = _derive_several(drive) if drive.chains else _derive_alone(drive, run_up.passed(drive), {})
+    found = _derive_several(drive) if drive.chains else _derive_alone(drive, run_up.passed(drive))
     return found | _temperature(drive)
 
 
-def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> dict[str, Any]:
-    """`derive` of one chain, with what its driver passes on the way to work.
-
-    Args:
-        beyond: as of `run_up.moments_of`.
-    """
+def _derive_alone(drive: Drive, passed: Passed) -> dict[str, Any]:
+    """`derive` of one chain, with what its driver passes on the way to work."""
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
     driver, speed = drive.sprockets[drive.driver], drive.driver_speed
-    moments = run_up.moments_of(drive, passed, beyond)
+    moments = run_up.moments_of(drive, passed)
     resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly, speed, moments[:, -1])
     strands = _strands(drive, assembly, preload, resting, running, moments[:, -1])
     hardest = _hardest(drive, assembly, preload, passed, moments)
@@ -128,7 +117,7 @@ def _derive_alone(drive: Drive, passed: Passed, beyond: Mapping[str, float]) -> 
         "mean_chain_speed": mean_speed,
         "rating": rated,
         "sag": hung,
-        "critical_speeds": critical_speeds(drive, path, strands, speed, beyond),
+        "critical_speeds": critical_speeds(drive, path, strands, speed),
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
@@ -235,13 +224,13 @@ def _derive_several(drive: Drive) -> dict[str, Any]:
     ]
     step = _step(drive)
     assemble_chains(drive)
-    own, chains, begins = {}, loaded_chain_drives(drive), chain_driver_ratios(drive)
+    own, chains, begins = {}, chain_drives(drive, loaded=True), chain_driver_ratios(drive)
     home = next(r for r, chain in enumerate(chains) if drive.driver in chain.places["sprockets"])
-    passed, beyond = run_up.passed(chains[home].drive), driven_chain_inertias(drive)
+    passed = run_up.passed(chains[home].drive)
     for chain, begin in zip(chains, begins, strict=True):
         automatic = chain.drive.run.model_copy(update={"step": "auto"})
         one = chain.drive.model_copy(update={"run": automatic})
-        own[chain.name] = _derive_alone(one, passed.times(begin / begins[home]), beyond) | step
+        own[chain.name] = _derive_alone(one, passed.times(begin / begins[home])) | step
         own[chain.name].pop("valves", None)  # below, by the speed of the whole drive's driver
     valves = {"valves": train_report.valves(drive)} if drive.valves else {}
     return {"chains": own, "shafts": shafts, **valves, **step}

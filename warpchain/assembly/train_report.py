@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive.geared_chain_drives import shafts_of_own_chain
+from warpchain.drive.chain_drives import shafts_of_own_chain
 from warpchain.drive.train_speeds import lumped_drive
 from warpchain.drive.trains import (
     body_names,

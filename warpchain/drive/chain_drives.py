@@ -1,90 +1,135 @@
-"""Each chain of a drive as a drive of its own, and the speed ratios of its shafts."""
+"""Each chain of a drive as a drive of its own, and the speed ratios of shafts and chains.
+
+Bodies that shafts, gears and couplings tie are a group. It is part of one chain, its home: the one that turns it, or
+the first that it turns. There its sprockets of other chains are shafts (`warpchain.drive.shafts.SprocketShaft`). In the
+other chains such a sprocket has the inertia of its train, and is led or prescribed as that is; in a run it turns as the
+shaft at home (`shared_bodies`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
 
-from warpchain.drive.geared_chain_drives import geared_chain_drives
 from warpchain.drive.parts_by_chain import (
     CHAIN_PARTS,
+    GROUP_PARTS,
     TRAIN_PARTS,
     ChainDrive,
     chain_part_places,
     motion_by_own_angle,
-    shaft_of_sprocket,
 )
+from warpchain.drive.shafts import FIXED, SprocketShaft
 from warpchain.drive.sprocket import LedSprocket, Load, Prescribed, Sprocket
 from warpchain.drive.start_phase import motion_from_start_phase
-from warpchain.drive.trains import body_speed_ratio, inertia_of_body
-from warpchain.drive.transmission import (
-    Transmission,
-    drive_with_bare_shafts,
-    is_geared,
-    sprockets_with_shafts,
-    transmission_of_sprockets,
+from warpchain.drive.trains import (
+    TiedRatios,
+    body_names,
+    body_speed_ratio,
+    body_ties,
+    inertia_of_body,
+    part_of_body,
+    prescribed_leader,
+    ratios_with_chains,
+    train_inertia,
+    train_of_body,
 )
 
-
-def chain_drives(drive: Any) -> tuple[ChainDrive, ...]:
-    """Each chain of a drive, or of a stack, as a drive of its own; a single chain is the drive itself."""
-    if not drive.chains:
-        return (
-            ChainDrive(
-                "", drive, {kind: tuple(range(len(getattr(drive, kind)))) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
-            ),
-        )
-    if is_geared(drive):
-        return geared_chain_drives(drive)
-    drive = drive_with_bare_shafts(drive)
-    transmission = transmission_of_sprockets(drive.sprockets)
-    first = next(s for s in drive.sprockets if s.prescribed is not None)
-    begins = {shaft_of_sprocket(first): 1.0}
-    found: dict[str, ChainDrive] = {}
-    # in the order of motion: speeds at the start follow from those before
-    for name, leader in transmission.leaders.items():
-        chain_drive = found[name] = _chain_drive(drive, name, leader, transmission, begins)
-        own = chain_drive.places["sprockets"]
-        at = own.index(leader)
-        begin = begins.setdefault(shaft_of_sprocket(drive.sprockets[leader]), 1.0)
-        for k, s in enumerate(own):
-            ratio = chain_drive.drive.riding_radius(at) / chain_drive.drive.riding_radius(k)
-            begins.setdefault(shaft_of_sprocket(drive.sprockets[s]), begin * ratio)
-    return tuple(found[chain.name] for chain in drive.chains)
+DRIVING_KEYS = ("prescribed", "motor", "initial_speed")
+"""Keys that make a body drive, the strongest first."""
 
 
-def _chain_drive(
-    drive: Any, name: str, leader: int, transmission: Transmission, begins: dict[str, float]
-) -> ChainDrive:
-    """The drive of one chain that a sprocket leads.
+class StartMotion(NamedTuple):
+    """Speed of a body at the start: a motion, and the ratio at which the body turns to it."""
+
+    motion: Prescribed
+    ratio: Any
+
+
+class _MotionPlan:
+    """The way of motion through the chains and groups of a drive.
+
+    Attributes:
+        group: of each body, a number that those tied to it share.
+        leaders: of each chain the sprocket that leads it, in the order of motion.
+        home: of each group, its chain.
+    """
+
+    def __init__(self, drive: Any) -> None:
+        self.drive, self.count = drive, len(drive.sprockets)
+        self.names, self.tied = body_names(drive), ratios_with_chains(drive)[0]
+        groups = TiedRatios(len(self.names))
+        for tie in body_ties(drive):
+            groups.tie(tie.a, tie.b, Fraction(1))
+        self.group = groups.root
+        self.leaders: dict[str, int] = {}
+        self.home: dict[int, str] = {}
+        parts = list(enumerate((*drive.sprockets, *drive.shafts)))
+        driving = [b for key in DRIVING_KEYS for b, part in parts if getattr(part, key, None) is not None]
+        order = list(dict.fromkeys(self.group[b] for b in driving))
+        for group in order:  # which grows
+            for chain in drive.chains:
+                on = self.chain_sprockets(chain.name)
+                leader = next((s for s in on if self.group[s] == group), None)
+                if leader is not None and chain.name not in self.leaders:
+                    self.leaders[chain.name] = leader
+                    for s in (leader, *on):
+                        self.home.setdefault(self.group[s], chain.name)
+                        order += [] if self.group[s] in order else [self.group[s]]
+        for group in self.group:
+            self.home.setdefault(group, drive.chains[0].name)
+
+    def chain_sprockets(self, name: str) -> list[int]:
+        """Indices of the sprockets of a chain."""
+        return [s for s, sprocket in enumerate(self.drive.sprockets) if sprocket.chain == name]
+
+    def home_chain(self, b: int) -> str:
+        """Name of the home chain of body b."""
+        return self.home[self.group[b]]
+
+    def speed_ratio(self, b: int, other: int) -> float:
+        """Forward speed of body b over that of another; 1 where nothing ties them."""
+        alike = self.tied.root[b] == self.tied.root[other]
+        return abs(float(self.tied.ratio[b] / self.tied.ratio[other])) if alike else 1.0
+
+    def group_bodies(self, b: int) -> list[int]:
+        """The bodies of b's group."""
+        return [other for other, group in enumerate(self.group) if group == self.group[b]]
+
+    def bodies_and_chains_beyond(self, s: int) -> tuple[list[int], list[str]]:
+        """Bodies and chains that are turned by way of sprocket s, which leads its chain."""
+        chains, bodies = [name for name, leader in self.leaders.items() if leader == s], list[int]()
+        for name in chains:  # which grows
+            new = [b for b in self._bodies_turned_by_chain(name) if b not in bodies]
+            bodies += new
+            chains += [other for other, leader in self.leaders.items() if leader in new and other not in chains]
+        return bodies, chains
+
+    def _bodies_turned_by_chain(self, name: str) -> list[int]:
+        """Bodies of the groups that a chain turns."""
+        leader = self.leaders[name]
+        groups = {self.group[s] for s in self.chain_sprockets(name)} - {self.group[leader]}
+        return [b for b, group in enumerate(self.group) if group in groups and self.home[group] == name]
+
+
+def chain_drives(drive: Any, loaded: bool = False) -> tuple[ChainDrive, ...]:
+    """Each chain of a drive, or of a stack, as a drive of its own; a single chain is the drive itself.
 
     Args:
-        begins: speeds of shafts at the start over the driver's.
+        loaded: whether shafts that stand for other chains' sprockets have the loads that these turn, as figures before
+            a run need.
     """
-    places = chain_part_places(drive, name)
-    names = {drive.sprockets[s].name for s in places["sprockets"]}
-    leads, first = drive.sprockets[leader], next(s for s in drive.sprockets if s.prescribed is not None)
-    turned, run = float(transmission.speeds[shaft_of_sprocket(leads)]), drive.run
-    if run.phase is not None:
-        run = run.model_copy(update={"phase": run.phase * turned * leads.teeth / first.teeth})
-    parts: dict[str, Any] = {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in CHAIN_PARTS}
-    sprockets = [_sprocket_turned_by_shaft(drive, drive.sprockets[s], names, transmission) for s in places["sprockets"]]
-    if all(sprocket.prescribed is None for sprocket in sprockets):
-        assert first.prescribed is not None
-        at, own = places["sprockets"].index(leader), first.prescribed
-        mean = Prescribed.model_construct(speed=turned * own.top_speed, ramp_time=own.ramp_time)
-        beside = {s.name for s in drive.sprockets if s.chain == first.chain}
-        motion = motion_from_start_phase(
-            drive, first, _sprocket_motion_by_own_angle(own, drive, first, beside, transmission)
-        )
-        values = sprockets[at].__dict__ | {"prescribed": mean}
-        sprockets[at] = LedSprocket.model_construct(
-            **values, driver=motion, start_ratio=begins[shaft_of_sprocket(leads)]
-        )
-    parts["sprockets"] = tuple(sprockets)
-    chain = next(chain for chain in drive.chains if chain.name == name)
-    changes = {"chain": chain, "chains": (), "shafts": (), "run": run, **parts}
-    return ChainDrive(name, drive.model_copy(update=changes), places | {kind: () for kind in TRAIN_PARTS})
+    if not drive.chains:
+        places = {kind: tuple(range(len(getattr(drive, kind)))) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
+        return (ChainDrive("", drive, places),)
+    plan, found = _MotionPlan(drive), dict[str, ChainDrive]()
+    starts: dict[str, StartMotion] = {}
+    for name in plan.leaders:
+        found[name] = _chain_drive(plan, name, found, starts, loaded)
+        starts[name] = _start_motion(plan, plan.leaders[name], found, starts)
+    return tuple(found[chain.name] for chain in drive.chains)
 
 
 def chain_driver_ratios(drive: Any) -> list[float]:
@@ -92,131 +137,205 @@ def chain_driver_ratios(drive: Any) -> list[float]:
     if not drive.chains:
         return [1.0]
     drivers = [chain.places["sprockets"][chain.drive.driver] for chain in chain_drives(drive)]
-    if is_geared(drive):
-        return [body_speed_ratio(drive, driver, drive.driver) for driver in drivers]
-    speeds = transmission_of_sprockets(sprockets_with_shafts(drive)).speeds
-    return [float(speeds[shaft_of_sprocket(drive.sprockets[driver])]) for driver in drivers]
+    return [body_speed_ratio(drive, driver, drive.driver) for driver in drivers]
 
 
 def shaft_speed_ratios(drive: Any) -> dict[str, float]:
     """Speeds of the shafts over that of the driver, by name."""
-    if is_geared(drive):
-        count = len(drive.sprockets)
-        return {shaft.name: body_speed_ratio(drive, b, drive.driver) for b, shaft in enumerate(drive.shafts, count)}
-    speeds = transmission_of_sprockets(sprockets_with_shafts(drive)).speeds
-    return {shaft.name: float(speeds[shaft.name]) for shaft in drive.shafts}
+    count = len(drive.sprockets)
+    return {shaft.name: body_speed_ratio(drive, b, drive.driver) for b, shaft in enumerate(drive.shafts, count)}
 
 
-def loaded_chain_drives(drive: Any) -> tuple[ChainDrive, ...]:
-    """Each chain as a drive of its own, its sprockets loaded by the steady loads of the chains that they turn.
+def shared_bodies(drive: Any, chains: Sequence[ChainDrive]) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Pairs of bodies that are one, as (chain, body): the shaft of its home, and the sprocket in another chain."""
+    sprockets = {
+        drive.sprockets[s].name: (r, k)
+        for r, chain in enumerate(chains)
+        for k, s in enumerate(chain.places["sprockets"])
+    }
+    return [
+        ((r, b), sprockets[shaft.name])
+        for r, chain in enumerate(chains)
+        for b, shaft in enumerate(chain.drive.shafts, len(chain.drive.sprockets))
+        if isinstance(shaft, SprocketShaft)
+    ]
 
-    They are for figures before a run. A chain that is led takes its loads times the ratios of teeth.
+
+def bodies_of_chain_drive(drive: Any, chain: ChainDrive) -> list[int]:
+    """Places in the whole drive of the bodies of a chain's drive.
+
+    A shaft that stands for another chain's sprocket has that sprocket's place.
     """
-    if is_geared(drive):
-        return geared_chain_drives(drive, loaded=True)
-    chains, drive = chain_drives(drive), drive_with_bare_shafts(drive)
-    if len(chains) == 1:
-        return chains
-    transmission, found = transmission_of_sprockets(drive.sprockets), {chain.name: chain for chain in chains}
-    for name in reversed(transmission.leaders):
-        leader = drive.sprockets[transmission.leaders[name]]
-        turning = next(
-            (s for s in sprockets_on_shaft_of(drive, leader) if _is_turned_by_chain(found, s) and s is not leader), None
-        )
-        if turning is None or leader.chain is None:
-            continue
-        moment = _leading_moment(found[name].drive, found[name].places["sprockets"].index(transmission.leaders[name]))
-        found[str(turning.chain)] = _chain_drive_with_load(
-            found[str(turning.chain)], drive.sprockets.index(turning), moment
-        )
-    return tuple(found[chain.name] for chain in chains)
+    count, names = len(drive.sprockets), [sprocket.name for sprocket in drive.sprockets]
+    shafts = [count + h for h in chain.places["shafts"]]
+    shafts += [names.index(shaft.name) for shaft in chain.drive.shafts if isinstance(shaft, SprocketShaft)]
+    return [*chain.places["sprockets"], *shafts, *(drive.first_arm_body + a for a in chain.places["arms"])]
 
 
-def driven_chain_inertias(drive: Any) -> dict[str, float]:
-    """Inertia of the chains that a sprocket's shaft turns, with their sprockets [kg m^2], by the sprocket's name.
+def shafts_of_own_chain(drive: Any) -> list[Any]:
+    """The shafts of a chain's drive but for those that stand for other chains' sprockets; they stand first."""
+    return [shaft for shaft in drive.shafts if not isinstance(shaft, SprocketShaft)]
 
-    Empty for geared drives, whose shafts have it (`warpchain.drive.shafts.SprocketShaft`).
-    """
-    found: dict[str, float] = {}
-    if is_geared(drive) or not drive.chains:
-        return found
-    chains, drive = {chain.name: chain for chain in chain_drives(drive)}, drive_with_bare_shafts(drive)
-    transmission = transmission_of_sprockets(drive.sprockets)
-    for name in reversed(transmission.leaders):
-        chain, leader = chains[name].drive, drive.sprockets[transmission.leaders[name]]
-        lead = chains[name].places["sprockets"].index(transmission.leaders[name])
-        inertia = chain.chain.links * chain.chain.mass * chain.pitch_radius(lead) ** 2
-        for s, sprocket in enumerate(chain.sprockets):
-            if s != lead:
-                own = inertia_of_body(chain, s) + found.get(sprocket.name, 0.0)
-                inertia += own * (chain.sprockets[lead].teeth / sprocket.teeth) ** 2
-        turning = next(
-            (s for s in sprockets_on_shaft_of(drive, leader) if _is_turned_by_chain(chains, s) and s is not leader),
-            None,
+
+def _chain_drive(
+    plan: _MotionPlan, name: str, found: dict[str, ChainDrive], starts: dict[str, StartMotion], loaded: bool
+) -> ChainDrive:
+    """A chain as a drive of its own, after those before it in the order of motion."""
+
+    def turning(part: Any) -> str:
+        """The first of the bodies that a part is between which is not the ground."""
+        return str(next(body for body in part.between if body != FIXED))
+
+    drive, count, places = plan.drive, plan.count, chain_part_places(plan.drive, name)
+    mine = [b for b in range(len(plan.names)) if plan.home_chain(b) == name]
+    places["shafts"] = tuple(b - count for b in mine if b >= count)
+    for kind in GROUP_PARTS:
+        first = [plan.names.index(getattr(part, "on", None) or turning(part)) for part in getattr(drive, kind)]
+        places[kind] = tuple(i for i, b in enumerate(first) if b in mine)
+    beside = [s for s in mine if s < count and s not in places["sprockets"]]
+    bodies = [*places["sprockets"], *(h + count for h in places["shafts"]), *beside]
+    names = {plan.names[b] for b in bodies}
+    sprockets = [
+        drive.sprockets[s].model_copy(update=_motions_by_own_angle(plan, s, names))
+        if s in mine
+        else _sprocket_away_from_home(plan, s, names)
+        for s in places["sprockets"]
+    ]
+    leader, run = plan.leaders[name], drive.run
+    at = places["sprockets"].index(leader)
+    if sprockets[at].prescribed is None and leader not in mine:
+        sprockets[at] = _led_sprocket(plan, leader, sprockets[at], found, starts)
+    if run.phase is not None:
+        turned = (
+            plan.speed_ratio(leader, drive.driver) * drive.sprockets[leader].teeth / drive.sprockets[drive.driver].teeth
         )
-        if turning is not None:
-            found[turning.name] = found.get(turning.name, 0.0) + inertia
+        run = run.model_copy(update={"phase": run.phase * turned})
+    shafts = [
+        drive.shafts[h].model_copy(update=_motions_by_own_angle(plan, h + count, names)) for h in places["shafts"]
+    ]
+    shafts += [_sprocket_as_home_shaft(plan, s, names, loaded) for s in beside]
+    changes = {"chain": next(chain for chain in drive.chains if chain.name == name), "chains": (), "run": run}
+    changes |= {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in (*CHAIN_PARTS, *GROUP_PARTS)}
+    changes |= {"sprockets": tuple(sprockets), "shafts": tuple(shafts)}
+    return ChainDrive(name, drive.model_copy(update=changes), places)
+
+
+def _motions_by_own_angle(plan: _MotionPlan, b: int, names: set[str]) -> dict[str, Any]:
+    """Motion, load and motor of body b by key, by the angles of bodies of its chain."""
+    part = part_of_body(plan.drive, b)
+    given = {key: getattr(part, key, None) for key in ("prescribed", "load", "motor")}
+    return {
+        key: motion_by_own_angle(of, names, _speed_ratio_by_name(plan, b))
+        for key, of in given.items()
+        if of is not None
+    }
+
+
+def _speed_ratio_by_name(plan: _MotionPlan, b: int) -> Any:
+    """A function that gives the speed of a named body over that of body b."""
+    return lambda name: plan.speed_ratio(plan.names.index(name), b)
+
+
+def _sprocket_away_from_home(plan: _MotionPlan, s: int, names: set[str]) -> Sprocket:
+    """Sprocket s in a chain that is not its home, with the inertia and the motion of its train."""
+    from warpchain.drive.mounts import wheel_inertia  # here, since it takes numpy
+
+    drive, sprocket = plan.drive, plan.drive.sprockets[s]
+    led_by, first = prescribed_leader(drive, s), train_of_body(drive, s).bodies[0]
+    changes = _motions_by_own_angle(plan, s, names) | {"shaft": plan.names[first], "prescribed": None}
+    changes["inertia"] = train_inertia(drive, s) - wheel_inertia(sprocket)
+    if led_by is not None:
+        changes["prescribed"] = _motion_at_ratio(plan, led_by[0], s, names)
+    found: Sprocket = sprocket.model_copy(update=changes)
     return found
 
 
-def _is_turned_by_chain(found: dict[str, ChainDrive], sprocket: Sprocket) -> bool:
-    """Whether a sprocket's chain turns it, rather than it the chain."""
-    chain = found[str(sprocket.chain)].drive
-    mine = next(s for s in chain.sprockets if s.name == sprocket.name)
-    return mine.prescribed is None
+def _motion_at_ratio(plan: _MotionPlan, leader: int, b: int, names: set[str]) -> Prescribed:
+    """The motion of body b, which turns in a fixed ratio with a body that is prescribed."""
+    own = motion_by_own_angle(part_of_body(plan.drive, leader).prescribed, names, _speed_ratio_by_name(plan, leader))
+    ratio, table = plan.speed_ratio(b, leader), own.table
+    if table is not None:
+        changes = {"factor": table.factor * ratio}
+        if table.angle is not None and table.shaft is None:
+            changes["angle"] = tuple(x * ratio for x in table.angle)
+        table = table.model_copy(update=changes)
+    turns = [h if h.shaft is not None else h.model_copy(update={"order": h.order / ratio}) for h in own.harmonics]
+    speed = None if own.speed is None else own.speed * ratio
+    motion: Prescribed = own.model_copy(update={"speed": speed, "table": table, "harmonics": tuple(turns)})
+    return motion
 
 
-def _leading_moment(chain: Any, lead: int) -> float:
-    """Moment [N m] that a chain's steady loads ask of the sprocket that leads it, its own load among them."""
-    own = chain.sprockets[lead]
-    assert own.prescribed is not None
-    speed, moment = own.prescribed.top_speed, 0.0
-    for sprocket in chain.sprockets:
-        if sprocket.load is not None:
-            ratio = own.teeth / sprocket.teeth
-            moment = moment + sprocket.load.steady(speed * ratio) * ratio
-    return moment
+def _led_sprocket(
+    plan: _MotionPlan, s: int, sprocket: Sprocket, found: dict[str, ChainDrive], starts: dict[str, StartMotion]
+) -> LedSprocket:
+    """Sprocket s, which leads its chain and which another chain turns."""
+    home = found[plan.home_chain(s)]
+    turned = plan.speed_ratio(s, home.places["sprockets"][home.drive.driver])
+    start = _start_motion(plan, s, found, starts)
+    mean = Prescribed.model_construct(speed=turned * home.drive.driver_speed, ramp_time=start.motion.ramp_time)
+    values = sprocket.__dict__ | {"prescribed": mean}
+    return LedSprocket.model_construct(**values, driver=start.motion, start_ratio=start.ratio)
 
 
-def _chain_drive_with_load(chain: ChainDrive, s: int, moment: float) -> ChainDrive:
-    """A chain's drive with a further load on a sprocket, number s in the whole drive."""
-    at, sprockets = chain.places["sprockets"].index(s), list(chain.drive.sprockets)
-    load = sprockets[at].load or Load()
-    sprockets[at] = sprockets[at].model_copy(update={"load": load.model_copy(update={"torque": load.torque + moment})})
-    return replace(chain, drive=chain.drive.model_copy(update={"sprockets": tuple(sprockets)}))
+def _start_motion(
+    plan: _MotionPlan, b: int, found: dict[str, ChainDrive], starts: dict[str, StartMotion]
+) -> StartMotion:
+    """Speed of body b at the start: as shafts and gears tie it, else chains, else couplings."""
+    for other in (b, *plan.group_bodies(b)):
+        start = _train_start_motion(plan, other, found, starts)
+        if start is not None:
+            return StartMotion(start.motion, start.ratio * plan.speed_ratio(b, other))
+    return StartMotion(Prescribed.model_construct(speed=0.0), 1.0)
 
 
-def sprockets_on_shaft_of(drive: Any, sprocket: Sprocket) -> list[Sprocket]:
-    """The sprockets that turn with a sprocket, it among them, in order."""
-    if sprocket.shaft is None:
-        return [sprocket]
-    return [other for other in drive.sprockets if other.shaft == sprocket.shaft]
+def _train_start_motion(
+    plan: _MotionPlan, b: int, found: dict[str, ChainDrive], starts: dict[str, StartMotion]
+) -> StartMotion | None:
+    """Speed of body b at the start by its train or a chain around it; None where that is not known."""
+    train = train_of_body(plan.drive, b).bodies
+    for other in train:
+        part, home = part_of_body(plan.drive, other), found.get(plan.home_chain(other))
+        if part.prescribed is not None and home is not None:
+            own = next(of for of in (*home.drive.sprockets, *home.drive.shafts) if of.name == part.name)
+            return StartMotion(motion_from_start_phase(home.drive, own, own.prescribed), plan.speed_ratio(b, other))
+        if getattr(part, "initial_speed", None) is not None:
+            return StartMotion(Prescribed.model_construct(speed=part.initial_speed), plan.speed_ratio(b, other))
+    for other in (s for s in train if s < plan.count):
+        chain = str(plan.drive.sprockets[other].chain)
+        if chain in starts:
+            chain_drive = found[chain]
+            lead, own = (chain_drive.places["sprockets"].index(s) for s in (plan.leaders[chain], other))
+            radii = chain_drive.drive.riding_radius(lead) / chain_drive.drive.riding_radius(own)
+            return StartMotion(starts[chain].motion, starts[chain].ratio * radii * plan.speed_ratio(b, other))
+    return None
 
 
-def _sprocket_turned_by_shaft(drive: Any, sprocket: Sprocket, names: set[str], transmission: Transmission) -> Sprocket:
-    """A sprocket with the motion of its shaft, or with the inertia of all sprockets on it."""
-    from warpchain.drive.mounts import wheel_inertia
-
-    changes: dict[str, Any] = {}
-    together = sprockets_on_shaft_of(drive, sprocket)
-    motion = next((other.prescribed for other in together if other.prescribed is not None), None)
-    if motion is not None:
-        changes["prescribed"] = _sprocket_motion_by_own_angle(motion, drive, sprocket, names, transmission)
-    elif len(together) > 1:
-        whole = sum((0.0 if other.inertia is None else other.inertia) + wheel_inertia(other) for other in together)
-        changes["inertia"] = whole - wheel_inertia(sprocket)
-    if sprocket.load is not None:
-        changes["load"] = _sprocket_motion_by_own_angle(sprocket.load, drive, sprocket, names, transmission)
-    return sprocket.model_copy(update=changes) if changes else sprocket
-
-
-def _sprocket_motion_by_own_angle(
-    motion: Any, drive: Any, sprocket: Sprocket, names: set[str], transmission: Transmission
-) -> Any:
-    """A sprocket's motion or load whose harmonics and tables count shafts of its own chain, or its own."""
-
-    def ratio(shaft: str) -> float:
-        turns = next((shaft_of_sprocket(s) for s in drive.sprockets if s.name == shaft), shaft)
-        return float(transmission.speeds[turns] / transmission.speeds[shaft_of_sprocket(sprocket)])
-
-    return motion_by_own_angle(motion, names, ratio)
+def _sprocket_as_home_shaft(plan: _MotionPlan, s: int, names: set[str], loaded: bool) -> SprocketShaft:
+    """Sprocket s as a shaft of its home chain."""
+    drive, sprocket = plan.drive, plan.drive.sprockets[s]
+    bodies, chains = plan.bodies_and_chains_beyond(s)
+    own = _motions_by_own_angle(plan, s, names)
+    demand: Load = own.get("load") or Load()
+    parts = {key: getattr(demand, key) for key in ("torque", "viscous", "quadratic")}
+    driven_inertia = 0.0
+    for b in bodies:
+        part, r = part_of_body(drive, b), plan.speed_ratio(b, s)
+        if prescribed_leader(drive, b) is None:
+            driven_inertia += r * r * inertia_of_body(drive, b)
+            if part.load is not None:
+                for power, key in enumerate(parts, 1):
+                    parts[key] += r**power * getattr(part.load, key)
+    for chain in (chain for chain in drive.chains if chain.name in chains):
+        leader = plan.leaders[chain.name]
+        radius = chain.pitch / (2.0 * math.sin(math.pi / drive.sprockets[leader].teeth))
+        driven_inertia += chain.links * chain.mass * (radius * plan.speed_ratio(leader, s)) ** 2
+    demand = demand.model_copy(update=parts)
+    return SprocketShaft.model_construct(
+        name=sprocket.name,
+        inertia=inertia_of_body(drive, s),
+        prescribed=own.get("prescribed"),
+        load=demand if loaded else None,
+        shaft=sprocket.shaft,
+        demand=demand,
+        driven_inertia=driven_inertia,
+    )

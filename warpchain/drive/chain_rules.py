@@ -1,14 +1,13 @@
-"""Rules of drives with several chains: the chain of each part, sprockets on one shaft, and ratios that agree."""
+"""Rules of drives with several chains: the chain of each part, and sprockets on one shaft."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from warpchain.drive.parts_by_chain import chain_of_part, shaft_of_sprocket
+from warpchain.drive.parts_by_chain import shaft_of_sprocket
 from warpchain.drive.schema import BARE, Problem, is_name, nearest_key_text, node_list, node_value, valid_part
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.transmission import is_geared, sprockets_with_shafts, transmission_of_sprockets
 
 PARTS_NAMING_CHAINS = ("sprockets", "guides", "probes")
 """Lists of a drive whose parts name their chain."""
@@ -78,19 +77,9 @@ def shaft_group_rules(drive: Any) -> Iterator[Problem]:
             yield Problem(("sprockets", s, "shaft"), shaft, f"must be the name of a shaft; {hint}")
             continue
         groups[shaft].append(s)
-    geared = is_geared(drive)  # whose inertias are those of trains (`train_rules`)
     for i, name in enumerate(names):
         members = groups.get(name, []) if is_name(name) else []
         yield from _shaft_key_rules(sprockets, members, node_list(drive, "shafts")[i], str(name))
-        parts = [*(sprockets[s] for s in members), node_list(drive, "shafts")[i]]
-        if (
-            members
-            and not geared
-            and all(node_value(part, key) is None for part in parts for key in ("inertia", "prescribed"))
-        ):
-            where = ("sprockets", members[0], "inertia")
-            text = f'missing; must be a positive number; needed as nothing prescribes the shaft "{name}"'
-            yield Problem(where, None, text, BARE)
         for s in members[1:]:
             yield from (
                 problem.nested_under("sprockets", s)
@@ -99,23 +88,18 @@ def shaft_group_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _shaft_key_rules(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: str) -> Iterator[Problem]:
-    """Problems of motion, load or motor given to a shaft and to its sprockets, and of bearings on prescribed shafts."""
+    """Problems of a load or a motor given to a shaft whose sprockets have one, or a motion."""
     for s in members:
-        for key in ("prescribed", "load"):
-            if node_value(shaft, key) is not None and node_value(sprockets[s], key) is not None:
-                text = f'not together with shafts."{name}".{key}; give one of the two'
-                yield Problem(("sprockets", s, key), None, text, BARE)
+        if node_value(shaft, "load") is not None and node_value(sprockets[s], "load") is not None:
+            text = f'not together with shafts."{name}".load; give one of the two'
+            yield Problem(("sprockets", s, "load"), None, text, BARE)
         if node_value(shaft, "motor") is not None and node_value(sprockets[s], "prescribed") is not None:
             text = f'not together with shafts."{name}".motor; give one of the two'
             yield Problem(("sprockets", s, "prescribed"), None, text, BARE)
-        moved = any(node_value(part, "prescribed") is not None for part in (shaft, *(sprockets[m] for m in members)))
-        if moved and node_value(sprockets[s], "bearing") is not None and node_value(sprockets[s], "prescribed") is None:
-            text = f'not on the shaft "{name}", which is prescribed and whose motion nothing disturbs'
-            yield Problem(("sprockets", s, "bearing"), None, text, BARE)
 
 
 def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str) -> Iterator[Problem]:
-    """Problems of a further sprocket on a shaft: chain, motion, center, wrap and mount."""
+    """Problems of a further sprocket on a shaft: chain, center, wrap and mount."""
     node, first = sprockets[s], sprockets[members[0]]
     before = [sprockets[m] for m in members if m < s]
     own, other = valid_part(Sprocket, node), valid_part(Sprocket, first)
@@ -124,9 +108,6 @@ def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s:
         node_value(node, "chain") == node_value(of, "chain") for of in before
     ):
         yield Problem(("shaft",), shaft, "must be one without another sprocket of the same chain")
-    if node_value(node, "prescribed") is not None and any(node_value(of, "prescribed") is not None for of in before):
-        text = f'must be given to one sprocket of the shaft "{shaft}" only'
-        yield Problem(("prescribed",), None, text, BARE)
     if own is None or other is None:
         return
     if own.center != other.center:
@@ -141,39 +122,6 @@ def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s:
             return
     if own.mount != other.mount:
         yield Problem(("mount",), None, f"must be the same {named}", BARE)
-
-
-def ratio_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of chains that nothing turns, and of ways through the chains that give a shaft two speeds."""
-    sprockets, chains = sprockets_with_shafts(drive), node_list(drive, "chains")
-    if not chains or is_geared(drive) or not all(_has_sound_ratio(drive, sprocket) for sprocket in sprockets):
-        return
-    if all(node_value(sprocket, "prescribed") is None for sprocket in sprockets):
-        return
-    transmission = transmission_of_sprockets(sprockets)
-    for c, chain in enumerate(chains):
-        name = node_value(chain, "name")
-        if is_name(name) and name not in transmission.leaders:
-            text = "is turned by nothing: no sprocket of it is prescribed, or on a shaft that another chain turns"
-            yield Problem(("chains", c, "name"), name, text)
-    for wrong in transmission.contradictions:
-        begin, end = (shaft.removesuffix("=") for shaft in wrong.shafts)
-        first, second = (f"{float(ratio):g}" for ratio in wrong.ratios)
-        which = "two chains" if len(wrong.chains) == 2 else "ways through the chains"
-        fits = f"{float(wrong.teeth):g}" + ("" if wrong.teeth.denominator == 1 else ", which is no whole number")
-        place = [node_value(chain, "name") for chain in chains].index(wrong.chains[-1])
-        text = f'the {which} between "{begin}" and "{end}" have ratios {first} and {second}; its sprocket on "{end}" '
-        yield Problem(("chains", place, "name"), wrong.chains[-1], f"{text}would need {fits} teeth")
-
-
-def _has_sound_ratio(drive: Any, sprocket: Any) -> bool:
-    """Whether a sprocket's teeth, shaft and chain are sound, so that ratios can be formed with it."""
-    teeth, shaft = node_value(sprocket, "teeth"), node_value(sprocket, "shaft")
-    known = shaft is None or (
-        is_name(shaft) and any(node_value(of, "name") == shaft for of in node_list(drive, "shafts"))
-    )
-    sound = is_name(node_value(sprocket, "name")) and known and chain_of_part(drive, sprocket) is not None
-    return sound and isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0
 
 
 def plane_rules(drive: Any) -> Iterator[Problem]:
@@ -193,5 +141,5 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
             yield Problem(("chains", chains[name], "plane"), plane, text)
 
 
-CHAIN_RULES = (chain_rules, shaft_group_rules, ratio_rules, plane_rules)
+CHAIN_RULES = (chain_rules, shaft_group_rules, plane_rules)
 """Rules of the chains of a drive, in the order in which errors are listed."""

@@ -60,7 +60,6 @@ from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth,
 from warpchain.drive.train_rules import train_rules
 from warpchain.drive.train_speeds import driver_top_speed
 from warpchain.drive.trains import driving_sprocket
-from warpchain.drive.transmission import sprockets_with_shafts
 from warpchain.drive.valves import Valves, valve_rules
 from warpchain.errors import DriveError, drive_error, warn_caller
 from warpchain.files import read_text_file, refusal_reason, write_text_file
@@ -221,14 +220,14 @@ class Drive(Part):
     @property
     def driver(self) -> int:
         """Index of the sprocket that drives: the first prescribed one, or the nearest to the shaft that drives."""
-        prescribed = (s for s, sprocket in enumerate(sprockets_with_shafts(self)) if sprocket.prescribed is not None)
+        prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
         first = next(prescribed, None)
         return driving_sprocket(self) if first is None else first
 
     @property
     def driver_speed(self) -> float:
         """Top speed of the driver [rad/s], its harmonics aside; with a motor, about the speed where moments balance."""
-        prescribed = sprockets_with_shafts(self)[self.driver].prescribed
+        prescribed = self.sprockets[self.driver].prescribed
         if prescribed is None and self.chains:
             driver = self.driver
             chain, s = next((r.drive, r.places["sprockets"].index(driver)) for r in chain_drives(self)

@@ -13,7 +13,9 @@ from warpchain.drive.sprocket import ArmMount
 
 CHAIN_PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
 """Lists of a drive whose parts each belong to one chain."""
-TRAIN_PARTS = ("shafts", "gears", "couplings", "valves")
+GROUP_PARTS = ("gears", "couplings", "valves")
+"""Lists of a drive whose parts each belong to one group of tied bodies."""
+TRAIN_PARTS = ("shafts", *GROUP_PARTS)
 """Lists of a drive whose parts turn sprockets, or are turned by them."""
 
 

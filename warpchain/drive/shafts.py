@@ -180,7 +180,7 @@ class Shaft(Part):
 
 
 class SprocketShaft(Shaft):
-    """A sprocket of another chain, as a shaft of a chain's own drive (`warpchain.drive.geared_chain_drives`).
+    """A sprocket of another chain, as a shaft of a chain's own drive (`warpchain.drive.chain_drives`).
 
     Attributes:
         shaft: that it turns with.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from warpchain.drive.geared_chain_drives import DRIVING_KEYS
+from warpchain.drive.chain_drives import DRIVING_KEYS
 from warpchain.drive.schema import (
     BARE,
     Problem,
@@ -28,7 +28,6 @@ from warpchain.drive.trains import (
     ratios_with_chains,
     rigid_ratios,
 )
-from warpchain.drive.transmission import is_geared
 
 MOST_BODIES = 60
 """Sprockets and shafts of a drive with shafts, gears or couplings."""
@@ -40,9 +39,8 @@ SAME = 1e-6
 def train_rules(drive: Any) -> Iterator[Problem]:
     """Problems of all that ties or turns shafts."""
     several = bool(node_list(drive, "chains"))
-    if several and not is_geared(drive):
-        return  # `chain_rules`
-    if not has_trains(drive) and all(node_value(of, "shaft") is None for of in node_list(drive, "sprockets")):
+    on_shafts = any(node_value(sprocket, "shaft") is not None for sprocket in node_list(drive, "sprockets"))
+    if not (several or on_shafts or has_trains(drive)):
         return
     names = body_names(drive)
     yield from _known_shaft_rules(drive, [name for name in names if is_name(name)])

@@ -113,6 +113,12 @@ def is_freewheel(drive: Any, tie: BodyTie) -> bool:
     return tie.kind == "couplings" and node_value(node_list(drive, "couplings")[int(tie.path[1])], "freewheel") is True
 
 
+def rotation_owners(drive: Any) -> dict[str, str]:
+    """Names of the sprockets that turn as a shaft, with the shaft's name."""
+    names = body_names(drive)
+    return {names[tie.b]: names[tie.a] for tie in body_ties(drive) if tie.kind == "shaft"}
+
+
 def rigid_ratios(drive: Any) -> TiedRatios:
     """Speed ratios of the bodies that shafts and gears tie."""
     found = TiedRatios(len(body_names(drive)))
@@ -178,6 +184,11 @@ def inertia_of_body(drive: Any, b: int) -> Any:
     part = part_of_body(drive, b)
     inertia = 0.0 if part.inertia is None else part.inertia
     return inertia + wheel_inertia(part) if b < len(drive.sprockets) else inertia
+
+
+def inertia_behind_body(drive: Any, b: int) -> Any:
+    """Inertia of body b [kg m^2], with that of the chains that it turns as another chain's sprocket."""
+    return inertia_of_body(drive, b) + getattr(part_of_body(drive, b), "driven_inertia", 0.0)
 
 
 def train_inertia(drive: Any, b: int) -> Any:

@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.crossings import check_planes
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives, loaded_chain_drives
-from warpchain.drive.geared_chain_drives import shared_bodies
-from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
+from warpchain.drive.chain_drives import chain_drives, shared_bodies
+from warpchain.drive.parts_by_chain import ChainDrive
 from warpchain.drive.stacks import Stack, first_refusal, stacks_of_drives
 from warpchain.drive.trains import inertia_of_body
-from warpchain.drive.transmission import drive_with_bare_shafts, is_geared
 from warpchain.engine.contact_mobility import sum_mobility_over_chains
 from warpchain.engine.pack import fill_step_dependence
 from warpchain.engine.packed_ensemble import PackedEnsemble
@@ -112,33 +110,25 @@ class ChainRows:
 
     def _couple_chains_of(self, packed: PackedEnsemble, v: int, a: int, b: int) -> None:
         """Ties the chains of variant v, whose rows are `a` to `b` - 1."""
-        geared = is_geared(self.variant_drives[v])
-        drive, rows = (
-            self.variant_drives[v] if geared else drive_with_bare_shafts(self.variant_drives[v]),
-            packed.drives,
-        )
+        drive, rows = self.variant_drives[v], packed.drives
         rows["chains"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin = int(rows["first_body"][a])
         _number_trains(packed, range(a, b), begin)
-        members_of: list[tuple[ChainSprocket, Any]] = []
+        sprockets: list[ChainSprocket] = []
         for r in range(a, b):
             for k, s in enumerate(self.chains[r].places["sprockets"]):
                 member = (r, int(rows["first_body"][r]) + k, int(rows["first_sprocket"][r]) + k)
-                members_of.append((member, drive.sprockets[s]))
+                sprockets.append(member)
                 packed.motions["own_inertia"][member[1]] = inertia_of_body(drive, s)
-        if geared:
-            for (one, shaft), (other, k) in shared_bodies(drive, self.chains[a:b]):
-                _tie_body_to(packed, int(rows["first_body"][a + one]) + shaft, int(rows["first_body"][a + other]) + k)
-        groups: dict[str, list[ChainSprocket]] = {}
-        for member, sprocket in members_of:
-            key = str(packed.motions["train"][member[1]]) if geared else shaft_of_sprocket(sprocket)
-            groups.setdefault(key, []).append(member)
-        for members in groups.values():
+        for (one, shaft), (other, k) in shared_bodies(drive, self.chains[a:b]):
+            _tie_body_to(packed, int(rows["first_body"][a + one]) + shaft, int(rows["first_body"][a + other]) + k)
+        trains: dict[int, list[ChainSprocket]] = {}
+        for member in sprockets:
+            trains.setdefault(int(packed.motions["train"][member[1]]), []).append(member)
+        for members in trains.values():
             if len({row for row, *_ in members}) > 1:
-                if not geared:
-                    _tie_shaft(packed, members, begin)
                 _sum_contacts_over_chains(packed, members)
-        for r, ring in zip(range(a, b), loaded_chain_drives(drive), strict=True):
+        for r, ring in zip(range(a, b), chain_drives(drive, loaded=True), strict=True):
             rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
 
 
@@ -181,14 +171,6 @@ def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
     if motions["prescribed"][home]:
         motions["sign"][body] = motions["sign"][home]
     packed.bodies["speed"][body] = packed.bodies["speed"][home]
-
-
-def _tie_shaft(packed: PackedEnsemble, members: Sequence[ChainSprocket], begin: int) -> None:
-    """Makes the bodies of sprockets on one shaft turn together; the variant's bodies begin at `begin`."""
-    bodies = np.array([body for _, body, _ in members])
-    packed.motions["train"][bodies] = bodies[0] - begin
-    packed.motions["shaft_offset"][bodies] = bodies[0] - bodies
-    packed.bodies["speed"][bodies] = packed.bodies["speed"][bodies[0]]
 
 
 def _sum_contacts_over_chains(packed: PackedEnsemble, members: Sequence[ChainSprocket]) -> None:

@@ -14,10 +14,9 @@ from warpchain.assembly import tooth_hold
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.chain_drives import chain_drives, loaded_chain_drives
+from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.reversed_drive import reversed_drive
 from warpchain.drive.trains import body_speed_ratio, free_body_loads, nearest_sprocket
-from warpchain.drive.transmission import is_geared, sprockets_with_shafts
 from warpchain.engine.simulation import simulate
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.results.judgement import Limits
@@ -141,7 +140,7 @@ def _even_values(low: float, high: float, count: int) -> list[float]:
 
 def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
     """Name of what carries the load, its own torque, and that at which the chain breaks [N m]."""
-    bodies = [*(drive.sprockets if is_geared(drive) else sprockets_with_shafts(drive)), *drive.shafts]
+    bodies: Sequence[Any] = (*drive.sprockets, *drive.shafts)
     loads = {bodies[b].name: (b, load) for b, load in free_body_loads(drive)}
     if on is not None and on not in loads:
         raise DriveError(f"{on}: has no load; allowed is one of {', '.join(loads) or 'none, as the drive has no load'}")
@@ -167,9 +166,9 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
 def _speed_ratio(drive: Drive, b: int) -> float:
     """Speed of a body over the driver's, by the teeth of chains."""
     s = nearest_sprocket(drive, b)
-    if is_geared(drive):
+    if drive.chains:
         return body_speed_ratio(drive, b, drive.driver)
-    if drive.chains or s is None:
+    if s is None:
         return 1.0
     beside = 1.0 if b == s else body_speed_ratio(drive, b, s)
     return beside * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
@@ -288,7 +287,7 @@ def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: flo
     name = search.sprocket
 
     def jumps(value: float) -> bool:
-        for chain in loaded_chain_drives(_changed_drive(search.drive, by, on, value)):
+        for chain in chain_drives(_changed_drive(search.drive, by, on, value), loaded=True):
             names = [sprocket.name for sprocket in chain.drive.sprockets]
             if name in names:
                 return tooth_hold.jumps(chain.drive, names.index(name))

@@ -14,7 +14,7 @@ Coordinates without mass (oil in tensioners) have an eigenvalue at infinity, whi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, overload
@@ -27,15 +27,13 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.argument_checks import Count, Index, NonNegativeNumber, Workers, check_arguments
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.geared_chain_drives import bodies_of_chain_drive
-from warpchain.drive.transmission import is_geared
+from warpchain.drive.chain_drives import bodies_of_chain_drive, chain_drives
 from warpchain.engine.process_pool import map_in_processes
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import SimulationError, WarpchainError
 from warpchain.modal.matrices import Array
 from warpchain.modal.rigid_rotation import free_rotations, stiffness_without_rotation
-from warpchain.modal.small_motion import ChainMotion, DriveMotion, common_shafts, drive_motion
+from warpchain.modal.small_motion import ChainMotion, DriveMotion, drive_motion
 from warpchain.modal.tensioner_modes import PlungerMotion, plunger_motion, standing_lines
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 
@@ -360,10 +358,6 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
         bodies[:, at], placed[at] = turned[:, mine], part.state.bodies[0][mine]
         for name, values in pushed.items():
             values[:, list(chain.places["tensioners"])] = getattr(plunger, name)
-    several = drive.chains and not is_geared(drive)
-    for b, shaft in enumerate(drive.shafts if several else (), len(drive.sprockets)):
-        on = next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.shaft == shaft.name)
-        bodies[:, b], placed[b] = bodies[:, on], placed[on]
     return {"shape": np.concatenate(shapes, axis=1), "bodies": bodies, "placed": placed, **pushed}
 
 
@@ -383,16 +377,12 @@ def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> N
 
 def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
     """Names of the parts, their shares of each mode's kinetic energy (K, P), and the transverse share (K,)."""
-    named: list[dict[int, str]] = [{} for _ in found.rings]
-    for r, s in (first for first, *_ in common_shafts(found.rings, found.drive)):
-        if s < len(found.rings[r].drive.sprockets):
-            named[r][s] = str(found.rings[r].drive.sprockets[s].shaft)
     parts, shares = list[str](), list[Array]()
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     for r, (part, own, plunger) in enumerate(_chain_motions(found, vector)):
         energy = (own.conj() * (part.mass @ own)).real.T
         before = f"{found.rings[r].name}." if found.drive.chains else ""
-        for name, share in _part_energies(part, energy, plunger.kinetic, before, named[r]):
+        for name, share in _part_energies(part, energy, plunger.kinetic, before):
             if name in parts:  # a sprocket that is a shaft beside another chain
                 shares[parts.index(name)] = shares[parts.index(name)] + share
                 continue
@@ -408,16 +398,13 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
     return tuple(parts), np.stack(shares, axis=1), off / np.maximum(roller, 1e-300)
 
 
-def _part_energies(
-    found: ChainMotion, energy: Array, plunger: Array, before: str, shafts: Mapping[int, str]
-) -> Iterator[PartEnergy]:
+def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: str) -> Iterator[PartEnergy]:
     """Names of a chain's parts, and their kinetic energies in the modes (K,).
 
     Args:
         energy: (K, n) kinetic energies of the coordinates.
         plunger: (K, T) of the tensioners' plungers.
         before: prefix of strands' names.
-        shafts: names of those that turn sprockets of several chains, by the sprocket that has their inertia.
     """
     drive, at, places = found.drive, found.at, found.layout
     own = 2 * at.rollers
@@ -431,9 +418,7 @@ def _part_energies(
     for s, sprocket in enumerate(drive.sprockets):
         turns = body[:, (at.owner == s) & at.turning].sum(axis=1)
         on = roller[:, places.arc == s].sum(axis=1)
-        yield sprocket.name, on if s in shafts else on + turns
-        if s in shafts:
-            yield shafts[s], turns
+        yield sprocket.name, on + turns
         slides = (at.owner == s) & ~at.turning
         if slides.any():
             yield f"{sprocket.name}.mount", body[:, slides].sum(axis=1) - carried[:, s]

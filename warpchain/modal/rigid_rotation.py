@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from warpchain.drive.geared_chain_drives import bodies_of_chain_drive
+from warpchain.drive.chain_drives import bodies_of_chain_drive
 from warpchain.drive.schema import node_value
 from warpchain.drive.trains import is_free_body, part_of_body, ratios_with_chains
 from warpchain.modal.matrices import Array

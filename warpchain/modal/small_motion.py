@@ -20,12 +20,10 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives
-from warpchain.drive.geared_chain_drives import shared_bodies
+from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives, shared_bodies
 from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
-from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
+from warpchain.drive.parts_by_chain import ChainDrive
 from warpchain.drive.trains import body_speed_ratio, body_turning_sign, free_body_loads, is_free_body
-from warpchain.drive.transmission import is_geared
 from warpchain.engine.force_probe import ForceProbe, ProbeStates
 from warpchain.engine.pack import pack, rest_tensioners
 from warpchain.engine.packed_ensemble import PackedEnsemble
@@ -172,14 +170,8 @@ class DriveMotion:
 
 
 def common_shafts(chains: Sequence[ChainDrive], drive: Drive) -> list[list[tuple[int, int]]]:
-    """Groups of sprockets and shafts of several chains, as (chain, body), that turn as one."""
-    if is_geared(drive):
-        return [list(pair) for pair in shared_bodies(drive, chains)]
-    groups: dict[str, list[tuple[int, int]]] = {}
-    for r, chain in enumerate(chains if drive.chains else ()):
-        for k, s in enumerate(chain.places["sprockets"]):
-            groups.setdefault(shaft_of_sprocket(drive.sprockets[s]), []).append((r, k))
-    return [members for members in groups.values() if len(members) > 1]
+    """Pairs of a shaft and a sprocket of several chains, as (chain, body), that turn as one."""
+    return [list(pair) for pair in shared_bodies(drive, chains)]
 
 
 def standing_chains(

@@ -33,14 +33,8 @@ class PartCounts:
 
     @classmethod
     def of_drive(cls, drive: Drive) -> PartCounts:
-        """Numbers of a drive's parts that have channels.
-
-        Shafts of several chains without gears, couplings and motors have none.
-        """
-        from warpchain.drive.transmission import is_geared
-
-        shafts = () if drive.chains and not is_geared(drive) else drive.shafts
-        turned = shafts, drive.couplings, drive.valves
+        """Numbers of a drive's parts that have channels."""
+        turned = drive.shafts, drive.couplings, drive.valves
         return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, *turned)))
 
     def count_of(self, kind: PartKind) -> int:

@@ -14,8 +14,8 @@ from typing import Annotated, Any
 
 from warpchain.drive import Drive
 from warpchain.drive import toml as drive_toml
-from warpchain.drive.chain_drives import sprockets_on_shaft_of
 from warpchain.drive.json_schema import file_schema
+from warpchain.drive.parts_by_chain import shaft_of_sprocket
 from warpchain.drive.schema import BARE, Allowed, Part, Problem, Text, node_list, node_value
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text_file
@@ -459,9 +459,8 @@ def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
 def _order_complaints(named: Sequence[tuple[str, str, Adjust]], drive: Drive) -> list[str]:
     """Complaints if the last adjustment moves what earlier ones have put in place."""
     *earlier, (key, _, adjust) = named
-    moved = [
-        mine for own in drive.sprockets if own.name == adjust.sprocket for mine in sprockets_on_shaft_of(drive, own)
-    ]
+    shafts = [shaft_of_sprocket(sprocket) for sprocket in drive.sprockets if sprocket.name == adjust.sprocket]
+    moved = [sprocket for sprocket in drive.sprockets if shaft_of_sprocket(sprocket) in shafts]
     said = f"{key}.sprocket = {drive_toml.value_text(adjust.sprocket)}: moves"
     for before, _, other in earlier:
         if other.chain in (None, adjust.chain):
