@@ -246,6 +246,11 @@ class Arm:
     lever: wp.vec2d  # d: its pivot from that of the arm that carries it, as drawn [m]
     mass_moment: wp.vec2d  # mass times its center of mass from the pivot, as drawn [kg m]
     gravity: wp.vec2d  # [m/s^2]
+    coil_point: wp.vec2d  # where its coil spring holds it, from the pivot, as drawn [m]
+    coil_anchor: wp.vec2d  # where that one is held, on what carries the arm, likewise [m]
+    coil_stiffness: wp.float64  # [N/m]; 0: it has none
+    coil_free_length: wp.float64  # [m]
+    coil_damping: wp.float64  # [N s/m]
 
 
 @wp.struct

@@ -160,7 +160,9 @@ def uneven():
 
 def arms():
     """An arm with a hydraulic tensioner, and one with a spring, ratchet and damper against its stop."""
+    coil = {"at": [-0.04, 0.15], "anchor": [-0.14, 0.16], "stiffness": 500.0, "free_length": 0.11, "damping": 2.0}
     latched = {
+        "arms.0.spring": coil,
         "tensioners.0.kind": "spring", "tensioners.0.chamber": None, "tensioners.0.valve": None,
         "tensioners.0.oil": None, "tensioners.0.ratchet": {"pitch": 1e-3, "backlash": 2e-4},
         "tensioners.0.spring.damping": 50.0, "arms.0.damping": 1e-3, "arms.0.stiffness": 2.0,

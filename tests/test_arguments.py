@@ -34,11 +34,19 @@ METHODS = [
 FUNCTIONS = [
     *filter(inspect.isfunction, PUBLIC),
     *(warpchain.ArchiveOptions, Record, warpchain.Wear),
-    *(fit.fit_angle, fit.fit_links, fit.fit_position, save_drive, campbell, over_a_pitch),
+    *(fit.fit_angle, fit.fit_links, fit.fit_position, fit.fit_wrap, save_drive, campbell, over_a_pitch),
     *METHODS,
 ]
 CAR = example("car")
-RIGHT = {"amplitude": 1e-4, "frequency": 10.0, "direction": (1, 0), "angle": {}, "values": {}, "variant": 0}
+RIGHT = {
+    "amplitude": 1e-4,
+    "wrap": 60.0,
+    "frequency": 10.0,
+    "direction": (1, 0),
+    "angle": {},
+    "values": {},
+    "variant": 0,
+}
 RIGHT |= {"drive": CAR, "drives": CAR, "self": CAR, "rows": [], "speeds": [0.0, 1.0], "count": 1}
 RIGHT |= {"table": pa.table({}), "design": pa.table({}), "number": 0, "metric": "x", "body": 0, "place": Path()}
 RIGHT |= {

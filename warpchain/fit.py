@@ -1,5 +1,5 @@
 """Set-up help: where a sprocket must stand, or how many links a chain must have."""
 
-from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
+from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fit_wrap
 
-__all__ = ["fit_angle", "fit_links", "fit_position"]
+__all__ = ["fit_angle", "fit_links", "fit_position", "fit_wrap"]

@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import multiply_add, products, reciprocal
+from ..native import multiply_add, products, quotient, reciprocal
 from ..number import (  # noqa: F401
     Pair,
     add,
@@ -380,8 +380,26 @@ def stop_moment(angle: Any, speed: Any, arm: Any):
 
 
 @wp.func
+def coil_length(angle: Any, arm: Any):
+    """Length of an arm's coil spring [m] from its anchor to its point on the arm, and its derivative by the angle."""
+    sine, cosine = wp.sin(angle), wp.cos(angle)
+    x = arm.coil_point[0] * cosine - arm.coil_point[1] * sine
+    y = arm.coil_point[0] * sine + arm.coil_point[1] * cosine
+    along = wp.vector(x - arm.coil_anchor[0], y - arm.coil_anchor[1])
+    length = wp.length(along)
+    return length, quotient(x * along[1] - y * along[0], length)
+
+
+@wp.func
+def coil_moment(turned: Any, arm: Any):
+    """Moment [N m] on an arm of its coil spring and that one's damper; `turned` has its angle and speed."""
+    length, lever = coil_length(turned.angle, arm)
+    return -lever * (arm.coil_stiffness * (length - arm.coil_free_length) + arm.coil_damping * lever * turned.speed)
+
+
+@wp.func
 def arm_own_moment(body: Any, heading: Any, arm: Any):
-    """Moment [N m] on an arm of its weight, spring, damper and stops.
+    """Moment [N m] on an arm of its weight, springs, dampers and stops.
 
     Args:
         body: its angle and speed.
@@ -392,14 +410,20 @@ def arm_own_moment(body: Any, heading: Any, arm: Any):
     y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
     stop, elastic = stop_moment(body.angle, body.speed, arm)
     weight = x * arm.gravity[1] - y * arm.gravity[0]
-    return weight + stop - arm.stiffness * (body.angle - arm.free_angle) - arm.damping * body.speed
+    moment = weight + stop - arm.stiffness * (body.angle - arm.free_angle) - arm.damping * body.speed
+    if arm.coil_stiffness > type(moment)(0.0):
+        moment = moment + coil_moment(body, arm)
+    return moment
 
 
 @wp.func
 def arm_spring_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of its spring, damper and stops; `turned` has its angle and speed as these see it."""
+    """Moment [N m] on an arm of its springs, dampers and stops; `turned` has its angle and speed as these see it."""
     stop, elastic = stop_moment(turned.angle, turned.speed, arm)
-    return stop - arm.stiffness * (turned.angle - arm.free_angle) - arm.damping * turned.speed
+    moment = stop - arm.stiffness * (turned.angle - arm.free_angle) - arm.damping * turned.speed
+    if arm.coil_stiffness > type(moment)(0.0):
+        moment = moment + coil_moment(turned, arm)
+    return moment
 
 
 @wp.func
@@ -427,6 +451,10 @@ def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
     energy = kinetic + wp.float64(half * arm.stiffness * turned * turned)
     beyond = wp.max(arm.low - body.angle, type(half)(0.0)) + wp.max(body.angle - arm.high, type(half)(0.0))
     energy += wp.float64(half * arm.stop_stiffness * beyond * beyond)
+    if arm.coil_stiffness > type(half)(0.0):
+        length, lever = coil_length(body.angle, arm)
+        longer = length - arm.coil_free_length
+        energy += wp.float64(half * arm.coil_stiffness * longer * longer)
     x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1] + arm.mass * (body.center[0] - arm.pivot[0])
     y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0] + arm.mass * (body.center[1] - arm.pivot[1])
     return energy - wp.float64(x * arm.gravity[0]) - wp.float64(y * arm.gravity[1])
@@ -440,6 +468,10 @@ def pivot_power(power: Any, body: Any, arm: Any):
 
 @wp.func
 def arm_dissipation(body: Any, arm: Any):
-    """Power [W] that an arm's damper and stops take."""
+    """Power [W] that an arm's dampers and stops take."""
     stop, elastic = stop_moment(body.angle, body.speed, arm)
-    return arm.damping * body.speed * body.speed - (stop - elastic) * body.speed
+    power = arm.damping * body.speed * body.speed - (stop - elastic) * body.speed
+    if arm.coil_stiffness > type(power)(0.0):
+        length, lever = coil_length(body.angle, arm)
+        power = power + arm.coil_damping * lever * lever * body.speed * body.speed
+    return power

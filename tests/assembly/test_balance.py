@@ -123,6 +123,21 @@ def test_under_a_slack_chain_spring_weight_and_tensioner_hold_an_arm(gravity):
     assert still.stiffness(0.1) == pytest.approx(-(still.moment(0.1 + d) - still.moment(0.1 - d)) / (2 * d), rel=1e-6)
 
 
+def test_a_coil_spring_holds_an_arm():
+    """T = 0, no weight: the arm stands where the spring has its free length, by the rule of cosines; to 1e-9 rad."""
+    coil = {"at": [0.5, 0.3], "anchor": [0.3, -0.2], "stiffness": 3000.0, "free_length": 0.5}
+    q, f = np.subtract(coil["at"], PIVOT), np.subtract(coil["anchor"], PIVOT)
+    drawn = math.atan2(f[0] * q[1] - f[1] * q[0], f @ q)
+    between = math.acos((q @ q + f @ f - 0.5**2) / (2.0 * math.sqrt((q @ q) * (f @ f))))
+    drive = armed(links=62, spring=coil, stops=[-20.0, 20.0]).with_values({"run.gravity": [0.0, 0.0]})
+    assembly = assemble(drive)
+    assert assembly.strain < 0.0
+    assert float(assembly.arm_angle[0]) == pytest.approx(between - drawn, abs=1e-9)
+    still, d = StillArm(drive, 0), 1e-6
+    assert still.moment(0.1) == pytest.approx(-(still.energy(0.1 + d) - still.energy(0.1 - d)) / (2 * d), rel=1e-6)
+    assert still.stiffness(0.1) == pytest.approx(-(still.moment(0.1 + d) - still.moment(0.1 - d)) / (2 * d), rel=1e-6)
+
+
 def test_two_arms_of_a_drive_that_is_its_own_mirror_image():
     """Mirrored top to bottom angles change sign; both stand in balance. 1e-8 rad: the seats are not mirrored to
     round-off."""

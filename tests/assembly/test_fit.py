@@ -12,9 +12,10 @@ from layouts import PITCH, Placed, drive_of, loops
 from warpchain import Record, cli, load_drive, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.fitting import drawn_paths, fit_links, fit_position, fit_positions, strand_sag
+from warpchain.assembly.fitting import drawn_paths, fit_links, fit_position, fit_positions, fit_wrap, strand_sag
 from warpchain.assembly.summary import derive
 from warpchain.cli.fit_command import _fit_state_lines
+from warpchain.drive import save_drive
 from warpchain.drive.drive_text import text_with_changes
 from warpchain.errors import DriveError
 
@@ -42,6 +43,54 @@ def test_center_distance_from_links(start, strain):
     drive = fit_position(pair(start * SPAN * PITCH), "s1", (2.0, 0.0), strain=strain)
     assert distance(drive) == pytest.approx(SPAN * PITCH * (1.0 + strain), abs=2e-10)
     assert drive.sprockets[1].center[1] == 0.0 and drive.sprockets[0].center == (0.0, 0.0)
+
+
+IDLER = drive_of(
+    [Placed(20, (0.0, 0.0)), Placed(20, (SPAN * PITCH, 0.0)), Placed(12, (0.5 * SPAN * PITCH, 0.1), "cw")],
+    2 * SPAN + 20,
+    (0.0, -9.81),
+)
+"""An idler outside the upper strand of two equal sprockets."""
+
+
+def idler_wrap(drive):
+    """Wrap of the idler by triangles [degrees]: 2 (asin((R + r) / L) - atan(2 y / D)), L = sqrt(D^2 / 4 + y^2)."""
+    both = sum(PITCH / (2.0 * math.sin(math.pi / z)) for z in (20, 12))
+    half, y = 0.5 * SPAN * PITCH, drive.sprockets[2].center[1]
+    return math.degrees(2.0 * (math.asin(both / math.hypot(half, y)) - math.atan2(y, half)))
+
+
+@pytest.mark.parametrize("wrap", [10.0, 30.0, 45.0])
+def test_an_idler_with_a_wanted_wrap(wrap):
+    moved = fit_wrap(IDLER, "s2", (0.0, 1.0), wrap)
+    assert idler_wrap(moved) == pytest.approx(wrap, abs=1e-6)
+    assert moved.chain.links == IDLER.chain.links
+    fitted = fit_links(moved)
+    assert abs(assemble(fitted).strain) < 0.02
+    # 0.1 degrees more on each of the others, for the idler's 0.2: the chain turns by 360 in all
+    around = fit_wrap(IDLER, "s2", (0.0, 1.0), 180.0 + 0.5 * wrap, around="s0")
+    assert around.sprockets[2].center[1] == pytest.approx(moved.sprockets[2].center[1], abs=1e-8)
+
+
+def test_wraps_that_cannot_be():
+    with pytest.raises(DriveError, match=r"wrap = 0: must be above 0 and below 360 degrees"):
+        fit_wrap(IDLER, "s2", (0.0, 1.0), 0.0)
+    with pytest.raises(DriveError, match=r'no place along .* gives 340 degrees of wrap around "s2"; it can have'):
+        fit_wrap(IDLER, "s2", (0.0, 1.0), 340.0)  # there it meets the other strand, or crosses its own
+    with pytest.raises(DriveError, match=r'sprocket "s9": no such name'):
+        fit_wrap(IDLER, "s2", (0.0, 1.0), 60.0, around="s9")
+
+
+def test_the_command_fits_a_wrap_and_then_the_links(tmp_path, capsys):
+    path, words = tmp_path / "drive.toml", ["--sprocket", "s2", "--along", "0,1", "--wrap", "40"]
+    save_drive(IDLER, path)
+    assert cli.main(["fit", str(path), *words, "--links"]) == 0
+    found = load_drive(path)
+    assert idler_wrap(found) == pytest.approx(40.0, abs=1e-6)
+    assert found.chain.links == fit_links(fit_wrap(IDLER, "s2", (0.0, 1.0), 40.0)).chain.links
+    for wrong in (["--wrap", "60"], [*words, "--sag", "0.01"], [*words[:4], "--around", "s0", "--strain", "0"]):
+        assert cli.main(["fit", str(path), *wrong, *([] if "--sprocket" in wrong else ["--links"])]) == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
 def test_preload_is_stiffness_times_elongation():

@@ -227,6 +227,28 @@ FOLLOWED = {"guides/0/points/1/1", "arms/0/pivot/0", "arms/0/name"}
 """Where other parts go wrong, too."""
 
 
+COIL = {"at": [-0.04, 0.15], "anchor": [-0.1, 0.1], "stiffness": 9.0, "free_length": 0.1}
+SPRINGS = {
+    "a point at the pivot": ({"at": None}, "spring.at = {pivot}: must not be the pivot, about which it then turns"),
+    "an anchor at the pivot": ({"anchor": None}, "spring.anchor = {pivot}: must not be the pivot"),
+    "one point twice": ({"anchor": COIL["at"]}, "spring.anchor = [-0.04, 0.15]: must be another point than at"),
+    "an anchor far off": ({"anchor": [2e4, 0.0]}, "spring.anchor = [20000.0, 0.0]: must be within 10000 m"),
+    "a spring without stiffness": ({"stiffness": 0.0}, "spring.stiffness = 0.0: must be a positive number"),
+    "a spring of no length": ({"free_length": -1.0}, "spring.free_length = -1.0: must be a positive number"),
+    "a damper that drives": ({"damping": -1.0}, "spring.damping = -1.0: must be a number of at least 0"),
+    "an unknown key": ({"preload": 5.0}, "spring.preload = 5.0: unknown key; allowed are at, anchor"),
+}
+
+
+@pytest.mark.parametrize("case", SPRINGS)
+def test_wrong_springs_of_arms_are_named(case, values):
+    changes, line = SPRINGS[case]
+    pivot = list(values["arms"][0]["pivot"])
+    values["arms"][0]["spring"] = COIL | {key: pivot if value is None else value for key, value in changes.items()}
+    (found,) = errors_of(values)
+    assert found.startswith(f"arms.tensioner arm.{line.format(pivot=pivot)}")
+
+
 @pytest.mark.parametrize(("path", "value", "line"), RULES)
 @pytest.mark.filterwarnings("ignore")
 def test_rule(values, path, value, line):

@@ -23,6 +23,7 @@ from warpchain.fit import fit_position
 from warpchain.results.schedule import Schedule
 
 STAY = {
+    "arms.spring.free_length",  # steel that is wound
     "valves.profile.lift", "valves.table.lift", "tensioners.relief.diameter", "tensioners.relief.lift",
     "tensioners.vent.diameter", "sprockets.mount.table.x", "sprockets.mount.table.y", "sprockets.mount.offset",
     "sprockets.mount.amplitude", "arms.pivot_table.x", "arms.pivot_table.y",

@@ -71,10 +71,19 @@ LOWER = {"name": "lower", "arm": "pendulum", "pivot": [0.5, -1.35], "mass": 1.0,
 LOWER |= {"inertia": 0.04, "stiffness": 1.5, "damping": 0.01}
 
 
-def two_arms():
-    """That pendulum with another one on it, shaken."""
+COILS = (
+    {"at": [0.5, -1.2], "anchor": [0.7, -1.1], "stiffness": 200.0, "free_length": 0.2},
+    {"at": [0.55, -1.45], "anchor": [0.45, -1.25], "stiffness": 100.0, "free_length": 0.25, "damping": 0.5},
+)
+"""Coil springs of two arms: to what leads the pivot of the first, and between both."""
+
+
+def two_arms(coils=()):
+    """That pendulum with another one on it, shaken, with coil springs or without."""
     drive = led(shaken(), damping=0.05, stiffness=2.0)
-    return drive.with_values({"arms": [drive.arms[0].model_dump(exclude_none=True), LOWER]})
+    arms = [drive.arms[0].model_dump(exclude_none=True), LOWER]
+    springs = [{"spring": coil} for coil in coils] or [{}, {}]
+    return drive.with_values({"arms": [arm | spring for arm, spring in zip(arms, springs, strict=True)]})
 
 
 def left(v):
@@ -87,9 +96,22 @@ def turned(v, angle):
     return np.cos(angle) * np.asarray(v) + np.sin(angle) * left(v)
 
 
+def coil_moment(arm, angle, speed):
+    """Moment of an arm's coil spring about its pivot: of a force along the line from its anchor to its other end."""
+    if arm.spring is None:
+        return 0.0
+    end = turned(np.subtract(arm.spring.at, arm.pivot), angle)
+    way = end - np.subtract(arm.spring.anchor, arm.pivot)
+    length = np.hypot(*way)
+    rate = speed * left(end) @ way / length
+    tension = arm.spring.stiffness * (length - arm.spring.free_length) + arm.spring.damping * rate
+    return -tension * left(end) @ way / length
+
+
 def newton_euler(drive, time, state):
     """Accelerations (2,) of two arms and forces (4,) at their pivots, from the six equations of two bodies: m a and
-    I_c alpha of each, about its center of mass, with the forces as unknowns.
+    I_c alpha of each, about its center of mass, with the forces as unknowns. Coil springs act at the pivots, as their
+    forces and moments.
     """
     upper, lower = drive.arms
     (a1, a2, w1, w2), gravity = state, np.asarray(drive.run.gravity)
@@ -99,6 +121,7 @@ def newton_euler(drive, time, state):
     d = turned(np.subtract(lower.pivot, upper.pivot), a1)
     joint = lower.stiffness * (a2 - a1 - lower.free_angle_rad) + lower.damping * (w2 - w1)
     ground = upper.stiffness * (a1 - upper.free_angle_rad) + upper.damping * w1
+    joint, ground = joint - coil_moment(lower, a2 - a1, w2 - w1), ground - coil_moment(upper, a1, w1)
     matrix, right = np.zeros((6, 6)), np.zeros(6)  # alpha_1, alpha_2, F_1 on the upper arm, F_2 on the lower one
     matrix[0:2, 0], matrix[0:2, 2:4], matrix[0:2, 4:6] = upper.mass * left(r1), -np.eye(2), np.eye(2)
     right[0:2] = upper.mass * (gravity - led_by + w1 * w1 * r1)
@@ -114,14 +137,14 @@ def newton_euler(drive, time, state):
 
 @pytest.mark.usefixtures("device")
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
-def test_what_leads_a_pivot_holds_the_arm_on_the_arm_too(integrator, precision):
+@pytest.mark.parametrize(("integrator", "coils"), [("leapfrog", ()), ("rk4", ()), ("leapfrog", COILS), ("rk4", COILS)])
+def test_what_leads_a_pivot_holds_the_arm_on_the_arm_too(integrator, coils, precision):
     """Against two bodies by Newton and Euler (scipy): angles, the pivot's force frame by frame, its work; and energy.
 
     Leapfrog has 5e-5 of the work in h^2 at this step, by links' dampers; runge-kutta 3e-6. The force is that of second
     differences of recorded angles, 0.2 ms apart.
     """
-    drive = two_arms().with_values({"run.integrator": integrator, "run.step": 1e-5})
+    drive = two_arms(coils).with_values({"run.integrator": integrator, "run.step": 1e-5})
     exact = precision == "float64"
     record = Record(rate=5000.0, channels=CHANNEL_NAMES)
     run = simulate(drive, duration=0.18, window=(0.03, 0.18), precision=precision, record=record)
@@ -142,7 +165,14 @@ def test_what_leads_a_pivot_holds_the_arm_on_the_arm_too(integrator, precision):
     assert abs(row["energy_residual"]) < (1e-4 if exact else 1e-3) * abs(work)
     if exact:
         loads = {load.name: load.force for load in housing_loads(run[0])}
-        np.testing.assert_allclose(-loads["pivot pendulum"][5:-5], force[5:-5], atol=2e-3 * np.abs(force).max())
+        held = loads["pivot pendulum"] + loads.get("spring pendulum", 0.0)
+        np.testing.assert_allclose(-held[5:-5], force[5:-5], atol=2e-3 * np.abs(force).max())
+        if coils:
+            drawn, end = np.subtract(coils[0]["at"], coils[0]["anchor"]), turned([0.0, -0.2], angles[-1, 0])
+            assert np.hypot(*drawn) == pytest.approx(math.sqrt(0.05))
+            way = end - [0.2, -0.1]
+            pull = 200.0 * (np.hypot(*way) - 0.2)
+            assert loads["spring pendulum"][-1] == pytest.approx(pull * way / np.hypot(*way), rel=1e-9)
 
 
 def idler(**values):

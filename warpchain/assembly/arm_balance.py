@@ -34,6 +34,7 @@ from warpchain.drive.stack_math import (
     minimum,
     ordered_sum,
     shared_value,
+    sqrt,
     where,
 )
 from warpchain.errors import DriveError
@@ -50,6 +51,9 @@ AT_STOP = math.radians(1e-4)
 
 OFF = math.radians(0.01)
 """An arm that a chain turns by no more is not held by it [rad]."""
+
+LEAST_SQUARE = 1e-12
+"""Square of the least length of a coil spring [m^2]."""
 
 _STEP = math.radians(0.25)
 _SWEEPS = 60
@@ -95,6 +99,49 @@ class StillTensioner:
         return (self.spring if self.push > self.spring * x else 0.0) + (self.stop if x < self.bottom else 0.0)
 
 
+class StillCoil:
+    """The coil spring of an arm at rest.
+
+    With q and f the distances of its ends from the pivot and a the angle between them, l^2 = q^2 + f^2 - 2 q f cos(a)
+    and dl/da = q f sin(a) / l.
+
+    Args:
+        arm: one, or of a stack.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        spring, (px, py) = arm.spring, arm.pivot
+        assert spring is not None
+        (qx, qy), (fx, fy) = ((x - px, y - py) for x, y in (spring.at, spring.anchor))
+        self.squares, self.inner, self.outer = (
+            qx * qx + qy * qy + fx * fx + fy * fy,
+            fx * qx + fy * qy,
+            fx * qy - fy * qx,
+        )
+        self.stiffness, self.free_length = spring.stiffness, spring.free_length
+
+    def _length(self, angle: Any) -> tuple[Any, Any, Any]:
+        """Its length [m], and q f times cosine and sine of the angle between its ends [m^2]."""
+        cosine, sine = unit_vector(angle)
+        inner, outer = self.inner * cosine - self.outer * sine, self.outer * cosine + self.inner * sine
+        return sqrt(maximum(self.squares - 2.0 * inner, LEAST_SQUARE)), inner, outer
+
+    def moment(self, angle: Any) -> Any:
+        """On the arm, at an angle [rad] [N m]."""
+        length, _, outer = self._length(angle)
+        return -self.stiffness * (length - self.free_length) * outer / length
+
+    def energy(self, angle: float) -> float:
+        """Of which the moment is minus the derivative [J]."""
+        return float(0.5 * self.stiffness * (self._length(angle)[0] - self.free_length) ** 2)
+
+    def torsional_stiffness(self, angle: float) -> float:
+        """Minus the derivative of the moment by the angle [N m/rad]."""
+        length, inner, outer = self._length(angle)
+        lever, tension = outer / length, self.stiffness * (length - self.free_length)
+        return float(self.stiffness * lever**2 + tension * (inner - lever**2) / length)
+
+
 class StillArm:
     """The moments on an arm at rest beside the chain's: springs, weight, stops and tensioners.
 
@@ -111,6 +158,7 @@ class StillArm:
         self.weights = [(arm.mass, arm.center), *((moving_mass(s), s.center) for s in carried)]  # as drawn
         self.tensioners = [StillTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
+        self.coil = None if arm.spring is None else StillCoil(arm)
 
     def moment(self, angle: Any) -> Any:
         """About the pivot [N m], at an angle [rad]."""
@@ -127,6 +175,8 @@ class StillArm:
     def joint(self, angle: Any, beside: Any = 0.0) -> Any:
         """Moment of its spring and stops, and of tensioners that an arm has that carries arms, with others [N m]."""
         found = beside - self.arm.stiffness * (angle - self.arm.free_angle_rad) - self.stop * self.over(angle)
+        if self.coil is not None:
+            found = found + self.coil.moment(angle)
         for tensioner in self.tensioners:
             lever, _ = self._levers(tensioner, angle)
             found = found + lever * tensioner.force(self.extension(tensioner, angle))
@@ -137,12 +187,14 @@ class StillArm:
         arm = self.arm
         found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self.sunk(angle)
         found += 0.5 * self.stop * self.over(angle) ** 2
+        found += 0.0 if self.coil is None else self.coil.energy(angle)
         return found + sum(tensioner.energy(self.extension(tensioner, angle)) for tensioner in self.tensioners)
 
     def stiffness(self, angle: float) -> float:
         """Minus the derivative of the moment by the angle [N m/rad]."""
         arm = self.arm
         found = self.sunk(angle) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
+        found += 0.0 if self.coil is None else self.coil.torsional_stiffness(angle)
         for tensioner in self.tensioners:
             lever, change = self._levers(tensioner, angle)
             extended = self.extension(tensioner, angle)

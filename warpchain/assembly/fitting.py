@@ -135,6 +135,36 @@ def fit_angle(
     return _one(_moved([drive], [search]))
 
 
+@check_arguments(DriveError)
+def fit_wrap(
+    drive: Drive,
+    sprocket: str,
+    direction: Sequence[float],
+    wrap: float,
+    around: str | None = None,
+    travel: FiniteNumber | None = None,
+) -> Drive:
+    """Moves a sprocket along a line, either way, to the nearest place at which a wrap angle is as wanted.
+
+    The number of links stays and need not fit there: `fit_links` then chooses it.
+
+    Args:
+        drive, sprocket, direction, travel: as of `fit_position`.
+        wrap: angle over which the chain lies on a sprocket, on pitch circles [degrees].
+        around: name of that sprocket, of the same chain; None is the one that moves.
+
+    Returns:
+        The drive with the sprocket's center moved; rounded to 1e-10 m.
+
+    Raises:
+        DriveError: as `fit_position`; a wrap that is not above 0 and below 360.
+    """
+    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit(direction)
+    index = _sprocket_index(own, sprocket)
+    goal = _wrap_goal(own, wrap, index if around is None else _sprocket_index(own, around))
+    return _one(_moved([drive], [Search(own, index, line, goal, travel)]))
+
+
 def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> ChainDrive:
     """The chain that is fitted: that of a name, or of a sprocket; of one chain, that.
 
@@ -412,6 +442,18 @@ def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> Goal:
         lambda reached: _ANGLE * (reached.angle - angles[a]),
         lambda reached: math.degrees(reached.angle),
         arm=a,
+    )
+
+
+def _wrap_goal(drive: Drive, degrees: float, s: int) -> Goal:
+    if not 0.0 < degrees < 360.0:
+        raise DriveError(f"wrap = {degrees:g}: must be above 0 and below 360 degrees")
+    return Goal(
+        f'{degrees:g} degrees of wrap around "{drive.sprockets[s].name}"',
+        " degrees",
+        lambda reached: _ANGLE * (reached.wrap - math.radians(degrees)),
+        lambda reached: math.degrees(reached.wrap),
+        around=s,
     )
 
 

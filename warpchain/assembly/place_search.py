@@ -35,17 +35,19 @@ Array = NDArray[np.float64]
 
 
 class Reached(NamedTuple):
-    """Strain, chord and arm angle of a drive with its sprocket at a place; NaN where it cannot be drawn or assembled.
+    """State of a drive with its sprocket at a place; NaN where it cannot be drawn or assembled.
 
     Attributes:
         strain: of the strands' links [-].
         chord: (2,) of the strand that the goal is about, from its first seat to its last [m].
         angle: of the arm that the goal is about [rad].
+        wrap: around the sprocket that the goal is about [rad].
     """
 
     strain: float = math.nan
     chord: tuple[float, float] = (math.nan, math.nan)
     angle: float = math.nan
+    wrap: float = math.nan
 
 
 NOWHERE = Reached()
@@ -61,6 +63,7 @@ class Goal:
         amount: what is reached, in the unit.
         strand: whose chord counts.
         arm: whose angle counts; None where a strain does.
+        around: sprocket whose wrap counts, by the path alone, whatever the number of links; None where others do.
         sags: whether it matters where rollers stand.
     """
 
@@ -70,6 +73,7 @@ class Goal:
     amount: Callable[[Reached], float]
     strand: int = 0
     arm: int | None = None
+    around: int | None = None
     sags: bool = False
 
 
@@ -120,11 +124,12 @@ class Search:
                 outer = side * min((chain + 1) * self.step, self.reach)
                 after = yield from self._nominal(outer)
                 if before * after <= 0.0:
-                    place = yield from _root(self._nominal, (inner, before), (outer, after), 1e-4 * self.step)
+                    near = 1e-4 if self.goal.around is None else 1e-12
+                    place = yield from _root(self._nominal, (inner, before), (outer, after), near * self.step)
                     found.append(place)
                 ends[side] = outer, after
             for place in sorted((place for place in found if math.isfinite(place)), key=abs):
-                exact = yield from self._refined(place)
+                exact = place if self.goal.around is not None else (yield from self._refined(place))
                 if exact is not None:
                     return exact
         return None
@@ -134,7 +139,7 @@ class Search:
         reached = yield _Place(place, False)
         if not math.isfinite(reached.strain):
             return math.nan
-        if self.goal.arm is not None or abs(reached.strain) <= MAX_STRAIN:
+        if (self.goal.arm, self.goal.around) != (None, None) or abs(reached.strain) <= MAX_STRAIN:
             self.seen.append((place, reached))
         return self.goal.over(reached)
 
@@ -301,19 +306,21 @@ def _evaluation(goals: Sequence[Goal], assembled: bool) -> Callable[[Drive], _St
 
 @dataclass(frozen=True)
 class _States:
-    """Strains (V,), chords (V, S, 2) of the strands and angles (V, A) of the arms of a stack."""
+    """Strains (V,), chords (V, S, 2) of the strands, angles (V, A) of the arms and wraps (V, S) of a stack."""
 
     strain: Array
     chord: Array
     arms: Array
+    wrap: Array
 
     def of(self, goals: Sequence[Goal]) -> list[Reached]:
         """The state of each variant, as its goal takes it."""
         chords = self.chord[np.arange(len(goals)), [goal.strand for goal in goals]].tolist()
         angles = [math.nan if goal.arm is None else float(self.arms[v, goal.arm]) for v, goal in enumerate(goals)]
+        wraps = [math.nan if goal.around is None else float(self.wrap[v, goal.around]) for v, goal in enumerate(goals)]
         return [
-            Reached(strain, (x, y), angle)
-            for strain, (x, y), angle in zip(self.strain.tolist(), chords, angles, strict=True)
+            Reached(strain, (x, y), angle, wrap)
+            for strain, (x, y), angle, wrap in zip(self.strain.tolist(), chords, angles, wraps, strict=True)
         ]
 
 
@@ -327,12 +334,13 @@ def _on_seats(drive: Drive) -> _States:
 
 
 def _straight(path: ChainPath, strain: Array) -> _States:
-    return _States(strain, path.strand_end - path.strand_start, path.arm_angle)
+    return _States(strain, path.strand_end - path.strand_start, path.arm_angle, path.wrap_angle)
 
 
 def _in_place(drive: Drive) -> _States:
     state = assemble_stack(drive)
-    return _States(state.strain, strand_chords(state), state.arm_angle)  # type: ignore[arg-type]  # (V,)
+    wrap = state.path.wrap_angle
+    return _States(state.strain, strand_chords(state), state.arm_angle, wrap)  # type: ignore[arg-type]  # (V,)
 
 
 def strand_chords(state: Assembly) -> Array:

@@ -59,7 +59,8 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
     A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
     line; one that turns K (z - 1) R^2 / J, as of rollers in all its gaps but one; an arm
     (k_t + k_stop + K sum r^2 + k_T l^2 + sum K z d^2 / 2) / I, r the places a pitch apart where its faces can be
-    touched, from its pivot, k_T a tensioner's spring, oil and stop, l its lever, d the centers of sprockets on it.
+    touched, from its pivot, k_T a tensioner's spring, oil and stop, or a coil spring, l its lever, d the centers of
+    sprockets on it.
     """
     if drive.chains:
         return _together([chain.drive for chain in chain_drives(drive)], held)
@@ -83,6 +84,9 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
         inertia = drive.arm_inertia(a)
         pushed, damped = _pushes(drive, drive.first_arm_body + a)
         stiffness, damping = arm.stiffness + pushed, arm.damping + damped
+        if arm.spring is not None:
+            square = power(arm.spring_lever, 2)
+            stiffness, damping = stiffness + arm.spring.stiffness * square, damping + arm.spring.damping * square
         if arm.stops is not None:
             stiffness, damping = stiffness + drive.stop_stiffness(a), damping + drive.stop_damping(a)
         for g in drive.guides_of(a):

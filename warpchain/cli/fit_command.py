@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.assembly import assemble
-from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fitted_chain, strand_sag
+from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fit_wrap, fitted_chain, strand_sag
 from warpchain.assembly.layout_checks import findings, idle_arms, stretched
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.chain_drives import chain_drives
@@ -41,6 +41,7 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
     wanted = (arguments.strain, arguments.preload, arguments.sag)
     if not moving and any(x is not None for x in wanted):
         raise DriveError("--strain, --preload, --sag: need a sprocket to move, --sprocket and --along")
+    _check_wrap(arguments, moving)
     if arguments.angle is not None and any(x is not None for x in wanted) and not arguments.links:
         raise DriveError("--angle: without --links it stands alone; leave out --strain, --preload, --sag")
     path = drive_path(arguments.drive)
@@ -57,7 +58,12 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
     chain = fitted_chain(before, arguments.chain, arguments.sprocket).name or None
     if moving and chain not in (None, own := fitted_chain(before, sprocket=arguments.sprocket).name):
         raise DriveError(f'--chain {chain}: "{arguments.sprocket}" is of the chain "{own}"')
-    drive = fit_links(before, odd=arguments.odd, angle=angle, chain=chain) if arguments.links else before
+    drive = before
+    if arguments.wrap is not None:
+        line = _direction_from_word(arguments.along)
+        drive = fit_wrap(drive, arguments.sprocket, line, arguments.wrap, arguments.around)
+    drive = fit_links(drive, odd=arguments.odd, angle=angle, chain=chain) if arguments.links else drive
+    moving = moving and arguments.wrap is None
     if moving and angle is not None and not any(x is not None for x in wanted):
         drive = fit_angle(drive, arguments.sprocket, _direction_from_word(arguments.along), angle)
     elif moving:
@@ -80,6 +86,17 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
         *_missed_angle_lines(drive, angle or {}),
         f"written: {output}",
     ]
+
+
+def _check_wrap(arguments: Namespace, moving: bool) -> None:
+    """Refuses a wanted wrap without a sprocket to move, or beside other things that its place decides."""
+    if arguments.wrap is None and arguments.around is not None:
+        raise DriveError("--around: needs --wrap")
+    if arguments.wrap is not None and not moving:
+        raise DriveError("--wrap: needs a sprocket to move, --sprocket and --along")
+    others = (arguments.strain, arguments.preload, arguments.sag, arguments.angle)
+    if arguments.wrap is not None and any(x is not None for x in others):
+        raise DriveError("--wrap: leave out --strain, --preload, --sag and --angle; --links may stand beside it")
 
 
 def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:

@@ -199,6 +199,9 @@ def _add_fit_command(commands: Any) -> None:
         "--angle", type=number_from_word, metavar="DEG", help="wanted angle of an arm at assembly [degrees]"
     )
     parser.add_argument("--arm", metavar="NAME", help="which arm's; default the only one")
+    wrap = "wanted wrap of the sprocket [degrees]; with --links these are picked afterwards"
+    parser.add_argument("--wrap", type=number_from_word, metavar="DEG", help=wrap)
+    parser.add_argument("--around", metavar="NAME", help="which sprocket's wrap; default the one that moves")
     parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
 
 

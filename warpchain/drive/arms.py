@@ -2,8 +2,10 @@ r"""Arms: bodies that turn about a pivot and carry guides and sprockets, such as
 
     I theta'' = -k_t (theta - theta_0) - c_t theta' + m g x (r_c - p) + moments of the chain, tensioners and stops,
 
-theta = 0 as drawn, counter-clockwise positive. A stop is a torsion spring with a damper that acts beyond its angle and
-only pushes back. A pivot that is led accelerates by a, which acts as g - a in place of g.
+theta = 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor to a point of the arm adds
+-(k (l - l_0) + c l') dl/dtheta, with q that point and f the anchor, both from p: dl/dtheta = q x (q - f) / l. A stop
+is a torsion spring with a damper that acts beyond its angle and only pushes back. A pivot that is led accelerates by
+a, which acts as g - a in place of g.
 """
 
 from __future__ import annotations
@@ -47,6 +49,24 @@ STOP_RATIO = 0.5
 """Damping ratio of a stop whose damping is not given."""
 
 
+class ArmSpring(Part):
+    """A coil spring, or a strut, that pulls a point of an arm towards an anchor, or pushes it away.
+
+    Attributes:
+        at: point of the arm at which it holds it, as drawn [m].
+        anchor: where its other end is held, on the ground or on the arm that carries this one, as drawn [m].
+        stiffness: k [N/m].
+        free_length: length without force, l_0 [m]; it pulls where it is longer and pushes where it is shorter.
+        damping: c of a damper beside it [N s/m].
+    """
+
+    at: Pair
+    anchor: Pair
+    stiffness: Positive
+    free_length: Positive
+    damping: NonNegative = 0.0
+
+
 class Arm(Part):
     """A body that turns about a pivot, which is fixed or led.
 
@@ -62,6 +82,8 @@ class Arm(Part):
         stiffness: stiffness of its torsion spring, k_t [N m/rad].
         free_angle: angle at which the spring is relaxed, theta_0 [degrees].
         damping: damping of its bearing, c_t [N m s/rad].
+        spring: a coil spring between a point of it and the ground, or the arm that carries it; where its pivot is led,
+            the anchor moves along. None is none.
         stops: lowest and highest angle [degrees]; None is none.
         stop_stiffness: stiffness of the stops [N m/rad]; None is the drive's choice (`Drive.stop_stiffness`).
         stop_damping: damping of the stops [N m s/rad]; None is the drive's choice (`Drive.stop_damping`).
@@ -77,6 +99,7 @@ class Arm(Part):
     stiffness: NonNegative = 0.0
     free_angle: Wound = 0.0
     damping: NonNegative = 0.0
+    spring: ArmSpring | None = None
     stops: Stops | None = None
     stop_stiffness: Positive | None = None
     stop_damping: NonNegative | None = None
@@ -94,6 +117,12 @@ class Arm(Part):
         return radians(self.stops[0]), radians(self.stops[1])
 
     @property
+    def spring_lever(self) -> float:
+        """The most that its coil spring's lever can be [m]: both its ends are farther from the pivot, or as far."""
+        ends = (self.spring.at, self.spring.anchor) if self.spring is not None else (self.pivot,)
+        return minimum(*(hypot(x - self.pivot[0], y - self.pivot[1]) for x, y in (*ends, *ends)))
+
+    @property
     def center_radius(self) -> float:
         """Distance of the center of mass from the pivot [m]."""
         return hypot(self.center[0] - self.pivot[0], self.center[1] - self.pivot[1])
@@ -103,6 +132,13 @@ class Arm(Part):
         stops = node_list(node, "stops")
         if len(stops) == 2 and are_numbers(*stops) and stops[0] >= stops[1]:
             yield Problem(("stops",), list(stops), "must be the lower angle first, then the upper one [lower, upper]")
+        pivot, spring = list(node_list(node, "pivot")), node_value(node, "spring")
+        at, anchor = (list(node_list(spring, key)) for key in ("at", "anchor"))
+        for key, end in (("at", at), ("anchor", anchor)):
+            if end and end == pivot:
+                yield Problem(("spring", key), end, "must not be the pivot, about which it then turns nothing")
+        if at and at == anchor:
+            yield Problem(("spring", "anchor"), anchor, "must be another point than at")
         for key in ("stop_stiffness", "stop_damping"):
             if node_value(node, key) is not None and node_value(node, "stops") is None:
                 yield Problem((key,), node_value(node, key), "only together with stops")

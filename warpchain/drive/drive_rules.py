@@ -192,6 +192,9 @@ def place_rules(drive: Any) -> Iterator[Problem]:
             for key in keys:
                 for problem in place_rule((key,), node_value(part, key)):
                     yield problem.nested_under(kind, i)
+    for a, arm in enumerate(node_list(drive, "arms")):
+        for key in ("at", "anchor"):
+            yield from place_rule(("arms", a, "spring", key), node_value(node_value(arm, "spring"), key))
 
 
 MOST_PARTS = 256

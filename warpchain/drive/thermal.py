@@ -89,6 +89,8 @@ GROWS = {
     "guides.contact.width": _BLOCK,
     "arms.pivot": _BLOCK,
     "arms.center": _BLOCK,
+    "arms.spring.at": _BLOCK,
+    "arms.spring.anchor": _BLOCK,
     "tensioners.at": _BLOCK,
     "contact.sprocket.width": _WHEELS,
     "contact.sprocket.clearance": _WHEELS,

@@ -132,6 +132,13 @@ def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembl
     row["reach"] = drive.arm_lever(a)
     row["mass_moment"] = _mass_moment(drive, a)
     row["gravity"] = array_of_columns(drive.run.gravity)
+    if arm.spring is not None:
+        pivot = array_of_columns(arm.pivot)
+        row["coil_point"], row["coil_anchor"] = (
+            array_of_columns(end) - pivot for end in (arm.spring.at, arm.spring.anchor)
+        )
+        row["coil_stiffness"], row["coil_damping"] = arm.spring.stiffness, arm.spring.damping
+        row["coil_free_length"] = arm.spring.free_length
     row["mass"] = 0.0 if arm.pivot_table is None else sum(mass for mass, _ in drive.masses_on(a))
     body["angle"], body["velocity"] = assembly.arm_angle[:, a], start_velocity(arm.pivot_table)
     parent = drive.parent(a)

@@ -1,4 +1,4 @@
-"""Forces on the housing, frame by frame: at hubs, bolts of guides, pivots of arms, seats of tensioners.
+"""Forces on the housing, frame by frame: at hubs, bolts of guides, pivots and springs of arms, seats of tensioners.
 
 With F what rollers, tensioners and the weight do to a body of mass m, a its center's acceleration, its bearing passes
 on to the housing
@@ -89,7 +89,11 @@ def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
     for a, load in enumerate(on_arms):
         if drive.parent(a) is None:
             force = load.force + sum((on_arms[k].force for k in drive.arms_on(a)), np.zeros_like(load.force))
-            found.append(load._replace(force=force))
+            coil = _coil_force(trajectory, a)
+            found.append(load._replace(force=force + coil))
+            spring = drive.arms[a].spring
+            if spring is not None:
+                found.append(HousingLoad(f"spring {drive.arms[a].name}", spring.anchor, -coil))
     for t, tensioner in enumerate(drive.tensioners):
         (push,) = require_channels(trajectory, "tensioner_force")
         found.append(
@@ -184,7 +188,7 @@ def _moment_about(place: Array, force: Array, moment: Array) -> Array:
 
 
 def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> HousingLoad:
-    """Load of the pivot of arm a, without the arms on it (a)."""
+    """Load of the pivot of arm a, without the arms on it and coil springs (a): those between arms are in balance."""
     drive, time = trajectory.drive, trajectory.time
     arm = drive.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
@@ -207,6 +211,23 @@ def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[
             own = np.asarray(push[:, t], dtype=float) - tensioner.plunger_mass * stroke
             force = force + np.outer(own, tensioner.unit_direction)
     return HousingLoad(f"pivot {arm.name}", arm.pivot, force)
+
+
+def _coil_force(trajectory: Trajectory, a: int) -> Array:
+    """Force of the coil spring of arm a and its damper on the arm (F, 2) [N]; 0 without one."""
+    arm = trajectory.drive.arms[a]
+    arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
+    angle, speed = np.asarray(arm_angle[:, a], dtype=float), np.asarray(arm_speed[:, a], dtype=float)
+    if arm.spring is None:
+        return np.zeros((len(angle), 2))
+    (x, y), anchor = np.subtract(arm.spring.at, arm.pivot), np.subtract(arm.spring.anchor, arm.pivot)
+    c, s = np.cos(angle), np.sin(angle)
+    end = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    length = np.hypot(*(end - anchor).T)
+    along = (end - anchor) / length[:, None]
+    rate = speed * (end[:, 0] * along[:, 1] - end[:, 1] * along[:, 0])
+    tension = arm.spring.stiffness * (length - arm.spring.free_length) + arm.spring.damping * rate
+    return np.asarray(-tension[:, None] * along)
 
 
 def order_levels(trajectory: Trajectory) -> pa.Table:

@@ -39,8 +39,8 @@ class OutlinePart(NamedTuple):
     """A line of a picture of a drive.
 
     Attributes:
-        kind: "teeth", "guide", "arm", "housing" or "plunger".
-        name: of the sprocket, guide, arm or tensioner.
+        kind: "teeth", "guide", "arm", "spring", "housing" or "plunger".
+        name: of the sprocket, guide, arm or tensioner; of a spring that of its arm.
         points: (P, 2) [m].
         carried: whether an arm or a tensioned sprocket carries it.
     """
@@ -115,6 +115,13 @@ def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart
         parts += [
             OutlinePart("arm", arm.name, points_on_arm(drive, pose, a, line), True) for line in arm_outline(drive, a)
         ]
+    for a, arm in enumerate(drive.arms):
+        if arm.spring is not None:
+            at, anchor = (np.asarray(end, dtype=float) for end in (arm.spring.at, arm.spring.anchor))
+            on = drive.parent(a)
+            held = anchor + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(arm.pivot))
+            held = held if on is None else points_on_arm(drive, pose, on, anchor)
+            parts.append(OutlinePart("spring", arm.name, coil_outline(held, points_on_arm(drive, pose, a, at)), True))
     for t, tensioner in enumerate(drive.tensioners):
         housing, plunger = tensioner_outline(drive, t)
         body, at = drive.tensioner_body(t), np.asarray(tensioner.at, dtype=float)
@@ -156,6 +163,20 @@ def arm_outline(drive: Drive, a: int) -> list[Array]:
     ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
     ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
     return [np.array([arm.pivot, end], dtype=float) for end in ends]
+
+
+COILS = 6
+"""Turns of a spring in pictures."""
+
+
+def coil_outline(begin: Array, end: Array) -> Array:
+    """Zigzag (P, 2) [m] of a coil spring between two points."""
+    way = end - begin
+    across = 0.08 * np.array([-way[1], way[0]])
+    sides = np.tile([1.0, -1.0], COILS)
+    along = np.linspace(0.2, 0.8, len(sides))
+    turns = begin + along[:, None] * way + sides[:, None] * across
+    return np.vstack([begin, begin + 0.17 * way, turns, begin + 0.83 * way, end])
 
 
 def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:

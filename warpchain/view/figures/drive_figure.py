@@ -42,6 +42,7 @@ PART_STYLES: dict[str, dict[str, Any]] = {
     "teeth": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 0},
     "guide": {"color": RUBBER, "lw": 3, "zorder": 2},
     "arm": {"color": STEEL, "lw": 1.5, "zorder": 1},
+    "spring": {"color": STEEL, "lw": 1.0, "zorder": 1},
     "housing": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 1},
     "plunger": {"fc": "0.65", "ec": STEEL, "lw": 0.7, "zorder": 0.5},
 }
