@@ -1,20 +1,21 @@
 """Feeds files and folders of studies that were changed at random to what reads them.
 
-    python scripts/fuzz.py --kind drives studies tables archives folders --count 1000 --seed 0
+    python scripts/fuzz.py --kind drives studies tables conventions archives folders --count 1000 --seed 0
     python scripts/fuzz.py --kind drives --drives v6 balance_shafts --count 10000
 
 Each case starts from something right and changes it: bits, bytes, lines, numbers, pieces of others. It is accepted,
 refused (by a `WarpchainError`), or broken: any other exception, or an archive or a study's table that reads back with
 other values than were written; that, or more than `PATIENCE` seconds, ends it all. Study files also get factors and
-expressions made up of all kinds of values, archives records in another order and topics that change places, folders
-files copied over one another. Prints how many cases of each kind were which; of broken ones Hypothesis prints the
-smallest that it finds, and the exit status is 1.
+expressions made up of all kinds of values, conventions are tables as spreadsheets write them, archives get records in
+another order and topics that change places, folders files copied over one another. Prints how many cases of each kind
+were which; of broken ones Hypothesis prints the smallest that it finds, and the exit status is 1.
 """
 
 import argparse
 import contextlib
 import datetime
 import faulthandler
+import math
 import re
 import shutil
 import struct
@@ -41,9 +42,11 @@ from warpchain.archive.recover import recover_archive
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Guide, dumps_drive, load_drive, loads_drive
-from warpchain.drive.csv_files import read_points
-from warpchain.drive.motion_table import read_csv
+from warpchain.drive.file_columns import columns_of, read_columns, read_points
+from warpchain.drive.motion_table import MotorTable, TorqueTable
 from warpchain.errors import WarpchainError
+from warpchain.results.measured_columns import MeasuredColumns
+from warpchain.results.measured_file import read_signal
 from warpchain.study.design import make_design
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, study_status
@@ -205,6 +208,32 @@ def odd_csv_cells(draw: Draw, head: str) -> bytes:
     return draw(st.just(text) | changed_bytes(text))
 
 
+NUMBER_FORMS = "{:.3f}", "{:.1f}", "{:g}", "{:.4e}", "{:+.2f}"
+
+
+@st.composite
+def written_table(draw: Draw) -> tuple[list[list[float]], str, str]:
+    """Numbers of speed and torque, their text in one of the conventions of spreadsheets and rigs, and its encoding."""
+    separator, form = draw(one_of([";", "\t", ",", "  "])), draw(one_of(NUMBER_FORMS))
+    decimal = "." if separator == "," else draw(one_of([".", ","]))
+    speeds = draw(st.lists(st.integers(0, 9_000), min_size=2, max_size=6, unique=True).map(sorted))
+    torques = draw(st.lists(st.integers(-9_000_000, 9_000_000), min_size=6, max_size=6))
+    words = [[form.format(speed), form.format(torque / 1000.0)] for speed, torque in zip(speeds, torques, strict=False)]
+    rows = [[float(cell) for cell in row] for row in words]
+    lines = [separator.join(row).replace(".", decimal) for row in words]
+    heads = ["speed [rpm]", "torque [Nm]"], ["n / rpm", "M / Nm"], ["rpm", "Nm"], ["speed_rpm", "torque_Nm"]
+    above = [separator.join(draw(one_of(heads)))]
+    if draw(st.booleans()):
+        above = [
+            separator.join(["Drehzahl", "Moment"]),
+            separator.join(draw(one_of([["U/min", "Nm"], ["(1/min)", "[N·m]"]]))),
+        ]
+    preamble = draw(one_of([[], ["Prüfstand 7"], ["Rate 1000", ""], ["# speed,torque"], ['Name;"Öl"', "", "Kanal\t2"]]))
+    end = draw(one_of(["\n", "\r\n", "\r"]))
+    encoding = draw(one_of("utf-8 utf-8-sig utf-16 utf-16-le cp1252 latin-1"))
+    return rows, end.join([*preamble, *above, *lines, *draw(one_of([[], [""], [separator]]))]), encoding
+
+
 DAY, NOON = datetime.date(2024, 1, 1), datetime.datetime(2024, 1, 1)
 COLUMNS = [
     *(pa.array(pair) for pair in ([1e3, 1.5e3], [74, 76], [1.5, None], [DAY, DAY], [NOON, NOON], [[1], [2, 3]])),
@@ -307,7 +336,7 @@ class Fuzz:
                 assert read_table(path).equals(self.run.metrics)
             case 2:
                 path.write_bytes(draw(changed_text("time,torque\n0,1\n0.5,2\n1,1\n")))
-                read_csv(path)
+                read_columns(path, {}, columns_of(TorqueTable))
             case 3:
                 path.write_bytes(draw(odd_csv_cells("time,torque")))
                 table = self.base.with_values({"sprockets.camshaft.load.torque": 0.0})
@@ -315,7 +344,7 @@ class Fuzz:
                 load_drive(file)
             case 4:
                 path.write_bytes(draw(changed_text("x_mm,y_mm\n0,0\n100,5\n200,8\n300,5\n")))
-                Guide(name="guide", profile=tuple((x, y) for x, y in read_points(path)))
+                Guide(name="guide", profile=tuple((x, y) for x, y in read_points(path, {})))
             case kind:
                 name = "t.csv" if kind == 5 else "t.parquet"
                 if kind == 5:
@@ -328,6 +357,21 @@ class Fuzz:
                 file.write_text(self.texts_of_studies[-1].replace("t.csv", name))
                 study = load_study(file)
                 build_drives(self.base, study, make_design(study, file))
+
+    def conventions(self, draw: Draw) -> None:
+        rows, text, encoding = draw(written_table())
+        path, data = self.folder / "case.txt", text.encode(encoding)
+        is_changed = draw(st.booleans())
+        path.write_bytes(draw(changed_text(text) | changed_bytes(data)) if is_changed else data)
+        if draw(st.booleans()):
+            found = read_columns(path, {}, columns_of(MotorTable))
+            columns: list[Any] = list(found.values()) if is_changed else [found["speed"], found["torque"]]
+            wanted = [[math.pi / 30.0 * row[0] for row in rows], [row[1] for row in rows]]
+        else:
+            signal = read_signal(path, "a.torque", "N m", MeasuredColumns(time_unit="s"))
+            columns, wanted = [signal.time, signal.values], [list(of) for of in zip(*rows, strict=True)]
+        for column, values in zip(columns, wanted, strict=True):
+            assert is_changed or np.allclose(column, values, rtol=1e-12, atol=0.0), "other numbers than were written"
 
     def archives(self, draw: Draw) -> None:
         path, fixed, data = self.folder / "case.mcap", self.folder / "fixed.mcap", draw(one_of(self.files))
@@ -373,7 +417,7 @@ class Fuzz:
                 assert np.array_equal(values, getattr(own, name)[kept]), f"{name} of {variant} are other values"
 
 
-KINDS = ("drives", "studies", "tables", "archives", "folders")
+KINDS = ("drives", "studies", "tables", "conventions", "archives", "folders")
 
 
 def fuzz(case: Callable[[Draw], None], count: int, first: int) -> Counter[str]:

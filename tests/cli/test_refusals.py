@@ -470,17 +470,17 @@ def test_a_table_of_a_drive_is_read(capsys, tmp_path):
     assert (status, err) == (0, [])
 
 
-DIGITS = "row 3: is not CSV (field larger than field limit"
+DIGITS = "line 3: is not CSV (field larger than field limit"
 SPEEDS = {
     "131,073 digits": (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", DIGITS),
-    "400 digits": (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
-    "head": (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
-    "zero byte": (b"time,speed\n0,1\n1,2\0\n", "row 3: "),
-    "zero byte in the head": (b"time,sp\0eed\n0,1\n1,2\n", "row 1: "),
-    "zero": (b"\0", "row 1: "),
-    "bytes": (b"time,speed\n0,1\n1,\xff\n", "is not UTF-8"),
+    "400 digits": (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "line 3: "),  # a number, but not a finite one
+    "head": (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "line 1: is not CSV"),
+    "zero byte": (b"time,speed\n0,1\n1,2\0\n", "line 3: has a zero byte"),
+    "zero byte in the head": (b"time,sp\0eed\n0,1\n1,2\n", "line 1: has a zero byte"),
+    "zero": (b"\0", "line 1: has a zero byte"),
+    "bytes": (b"time,speed\n0,1\n1,\xff\n", 'line 3: "ÿ" is not a finite number'),  # as Windows-1252
     "date": (b"time,speed\n0,1\n2024-01-01,2\n", '"2024-01-01" is not a finite number'),
-    "empty": (b"", "has no rows"),
+    "empty": (b"", "must have a line of names and lines of numbers below it"),
 }
 
 
@@ -497,7 +497,7 @@ CRANK = shaft("crank", inertia=0.2, motor={"table": FILE})
 ENGINES = {
     "lift jumps": (VALVES, "angle_deg,lift_mm\n0,0\n90,9\n180,9\n360,0\n", "jumps from 0; must change by at most"),
     "lift open": (VALVES, "angle_deg,lift_mm\n0,0\n90,1\n180,2\n360,1\n", "must repeat the first element, 0, where"),
-    "lift short": (VALVES, "angle_deg,lift_mm\n0,0\n90,1\n180,2\n350,0\n", "1/2, 1/3 ... of one, after the first"),
+    "lift short": (VALVES, "angle_deg,lift_mm\n0,0\n90,1\n180,2\n350,0\n", "spans 350 degrees of the cams' shaft"),
     "gas open": (CRANK, "angle_deg,torque\n0,0\n180,80\n720,5\n", "torque.2 = 5.0: must repeat the first element, 0"),
     "gas short": (CRANK, "angle_deg,torque\n0,0\n180,80\n700,0\n", "must be a whole number of revolutions"),
 }  # fmt: skip

@@ -395,8 +395,10 @@ def test_a_supply_from_a_csv_file(tmp_path):
     (tmp_path / "oil.csv").write_text("speed_rpm,pressure_bar\n0,1\n3000,4.5\n")
     table = load_drive(tmp_path / "drive.toml").tensioners[0].oil.supply_table
     assert table.speed == pytest.approx((0.0, 100.0 * math.pi)) and table.pressure == pytest.approx((1e5, 4.5e5))
-    (tmp_path / "oil.csv").write_text("pressure,time\n0,1\n3000,4.5\n")
-    with pytest.raises(DriveError, match='"pressure,time" is no head of two columns; the first must be time, angle, '):
+    (tmp_path / "oil.csv").write_text("angle,pressure\n0,1\n3000,4.5\n")
+    with pytest.raises(
+        DriveError, match='line 1: column #1, "angle", is not known; must be pressure over time or speed'
+    ):
         load_drive(tmp_path / "drive.toml")
 
 

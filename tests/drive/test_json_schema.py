@@ -81,6 +81,10 @@ def test_mistakes_are_marked_where_they_are(find, put, where):
         ("speed = 179.0", 'speed = "1709 rpm"'),
         ("center = [0.0, 0.0]", 'center = ["0 mm", "-1.5e-2 in"]'),
         ("prescribed = { speed = 179.0, ramp_time = 0.05,", 'prescribed = { table = { file = "speed.csv" },'),
+        (
+            "prescribed = { speed = 179.0, ramp_time = 0.05,",
+            'prescribed = { table = { file = "a", columns = { speed = "n" }, units = { speed = "rpm" }, head = 3 },',
+        ),
         ('stiffness = "estimate"', "stiffness = 2e7"),
     ],
 )

@@ -252,15 +252,32 @@ def test_a_drive_takes_its_points_in(tmp_path):
     assert drive.profile(0).locate((0.5, 0.02))[1] == pytest.approx(0.0, abs=TOLERANCE)
 
 
+def test_a_profile_may_say_which_columns_it_has(tmp_path):
+    (tmp_path / "p.txt").write_text("No;X;Y;Z\n1;0;0;7\n2;500;20,5;7\n3;1000;0;7\n")
+    named = 'columns = { x = "X", y = "#3" }, units = { x = "mm", y = "mm" }'
+    path = marine_with(tmp_path, f'profile = {{ file = "p.txt", {named} }}')
+    assert load_drive(path).guides[0].profile == ((0.0, 0.0), (0.5, 0.0205), (1.0, 0.0))
+    path.write_text(path.read_text().replace('x = "X", ', ""))
+    with pytest.raises(DriveError, match=r'guides.blade.profile.file = "p.txt": columns: has y; must be x and y'):
+        load_drive(path)
+
+
 FILES = [
-    ("x,y\n0,0\n1,a\n", 'row 3: "a" is not a finite number'),
-    ('x,y\n0,0\n1,"2,5"\n', 'row 3: "2,5" is not a finite number; numbers have decimal points'),
-    ("x;y\n0,5;1.249\n", "row 1: cells must be separated by commas, and numbers have decimal points"),
-    ("x,y\n0,0\n1\n", "row 3: has 1 cells; must have 2, separated by a comma"),
-    ("x,y\n0,0\n0,0\n", "row 3: 0,0 must be another point than that of the row before"),
-    ("x,y\n0,0\n", "has 1 rows of numbers; must have at least 2"),
-    ("0,0\n1,1\n", 'row 1: "0,0" is no head of two columns; must be x,y or x_mm,y_mm'),
-    ("# nothing\n", "has no rows; the first must name the columns, x,y or x_mm,y_mm"),
+    ("x,y\n0,0\n1,a\n", 'line 3: "a" is not a finite number'),
+    (
+        'x,y\n0,0\n1,"2,5"\n',
+        'line 3: "2,5" is not a finite number within 1e+30 of 0; numbers of this file have decimal p',
+    ),
+    ("x;y\n0,5;1.249\n", "line 2: 1.249, but line 2 has 0,5: numbers of one file have points and commas; give decimal"),
+    ("x,y\n0,0\n1\n", 'line 3: column "y" has no number; each line must have one'),
+    ("x,y\n0,0\n0,0\n", "line 3: 0, 0 must be another point than that of the row before"),
+    ("x,y\n0,0\n", "has 1 rows of numbers; must have 2 to 1000000"),
+    ("0,0\n1,1\n", "line 1: numbers begin, and no line of names is above them; nothing is above it"),
+    (
+        "x,y,z\n0,0,0\n1,1,1\n",
+        'line 1: column #3, "z", is not known; must be x and y; say which count, as in columns = {',
+    ),
+    ("# nothing\n", "must have a line of names and lines of numbers below it"),
     ("pipe", "cannot be read: it is a device or a pipe, not a file"),
     (None, "cannot be read: no such file or directory"),
 ]

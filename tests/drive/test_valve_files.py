@@ -74,17 +74,101 @@ OPEN[-1] = 0.5
         (
             smooth(ANGLES),
             ANGLES / 360.0 * 350.0,
-            ": must be a revolution, or 1/2, 1/3 ... of one, after the first, 0 rad; it is 0.9722 after it",
+            '.file = "lift.csv": angle spans 350 degrees of the cams\' shaft, less than a turn; give event = true if',
         ),
         (1e3 * smooth(ANGLES), ANGLES, "valves.inlets.table.lift: reaches 9.9 m; must be at most 0.25 m"),  # factor 1.1
         (0.0 * ANGLES, ANGLES, "valves.inlets.table.lift: must not be the same throughout"),
     ],
 )
-def test_lifts_that_are_refused(tmp_path, lifts, angles, text):
+def test_lifts_of_a_file_that_are_refused(tmp_path, lifts, angles, text):
     with pytest.raises(DriveError) as caught:
         load_drive(csv(tmp_path, lifts, angles))
     (line,) = caught.value.errors
-    assert "valves.inlets.table." in line and text in line
+    assert "valves.inlets.table" in line and text in line
+
+
+def test_a_lift_that_is_said_to_repeat_must_do_so_a_whole_number_of_times(tmp_path):
+    """Of two thirds of a turn it does not, of a third it does."""
+    path = csv(tmp_path, smooth(ANGLES), ANGLES / 360.0 * 240.0)
+    path.write_text(path.read_text().replace("factor = 1.1", "event = false"))
+    with pytest.raises(
+        DriveError, match=r"must be a revolution, or 1/2, 1/3 ... of one, after the first, 0 rad; it is 0.66"
+    ):
+        load_drive(path)
+    csv(tmp_path, smooth(ANGLES), ANGLES / 3.0)
+    path.write_text(path.read_text().replace("factor = 1.1", "event = false"))
+    assert load_drive(path).valves[0].curve.revolutions == pytest.approx(1.0 / 3.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("head", "angles", "keys"),
+    [
+        ("angle_deg,lift_mm", ANGLES / 3.0 - 60.0, "event = true"),
+        ("crank angle [deg],lift [mm]", ANGLES / 1.5 - 120.0, "event = true, crank_turns = 2"),
+        ("°CA,mm", ANGLES / 1.5 - 120.0, "event = true, crank_turns = 2"),
+        ("cam angle [deg],lift [mm]", ANGLES - 180.0, ""),
+        ("cam angle / °NW,lift / in", ANGLES - 180.0, "crank_turns = 1"),
+        ("deg crank,mm", 2.0 * ANGLES - 360.0, "crank_turns = 2"),
+    ],
+)
+def test_lifts_about_their_middle_over_a_turn_or_alone(tmp_path, head, angles, keys):
+    """An event of 120 degrees of the cam, and one of 360 that is the whole turn; both are symmetric about angle 0."""
+    bump = np.round(9.0 * np.sin(np.pi * (np.arange(37) / 36.0)) ** 4, 9)
+    path = csv(tmp_path, bump, angles)
+    csv_text = (tmp_path / "lift.csv").read_text().replace("angle_deg,lift_mm", head)
+    (tmp_path / "lift.csv").write_text(csv_text)
+    path.write_text(TEXT + f'table = {{ file = "lift.csv"{", " if keys else ""}{keys} }}\n')
+    curve = load_drive(path).valves[0].curve
+    half = np.radians(angles[-1]) / (2.0 if "crank_turns = 2" in keys else 1.0)
+    length = 0.0254 if "/ in" in head else 1e-3
+    assert curve.revolutions == 1.0
+    places = np.linspace(-half, half, 37)
+    assert curve.spline(places) == pytest.approx(length * bump, abs=1e-9)
+    if "event" in keys:  # it rests: the spline swings about 0 by less than a row's part of the rise beside the event
+        assert abs(curve.spline(np.linspace(half, 2.0 * np.pi - half, 500))).max() < 1e-6
+        assert curve.spline(np.pi) == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("head", "angles", "keys", "text"),
+    [
+        (
+            "angle_deg,lift_mm",
+            ANGLES / 3.0,
+            "",
+            "spans 120 degrees of the cams' shaft, less than a turn; give event = true",
+        ),
+        ("°CA,mm", ANGLES, "", '"°CA" counts degrees of the crank; give crank_turns'),
+        ("Kurbelwinkel [deg],mm", ANGLES, "", '"Kurbelwinkel [deg]" counts degrees of the crank; give crank_turns'),
+        (
+            "angle_deg,lift_mm",
+            2.0 * ANGLES,
+            "",
+            "spans 720 degrees of the cams' shaft, more than a turn; give crank_turns",
+        ),
+        ("angle_deg,lift_mm", ANGLES, "event = true", "event = true: the file has a whole turn; leave it out"),
+        ("angle_deg,lift_mm", ANGLES, "event = 1", "event = 1: must be true or false"),
+        ("angle_deg,lift_mm", ANGLES, "crank_turns = 0.5", "crank_turns = 0.5: must be a whole number of at least 1"),
+        ("angle_deg,lift", ANGLES, "", "reaches 9 m; must be at most 0.25 m"),
+    ],
+)
+def test_lifts_of_which_it_is_not_clear_what_they_are(tmp_path, head, angles, keys, text):
+    path = csv(tmp_path, smooth(ANGLES), angles)
+    (tmp_path / "lift.csv").write_text((tmp_path / "lift.csv").read_text().replace("angle_deg,lift_mm", head))
+    path.write_text(TEXT + f'table = {{ file = "lift.csv"{", " if keys else ""}{keys} }}\n')
+    with pytest.raises(DriveError) as caught:
+        load_drive(path)
+    (line,) = caught.value.errors
+    assert text in line
+
+
+def test_an_event_that_ends_at_another_lift_is_told(tmp_path):
+    path = csv(tmp_path, OPEN, ANGLES / 3.0)
+    path.write_text(path.read_text().replace("factor = 1.1", "event = true"))
+    with pytest.raises(
+        DriveError, match=r"event = true: the last lift, 0.0005 m, must be the first, 0 m, where it rests"
+    ):
+        load_drive(path)
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,33 @@
-"""Reads the CSV and DXF files that a drive file names into its values."""
+"""Text tables and DXF files that a drive file names: their numbers are taken in when it is read, so that a drive stays
+whole.
+
+`load_drive` reads the files that stand beside the drive file; what is written (saved drives, archives) has the numbers,
+in SI units.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from warpchain.drive.motion_table import csv_rows, read_csv, read_number
-from warpchain.drive.schema import node_list, node_value
+from warpchain.drive.file_columns import FILE_KEYS, LIFT_KEYS, columns_of, read_columns, read_points
+from warpchain.drive.motion_table import ClutchTable, MotorTable, PlaceTable, SpeedTable, SupplyTable, TorqueTable
+from warpchain.drive.schema import Part, node_list, node_value
 from warpchain.drive.toml import value_text
+from warpchain.drive.valves import LiftTable
 from warpchain.errors import DriveError, drive_error
 
-UNITS = {"x,y": 1.0, "x_mm,y_mm": 1e-3}
-"""Heads of a CSV file of points, and their unit in meters."""
+TABLES: dict[tuple[str, ...], dict[str, type[Part]]] = {
+    ("sprockets", "shafts"): {
+        "prescribed.table": SpeedTable, "load.table": TorqueTable, "motor.table": MotorTable, "mount.table": PlaceTable
+    },
+    ("couplings",): {"clutch.table": ClutchTable},
+    ("arms",): {"pivot_table": PlaceTable},
+    ("tensioners",): {"oil.supply_table": SupplyTable},
+    ("valves",): {"table": LiftTable},
+}  # fmt: skip
+"""Tables that may name a file, by the lists of parts and the keys where they stand."""
 
 
 def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
@@ -33,30 +49,32 @@ def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict
 def _read_tables(values: dict[str, Any], folder: Path) -> list[str]:
     """Reads the CSV files of tables into `values`; returns error lines."""
     problems: list[str] = []
-    kinds = ("sprockets", "shafts", "couplings", "arms", "tensioners", "valves")
-    named = [(kind, i, part) for kind in kinds for i, part in enumerate(node_list(values, kind))]
-    for kind, i, part in named:
-        holding = ("prescribed", "load", "motor", "clutch", "mount")
-        holders = [(f".{key}.table", node_value(part, key), "table") for key in holding]
-        holders += [
-            (".pivot_table", part, "pivot_table"),
-            (".oil.supply_table", node_value(part, "oil"), "supply_table"),
-        ]
-        holders += [(".table", part, "table")]
-        for keys, holder, key in holders:
-            table = node_value(holder, key)
-            if not isinstance(table, dict) or not isinstance(table.get("file"), str):
-                continue
-            where = f"{kind}.{_part_label(part, i)}{keys}.file = {value_text(table['file'])}"
-            try:
-                columns = read_csv(_path_inside(folder, table["file"]), places=keys in (".mount.table", ".pivot_table"))
-            except DriveError as error:
-                problems += [f"{where}: {line}" for line in error.errors]
-                continue
-            for column in columns.keys() & table.keys():
-                problems.append(f"{where}: not together with {column}; the file has that column")
-            holder[key] = {column: value for column, value in table.items() if column != "file"} | columns
+    for holder, key, kind, where in _named_tables(values):
+        table = node_value(holder, key)
+        try:
+            columns = read_columns(_path_inside(folder, table["file"]), table, columns_of(kind), kind is LiftTable)
+        except DriveError as error:
+            problems += [f"{where}.file = {value_text(table['file'])}: {line}" for line in error.errors]
+            continue
+        for column in columns.keys() & table.keys():
+            text = f"not together with {column}; the file has that column"
+            problems.append(f"{where}.file = {value_text(table['file'])}: {text}")
+        kept = {name: value for name, value in table.items() if name not in FILE_KEYS | LIFT_KEYS}
+        holder[key] = kept | columns
     return problems
+
+
+def _named_tables(values: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, type[Part], str]]:
+    """Tables that name a file: what holds them, their key there, their kind, and where they stand."""
+    for lists, kinds in TABLES.items():
+        for parts in lists:
+            for i, part in enumerate(node_list(values, parts)):
+                for path, kind in kinds.items():
+                    *outer, key = path.split(".")
+                    holder = node_value(part, outer[0]) if outer else part
+                    table = node_value(holder, key)
+                    if isinstance(holder, dict) and isinstance(table, dict) and isinstance(table.get("file"), str):
+                        yield holder, key, kind, f"{parts}.{_part_label(part, i)}.{path}"
 
 
 def dxf_name(file: str) -> tuple[str, str | None] | None:
@@ -88,12 +106,18 @@ def _read_profiles(values: dict[str, Any], folder: Path) -> list[str]:
     problems: list[str] = []
     for i, guide in enumerate(node_list(values, "guides")):
         file = node_value(guide, "profile")
+        if isinstance(file, dict) and isinstance(file.get("file"), str):
+            try:
+                guide["profile"] = read_points(_path_inside(folder, file["file"]), file)
+            except DriveError as error:
+                where = f"guides.{_part_label(guide, i)}.profile.file = {value_text(file['file'])}"
+                problems += [f"{where}: {line}" for line in error.errors]
         if isinstance(file, str):
             drawing = dxf_name(file)
             try:
                 unit = _drawn_unit(guide, "profile_unit", drawing is not None)
                 if drawing is None:
-                    guide["profile"] = read_points(_path_inside(folder, file))
+                    guide["profile"] = read_points(_path_inside(folder, file), {})
                 else:
                     from warpchain.drive.dxf_files import read_face
 
@@ -147,29 +171,3 @@ def _part_label(part: Any, i: int) -> str:
     """Name or number of a part for error lines."""
     name = node_value(part, "name")
     return name if isinstance(name, str) else str(i)
-
-
-def read_points(path: Path) -> list[list[float]]:
-    """The points of a CSV file [m]: a head, x,y or x_mm,y_mm, then numbers; blank lines and lines from # on pass.
-
-    Raises:
-        DriveError: in one line, with the row's number in the file.
-    """
-    rows = csv_rows(path)
-    if not rows:
-        raise DriveError("has no rows; the first must name the columns, " + " or ".join(UNITS))
-    number, head = rows[0]
-    unit = UNITS.get(",".join(head))
-    if unit is None:
-        text = f"{value_text(','.join(head))} is no head of two columns"
-        raise DriveError(f"row {number}: {text}; must be {' or '.join(UNITS)}")
-    points: list[list[float]] = []
-    for number, row in rows[1:]:
-        if len(row) != 2:
-            raise DriveError(f"row {number}: has {len(row)} cells; must have 2, separated by a comma")
-        points.append([unit * read_number(cell, number) for cell in row])
-        if len(points) > 1 and points[-1] == points[-2]:
-            raise DriveError(f"row {number}: {','.join(row)} must be another point than that of the row before")
-    if len(points) < 2:
-        raise DriveError(f"has {len(points)} rows of numbers; must have at least 2")
-    return points

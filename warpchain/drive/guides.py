@@ -65,7 +65,7 @@ Points = Annotated[_Points, Value("must be a list of at least 2 points [x, y] of
 _NUMBERS = {"type": "array", "items": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}}
 Measured = Annotated[
     _Points,
-    WithJsonSchema({"anyOf": [_NUMBERS, {"type": "string"}]}),
+    WithJsonSchema({"anyOf": [_NUMBERS, {"type": "string"}, {"type": "object", "required": ["file"]}]}),
     Value("must be a list of at least 2 points [x, y] of finite numbers; only drive files name a file of them"),
 ]
 
@@ -143,7 +143,7 @@ class Guide(Part):
         start, end: ends of a flat face [m]; not the same point.
         points: corners of a line, which are rounded [m]; this, start and end, arcs, or a profile.
         arcs: arcs that follow each other, with straight pieces where they only share a tangent.
-        profile: points of a measured line [m], which biarcs follow; a drive file may name a CSV file instead.
+        profile: points of a measured line [m], which biarcs follow; a drive file may name a file instead.
         end_radius: radius of both ends [m]; needed with start and end, else a pitch unless given.
         radius: radius of the rounded corners of `points` [m].
         side: side of the way from start to end on which the chain rides; None is the left.

@@ -12,15 +12,27 @@ import json
 from typing import Any
 
 from warpchain.drive.defaults import FREE_KEYS
-from warpchain.drive.motion_table import Table
+from warpchain.drive.file_columns import FILE_KEYS, LIFT_KEYS
+from warpchain.drive.motion_table import TABLES
 from warpchain.drive.quantities import attribute_descriptions, unit_of_key
 from warpchain.drive.schema import Part, allowed_text
+from warpchain.drive.valves import LiftTable
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 QUANTITY = {"type": "string", "pattern": r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?\s*[A-Za-z°µμ%]"}
 """A number with a unit, as `warpchain.drive.quantities.QUANTITY` has it, in the regular expressions of JSON schemas."""
 
-FILE = {"type": "string", "description": "CSV file with the columns, in the drive file's folder or below it"}
+TEXTS = {"type": "object", "additionalProperties": {"type": "string"}}
+FILE_SHAPES: dict[str, dict[str, Any]] = {
+    "file": {"type": "string"},
+    "columns": TEXTS,
+    "units": TEXTS,
+    "decimal": {"enum": [".", ","]},
+    "head": {"type": "integer", "minimum": 1},
+    "event": {"type": "boolean"},
+    "crank_turns": {"type": "integer", "minimum": 1},
+}
+"""Shapes of the keys of tables that name a file."""
 
 DRAWN = {"Guide": "profile", "Sprocket": "tooth"}
 """Keys of parts that may name a drawing, whose unit a further key says."""
@@ -63,8 +75,9 @@ def _rewrite_for_file(kind: type[Part], table: dict[str, Any]) -> None:
         words = [said.get(key, "").rstrip("."), allowed_text(kind, key)]
         table["properties"][key] = shape | {"description": "; ".join(filter(None, words))}
     free: Any = getattr(kind, "_filled", ())
-    if issubclass(kind, Table):  # a file that it names has the columns
-        table["properties"]["file"] = FILE
+    if issubclass(kind, (*TABLES, LiftTable)):  # a file that it names has the columns
+        keys = FILE_KEYS | (LIFT_KEYS if kind is LiftTable else {})
+        table["properties"] |= {key: FILE_SHAPES[key] | {"description": of} for key, of in keys.items()}
         free = table["properties"]
     if kind.__name__ in DRAWN:
         table["properties"][f"{DRAWN[kind.__name__]}_unit"] = UNIT

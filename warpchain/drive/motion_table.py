@@ -1,21 +1,18 @@
-"""Tables of speeds, torques, pressures and displacements over time or angle, and their CSV files."""
+"""Tables of speeds and torques over time or angle, of displacements over time.
+
+A drive holds the numbers; `warpchain.drive.csv_files` reads those of a file that a drive file names.
+"""
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from warpchain.drive.schema import BARE, Column, Finite, Name, Part, Problem, Value, are_numbers, node_list, node_value
 from warpchain.drive.stack_math import array_of_columns
-from warpchain.drive.toml import value_text
-from warpchain.errors import DriveError
-from warpchain.files import read_text_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,27 +27,6 @@ TURN_TOLERANCE = 1e-3
 
 MOST_ROWS = 1_000_000
 """Most rows of a table."""
-
-HEADS = {
-    "time": ("time", 1.0),
-    "angle": ("angle", 1.0),
-    "angle_deg": ("angle", math.pi / 180.0),
-    "speed": ("speed", 1.0),
-    "speed_rpm": ("speed", math.pi / 30.0),
-    "torque": ("torque", 1.0),
-    "pressure": ("pressure", 1.0),
-    "pressure_bar": ("pressure", 1e5),
-    "lift": ("lift", 1.0),
-    "lift_mm": ("lift", 1e-3),
-}
-"""Heads of a CSV file's columns: the key that they become, and its unit in the column's."""
-
-QUANTITIES = ("speed", "torque", "pressure", "lift")
-"""What a second column may hold."""
-
-PLACE_HEADS = {"time": ("time", 1.0), "x": ("x", 1.0), "x_mm": ("x", 1e-3), "y": ("y", 1.0), "y_mm": ("y", 1e-3)}
-"""Heads of a CSV file of displacements over time, time first."""
-
 
 SAMPLES = 720
 """Of a revolution, in the spectrum of a table over angle."""
@@ -377,83 +353,3 @@ class SupplyTable(Table):
 
 TABLES = (Table, PlaceTable)
 """What holds columns of numbers."""
-
-
-# --------------------------------------------------------------------------------------------------------- files
-
-
-def read_csv(path: Path, places: bool = False) -> dict[str, list[float]]:
-    """The columns of a CSV file by key, in SI units; a head, then numbers; blank lines and lines from # on pass.
-
-    There are two, or of displacements (`places`) time and one or two.
-
-    Raises:
-        DriveError: in one line, with the row's number in the file.
-    """
-    rows = csv_rows(path)
-    if not rows:
-        raise DriveError("has no rows; the first must name the columns, such as time,torque")
-    number, head = rows[0]
-    known = [(PLACE_HEADS if places else HEADS).get(cell, ("", 0.0)) for cell in head]
-    if places:
-        if [key for key, _ in known] not in (["time", "x"], ["time", "y"], ["time", "x", "y"]):
-            text = "is no head; the columns must be time, then x or x_mm, y or y_mm, or both"
-            raise DriveError(f"row {number}: {value_text(','.join(head))} {text}")
-    elif [key for key, _ in known] not in map(list, product(("time", "angle", "speed"), QUANTITIES)):
-        raise DriveError(
-            f"row {number}: {value_text(','.join(head))} is no head of two columns; the first must be time, angle, "
-            f"angle_deg, speed or speed_rpm, the second speed, speed_rpm, torque, pressure, pressure_bar, lift, lift_mm"
-        )
-    columns: dict[str, list[float]] = {key: [] for key, _ in known}
-    for number, row in rows[1:]:
-        if len(row) != len(known):
-            raise DriveError(f"row {number}: has {len(row)} cells; must have {len(known)}, separated by a comma")
-        for (key, unit), cell in zip(known, row, strict=True):
-            columns[key].append(unit * read_number(cell, number))
-        over = columns[known[0][0]]
-        if len(over) > 1 and over[-1] <= over[-2]:
-            raise DriveError(f"row {number}: {head[0]} = {row[0]} must be above that of the row before")
-    if len(rows) < 3:
-        raise DriveError(f"has {len(rows) - 1} rows of numbers; must have at least 2")
-    return columns
-
-
-def csv_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """The cells of a CSV file's rows and their numbers in the file; blank lines and lines from # on pass.
-
-    Raises:
-        DriveError: if it cannot be read, in one line.
-    """
-    lines = read_text_file(path, "CSV", DriveError).splitlines()
-    rows = [
-        (number, _csv_cells(line, number))
-        for number, line in enumerate(lines, 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if rows and any(sign in cell for cell in rows[0][1] for sign in ";\t"):
-        raise DriveError(f"row {rows[0][0]}: cells must be separated by commas, and numbers have decimal points")
-    return rows
-
-
-def _csv_cells(line: str, row: int) -> list[str]:
-    """The cells of a line of a CSV file."""
-    try:
-        return [cell.strip() for cell in next(csv.reader([line]))]
-    except csv.Error as error:  # a cell of more than 131,072 characters, say
-        raise DriveError(f"row {row}: is not CSV ({error})") from None
-
-
-def read_number(cell: str, row: int) -> float:
-    """A cell's finite number.
-
-    Raises:
-        DriveError: if it is none, with the row.
-    """
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        hint = "; numbers have decimal points" if "," in cell else ""
-        raise DriveError(f"row {row}: {value_text(cell)} is not a finite number{hint}")
-    return value

@@ -38,13 +38,31 @@ UNITS = {
         ("rpm", "1/30", 1, TURNING), ("Hz", "1", 0, HERTZ), ("kHz", "1e3", 0, HERTZ),
         ("W", "1", 0, WATT), ("kW", "1e3", 0, WATT),
         ("hp", "745.69987158227022", 0, WATT),
-        ("N", "1", 0, NEWTON), ("kN", "1e3", 0, NEWTON), ("Nm", "1", 0, TORQUE), ("kNm", "1e3", 0, TORQUE),
-        ("Pa", "1", 0, PASCAL), ("kPa", "1e3", 0, PASCAL), ("MPa", "1e6", 0, PASCAL), ("GPa", "1e9", 0, PASCAL),
-        ("bar", "1e5", 0, PASCAL), ("-", "1", 0, (0, 0, 0, 0)), ("%", "1e-2", 0, (0, 0, 0, 0)),
+        ("N", "1", 0, NEWTON), ("mN", "1e-3", 0, NEWTON), ("kN", "1e3", 0, NEWTON), ("MN", "1e6", 0, NEWTON),
+        ("daN", "10", 0, NEWTON), ("kgf", "9.80665", 0, NEWTON), ("lbf", "4.4482216152605", 0, NEWTON),
+        ("Nm", "1", 0, TORQUE), ("kNm", "1e3", 0, TORQUE), ("lbf-ft", "1.3558179483314004", 0, TORQUE),
+        ("lbf-in", "0.1129848290276167", 0, TORQUE),
+        ("Pa", "1", 0, PASCAL), ("hPa", "1e2", 0, PASCAL), ("kPa", "1e3", 0, PASCAL), ("MPa", "1e6", 0, PASCAL),
+        ("GPa", "1e9", 0, PASCAL), ("mbar", "1e2", 0, PASCAL), ("bar", "1e5", 0, PASCAL),
+        ("psi", "6894.757293168361", 0, PASCAL), ("-", "1", 0, (0, 0, 0, 0)), ("%", "1e-2", 0, (0, 0, 0, 0)),
     )
     for name in names.split()
 }  # fmt: skip
 """Units by their signs."""
+SPELLINGS = {
+    word: sign
+    for words, sign in (
+        ("RPM Rpm r·p·m. U/min 1/min /min min-1 min^-1 r/min Umdr/min Upm tr/min giri/min obr/min", "rpm"),
+        ("sec seconds", "s"), ("msec", "ms"), ("inches", "in"), ("kp", "kgf"), ("psia", "psi"), ("bara", "bar"),
+        ("N-m", "Nm"), ("kN-m", "kNm"), ("lb-ft ft-lb ft-lbf lbf·ft ft·lbf lb·ft ft·lb", "lbf-ft"),
+        ("lb-in in-lb in-lbf lbf·in in·lbf lb·in in·lb", "lbf-in"),
+        ("Deg DEG degree CAD °CA degCA deg·CA °·CA °KW degKW deg·KW °·KW °crank deg·crank °CRK degCRK", "deg"),
+        ("°NW degNW deg·NW °·NW °cam deg·cam °CAM degCAM", "deg"),
+    )
+    for word in words.split()
+}  # fmt: skip
+"""Units by other spellings of files; degrees of crank and cam are degrees."""
+_SIGNS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−⋅∙×", "0123456789--···")
 
 QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?+)\s*([A-Za-z°µμ%].*?)\s*")
 LONGEST = 100
@@ -62,6 +80,8 @@ def unit_of_text(text: str) -> Unit | None:
     """The unit that a text such as "N s/m" or "kg m^2" means, each slash dividing by what follows; None for none."""
     if len(text) > LONGEST:
         return None
+    text = re.sub(r"[ *]+|(?<=[A-Za-z])\.(?=[A-Za-z])", "·", text.strip().translate(_SIGNS))
+    text = SPELLINGS.get(text, text)
     found, end = ONE, 0
     for match in FACTOR.finditer(text):
         mark, sign, power = match.groups()
@@ -97,6 +117,14 @@ def equivalent_units(wanted: str) -> Iterator[str]:
     yield from dict.fromkeys(
         [wanted, *(name for name, one in UNITS.items() if one.powers == powers and name.isascii())]
     )
+
+
+def unit_factor(given: str, wanted: str) -> float | None:
+    """The factor that turns a number in one unit into one in another; None where there is none."""
+    one, other = unit_of_text(given), unit_of_text(wanted)
+    if one is None or other is None or one.powers != other.powers:
+        return None
+    return float(one.factor / other.factor) * math.pi ** (one.pi - other.pi)
 
 
 def converted_number(text: str, wanted: str) -> float | None:
