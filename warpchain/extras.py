@@ -17,6 +17,7 @@ EXTRA_MODULES = {
     "hdf5": ("h5py",),
     "uff": ("pyuff",),
     "mdf": ("asammdf",),
+    "tdms": ("nptdms",),
     "dxf": ("ezdxf",),
     "completions": ("shtab",),
     "surrogate": SURROGATE_MODULES,

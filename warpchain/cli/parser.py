@@ -482,10 +482,10 @@ def _add_import_command(commands: Any) -> None:
     parser = _add_function_command(
         commands,
         do.import_command,
-        "lay a measured signal (CSV, MAT, MDF4) over a run: statistics, orders, figures, Rerun",
+        "lay a measured signal (CSV, MAT, MDF, TDMS) over a run: statistics, orders, figures, Rerun",
         "warpchain import rig.csv marine.mcap --as 'camshaft->crankshaft.tension' --unit kN -o rig.png rig.rrd",
     )
-    parser.add_argument("signal", metavar="RIG.csv", type=Path, help="measured values over time: CSV, .mat or .mf4")
+    parser.add_argument("signal", metavar="RIG.csv", type=Path, help="values over time: text, MAT, MDF or TDMS")
     parser.add_argument("archive", metavar="OUT.mcap", type=Path, help="the run to compare with")
     parser.add_argument(
         "--as", dest="name", metavar="NAME", required=True, help="what was measured, such as 'camshaft.moment'"
@@ -495,8 +495,9 @@ def _add_import_command(commands: Any) -> None:
     parser.add_argument("--unit", metavar="UNIT", help="of the values, such as kN; default what the head says, or SI")
     parser.add_argument("--time-unit", metavar="UNIT", help="of the time; default what the head says, or s")
     parser.add_argument(
-        "--decimal", choices=(".", ","), help="sign before decimals in CSV; default the one that all its numbers have"
+        "--decimal", choices=(".", ","), help="sign before decimals in text; default the one that all its numbers have"
     )
+    parser.add_argument("--head", metavar="LINE", type=int, help="line of the names in text; default is found")
     parser.add_argument(
         "--offset", default="0", metavar="SECONDS", help="added to the measured time; auto: where both agree best"
     )

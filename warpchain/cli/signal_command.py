@@ -28,7 +28,8 @@ def compare_signal(arguments: argparse.Namespace) -> list[str]:
     offset = _time_offset_from_word(arguments.offset)
     one = recorded_variant(arguments.archive, arguments.variant)
     unit = source(one.trajectory, arguments.name, "--as ").unit
-    columns = MeasuredColumns(arguments.column, arguments.time, arguments.unit, arguments.time_unit, arguments.decimal)
+    words = ("column", "time", "unit", "time_unit", "decimal", "head")
+    columns = MeasuredColumns(*(getattr(arguments, word) for word in words))
     found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
     lines = _comparison_lines(found)
     for path in arguments.output:

@@ -1,4 +1,4 @@
-"""Measured signals of MAT and MDF4 files, read in a process of their own.
+"""Measured signals of MAT, MDF and TDMS files, read in a process of their own.
 
 A damaged file can end the process that reads it, take all memory, or never end.
 """
@@ -14,8 +14,10 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from warpchain.errors import SimulationError
 from warpchain.extras import require_extra
 from warpchain.files import open_regular_file, refusal_reason
 from warpchain.python_process import can_start_python, start_python
-from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, column_index, require_finite_values
+from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, column_index, require_bounded_values
 
 MOST_SIGNAL_VALUES = 2**25
 MOST_MEMORY = 2**33
@@ -43,12 +45,14 @@ _MAT_NUMBER_CLASSES = (
     "double",
     "logical",
 )
-_MDF_TIME_CHANNELS = ("time", "t", "Time")
-"""Channels of MDF4 that are other channels' time."""
+_TIME_CHANNELS = ("time", "t", "Time")
+"""Channels of MDF, and variables of MAT, that are a time."""
+_HDF5_HEAD, _HDF5_PLACE = b"\x89HDF\r\n\x1a\n", 512
+"""First bytes of the HDF5 in a MAT file of version 7.3, and where they stand."""
 
 
 def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a MAT or MDF4 file, read in a process of its own where possible.
+    """Columns of time and values of a MAT, MDF or TDMS file, read in a process of its own where possible.
 
     Raises:
         SimulationError: as `read_binary_columns_here`, or a file at which that process ended.
@@ -79,12 +83,12 @@ def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[Mea
 
 
 def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a MAT or MDF4 file, read in this process.
+    """Columns of time and values of a MAT, MDF or TDMS file, read in this process.
 
     Raises:
-        SimulationError: a file or column that is not understood, too many values, or no package asammdf.
+        SimulationError: a file or column that is not understood, too many values, or a missing package.
     """
-    time, signal = (_columns_from_mat if Path(path).suffix.lower() == ".mat" else _columns_from_mdf)(path, columns)
+    time, signal = COLUMN_READERS[Path(path).suffix.lower()](path, columns)
     if len(time[2]) != len(signal[2]):
         raise SimulationError(f"{path}: {signal[0]} has {len(signal[2])} values, {time[0]} {len(time[2])}")
     return time, signal
@@ -107,10 +111,10 @@ def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
     """Columns of time and values of a MAT file."""
     from scipy.io import loadmat, whosmat
 
-    with (
-        _convert_file_errors(path, "is not a MAT file of version 4 to 7.2"),
-        open(open_regular_file(path), "rb") as file,
-    ):
+    with _convert_file_errors(path, "is not a MAT file"), open(open_regular_file(path), "rb") as file:
+        if file.read(_HDF5_PLACE + len(_HDF5_HEAD))[_HDF5_PLACE:] == _HDF5_HEAD:
+            return _columns_from_mat_of_hdf5(path, columns)
+        file.seek(0)
         listed = whosmat(file)
         twice = [name for name, count in Counter(name for name, *_ in listed).items() if count > 1]
         if twice:
@@ -120,23 +124,68 @@ def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
             for name, shape, kind in listed
             if kind in _MAT_NUMBER_CLASSES and math.prod(shape) == max(shape, default=0) > 1
         }
-        names = [(name, name) for name in lengths]
-        at = column_index(path, names, columns.time, 0, "time")
-        of = column_index(path, names, columns.column, 1 if at == 0 else 0)
-        wanted = [names[at][0], names[of][0]]
-        for name in wanted:
-            _check_value_count(path, name, lengths[name])
+        wanted = _names_of_vectors(path, columns, lengths)
         file.seek(0)
         held = loadmat(file, variable_names=wanted)
         found = [np.asarray(held[name]).ravel() for name in wanted]
-    for name, values in zip(wanted, found, strict=True):
-        if values.dtype.kind not in "iuf":
-            raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
-    time, signal = (
-        (name, "", require_finite_values(path, name, values.astype(float)))
-        for name, values in zip(wanted, found, strict=True)
-    )
+    time, signal = (_column_of_variable(path, name, values) for name, values in zip(wanted, found, strict=True))
     return time, signal
+
+
+def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[str, int]) -> list[str]:
+    """Names of the variables of time and values among the vectors of a MAT file, which are not too long."""
+    names = [(name, name) for name in lengths]
+    at = column_index(path, names, columns.time, 0, "time")
+    of = column_index(path, names, columns.column, 1 if at == 0 else 0)
+    wanted = [names[at][0], names[of][0]]
+    for name in wanted:
+        _check_value_count(path, name, lengths[name])
+    return wanted
+
+
+def _column_of_variable(path: str | Path, name: str, values: np.ndarray) -> MeasuredColumn:
+    """A column of a variable's values."""
+    if values.dtype.kind not in "iuf":
+        raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
+    return name, "", require_bounded_values(path, name, values.astype(float))
+
+
+def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
+    """Columns of time and values of a MAT file of version 7.3."""
+    require_extra("hdf5", f"{path}: MAT of version 7.3", SimulationError)
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        kinds = {name: variable.attrs.get("MATLAB_class", b"") for name, variable in file.items()}
+        lengths = {
+            name: math.prod(file[name].shape)
+            for name, kind in kinds.items()
+            if isinstance(file[name], h5py.Dataset)
+            and bytes(kind).decode(errors="replace") in _MAT_NUMBER_CLASSES
+            and "MATLAB_empty" not in file[name].attrs
+            and math.prod(file[name].shape) == max(file[name].shape, default=0) > 1
+        }
+        wanted = _names_of_vectors(path, _said_variables(path, columns, list(lengths)), lengths)
+        time, signal = (_column_of_variable(path, name, np.asarray(file[name]).ravel()) for name in wanted)
+    return time, signal
+
+
+def _said_variables(path: str | Path, columns: MeasuredColumns, names: list[str]) -> MeasuredColumns:
+    """Columns by name of a file whose variables have no order: the one called as a time, and the only other one.
+
+    Raises:
+        SimulationError: it is not clear which these are.
+    """
+    time = columns.time or _only_name(path, "time", [name for name in names if name in _TIME_CHANNELS], names)
+    others = [name for name in names if name != time]
+    return replace(columns, time=time, column=columns.column or _only_name(path, "column", others, names))
+
+
+def _only_name(path: str | Path, option: str, found: list[str], names: list[str]) -> str:
+    """The name that alone was found among all; raises SimulationError where there is none, or several."""
+    if len(found) != 1:
+        raise SimulationError(f"{path}: its variables have no order: say --{option}, one of {', '.join(names)}")
+    return found[0]
 
 
 def _check_value_count(path: str | Path, name: str, count: int) -> None:
@@ -146,18 +195,15 @@ def _check_value_count(path: str | Path, name: str, count: int) -> None:
 
 
 def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of an MDF4 file."""
-    require_extra("mdf", "MDF4", SimulationError)
+    """Columns of time and values of an MDF file of version 3 or 4."""
+    require_extra("mdf", f"{path}: MDF", SimulationError)
     import asammdf
 
-    with _convert_file_errors(path, "is not MDF4"):
+    with _convert_file_errors(path, "is not MDF"):
         os.close(open_regular_file(path))
         with asammdf.MDF(path) as mdf:
             places = [
-                (name, *at)
-                for name, all_of in mdf.channels_db.items()
-                for at in all_of
-                if name not in _MDF_TIME_CHANNELS
+                (name, *at) for name, all_of in mdf.channels_db.items() for at in all_of if name not in _TIME_CHANNELS
             ]
             names = [(name, f"{name} of group {group}") for name, group, _ in places]
             name, group, channel = places[column_index(path, names, columns.column, 0)]
@@ -165,12 +211,63 @@ def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
             signal = mdf.get(name, group, channel)
     if getattr(signal.samples, "dtype", np.dtype(object)).kind not in "iuf" or signal.samples.ndim != 1:
         raise SimulationError(f"{path}: channel {name!r}: must hold numbers")
-    time = require_finite_values(path, "time", np.asarray(signal.timestamps, dtype=float))
-    return ("time", "s", time), (
-        name,
-        signal.unit or "",
-        require_finite_values(path, name, signal.samples.astype(float)),
-    )
+    values = signal.samples.astype(float)
+    if signal.invalidation_bits is not None:
+        values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
+    time = require_bounded_values(path, "time", np.asarray(signal.timestamps, dtype=float))
+    return ("time", "s", time), (name, signal.unit or "", require_bounded_values(path, name, values))
+
+
+def _columns_from_tdms(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
+    """Columns of time and values of a TDMS file, the time a waveform's own or another channel."""
+    require_extra("tdms", f"{path}: TDMS", SimulationError)
+    import nptdms
+
+    with (
+        _convert_file_errors(path, "is not TDMS"),
+        open(open_regular_file(path), "rb") as file,
+        nptdms.TdmsFile.open(file) as tdms,
+    ):
+        channels = [channel for group in tdms.groups() for channel in group.channels()]
+        names = [(channel.name, f"{channel.name} of group {channel.group_name}") for channel in channels]
+        at = None if columns.time is None else column_index(path, names, columns.time, 0, "time")
+        of = column_index(path, names, columns.column, 1 if at == 0 else 0)
+        wanted = [channels[k] for k in ([of] if at is None else [of, at])]
+        for channel in wanted:
+            _check_value_count(path, channel.name, len(channel))
+        words = wanted[0].properties
+        if at is None and not float(words.get("wf_increment", 0.0)) > 0.0:
+            raise SimulationError(
+                f"{path}: channel {wanted[0].name!r} has no time of its own (wf_increment): say --time, one of "
+                f"{', '.join(name for name, _ in names)}"
+            )
+        found = [_column_of_channel(path, channel) for channel in wanted]
+        if at is None:
+            step = np.arange(len(wanted[0]), dtype=float)
+            time = float(words.get("wf_start_offset", 0.0)) + float(words["wf_increment"]) * step
+            found.append(("time", "s", require_bounded_values(path, "time", time)))
+    return found[1], found[0]
+
+
+def _column_of_channel(path: str | Path, channel: Any) -> MeasuredColumn:
+    """A column of a TDMS channel's values, instants as seconds since the first."""
+    values, words = np.asarray(channel[:]), channel.properties
+    if values.dtype.kind == "M" and len(values):
+        values = (values - values[0]) / np.timedelta64(1, "s")
+        return channel.name, "s", require_bounded_values(path, channel.name, values)
+    if values.dtype.kind not in "iuf":
+        raise SimulationError(f"{path}: channel {channel.name!r}: must hold numbers")
+    unit = str(words.get("unit_string") or words.get("NI_UnitDescription") or "")
+    return channel.name, unit, require_bounded_values(path, channel.name, values.astype(float))
+
+
+COLUMN_READERS: dict[str, Callable[[str | Path, MeasuredColumns], tuple[MeasuredColumn, MeasuredColumn]]] = {
+    ".mat": _columns_from_mat,
+    ".mf4": _columns_from_mdf,
+    ".mdf": _columns_from_mdf,
+    ".tdms": _columns_from_tdms,
+}
+"""What reads files of these endings; all others are text."""
 
 
 def answer_read_request() -> None:

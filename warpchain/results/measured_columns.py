@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.schema import HUGE
+from warpchain.drive.text_table import TableError, column_place
 from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -22,10 +23,11 @@ class MeasuredColumns:
 
     Attributes:
         column: of the values: name, name and unit as in the file, or number, "#2"; None is the first after the time.
-        time: of the time, likewise; None is the first. Channels of MDF4 have their own.
+        time: of the time, likewise; None is the first. Channels of MDF and TDMS have their own.
         unit, time_unit: None takes what the head says in brackets or parentheses, else SI.
-        decimal: "." or ",", before decimals in CSV; the other one is then between thousands. None takes the one that
+        decimal: "." or ",", before decimals in text; the other one is then between thousands. None takes the one that
             all numbers have.
+        head: line of the names in text; None finds it above the numbers.
     """
 
     column: str | None = None
@@ -33,35 +35,21 @@ class MeasuredColumns:
     unit: str | None = None
     time_unit: str | None = None
     decimal: str | None = None
+    head: int | None = None
 
 
 def column_index(
     path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
 ) -> int:
-    """Place of a column among all, each given by its name, and by its name with unit.
-
-    Raises:
-        SimulationError: there is none of that name, or several.
-    """
-    known = [name for name, _ in names]
-    if wanted is None and default >= len(known):
-        raise SimulationError(f"{path}: has one column: must have a time and values")
-    name = known[default] if wanted is None else wanted
-    numbered = [(each, whole, f"#{k + 1}") for k, (each, whole) in enumerate(names)]
-    for form in range(3):
-        at = [k for k, forms in enumerate(numbered) if forms[form] == name]
-        if len(at) > 1:
-            all_of = " and ".join(f"{numbered[k][2]}, {numbered[k][1]}" for k in at)
-            raise SimulationError(
-                f"{path}: {name!r} names the columns {all_of}: say --{option} '#{at[0] + 1}', or another"
-            )
-        if at:
-            return at[0]
-    raise SimulationError(f"{path}: no column {name!r}: allowed are {', '.join(known)}")
+    """Place of a column among all; raises SimulationError where `column_place` refuses the name."""
+    try:
+        return column_place(names, wanted, default, option)
+    except TableError as error:
+        raise SimulationError(f"{path}: {error}") from None
 
 
-def require_finite_values(path: str | Path, name: str, values: Array) -> Array:
-    """Values of a measured column; raises SimulationError where one is not finite."""
-    if not (np.abs(values) <= HUGE).all():
+def require_bounded_values(path: str | Path, name: str, values: Array) -> Array:
+    """Values of a measured column, NaN for gaps; raises SimulationError where one is infinite or too large."""
+    if (np.abs(values) > HUGE).any():
         raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
     return values

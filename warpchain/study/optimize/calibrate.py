@@ -15,7 +15,6 @@ scatters as the rig does, so the processes' own noise counts as an error of the 
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,6 +25,7 @@ import numpy as np
 
 from warpchain.argument_checks import Count, Workers, check_arguments
 from warpchain.drive.drive_text import drive_text
+from warpchain.drive.text_table import options_as_keys
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
@@ -202,11 +202,11 @@ class RigMeasurements:
         self.signals: dict[str, MeasuredSignal] = {}
         for of in self.of:
             if of.signal is not None and of.file is not None:
-                columns = MeasuredColumns(of.column, of.time, of.unit, of.time_unit, of.decimal)
+                columns = MeasuredColumns(of.column, of.time, of.unit, of.time_unit, of.decimal, of.head)
                 try:
                     measured = read_signal(source.parent / of.file, of.signal, units[of.signal], columns)
                 except WarpchainError as error:
-                    raise StudyError(re.sub(r"say --(\w+)", r"give \1", str(error))) from None
+                    raise StudyError(options_as_keys(str(error))) from None
                 self.signals[of.signal] = measured
 
     def measured_numbers(self, turns: float, results: Results) -> tuple[MeasuredNumber, ...]:

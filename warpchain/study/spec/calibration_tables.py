@@ -43,10 +43,11 @@ class Measurement(Part):
         metric: name of the metric that was measured.
         value: measured value, in the metric's unit.
         signal: name of a signal that was measured, as for `warpchain import --as`: "cam->crank.tension".
-        file: file with the signal, CSV, MAT (.mat) or MDF4 (.mf4), relative to the study file.
+        file: file with the signal, text such as CSV, MAT (.mat), MDF (.mf4, .mdf) or TDMS, relative to the study file.
         column, time: its columns, variables or channels; see `results.measured_columns.MeasuredColumns`.
         unit, time_unit: their units; None takes what the file says, else SI.
-        decimal: "." or ",", in CSV.
+        decimal: "." or ",", in text.
+        head: line of the names, in text.
         statistics: statistics of the signal that count, such as "mean", "std", "largest".
         orders: orders of the driver's revolution, whose amplitudes count.
         bands: bands of frequency, low and high end [Hz], whose root mean squares count.
@@ -65,6 +66,7 @@ class Measurement(Part):
     unit: Text | None = None
     time_unit: Text | None = None
     decimal: Annotated[Literal[".", ","], Value('must be "." or ","')] | None = None
+    head: Annotated[int, Field(strict=True, ge=1), Value("must be the number of a line, 1 or more")] | None = None
     statistics: Annotated[
         tuple[Literal[*SIGNAL_STATISTICS], ...], BeforeValidator(plain_sequence), Value(_STATISTICS_HELP)  # type: ignore[valid-type]
     ] = ()
@@ -90,7 +92,7 @@ class Measurement(Part):
         if (node_value(node, "metric") is None) == (node_value(node, "signal") is None):
             yield Problem(("metric",), node_value(node, "metric"), "give metric and value, or signal and file", BARE)
             return
-        of_signal = ("file", "column", "time", "unit", "time_unit", "decimal", "statistics", "orders", "bands")
+        of_signal = ("file", "column", "time", "unit", "time_unit", "decimal", "head", "statistics", "orders", "bands")
         needed, other = ("file", ("value",)) if node_value(node, "signal") is not None else ("value", of_signal)
         if node_value(node, needed) is None:
             yield Problem((needed,), None, "missing", BARE)
