@@ -10,7 +10,7 @@ from common.cases import Line, case
 from matplotlib.figure import Figure
 
 from warpchain.assembly import assemble
-from warpchain.assembly.tooth_hold import ratio_held
+from warpchain.assembly.tooth_hold import held_tension_ratio
 from warpchain.drive import Drive
 from warpchain.engine.jump import find_jumps
 from warpchain.fit import fit_links
@@ -62,7 +62,7 @@ def jump(asked: argparse.Namespace) -> Iterator[Line]:
             drive = triangle_drive(height, seat)
             n = float(assemble(drive).path.wrap_angle[2]) * TEETH / math.tau
             pull = 0.5 * FORCE / math.cos(0.5 * math.atan(height)) * drive.pitch_radius(2)
-            q = ratio_held(drive, 2)
+            q = held_tension_ratio(drive, 2)
             (found,) = find_jumps(drive, directions=("forward",), most=pull * 4.0 * q**n, tolerance=0.05, device="cpu")
             assert found.jumps is not None
             held, jumped = found.holds / pull, found.jumps / pull

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.assembly import assembled_path
-from warpchain.assembly.frequencies import orders
+from warpchain.assembly.frequencies import excitation_orders
 from warpchain.assembly.timestep import step_limit
 from warpchain.modal.campbell import Campbell, campbell, over_a_pitch
 from warpchain.modal.eigenmodes import modes
@@ -170,7 +170,7 @@ def is_disturbed(drive: Drive, speeds: Array, frequency: float, width: float) ->
     low, high = (1.0 - BAND) * frequency - width, (1.0 + BAND) * frequency + width
     turns = speeds / (2.0 * np.pi)
     teeth = drive.sprockets[drive.driver].teeth
-    values = {order.value for order in orders(drive) if order.value >= 0.5} | {0.5 * teeth}
+    values = {order.value for order in excitation_orders(drive) if order.value >= 0.5} | {0.5 * teeth}
     return any(value * turns.max() > low and value * turns.min() < high for value in values)
 
 

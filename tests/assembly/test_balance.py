@@ -9,9 +9,9 @@ from drives import timing, two_sprockets
 from scipy.optimize import brentq
 
 from warpchain import assemble
-from warpchain.assembly.arm_balance import StillArm, _secant, chain_moment, chain_path
+from warpchain.assembly.arm_balance import RestingArm, _secant_root, chain_moment, chain_path
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
-from warpchain.assembly.layout_checks import findings
+from warpchain.assembly.layout_checks import layout_faults
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import running
@@ -116,7 +116,7 @@ def test_under_a_slack_chain_spring_weight_and_tensioner_hold_an_arm(gravity):
     assembly = assemble(drive)
     assert assembly.strain < 0.0
     assert float(assembly.arm_angle[0]) == pytest.approx(angle, abs=1e-9)
-    still = StillArm(drive, 0)
+    still = RestingArm(drive, 0)
     assert still.extension(drive.tensioners[0], angle) == pytest.approx(rise, abs=1e-15)
     d = 1e-6
     assert still.moment(0.1) == pytest.approx(-(still.energy(0.1 + d) - still.energy(0.1 - d)) / (2 * d), rel=1e-6)
@@ -133,7 +133,7 @@ def test_a_coil_spring_holds_an_arm():
     assembly = assemble(drive)
     assert assembly.strain < 0.0
     assert float(assembly.arm_angle[0]) == pytest.approx(between - drawn, abs=1e-9)
-    still, d = StillArm(drive, 0), 1e-6
+    still, d = RestingArm(drive, 0), 1e-6
     assert still.moment(0.1) == pytest.approx(-(still.energy(0.1 + d) - still.energy(0.1 - d)) / (2 * d), rel=1e-6)
     assert still.stiffness(0.1) == pytest.approx(-(still.moment(0.1 + d) - still.moment(0.1 - d)) / (2 * d), rel=1e-6)
 
@@ -153,7 +153,7 @@ def test_two_arms_of_a_drive_that_is_its_own_mirror_image():
     above, below = path.arm_angle.tolist()
     assert above == pytest.approx(-below, abs=1e-10)
     for a in range(2):
-        still, pull = StillArm(drive, a), chain_moment(drive, path, a)
+        still, pull = RestingArm(drive, a), chain_moment(drive, path, a)
         assert abs(pull) > 1.0
         assert still.moment(float(path.arm_angle[a])) == pytest.approx(-pull, rel=1e-7)
 
@@ -201,7 +201,7 @@ def test_the_tensioner_gives_the_working_tension():
     steady = running(drive)
     angle = float(steady.arm_angle[0])
     (string,) = [s for s in path_at(drive, [angle]).strings if s and s.touches[0].arc.guide == 0]
-    still, tensioner = StillArm(drive, 0), drive.tensioners[0]
+    still, tensioner = RestingArm(drive, 0), drive.tensioners[0]
     force = static_force(tensioner, still.extension(tensioner, angle))
     cosine, sine = math.cos(angle), math.sin(angle)
     (ax, ay), (px, py), (ux, uy) = tensioner.at, drive.arms[0].pivot, tensioner.unit_direction
@@ -251,7 +251,7 @@ def test_check_tells_arms_and_tensioners():
 
 
 def told(**changes):
-    return findings(timing(**changes))
+    return layout_faults(timing(**changes))
 
 
 def test_findings_of_guides_and_arms():
@@ -309,9 +309,9 @@ def test_a_balance_beside_a_stop_is_found_in_few_steps():
     found = []
     for rest in rests.tolist():
         asked.clear()
-        angle, _ = _secant(alone(rest), near)
+        angle, _ = _secant_root(alone(rest), near)
         assert angle == pytest.approx(rest, abs=1e-11)
         assert len(asked) < (36 if rest == 0.100001 else 16)
         found.append(angle)
-    together, _ = _secant(lambda angle: kinked(angle, rests), near + 0.0 * rests)
+    together, _ = _secant_root(lambda angle: kinked(angle, rests), near + 0.0 * rests)
     assert together.tolist() == found

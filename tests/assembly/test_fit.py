@@ -12,7 +12,7 @@ from layouts import PITCH, Placed, drive_of, loops
 from warpchain import Record, cli, load_drive, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.fitting import drawn_paths, fit_links, fit_position, fit_positions, fit_wrap, strand_sag
+from warpchain.assembly.fitting import fit_links, fit_position, fit_positions, fit_wrap, paths_as_drawn, strand_sag
 from warpchain.assembly.summary import derive
 from warpchain.cli.fit_command import _fit_state_lines
 from warpchain.drive import save_drive
@@ -344,7 +344,7 @@ def test_drives_moved_together_are_moved_as_if_alone():
 
 def test_paths_drawn_together_are_those_drawn_alone():
     drives = [*scattered(8), pair(0.0001), pair()]
-    paths = drawn_paths(drives)
+    paths = paths_as_drawn(drives)
     for drive, path in zip(drives, paths, strict=True):
         alone = outcome(lambda: chain_path(drive))  # noqa: B023
         if isinstance(alone, str):

@@ -11,7 +11,7 @@ from drives import example
 from warpchain import assemble
 from warpchain.assembly import path
 from warpchain.assembly.fitting import fit_position, fit_positions
-from warpchain.assembly.layout_checks import findings, suspects
+from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.drive.stacks import pick_variants, stacks_of_drives
 from warpchain.engine.arrays import dtype_of
@@ -156,9 +156,9 @@ def test_only_what_stands_on_its_stop_or_is_not_touched_is_suspect():
     (stack,) = stacks_of_drives(drives)
     states = assemble_stacks([stack])
     for places, state in states.states_by_block(stack.members):
-        told = [bool(findings(drives[v], states[v].path)) for v in places.tolist()]
-        assert suspects(pick_variants(stack.drive, places), state.path).tolist() == told
-    assert sum(bool(findings(drives[v], states[v].path)) for v in range(9)) == 3
+        told = [bool(layout_faults(drives[v], states[v].path)) for v in places.tolist()]
+        assert has_possible_faults(pick_variants(stack.drive, places), state.path).tolist() == told
+    assert sum(bool(layout_faults(drives[v], states[v].path)) for v in range(9)) == 3
 
 
 def test_cars_are_moved_together():

@@ -9,7 +9,7 @@ from drives import two_sprockets
 from run_ups import bicycle, kart
 
 from warpchain import Drive, Record, simulate
-from warpchain.assembly.run_up import passed
+from warpchain.assembly.run_up import driver_run_up
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.stacks import stacks_of_drives
@@ -82,9 +82,9 @@ def test_a_ramp_asks_for_the_inertia_at_its_steepest():
 def test_a_run_up_in_a_table_counts_as_far_as_the_run_goes():
     table = {"time": [0.0, 0.1, 0.15, 0.3, 0.4], "speed": [0.0, 5.0, 10.0, 10.0, 50.0]}
     drive = two_sprockets(duration=0.2).with_values({"sprockets.driver.prescribed": {"table": table}})
-    found = passed(drive)
+    found = driver_run_up(drive)
     assert found.acceleration.max() == pytest.approx(100.0) and found.acceleration[-1] == 0.0
-    assert passed(drive.with_values({"run.duration": 0.35})).acceleration.max() == pytest.approx(400.0)
+    assert driver_run_up(drive.with_values({"run.duration": 0.35})).acceleration.max() == pytest.approx(400.0)
 
 
 def test_chains_behind_ask_for_their_inertia_too():

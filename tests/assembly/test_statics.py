@@ -13,7 +13,7 @@ from warpchain import Drive, Record, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.statics import _assembled, _coordinate, _Solver, at_rest, load_moments, running
+from warpchain.assembly.statics import _assembled_coordinates, _coordinate_name, _Solver, at_rest, load_moments, running
 from warpchain.assembly.summary import derive, report
 
 ISO = {"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "maximum"} | {
@@ -60,7 +60,7 @@ def test_derivatives_by_angles_of_arms_on_arms(drive):
         terms = solver._terms(x)
         return terms, terms.slope(solver.maps, solver.count)
 
-    x = _assembled(potential, assembly)
+    x = _assembled_coordinates(potential, assembly)
     x[potential.first_arm : potential.first_pivot] += 0.02
     x[: 2 * potential.rollers] += np.random.default_rng(0).normal(size=2 * potential.rollers) * 1e-5
     terms, slope = at(x)
@@ -191,12 +191,12 @@ def test_where_no_equilibrium_is_found_it_says_why_and_what_to_do():
     still = two_sprockets()
     assembly, potential = assemble(still), Potential(still, 0.0, np.zeros(2))
     solver = _Solver([potential], [assembly])
-    x = _assembled(potential, assembly)
+    x = _assembled_coordinates(potential, assembly)
     x[potential.first_arm - 1] += 2.0 * math.pi / 20
     assert solver.failure(x, math.inf) == (
         'the chain does not stay on the teeth of "driven": take more preload or wrap (warpchain fit), or less load'
     )
-    parts = {_coordinate(potential, assembly, i) for i in range(potential.size)}
+    parts = {_coordinate_name(potential, assembly, i) for i in range(potential.size)}
     assert parts == {
         'a roller on "driver"', 'a roller on "driven"', 'a roller of strand "driver->driven"',
         'a roller of strand "driven->driver"', 'sprocket "driver"', 'sprocket "driven"',

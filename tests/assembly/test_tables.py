@@ -8,7 +8,7 @@ from own_kernels import kernel
 from scipy.interpolate import PchipInterpolator
 
 from warpchain import Record, load_drive, loads_drive, simulate
-from warpchain.assembly.table_cells import Cells, cells_of, hermite, slopes_of
+from warpchain.assembly.table_cells import TableCells, hermite, table_cells, table_slopes
 from warpchain.drive import SpeedTable, TorqueTable, dumps_drive
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
@@ -30,7 +30,7 @@ def look(
     out[i] = wp.vec3d(value, integral, slope)
 
 
-def on_device(cells: Cells, x):
+def on_device(cells: TableCells, x):
     """(values, integrals, slopes) of a table at x, as a kernel finds them."""
     row = np.zeros(1, dtype=structs.Tabulated.numpy_dtype())
     cells.fill(row[0], 0)
@@ -48,7 +48,7 @@ def on_device(cells: Cells, x):
 def test_table_over_time_is_its_rows_interpolation_and_integral(time, interpolation):
     # these rows are on a common grid, so the kernel's cubics are numpy's lines or scipy's PCHIP themselves
     speed = (3.0, 4.0, 4.0, 1.0, 7.0)
-    cells = cells_of(SpeedTable(time=time, speed=speed, interpolation=interpolation, factor=2.0), 1.0)
+    cells = table_cells(SpeedTable(time=time, speed=speed, interpolation=interpolation, factor=2.0), 1.0)
     x = np.linspace(time[0] - 1.0, time[-1] + 1.0, 701)
     value, integral, slope = on_device(cells, x)
     held = np.clip(x, time[0], time[-1])
@@ -73,7 +73,7 @@ def test_table_over_time_is_its_rows_interpolation_and_integral(time, interpolat
 def test_rows_without_a_common_grid_are_met_within_a_fine_one():
     # grid points at 1/64 of the smallest distance: a kink of slope change s is cut by at most s d / 4
     time = (0.0, 1.0, 1.0 + np.sqrt(2.0), 4.0)
-    cells = cells_of(TorqueTable(time=time, torque=(0.0, 5.0, -1.0, 2.0)), 1.0)
+    cells = table_cells(TorqueTable(time=time, torque=(0.0, 5.0, -1.0, 2.0)), 1.0)
     x = np.linspace(0.0, 4.0, 1001)
     apart = np.abs(on_device(cells, x)[0] - np.interp(x, time, (0.0, 5.0, -1.0, 2.0))).max()
     assert cells.spacing <= 1.0 / 64
@@ -87,7 +87,7 @@ def test_torque_over_angle_goes_round(interpolation):
     torque = (10.0, 300.0, -50.0, 20.0, 10.0)
     table = TorqueTable(angle=angle, torque=torque, interpolation=interpolation, shaft="crank")
     x = np.linspace(-7.0, 7.0, 501)
-    value = on_device(cells_of(table, 0.5), x)[0]
+    value = on_device(table_cells(table, 0.5), x)[0]
     round_once = np.mod(2.0 * x, 2 * TURN)
     rows = [
         np.concatenate([angle[:-1] - 2 * TURN, angle, angle[1:] + 2 * TURN]),
@@ -105,11 +105,11 @@ def test_speed_over_angle_becomes_the_same_speed_over_time(interpolation):
     speed = 10.0 + 2.0 * np.cos(2 * angle) + np.sin(angle)
     speed[-1] = speed[0]
     table = SpeedTable(angle=angle, speed=speed, interpolation=interpolation)
-    cells = cells_of(table, 1.0)
+    cells = table_cells(table, 1.0)
     period = cells.spacing * len(cells.coefficients)
     x = np.linspace(0.0, 3 * period, 1000)
     value, phi, _ = on_device(cells, x)
-    omega = lambda a: hermite(angle, speed, slopes_of(table), np.mod(a + np.pi, TURN) - np.pi)[0]  # noqa: E731
+    omega = lambda a: hermite(angle, speed, table_slopes(table), np.mod(a + np.pi, TURN) - np.pi)[0]  # noqa: E731
     tolerance = 1e-5 if interpolation == "cubic" else 1e-3  # rows, where slope or curvature jump, are inside cells
     np.testing.assert_allclose(value, omega(phi), rtol=tolerance)
     assert on_device(cells, [period, 2 * period])[1] == pytest.approx([TURN, 2 * TURN], rel=1e-14)

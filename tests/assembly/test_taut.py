@@ -9,7 +9,7 @@ from drives import two_sprockets
 
 from warpchain import assemble
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.taut_string import obstacle, point, taut
+from warpchain.assembly.taut_string import obstacle_arcs, point_end, taut_string
 from warpchain.drive.face_profile import Piece, make_profile
 
 
@@ -24,8 +24,8 @@ def face(center, radius, half, upward=1.0):
 
 def test_string_over_an_arc():
     """Tangents from points at distance D have the length sqrt(D^2 - R^2); round-off of some 1e-16 m."""
-    run = obstacle(face((0.0, 0.0), 0.25, 0.7), 0.01, 0, along=True)
-    found = taut(point((-0.6, 0.1)), point((0.5, 0.05)), [run])
+    run = obstacle_arcs(face((0.0, 0.0), 0.25, 0.7), 0.01, 0, along=True)
+    found = taut_string(point_end((-0.6, 0.1)), point_end((0.5, 0.05)), [run])
     radius = 0.26
     tangents = math.sqrt(0.37 - radius**2) + math.sqrt(0.2525 - radius**2)
     between = math.atan2(0.1, -0.6) - math.atan2(0.05, 0.5)
@@ -36,9 +36,9 @@ def test_string_over_an_arc():
 
 def test_string_over_two_arcs_on_both_sides():
     """An S: the inner tangent of two circles of radius R a distance D apart is sqrt(D^2 - 4 R^2) long."""
-    over = obstacle(face((0.0, 0.0), 0.2, 1.2), 0.0, 0, along=True)
-    under = obstacle(face((0.6, 0.1), 0.2, 1.2, upward=-1.0), 0.0, 1, along=False)
-    found = taut(point((-0.5, 0.0)), point((1.1, 0.1)), [over, under])
+    over = obstacle_arcs(face((0.0, 0.0), 0.2, 1.2), 0.0, 0, along=True)
+    under = obstacle_arcs(face((0.6, 0.1), 0.2, 1.2, upward=-1.0), 0.0, 1, along=False)
+    found = taut_string(point_end((-0.5, 0.0)), point_end((1.1, 0.1)), [over, under])
     assert [touch.arc.guide for touch in found.touches] == [0, 1]
     distance = math.hypot(0.6, 0.1)
     straight = [piece.length for piece in found.pieces if piece.curvature == 0.0]
@@ -47,21 +47,21 @@ def test_string_over_two_arcs_on_both_sides():
 
 
 def test_a_guide_out_of_reach_is_not_touched():
-    run = obstacle(face((0.0, 0.0), 0.25, 0.7), 0.01, 0, along=True)
-    found = taut(point((-0.6, 0.3)), point((0.5, 0.3)), [run])
+    run = obstacle_arcs(face((0.0, 0.0), 0.25, 0.7), 0.01, 0, along=True)
+    found = taut_string(point_end((-0.6, 0.3)), point_end((0.5, 0.3)), [run])
     assert not found.touches
     assert found.length == 1.1
 
 
 def test_directions_are_the_gradient():
     """By central differences of step h: h^2 of the third derivative, and 1e-16/h of round-off."""
-    run = obstacle(face((0.0, 0.0), 0.25, 0.7), 0.01, 0, along=True)
+    run = obstacle_arcs(face((0.0, 0.0), 0.25, 0.7), 0.01, 0, along=True)
     a, b, h = np.array([-0.6, 0.1]), np.array([0.5, 0.05]), 1e-6
 
     def length(da, db):
-        return taut(point(a + da), point(b + db), [run]).length
+        return taut_string(point_end(a + da), point_end(b + db), [run]).length
 
-    found, none = taut(point(a), point(b), [run]), np.zeros(2)
+    found, none = taut_string(point_end(a), point_end(b), [run]), np.zeros(2)
     for axis in np.eye(2) * h:
         first = (length(axis, none) - length(-axis, none)) / (2 * h)
         last = (length(none, axis) - length(none, -axis)) / (2 * h)
@@ -72,11 +72,11 @@ def test_directions_are_the_gradient():
 
 def test_levers_are_the_gradient_by_an_arms_angle():
     profile, pivot, h = face((0.0, 0.0), 0.25, 0.7), (-0.3, -0.1), 1e-6
-    from warpchain.assembly.guided import turned
+    from warpchain.assembly.guide_obstacles import turned_profile
 
     def string(angle):
-        run = obstacle(turned(profile, pivot, angle), 0.01, 0, along=True)
-        return taut(point((-0.6, 0.1)), point((0.5, 0.05)), [run])
+        run = obstacle_arcs(turned_profile(profile, pivot, angle), 0.01, 0, along=True)
+        return taut_string(point_end((-0.6, 0.1)), point_end((0.5, 0.05)), [run])
 
     slope = (string(h).length - string(-h).length) / (2 * h)
     assert string(0.0).levers([0], pivot) == pytest.approx(-slope, rel=1e-8)

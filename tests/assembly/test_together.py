@@ -12,7 +12,7 @@ from parts import gears, shaft
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_paths
 from warpchain.assembly.crossings import assemble_chains
-from warpchain.assembly.layout_checks import findings, suspects
+from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.drive.examples import example_names
 from warpchain.drive.stacks import (
@@ -117,12 +117,12 @@ def test_layouts_without_suspicion_have_no_findings():
         if not any(path.strings):
             paths[drive] = path
     drives = list(paths)
-    suspect = [bool(suspects(drive, path)[0]) for drive, path in paths.items()]
-    told = [bool(findings(drive, path[0])) for drive, path in paths.items()]
+    suspect = [bool(has_possible_faults(drive, path)[0]) for drive, path in paths.items()]
+    told = [bool(layout_faults(drive, path[0])) for drive, path in paths.items()]
     assert all(s or not t for s, t in zip(suspect, told, strict=True))
     assert 20 < sum(told) <= sum(suspect) < len(drives) - 20
     drive = stack_of_values(drives)
-    assert suspects(drive, chain_paths(drive)).tolist() == suspect
+    assert has_possible_faults(drive, chain_paths(drive)).tolist() == suspect
 
 
 def test_the_first_variant_that_does_not_fit_is_named():

@@ -8,7 +8,7 @@ from drives import AT_REST, two_sprockets
 from parts import part
 
 from warpchain import dumps_drive, load_drive, loads_drive
-from warpchain.assembly.table_cells import cells_of
+from warpchain.assembly.table_cells import table_cells
 from warpchain.errors import DriveError
 
 SPRING = {"preload": 100.0, "stiffness": 2e4}
@@ -39,7 +39,7 @@ def test_a_table_of_a_file(tmp_path):
     assert valves.height == 1.1
     assert loads_drive(dumps_drive(drive)) == drive
     # cells meet the spline, and slope and bend of neighboring ones agree
-    cells = cells_of(valves.curve, 1.0)
+    cells = table_cells(valves.curve, 1.0)
     c = cells.coefficients
     assert (cells.over_angle, cells.repeats) == (True, True)
     assert np.roll(c[:, 0], -1) == pytest.approx(c.sum(axis=1), abs=1e-12)

@@ -10,7 +10,7 @@ from drives import of_long, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.bounds import ESCAPE_PITCHES, escape
+from warpchain.assembly.bounds import ESCAPE_PITCHES, escape_distance
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.end_states import divergence_causes
 from warpchain.engine.pack import pack
@@ -72,7 +72,7 @@ def test_the_box_holds_the_settled_chain_and_what_its_slack_lets_it_do(gravity, 
     """All slack, and 5 % of stretch, in one strand of chord C: it reaches off it to the ellipse about its ends."""
     drive = two_sprockets(**STILL, links=links, span=195.0).with_values({"run.gravity": list(gravity)})
     packed = pack([drive], schedules_of([drive], None, None, NONE, None))
-    margin = escape(drive, packed.assemblies[0])
+    margin = escape_distance(drive, packed.assemblies[0])
     chord = 195 * PITCH
     spare = 2.0 * chord * (1.05 / (1.0 + min(packed.assemblies[0].strain, 0.0)) - 1.0)
     half = 0.5 * (chord + spare)
@@ -88,7 +88,7 @@ def test_the_box_holds_the_settled_chain_and_what_its_slack_lets_it_do(gravity, 
 
 def test_short_drives_keep_their_ten_pitches():
     drive = two_sprockets()
-    assert escape(drive, assemble(drive)) == ESCAPE_PITCHES * PITCH
+    assert escape_distance(drive, assemble(drive)) == ESCAPE_PITCHES * PITCH
 
 
 def moved(drives, change):

@@ -7,7 +7,7 @@ import pytest
 from drives import LOWER, UPPER, assert_alone_as_in_a_crowd, errors_of, example, jointed_blade
 
 from warpchain import Record, assemble, read_archive, simulate
-from warpchain.assembly.arm_balance import chain_path, tension
+from warpchain.assembly.arm_balance import chain_path, path_tension
 from warpchain.assembly.path import path_at
 from warpchain.drive import Drive
 from warpchain.drive.chain_drives import chain_drives
@@ -34,7 +34,7 @@ def test_the_chain_moves_no_arm_from_its_balance():
     # virtual work: T dL / d angle of each arm, its lower one with it, is its spring's moment; without weight
     drive = blade(**{"run.gravity": [0.0, 0.0]})
     path, d = chain_path(drive), 1e-5
-    angles, pull = path.arm_angle.tolist(), tension(drive, path)
+    angles, pull = path.arm_angle.tolist(), path_tension(drive, path)
     for a, arm in enumerate(drive.arms):
         up, down = ([*angles[:a], angles[a] + x, *angles[a + 1 :]] for x in (d, -d))
         slope = (length(drive, up) - length(drive, down)) / (2.0 * d)

@@ -11,7 +11,7 @@ from drives import example, two_sprockets
 
 from warpchain import loads_drive
 from warpchain.assembly import assemble, statics
-from warpchain.assembly.tooth_hold import ratio_held, top_radius
+from warpchain.assembly.tooth_hold import held_tension_ratio, top_radius
 from warpchain.drive import dumps_drive
 from warpchain.drive.reversed_drive import reversed_drive
 from warpchain.engine.jump import find_jumps, jump_in_metrics
@@ -74,7 +74,7 @@ def test_a_tooth_holds_the_ratio_at_which_its_force_balances_two_links():
     theta, half = math.radians(59.0), math.pi / 17
     columns = [[math.cos(theta), -math.sin(half)], [math.sin(theta), math.cos(half)]]
     _, behind = np.linalg.solve(columns, [math.sin(half), math.cos(half)])
-    assert ratio_held(drive, 0) == pytest.approx(1.0 / behind, rel=1e-12)
+    assert held_tension_ratio(drive, 0) == pytest.approx(1.0 / behind, rel=1e-12)
 
 
 @pytest.mark.long
@@ -82,8 +82,12 @@ def test_few_teeth_jump_at_the_ratio_that_they_hold(triangle):
     """Forward the slack strand has the tensioner's T, and M = R T (q^n - 1), n from the whole number of teeth below the
     wrap's to the one above; in reverse it is the tight one, M = R T (1 - q^-n), which n hardly changes.
     """
-    q, wrap = ratio_held(triangle, 2), float(assemble(triangle).path.wrap_angle[2])
-    n, radius, tension = wrap * 20 / math.tau, triangle.pitch_radius(2), float(statics.running(triangle).tension[1])
+    q, wrap = held_tension_ratio(triangle, 2), float(assemble(triangle).path.wrap_angle[2])
+    n, radius, tension = (
+        wrap * 20 / math.tau,
+        triangle.pitch_radius(2),
+        float(statics.running(triangle).tension[1]),
+    )
     assert tension == pytest.approx(0.5 * FORCE / math.cos(0.5 * math.atan(HEIGHT)), rel=0.02)  # the chain's polygon
     told = []
     forward, backward = find_jumps(triangle, tolerance=0.1, most=6000.0, device="cpu", report=told.append)
@@ -155,7 +159,7 @@ def test_cams_in_reverse_store_the_same_energy():
 
 
 def test_the_command_prints_and_gives_json(capsys, tmp_path, triangle, monkeypatch):
-    monkeypatch.setattr("warpchain.assembly.tooth_hold.jumps", lambda drive, s: True)  # which takes its time
+    monkeypatch.setattr("warpchain.assembly.tooth_hold.has_tooth_jump", lambda drive, s: True)  # which takes its time
     file = tmp_path / "triangle.toml"
     file.write_text(dumps_drive(triangle))
     words = ["jump", file, "--direction", "reverse", "--tolerance", "0.3", "--values", "3", "--most", "600"]

@@ -9,7 +9,7 @@ from drives import assert_alone_as_in_a_crowd, example
 from scipy.optimize import brentq
 
 from warpchain import Record, assemble, read_archive, simulate
-from warpchain.assembly.arm_balance import StillArm, chain_path, tension
+from warpchain.assembly.arm_balance import RestingArm, chain_path, path_tension
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _Solver, at_rest, load_moments
@@ -106,14 +106,14 @@ def test_the_spring_s_moment_is_twice_the_tension_times_sine_and_lever():
     drive = swing(**{"run.gravity": [0.0, 0.0]})
     path, arm = chain_path(drive), drive.arms[0]
     middle = path.arrival_angle[1] + drive.sprockets[1].sign * 0.5 * path.wrap_angle[1]
-    force = -2.0 * tension(drive, path) * math.sin(0.5 * path.wrap_angle[1])
+    force = -2.0 * path_tension(drive, path) * math.sin(0.5 * path.wrap_angle[1])
     angle = float(path.arm_angle[0])
     x, y = path.center[1] - arm.pivot
     moment = force * (x * math.sin(middle) - y * math.cos(middle))
     spring = arm.stiffness * (angle - arm.free_angle_rad)
-    assert tension(drive, path) > 50.0
+    assert path_tension(drive, path) > 50.0
     assert moment == pytest.approx(spring, rel=1e-9)
-    assert StillArm(drive, 0).moment(angle) == pytest.approx(-moment, rel=1e-9)
+    assert RestingArm(drive, 0).moment(angle) == pytest.approx(-moment, rel=1e-9)
     c, s = math.cos(angle), math.sin(angle)
     lever = np.subtract(drive.sprockets[1].center, arm.pivot)
     assert path.center[1] == pytest.approx(arm.pivot + np.array([[c, -s], [s, c]]) @ lever, rel=1e-12)
@@ -129,7 +129,9 @@ def test_statics_settling_and_assembly_agree():
     assert float(run[0].arm_angle[0, 0]) == pytest.approx(steady.arm_angle[0], abs=1e-2)
     assert run[0].sprocket_center[0, 1] == pytest.approx(steady.center[1], abs=2e-3)
     assert laid.arm_angle[0] == pytest.approx(steady.arm_angle[0], abs=1e-2)
-    assert run[0].arm_moment[0, 0] == pytest.approx(-StillArm(drive, 0).moment(float(run[0].arm_angle[0, 0])), rel=0.02)
+    assert run[0].arm_moment[0, 0] == pytest.approx(
+        -RestingArm(drive, 0).moment(float(run[0].arm_angle[0, 0])), rel=0.02
+    )
 
 
 def test_derivatives_by_an_arm_that_carries_a_sprocket():
@@ -209,7 +211,7 @@ def test_a_published_derailleur_stands_as_published():
     moment = 0.0
     for s in (1, 2):
         middle = path.arrival_angle[s] + drive.sprockets[s].sign * 0.5 * path.wrap_angle[s]
-        force = -2.0 * tension(drive, path) * math.sin(0.5 * path.wrap_angle[s])
+        force = -2.0 * path_tension(drive, path) * math.sin(0.5 * path.wrap_angle[s])
         x, y = path.center[s] - drive.arms[0].pivot
         moment += force * (x * math.sin(middle) - y * math.cos(middle))
         moment -= 9.81 * drive.sprockets[s].mass * x

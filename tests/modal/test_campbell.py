@@ -5,7 +5,7 @@ import pytest
 from command import refused, run
 from drives import example, of_long, two_sprockets
 
-from warpchain.assembly.frequencies import Order, orders
+from warpchain.assembly.frequencies import Order, excitation_orders
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import Campbell, campbell, modal_assurance, over_a_pitch
 from warpchain.modal.eigenmodes import lowest_modes, modes
@@ -43,7 +43,7 @@ def test_strands_of_a_running_chain_swing_as_travelling_strings(taut):
 
 def test_orders_of_the_engine():
     """20 teeth drive 17, 40 and 40 by 132 links; order 2 of the crankshaft, order 4 of camshafts at half its speed."""
-    found = orders(example("engine"))
+    found = excitation_orders(example("engine"))
     assert [order.value for order in found] == pytest.approx([20 / 132, 0.5, 1.0, 20 / 17, 2.0, 20.0, 40.0])
     assert "load of exhaust cam" in found[4].cause
     assert "motion of crankshaft" in found[4].cause
@@ -51,10 +51,10 @@ def test_orders_of_the_engine():
 
 def test_unlike_links_excite_half_the_tooth_frequency():
     drive = two_sprockets(links=58, span=19.03)
-    assert 10.0 not in [order.value for order in orders(drive)]
+    assert 10.0 not in [order.value for order in excitation_orders(drive)]
     worn = [{"link": i, "elongation": 0.01} for i in range(0, 58, 2)]
     unlike = drive.with_values({"chain.worn_links": worn})
-    assert Order(10.0, "links of two kinds") in orders(unlike)
+    assert Order(10.0, "links of two kinds") in excitation_orders(unlike)
 
 
 @pytest.mark.long

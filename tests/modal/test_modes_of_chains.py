@@ -9,7 +9,7 @@ from drives import example, of_long
 from parts import coupling, gears, shaft
 
 from warpchain import dumps_drive, loads_drive
-from warpchain.assembly.frequencies import orders
+from warpchain.assembly.frequencies import excitation_orders
 from warpchain.cli import main
 from warpchain.modal.campbell import campbell, modal_assurance, mode_metrics, over_a_pitch
 from warpchain.modal.eigenmodes import lowest_modes, modes
@@ -148,7 +148,7 @@ def test_modes_of_geared_chains_with_an_arm_are_drawn(ending, tmp_path):
 
 def test_orders_are_those_of_all_chains():
     # crank 20 -> 30, 18 -> 36 teeth: teeth of the second chain pass 18 (20 / 30) times a turn of the crank
-    by_cause = {cause: order.value for order in orders(two_stages()) for cause in order.cause.split(", ")}
+    by_cause = {cause: order.value for order in excitation_orders(two_stages()) for cause in order.cause.split(", ")}
     assert by_cause["tooth passing of first"] == 20.0
     assert by_cause["tooth passing of second"] == pytest.approx(12.0)
     assert by_cause["revolution of the chain second"] == pytest.approx(12.0 / 68.0)
@@ -159,9 +159,11 @@ def test_valves_are_among_the_orders_of_their_chain_and_of_the_others():
     # eight cams a turn of a shaft that turns 1 / 3 times as fast as the crank, and 4 of car's half as fast
     valves = {"name": "lifters", "on": "out", "phases": tuple(45.0 * k for k in range(8)), "mass": 0.1}
     valves |= {"spring": {"preload": 50.0}, "profile": {"lift": 5e-3, "rise": 20.0, "fall": 20.0}}
-    by_cause = {order.cause: order.value for order in orders(two_stages().with_values({"valves": (valves,)}))}
+    by_cause = {
+        order.cause: order.value for order in excitation_orders(two_stages().with_values({"valves": (valves,)}))
+    }
     assert by_cause["valves lifters"] == pytest.approx(8.0 / 3.0)
-    causes = ", ".join(order.cause for order in orders(example("car")) if order.value == pytest.approx(2.0))
+    causes = ", ".join(order.cause for order in excitation_orders(example("car")) if order.value == pytest.approx(2.0))
     assert "valves intake valves" in causes and "valves exhaust valves" in causes
 
 

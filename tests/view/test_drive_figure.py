@@ -9,7 +9,7 @@ from drives import example, two_sprockets
 from matplotlib.collections import LineCollection
 
 from warpchain import Record, simulate
-from warpchain.assembly.arm_balance import StillArm, chain_path
+from warpchain.assembly.arm_balance import RestingArm, chain_path
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import example_names
 from warpchain.results.guide_load import face_coordinates, rollers_in_guide_frame
@@ -90,7 +90,7 @@ def test_plungers_are_drawn_where_they_push(moved):
         for part in guide_arm_tensioner_parts(drive, pose_at_start(drive))
         if part.kind == "plunger"
     }
-    still = StillArm(drive, 0).extension(drive.tensioners[0], chain_path(drive).arm_angle[0])
+    still = RestingArm(drive, 0).extension(drive.tensioners[0], chain_path(drive).arm_angle[0])
     tensioner = drive.tensioners[0]
     for points, extension in (
         (drawn["tensioner"], still),

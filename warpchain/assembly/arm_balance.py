@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.assembly.guided import on_arm
-from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
+from warpchain.assembly.guide_obstacles import place_on_arm
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, PathPlan, PathValues
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.mounts import moving_mass
 from warpchain.drive.oil import bottom_place, static_force
@@ -65,13 +65,13 @@ _LEAST_CHANGE = 1e-7  # rad; of smaller steps round-off spoils the slope
 _STILL = 1e-11  # rad
 
 
-def tension(drive: Drive, path: ChainPath | Course, beyond: Any = 0.0) -> Any:
+def path_tension(drive: Drive, path: ChainPath | PathValues, beyond: Any = 0.0) -> Any:
     """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
     strain = minimum(path.nominal_strain, MAX_STRAIN) + beyond
     return drive.chain.mean_stiffness * path.pitch * maximum(strain, 0.0)
 
 
-class StillTensioner:
+class RestingTensioner:
     """The push of a tensioner at rest: spring and oil, which never pull, and the bottom of its chamber.
 
     Args:
@@ -85,11 +85,11 @@ class StillTensioner:
         self.bottom, self.stop = bottom_place(tensioner), drive.chain.stiffness
 
     def force(self, x: Any) -> Any:
-        """At an extension [m], along its direction [N]."""
+        """Force along its direction at an extension [m], [N]."""
         return maximum(self.push - self.spring * x, 0.0) + self.stop * maximum(self.bottom - x, 0.0)
 
     def energy(self, x: float) -> float:
-        """Of which the force is minus the derivative [J]."""
+        """Energy whose negative derivative by the extension is the force [J]."""
         reach = min(x, self.push / self.spring) if self.spring > 0.0 else x  # from where on it does not push
         found = 0.5 * self.spring * reach**2 - self.push * reach if self.push > 0.0 or self.spring > 0.0 else 0.0
         return found + 0.5 * self.stop * max(self.bottom - x, 0.0) ** 2
@@ -142,8 +142,8 @@ class StillCoil:
         return float(self.stiffness * lever**2 + tension * (inner - lever**2) / length)
 
 
-class StillArm:
-    """The moments on an arm at rest beside the chain's: springs, weight, stops and tensioners.
+class RestingArm:
+    """The moments on an arm at rest without the chain's: springs, weight, stops and tensioners.
 
     Args:
         drive: one, or a stack, of which `moment` gives those of all variants (V,).
@@ -156,25 +156,29 @@ class StillArm:
         self.gravity = drive.run.gravity
         carried = [drive.sprockets[s] for s in drive.sprockets_on(a)]
         self.weights = [(arm.mass, arm.center), *((moving_mass(s), s.center) for s in carried)]  # as drawn
-        self.tensioners = [StillTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
+        self.tensioners = [RestingTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
         self.coil = None if arm.spring is None else StillCoil(arm)
 
     def moment(self, angle: Any) -> Any:
-        """About the pivot [N m], at an angle [rad]."""
+        """Moment about the pivot at an angle [rad], [N m]."""
         return self.joint(angle, self.weight(angle))
 
     def weight(self, angle: Any) -> Any:
         """Moment of its weight about the pivot [N m]."""
         (gx, gy), found = self.gravity, 0.0
         for mass, center in self.weights:
-            x, y = self._turned(center, angle)
+            x, y = self._place_from_pivot(center, angle)
             found = found + mass * (x * gy - y * gx)
         return found
 
     def joint(self, angle: Any, beside: Any = 0.0) -> Any:
-        """Moment of its spring and stops, and of tensioners that an arm has that carries arms, with others [N m]."""
-        found = beside - self.arm.stiffness * (angle - self.arm.free_angle_rad) - self.stop * self.over(angle)
+        """Moment of spring and stops, and of the tensioners of an arm that carries arms, with `beside` [N m]."""
+        found = (
+            beside
+            - self.arm.stiffness * (angle - self.arm.free_angle_rad)
+            - self.stop * self.excess_beyond_stops(angle)
+        )
         if self.coil is not None:
             found = found + self.coil.moment(angle)
         for tensioner in self.tensioners:
@@ -183,17 +187,17 @@ class StillArm:
         return found
 
     def energy(self, angle: float) -> float:
-        """Of which the moment is minus the derivative [J]."""
+        """Energy whose negative derivative by the angle is the moment [J]."""
         arm = self.arm
-        found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self.sunk(angle)
-        found += 0.5 * self.stop * self.over(angle) ** 2
+        found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self.weight_work(angle)
+        found += 0.5 * self.stop * self.excess_beyond_stops(angle) ** 2
         found += 0.0 if self.coil is None else self.coil.energy(angle)
         return found + sum(tensioner.energy(self.extension(tensioner, angle)) for tensioner in self.tensioners)
 
     def stiffness(self, angle: float) -> float:
         """Minus the derivative of the moment by the angle [N m/rad]."""
         arm = self.arm
-        found = self.sunk(angle) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
+        found = self.weight_work(angle) + arm.stiffness + (self.stop if self.excess_beyond_stops(angle) else 0.0)
         found += 0.0 if self.coil is None else self.coil.torsional_stiffness(angle)
         for tensioner in self.tensioners:
             lever, change = self._levers(tensioner, angle)
@@ -201,74 +205,71 @@ class StillArm:
             found += tensioner.stiffness(extended) * lever**2 - tensioner.force(extended) * change
         return found
 
-    def over(self, angle: Any) -> Any:
-        """Excess of an angle beyond the stops [rad]: positive beyond the upper one, 0 in between."""
+    def excess_beyond_stops(self, angle: Any) -> Any:
+        """Angle beyond the stops [rad]: positive beyond the upper one, 0 in between."""
         low, high = self.arm.stops_rad
         return maximum(angle - high, 0.0) - maximum(low - angle, 0.0)
 
-    def extension(self, tensioner: Tensioner | StillTensioner, angle: Any) -> Any:
-        """Of one of its tensioners [m]."""
-        (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
+    def extension(self, tensioner: Tensioner | RestingTensioner, angle: Any) -> Any:
+        """Extension of one of its tensioners [m]."""
+        (x, y), (ux, uy) = self._place_from_pivot(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
 
-    def sunk(self, angle: float) -> float:
-        """Work of its weight since all of it was at the pivot [J], which is also minus its moment's derivative."""
+    def weight_work(self, angle: float) -> float:
+        """Work of the weight from the pivot to the angle [J], minus the derivative of its moment."""
         found, (gx, gy) = 0.0, self.gravity
         for mass, center in self.weights:
-            x, y = self._turned(center, angle)
+            x, y = self._place_from_pivot(center, angle)
             found += mass * (x * gx + y * gy)
         return found
 
-    def _levers(self, tensioner: StillTensioner, angle: Any) -> tuple[Any, Any]:
+    def _levers(self, tensioner: RestingTensioner, angle: Any) -> tuple[Any, Any]:
         """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
-        (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
+        (x, y), (ux, uy) = self._place_from_pivot(tensioner.at, angle), tensioner.unit_direction
         return x * uy - y * ux, -(x * ux + y * uy)
 
-    def _turned(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
-        """From the pivot to a place of the arm as drawn, now [m]."""
+    def _place_from_pivot(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
+        """Vector from the pivot to a place of the arm as drawn, turned by the angle [m]."""
         (px, py), (cosine, sine) = self.arm.pivot, unit_vector(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 
 
-def alone(drive: Drive, a: int, angle: float) -> bool:
-    """Whether an arm stands at an angle [rad] where it would without a chain, to `OFF`: at its spring's free angle,
-    mostly."""
-    still = StillArm(drive, a)
+def is_unloaded_arm(drive: Drive, a: int, angle: float) -> bool:
+    """Whether an arm stands at an angle [rad], within `OFF`, at which it would stand without a chain."""
+    still = RestingArm(drive, a)
     return abs(still.moment(angle)) <= OFF * abs(still.stiffness(angle))
 
 
-def stop_of(drive: Drive, a: int, angle: float) -> str | None:
+def stop_name(drive: Drive, a: int, angle: float) -> str | None:
     """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
-    lower, upper = on_stops(drive.arms[a], angle)
+    lower, upper = has_reached_stops(drive.arms[a], angle)
     return "lower" if lower else "upper" if upper else None
 
 
-def on_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
+def has_reached_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
     """Whether an arm stands on its lower and on its upper stop at an angle [rad], or at those of a stack (V,)."""
     low, high = arm.stops_rad
     return angle <= low + AT_STOP, angle >= high - AT_STOP
 
 
 def chain_moment(
-    drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
+    drive: Drive, path: ChainPath | PathValues, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
 ) -> Any:
-    """Moment of the chain on arm a, and on the arms on it, about its pivot [N m], which is where it is drawn, or at
-    `pivot` [m].
-    """
+    """Moment of the chain on arm a and the arms on it about its pivot, as drawn or at `pivot` [m], [N m]."""
     pivot = drive.arms[a].pivot if pivot is None else pivot
     levers = 0.0
     for arm in (a, *drive.arms_on(a)):
         levers = levers + ordered_sum(string.levers(drive.guides_of(arm), pivot) for string in path.strings if string)
-        levers = levers + ordered_sum(_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
-    return tension(drive, path, beyond) * levers
+        levers = levers + ordered_sum(_strand_pull_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
+    return path_tension(drive, path, beyond) * levers
 
 
-def _lever(drive: Drive, path: ChainPath | Course, s: int, pivot: tuple[Any, Any]) -> Any:
-    """Lever about a pivot [m] of what the strands of sprocket s pull it with [m]."""
+def _strand_pull_lever(drive: Drive, path: ChainPath | PathValues, s: int, pivot: tuple[Any, Any]) -> Any:
+    """Lever about a pivot of the sum of the unit pulls of sprocket s' strands [m]."""
     px, py = pivot
-    if isinstance(path, Course):
+    if isinstance(path, PathValues):
         (x, y), (ax, ay), (bx, by) = path.center[s], path.end[s - 1], path.start[s]
     else:
         (x, y), (ax, ay), (bx, by) = path.center[s], path.strand_end[s - 1], path.strand_start[s]
@@ -276,19 +277,19 @@ def _lever(drive: Drive, path: ChainPath | Course, s: int, pivot: tuple[Any, Any
     return drive.sprockets[s].sign * turned / drive.riding_radius(s)
 
 
-class Balance:
+class ArmBalance:
     """The arms of a drive in balance (a) with its chain.
 
     Args:
         drive: with arms, or a stack of such.
 
     Raises:
-        DriveError, Unlike: as `Plan`.
+        DriveError, UnlikeVariants: as `PathPlan`.
     """
 
     def __init__(self, drive: Drive) -> None:
-        self.plan = Plan(drive)
-        self.still = [StillArm(drive, a) for a in range(len(drive.arms))]
+        self.plan = PathPlan(drive)
+        self.still = [RestingArm(drive, a) for a in range(len(drive.arms))]
         self.slopes: dict[int, Any] = {}  # of the moments by the angles, as last found [N m/rad]
 
     def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
@@ -300,7 +301,7 @@ class Balance:
 
         Raises:
             DriveError: an arm without a balance; or as `path_at`.
-            Unlike: a stack whose balances are found in unlike ways.
+            UnlikeVariants: a stack whose balances are found in unlike ways.
         """
         found: list[Any] = [0.0] * len(self.still) if angles is None else list(angles)
         for a, still in enumerate(self.still):
@@ -320,24 +321,24 @@ class Balance:
         drive = self.plan.drive
 
         def moment(angle: Any) -> Any:
-            course = self.plan.course([*angles[:a], angle, *angles[a + 1 :]])
+            course = self.plan.path_values([*angles[:a], angle, *angles[a + 1 :]])
             return self._own(angles, a, angle) + chain_moment(drive, course, a, beyond, self._pivot(angles, a))
 
-        quick = _secant(moment, angles[a], self.slopes.get(a))
+        quick = _secant_root(moment, angles[a], self.slopes.get(a))
         if quick is not None:
             angle, self.slopes[a] = quick
             return angle
         if self.plan.variants > 1:  # by halves, until those that it fails for are alone
             raise UnlikeVariants(np.arange(self.plan.variants) < self.plan.variants // 2)
-        return _bracketed(moment, self.still[a].arm, angles[a])
+        return _bracketed_root(moment, self.still[a].arm, angles[a])
 
     def _pivot(self, angles: Sequence[Any], a: int) -> tuple[Any, Any]:
-        """Where the pivot of arm a is with the arms at angles (A,) [m]."""
+        """Pivot of arm a with the arms at angles (A,) [m]."""
         drive = self.plan.drive
-        return on_arm(drive, drive.parent(a), drive.arms[a].pivot, angles)
+        return place_on_arm(drive, drive.parent(a), drive.arms[a].pivot, angles)
 
     def _own(self, angles: Sequence[Any], a: int, angle: Any) -> Any:
-        """Moment of all but the chain on arm a at an angle [N m], with the weight of what hangs on it."""
+        """Moment on arm a at an angle, without the chain's, with the weight of arms on it [N m]."""
         drive, (gx, gy) = self.plan.drive, self.plan.drive.run.gravity
         if drive.parent(a) is None and not drive.arms_on(a):
             return self.still[a].moment(angle)
@@ -346,13 +347,13 @@ class Balance:
         px, py = self._pivot(angles, a)
         for arm in (a, *drive.arms_on(a)):
             for mass, place in self.still[arm].weights:
-                x, y = on_arm(drive, arm, place, turned)
+                x, y = place_on_arm(drive, arm, place, turned)
                 found = found + mass * ((x - px) * gy - (y - py) * gx)
         return found
 
 
-def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float:
-    """Where a moment is 0 [rad], from an angle on by steps in which it turns; slow, and sure."""
+def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> float:
+    """Angle at which a moment is 0 [rad], by steps from `near` until it changes sign; slow, and sure."""
     from scipy.optimize import brentq  # slow to import
 
     low, high = arm.stops_rad
@@ -377,20 +378,20 @@ def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float
     raise DriveError(f"arms.{arm.name}: {where}; look at its stops, and at the {turns}")
 
 
-def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
-    """Where a moment that falls with the angle is 0 [rad], by secants, and its slope there [N m/rad].
+def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
+    """Angle at which a moment is 0 [rad], by secants, and its slope there [N m/rad].
 
-    Where a secant leads out of the angles between which it is, or is over half as long as the last but one, as at stops
-    and where chains go slack, these are halved. None where a variant has none, or no moment there.
+    Where a secant leads out of the interval, or is over half as long as the last but one, the interval is halved. None
+    where a variant has no root, or no moment there.
 
     Args:
-        moment: of an angle.
+        moment: of an angle, with which it falls.
         near: a first guess [rad].
         slope: a guess of it.
     """
     try:
         before, here = near, moment(near)
-        change = where(here == 0.0, 0.0, copysign(_FIRST, here)) if slope is None else _toward(here, slope)
+        change = where(here == 0.0, 0.0, copysign(_FIRST, here)) if slope is None else _newton_change(here, slope)
         angle, done = near + change, abs(change) <= _NEAR
         low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
         steps = [math.inf, abs(change)]
@@ -406,7 +407,7 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
             middle = 0.5 * (where(held, low, 0.0) + where(held, high, 0.0))
             if not is_true_everywhere(done | (here == 0.0) | (slope < 0.0) | held):
                 return None
-            change = _toward(here, slope)
+            change = _newton_change(here, slope)
             wanted = angle + change
             astray = (slope >= 0.0) | (wanted <= low) | (wanted >= high) | (abs(change) > 0.5 * steps.pop(0))
             change = where(held & astray & (abs(change) > _NEAR), middle - angle, change)
@@ -419,8 +420,8 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
     return None
 
 
-def _toward(here: Any, slope: Any) -> Any:
-    """The change of angle [rad] that takes a moment to 0 by its slope; where that is none to fall along, as if by 1."""
+def _newton_change(here: Any, slope: Any) -> Any:
+    """Change of angle [rad] that takes a moment to 0 by its slope, or by a slope of 1 where it does not fall."""
     return maximum(-_LONGEST, minimum(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
 
 
@@ -438,6 +439,6 @@ def chain_paths(drive: Drive) -> ChainPath:
 
     Raises:
         DriveError: as `chain_path`, of the first such variant.
-        Unlike: a stack of which some go around other arcs of guides.
+        UnlikeVariants: a stack of which some go around other arcs of guides.
     """
-    return Balance(drive).path() if drive.arms else Plan(drive).path(())
+    return ArmBalance(drive).path() if drive.arms else PathPlan(drive).path(())

@@ -30,12 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.argument_checks import check_arguments
-from warpchain.assembly.arm_balance import Balance, chain_path, chain_paths
-from warpchain.assembly.link_laying import Curve
+from warpchain.assembly.arm_balance import ArmBalance, chain_path, chain_paths
+from warpchain.assembly.link_laying import LayingCurve
 from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.table_cells import initial_speed
-from warpchain.assembly.taut_string import Taut
+from warpchain.assembly.taut_string import TautString
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.mounts import initial_velocity
 from warpchain.drive.sprocket import LedSprocket
@@ -107,12 +107,12 @@ class Assembly:
     shaft_speed: NDArray[np.float64]
 
     def __getitem__(self, v: int) -> Assembly:
-        """That of variant v, of a stack's."""
+        """The state of variant v of a stack."""
         found = self.of(v)
         return replace(found, strain=float(found.strain))
 
     def of(self, variants: int | NDArray[np.int64]) -> Assembly:
-        """That of one variant, or those of some, of a stack's."""
+        """The states of some variants of a stack."""
         return replace(self, **{field.name: getattr(self, field.name)[variants] for field in fields(self)})
 
 
@@ -135,9 +135,9 @@ def assemble_stack(drive: Drive) -> Assembly:
 
     Raises:
         DriveError: as `assemble`, of the first such variant.
-        Unlike: a stack of which some go around other arcs of guides.
+        UnlikeVariants: a stack of which some go around other arcs of guides.
     """
-    path, seating, loop = _seated(drive)
+    path, seating, loop = _seated_stack(drive)
     count, variants = drive.chain.links, len(path.radius)
     angle, first_seat = _sprocket_angles(drive, table_of_columns(seating.first_angle, variants))
     speed, shaft_speed = _starting_speeds(drive, path, variants)
@@ -149,8 +149,8 @@ def assemble_stack(drive: Drive) -> Assembly:
         table_of_columns(column, variants) for column in (seating.seats, seating.links, seating.first, seating.last)
     )
     strain = np.atleast_1d(seating.strain)
-    for alike in _patterns(seats, links):
-        at = _Placement(drive, path, alike, count)
+    for alike in _seat_patterns(seats, links):
+        at = _RollerPlacement(drive, path, alike, count)
         like = 0 if isinstance(alike, slice) else alike[0]
         for s, sprocket in enumerate(drive.sprockets):
             rollers = slice(first[like, s], last[like, s] + 1)
@@ -184,7 +184,7 @@ def assemble_stack(drive: Drive) -> Assembly:
 Alike = NDArray[np.int64] | slice
 
 
-def _patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[Alike]:
+def _seat_patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[Alike]:
     """Variants whose rollers sit alike; a slice where all do."""
     table = np.concatenate([seats, links], axis=1)
     if (table == table[0]).all():
@@ -194,8 +194,8 @@ def _patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[Alike]
     return [*np.split(order, np.flatnonzero(np.diff(which.ravel()[order])) + 1)]
 
 
-class _Placement:
-    """Rollers of those variants of a stack whose rollers sit alike, as they are put in their places.
+class _RollerPlacement:
+    """Positions and velocities of the rollers of variants whose rollers sit alike.
 
     Attributes:
         position, velocity: (K, N, 2) of these.
@@ -226,14 +226,14 @@ class _Placement:
         self.velocity[:, rollers, 0] = self._own(velocity[..., 0]) + speed[:, None] * -up
         self.velocity[:, rollers, 1] = self._own(velocity[..., 1]) + speed[:, None] * across
 
-    def strand(self, span: tuple[int, int, int], strain: Array, string: Taut | None) -> None:
+    def strand(self, span: tuple[int, int, int], strain: Array, string: TautString | None) -> None:
         """Places the rollers of a strand: between two rollers, with a number of links."""
         begin, end, links = span
         rollers = slice(begin + 1, begin + links)
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1)
         position, velocity, gravity = self.position, self.velocity, self.drive.run.gravity
         if string:
-            around = _Around(string, natural)
+            around = _GuidedStrand(string, natural)
             pull = np.concatenate([np.broadcast_to(self._own(part), (len(position), 1)) for part in gravity], axis=1)
             position[:, rollers] = around.places(self.turning, pull)[:, 1:-1]
             velocity[:, rollers] = around.velocities(velocity[:, begin], velocity[:, end])
@@ -245,7 +245,7 @@ class _Placement:
         if len(slack):
             gx, gy = (np.broadcast_to(self._own(part), (len(chord), 1))[slack] for part in gravity)
             own = np.broadcast_to(natural, (len(chord), links))[slack]
-            bent = _arc(chord[slack], own, self.turning[slack], np.concatenate([gx, gy], axis=1))
+            bent = _sagging_places(chord[slack], own, self.turning[slack], np.concatenate([gx, gy], axis=1))
         for axis in range(2):
             first, final = velocity[:, begin, axis, None], velocity[:, end, axis, None]
             velocity[:, rollers, axis] = first + fraction * (final - first)
@@ -259,9 +259,9 @@ def assembled_strains(drive: Drive) -> tuple[ChainPath, Array]:
     """The paths of a stack and the strains (V,) of the assembled chains, without placing their rollers.
 
     Raises:
-        DriveError, Unlike: as `assemble_stack`.
+        DriveError, UnlikeVariants: as `assemble_stack`.
     """
-    path, seating, _ = _seated(drive)
+    path, seating, _ = _seated_stack(drive)
     return path, np.atleast_1d(seating.strain)
 
 
@@ -271,27 +271,27 @@ def assembled_path(drive: Drive) -> ChainPath:
     Raises:
         DriveError: as `assemble`, where there are arms; else as `chain_path`.
     """
-    return _seated(drive)[0][0] if drive.arms else chain_path(drive)
+    return _seated_stack(drive)[0][0] if drive.arms else chain_path(drive)
 
 
-def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
-    """Path and seats of a stack, and its sprockets; arms in balance with the strain of the chain on its seats."""
+def _seated_stack(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
+    """Paths, seats and sprockets of a stack; arms in balance with the strain of the chain on its seats."""
     if drive.arms:
-        return _balanced(drive)
+        return _seated_stack_with_arms(drive)
     path = chain_paths(drive)
     check_fit(drive, path)
     loop = Loop(drive, path)
     return path, seat_chain(drive, path, loop), loop
 
 
-def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
-    """`_seated` with arms.
+def _seated_stack_with_arms(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
+    """Paths, seats and sprockets of a stack with arms.
 
-    Sought is what the strain b is beyond the path's nominal one: with the arms in balance at b, the chain on its seats
-    has a strain that is g(b) beyond. g hangs on b by some percent and smoothly, so that secants find b = g(b) in three
+    Sought is the strain b in excess of the path's nominal one: with the arms in balance at b, the chain on its seats
+    has a strain that is g(b) in excess. g changes slowly and smoothly with b, so that secants find b = g(b) in three
     steps, each of which begins where the last one ended.
     """
-    balance, beyond = Balance(drive), 0.0
+    balance, beyond = ArmBalance(drive), 0.0
     path = balance.path()
     check_fit(drive, path)
     loop, known, last = Loop(drive, path), None, False
@@ -313,19 +313,19 @@ def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     return path, seating, loop
 
 
-class _Around:
+class _GuidedStrand:
     """Rollers of a strand that touches guides, of K variants of a stack.
 
-    A taut strand's links, strained alike, are chords of its string. A slack one's are unstrained, and what they are too
-    long hangs in the longest straight part.
+    A taut strand's links, strained alike, are chords of its string. A slack one's are unstrained, and their excess
+    length hangs in the longest straight part.
 
     Args:
         string: its numbers alike, or arrays (K,).
         natural: (1, links) or (K, links) lengths of the links [m].
     """
 
-    def __init__(self, string: Taut, natural: Array) -> None:
-        self.string, self.curve = string, Curve(string.pieces)
+    def __init__(self, string: TautString, natural: Array) -> None:
+        self.string, self.curve = string, LayingCurve(string.pieces)
         self.links = natural[0] if len(natural) == 1 else natural
         self.scale = self.curve.scale(self.links)
         self.at = self.curve.places(with_last_axis(self.scale) * self.links)
@@ -337,7 +337,7 @@ class _Around:
             turning: (K,) of the path [rad].
             gravity: (K, 2) [m/s^2].
         """
-        curve, points = self.curve, _rows(self.curve.points(self.at), len(turning))
+        curve, points = self.curve, _rows_of_variants(self.curve.points(self.at), len(turning))
         if not shared_value(self.scale < 1.0 - _STRAIGHT):
             return points
         longest, near = curve.longest, _TIE * curve.length
@@ -346,12 +346,12 @@ class _Around:
         a, count = shared_value(inner.argmax(axis=1)), shared_value(inner.sum(axis=1))
         if count <= 2:
             return points
-        b, back = a + int(count) - 1, curve.reversed()
-        ahead = _rows(curve.points(curve.places(self.links)), len(turning))
-        behind = _rows(back.points(back.places(self.links[..., ::-1])), len(turning))[:, ::-1]
+        b, back = a + int(count) - 1, curve.reversed_curve()
+        ahead = _rows_of_variants(curve.points(curve.places(self.links)), len(turning))
+        behind = _rows_of_variants(back.points(back.places(self.links[..., ::-1])), len(turning))[:, ::-1]
         points[:, : a + 1], points[:, b:] = ahead[:, : a + 1], behind[:, b:]
-        natural = _rows(self.links[..., a:b], len(turning), 1)
-        bent = _arc(points[:, b] - points[:, a], natural, turning, gravity)
+        natural = _rows_of_variants(self.links[..., a:b], len(turning), 1)
+        bent = _sagging_places(points[:, b] - points[:, a], natural, turning, gravity)
         points[:, a + 1 : b] = points[:, a, None] + np.stack(bent, axis=2)
         return points
 
@@ -366,8 +366,8 @@ class _Around:
         return np.asarray((sense[:, None] * speed)[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=2))
 
 
-def _rows(values: Array, count: int, axes: int = 2) -> Array:
-    """Rows (K, ...) of as many variants, from what is the same for all of them, of so many axes, or theirs."""
+def _rows_of_variants(values: Array, count: int, axes: int = 2) -> Array:
+    """Rows (K, ...) for `count` variants, from values with `axes` axes for all, or one more for each."""
     return np.array(np.broadcast_to(values, (count, *values.shape[values.ndim - axes :])))
 
 
@@ -379,7 +379,7 @@ def _sprocket_angles(drive: Drive, first_angle: Array) -> tuple[Array, NDArray[n
 
 
 def _check_keys(drive: Drive, angle: Array) -> None:
-    """Refuses sprockets whose key wants another angle than the one at which their chain seats."""
+    """Raises a DriveError for sprockets whose key needs another angle than that at which their chain seats."""
     for s, sprocket in enumerate(drive.sprockets):
         if sprocket.key is not None:
             pitch = 360.0 / sprocket.teeth
@@ -411,14 +411,14 @@ def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Arra
     tied, before = body_ties(drive), -1
     while len(known) > before:
         before = len(known)
-        _spread(known, [tie for tie in tied if tie.kind != "couplings"])
+        _spread_speeds(known, [tie for tie in tied if tie.kind != "couplings"])
         first = next((s for s in (drive.driver, *range(count)) if s in known), None)
         if first is not None and len(known) == before:
             travel = drive.sprockets[first].sign * known[first] * path.radius[:, first]
             for s, sprocket in enumerate(drive.sprockets):
                 known.setdefault(s, sprocket.sign * (travel / path.radius[:, s]))
         if len(known) == before:
-            _spread(known, tied)
+            _spread_speeds(known, tied)
     speeds = [known.get(b, 0.0) for b in range(count + len(drive.shafts))]
     shafts = speeds[count:]
     return table_of_columns(speeds[:count], variants), table_of_columns(shafts, variants) if shafts else np.empty(
@@ -426,8 +426,8 @@ def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Arra
     )
 
 
-def _spread(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
-    """Adds the speeds of bodies that are tied to those whose speeds are known."""
+def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
+    """Adds the speeds of bodies that are tied to those with known speeds to `known`."""
     for tie in tied:
         if tie.a in known and tie.b not in known:
             known[tie.b] = float(tie.ratio) * known[tie.a]
@@ -446,8 +446,8 @@ def _prescribed_speed(drive: Drive, turned: Sprocket | Shaft) -> Any:
     return speed * turned.start_ratio if isinstance(turned, LedSprocket) else speed
 
 
-def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:
-    """The rollers between the ends of sagging strands, from their first ends [m]; (b) above. x and y (V, links - 1).
+def _sagging_places(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:
+    """x and y (V, links - 1) of the rollers of sagging strands, from their first ends [m]; (b) above.
 
     Args:
         chord, natural: (V, 2) from end to end, (V, links) lengths of the links [m].

@@ -1,7 +1,4 @@
-"""Bounds of a run, from a drive and its initial state: how far rollers may go, and what tension its chain has.
-
-Both are rather too large than too small.
-"""
+"""Bounds of a run from a drive and its initial state: how far rollers can go, and the scale of its tensions."""
 
 from __future__ import annotations
 
@@ -37,13 +34,12 @@ LEAST = 1e-6
 """Least working tension, over what stretches a link by its own length."""
 
 
-def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
-    """The farthest that a roller may go from its place with its chain still on its sprockets [m]; of a stack (V,).
+def escape_distance(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
+    """The farthest that a roller can go from its place with its chain still on its sprockets [m]; of a stack (V,).
 
     A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
-    at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is what all strands are slack by at
-    assembly, and what their links may be stretched by: `MAX_STRAIN`, as no drive is assembled with more. Long strands
-    sag by their own weight that far, wherever they are slack or not.
+    at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is the slack of all strands at
+    assembly with the stretch of their links at `MAX_STRAIN`.
     """
     chord = assembly.path.strand_end - assembly.path.strand_start
     chords = np.hypot(chord[..., 0], chord[..., 1])
@@ -52,35 +48,35 @@ def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
     return np.maximum(ESCAPE_PITCHES * drive.chain.pitch, off)
 
 
-def _moment(load: Load, speed: float) -> float:
-    """Most that a load asks for at an angular velocity, harmonics aside [N m]."""
+def _largest_load_moment(load: Load, speed: float) -> float:
+    """Largest moment of a load up to an angular speed, harmonics aside [N m]."""
     table = 0.0 if load.table is None else load.table.factor * float(np.abs(load.table.torque).max())
     return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
 
 
-def _pulled(drive: Drive, tension: Any, speed: Any) -> Any:
-    """A tension and what loads, at a speed of the chain, and preloads of mounts pull with beside it [N]."""
+def _tension_with_loads(drive: Drive, tension: Any, speed: Any) -> Any:
+    """`tension` with the pulls of loads and mounts' preloads at a speed of the chain [N]."""
     for s, sprocket in enumerate(drive.sprockets):
         radius = drive.pitch_radius(s)
         if sprocket.load is not None:
-            tension = tension + _moment(sprocket.load, speed / radius) / radius
+            tension = tension + _largest_load_moment(sprocket.load, speed / radius) / radius
         for b, load in free_body_loads(drive) if drive.shafts else ():
             if b >= len(drive.sprockets) and nearest_sprocket(drive, b) == s:
                 beside = body_speed_ratio(drive, b, s)
-                tension = tension + beside * _moment(load, beside * speed / radius) / radius
+                tension = tension + beside * _largest_load_moment(load, beside * speed / radius) / radius
         if isinstance(sprocket.mount, ElasticMount | SliderMount):
             preload = sprocket.mount.preload
             tension = tension + np.hypot(*(preload if isinstance(preload, tuple) else (preload, preload)))
     return tension
 
 
-def _stretched(drive: Drive, assembly: Assembly) -> Any:
+def _assembled_tension(drive: Drive, assembly: Assembly) -> Any:
     """Tension of the chain as it is assembled [N]."""
     return np.maximum(0.0, drive.chain.stiffness * assembly.path.pitch * assembly.strain)
 
 
 def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
-    """A tenth of the sum of what loads, preloads and the chain's speed pull with [N], positive.
+    """A tenth of the sum of the pulls of loads, preloads and the chain's speed [N], positive.
 
     Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
 
@@ -89,20 +85,22 @@ def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
         assembly: its states, (V, ...) of a stack.
     """
     chain, speed = drive.chain, drive.chain_speed
-    tension = _stretched(drive, assembly) + chain.mass / chain.pitch * power(speed, 2)
-    return SHARE * np.maximum(_pulled(drive, tension, speed), LEAST * chain.stiffness * chain.pitch)
+    tension = _assembled_tension(drive, assembly) + chain.mass / chain.pitch * power(speed, 2)
+    return SHARE * np.maximum(_tension_with_loads(drive, tension, speed), LEAST * chain.stiffness * chain.pitch)
 
 
 def starting_tension(drive: Drive, assembly: Assembly) -> Any:
-    """The same sum, not a tenth of it, while a drive starts [N]: at rest, with what speeds up all that the chain turns.
+    """Sum of the pulls of loads at rest, preloads and the acceleration of all that the chain turns at a start [N].
 
-    Arguments as of `tension_scale`.
+    Args:
+        drive: one, or a stack, and
+        assembly: its states, (V, ...) of a stack.
     """
-    return _pulled(drive, _stretched(drive, assembly) + _run_up(drive), 0.0)
+    return _tension_with_loads(drive, _assembled_tension(drive, assembly) + _run_up_tension(drive), 0.0)
 
 
-def _run_up(drive: Drive) -> Any:
-    """Tension by which a chain gives what it turns the largest acceleration of its driver [N]."""
+def _run_up_tension(drive: Drive) -> Any:
+    """Tension that accelerates what the chain turns at the largest acceleration of its driver [N]."""
     driver, count = driving_body(drive), len(drive.sprockets)
     groups = TiedRatios(count + len(drive.shafts))
     for tie in body_ties(drive):
@@ -112,7 +110,7 @@ def _run_up(drive: Drive) -> Any:
         sum(power(body_speed_ratio(drive, b, driver), 2) * inertia_of_body(drive, b) for b in side) for side in sides
     ]
     beyond = sum(inertia for side, inertia in zip(sides, inertias, strict=True) if driver not in side)
-    growth = _growth(part_of_body(drive, driver).prescribed)
+    growth = _largest_acceleration(part_of_body(drive, driver).prescribed)
     for b in (b for side in sides if driver in side for b in side if b >= count):
         motor = drive.shafts[b - count].motor
         if motor is not None:
@@ -120,7 +118,7 @@ def _run_up(drive: Drive) -> Any:
     return growth * beyond / (drive.pitch_radius(drive.driver) * body_speed_ratio(drive, drive.driver, driver))
 
 
-def _growth(motion: Prescribed | None) -> Any:
+def _largest_acceleration(motion: Prescribed | None) -> Any:
     """Largest acceleration of a motion, harmonics aside [rad/s^2]: of its ramp, or between a table's rows over time."""
     if motion is None or (motion.table is not None and motion.table.time is None):
         return 0.0

@@ -1,4 +1,4 @@
-"""All chains of a drive in place; chains of one plane that cross are refused."""
+"""Assembly of all chains of a drive, and the check that chains of one plane do not cross."""
 
 from __future__ import annotations
 
@@ -35,15 +35,12 @@ def assemble_chains(drive: Drive) -> list[Assembly]:
 
 
 def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
-    """Refuses chains that cross in one plane.
+    """Raises a DriveError that names two chains that cross in one plane, and where.
 
     Chains with sprockets on one shaft are in planes of their own, whether they name them or not.
 
     Args:
         paths: of the chains, in their order.
-
-    Raises:
-        DriveError: naming two such chains and where they meet.
     """
     chains = chain_drives(drive)
     shafts = [{shaft_of_sprocket(drive.sprockets[s]) for s in chain.places["sprockets"]} for chain in chains]
@@ -51,7 +48,7 @@ def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
         one, other = drive.chains[i], drive.chains[k]
         if one.plane != other.plane or shafts[i] & shafts[k]:
             continue
-        place = _meeting(outline(chains[i], paths[i]), outline(chains[k], paths[k]))
+        place = _common_point(chain_outline(chains[i], paths[i]), chain_outline(chains[k], paths[k]))
         if place is not None:
             where = f"[{place[0]:.4g}, {place[1]:.4g}]"
             raise DriveError(
@@ -60,7 +57,7 @@ def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
             )
 
 
-def outline(chain: ChainDrive, path: ChainPath) -> NDArray[np.float64]:
+def chain_outline(chain: ChainDrive, path: ChainPath) -> NDArray[np.float64]:
     """Corners (K, 2) of a chain's loop [m]: ends of strands, and points of the arcs between, 5 degrees apart."""
     points, count = [], len(chain.drive.sprockets)
     for s, sprocket in enumerate(chain.drive.sprockets):
@@ -74,7 +71,7 @@ def outline(chain: ChainDrive, path: ChainPath) -> NDArray[np.float64]:
     return np.concatenate(points)
 
 
-def _meeting(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _common_point(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """A point that two loops (K, 2) have in common, None where there is none."""
     a, b = one[:, None], np.roll(one, -1, axis=0)[:, None] - one[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None] - other[None]

@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.argument_checks import FiniteNumber, check_arguments
-from warpchain.assembly.arm_balance import alone, chain_path, stop_of
+from warpchain.assembly.arm_balance import chain_path, is_unloaded_arm, stop_name
 from warpchain.assembly.assembly import Assembly, assemble
-from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, path_at
-from warpchain.assembly.place_search import Goal, Search, search_all
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, PathPlan, allowed_results, path_at
+from warpchain.assembly.place_search import PlacementGoal, PlaceSearch, run_searches
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.changed_copies import drive_with_numbers
@@ -80,9 +80,11 @@ def fit_position(
         DriveError: unknown names, values that are not allowed, or no such place: the message has the range that can be
             reached.
     """
-    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit(direction)
-    goal = _goal(own, strain, preload, sag, strand)
-    return _one(_moved([drive], [Search(own, _sprocket_index(own, sprocket), line, goal, travel)]))
+    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit_line(direction)
+    goal = _strain_goal(own, strain, preload, sag, strand)
+    return _only_result(
+        _drives_at_places([drive], [PlaceSearch(own, _sprocket_index(own, sprocket), line, goal, travel)])
+    )
 
 
 def fit_positions(
@@ -100,11 +102,11 @@ def fit_positions(
     Raises:
         DriveError: as `fit_position`, of the sprocket's name, the direction and the strains.
     """
-    line, chains = _unit(direction), [fitted_chain(drive, sprocket=sprocket).drive for drive in drives]
-    return _moved(
+    line, chains = _unit_line(direction), [fitted_chain(drive, sprocket=sprocket).drive for drive in drives]
+    return _drives_at_places(
         drives,
         [
-            Search(own, _sprocket_index(own, sprocket), line, _goal(own, strain, None, None, None), travel)
+            PlaceSearch(own, _sprocket_index(own, sprocket), line, _strain_goal(own, strain, None, None, None), travel)
             for own, strain, travel in zip(chains, strains, travels, strict=True)
         ],
     )
@@ -130,9 +132,9 @@ def fit_angle(
     Raises:
         DriveError: as `fit_position`; an angle beyond the arm's stops.
     """
-    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit(direction)
-    search = Search(own, _sprocket_index(own, sprocket), line, _angle_goal(own, angle), travel)
-    return _one(_moved([drive], [search]))
+    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit_line(direction)
+    search = PlaceSearch(own, _sprocket_index(own, sprocket), line, _angle_goal(own, angle), travel)
+    return _only_result(_drives_at_places([drive], [search]))
 
 
 @check_arguments(DriveError)
@@ -159,10 +161,10 @@ def fit_wrap(
     Raises:
         DriveError: as `fit_position`; a wrap that is not above 0 and below 360.
     """
-    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit(direction)
+    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit_line(direction)
     index = _sprocket_index(own, sprocket)
     goal = _wrap_goal(own, wrap, index if around is None else _sprocket_index(own, around))
-    return _one(_moved([drive], [Search(own, index, line, goal, travel)]))
+    return _only_result(_drives_at_places([drive], [PlaceSearch(own, index, line, goal, travel)]))
 
 
 def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> ChainDrive:
@@ -184,16 +186,16 @@ def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = 
 
 
 def links_place(drive: Drive, chain_drive: ChainDrive) -> tuple[str | int, ...]:
-    """Where a drive has the number of links of one of its chains."""
+    """Key path of the number of links of one of a drive's chains."""
     if not drive.chains:
         return "chain", "links"
     return "chains", [chain.name for chain in drive.chains].index(chain_drive.name), "links"
 
 
-def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | DriveError]:
-    """The drives with their sprockets at the places found, rounded; or what is said where there is none."""
+def _drives_at_places(drives: Sequence[Drive], searches: Sequence[PlaceSearch]) -> list[Drive | DriveError]:
+    """The drives with their sprockets at the places found, rounded, or the errors of those without one."""
     found: list[Drive | DriveError] = []
-    for drive, search, place in zip(drives, searches, search_all(searches), strict=True):
+    for drive, search, place in zip(drives, searches, run_searches(searches), strict=True):
         if place is None:
             found.append(DriveError(search.failure()))
             continue
@@ -208,8 +210,8 @@ def _moved(drives: Sequence[Drive], searches: Sequence[Search]) -> list[Drive | 
     return found
 
 
-def _one(found: Sequence[Drive | DriveError]) -> Drive:
-    """That of the only one."""
+def _only_result(found: Sequence[Drive | DriveError]) -> Drive:
+    """The drive of a single search; raises its error."""
     (drive,) = found
     if isinstance(drive, DriveError):
         raise drive
@@ -249,7 +251,7 @@ def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, plac
         if abs(path.strain(links)) > MAX_STRAIN:
             continue
         try:
-            assembly = assemble(_with_links(drive, links))
+            assembly = assemble(_drive_with_links(drive, links))
         except DriveError:
             continue
         off = [abs(assembly.arm_angle[a] - wanted[a]) for a in asked]
@@ -261,7 +263,7 @@ def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, plac
     if found:
         spoiled, _, links, assembly = min(found, key=lambda one: one[:3])
         if spoiled and angle:
-            raise DriveError(_missed(drive, angle, links, assembly, place))
+            raise DriveError(_missed_angles_text(drive, angle, links, assembly, place))
         return links
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch
     around = range(max(3, math.floor(exact) - 1), math.ceil(exact) + 2)
@@ -276,17 +278,17 @@ def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, plac
 def _is_idle(drive: Drive, assembly: Assembly, a: int, wanted: float) -> bool:
     """Whether an arm stands on a stop or at its free angle [rad], other than where it is wanted."""
     angle = float(assembly.arm_angle[a])
-    idle = stop_of(drive, a, angle) is not None or alone(drive, a, angle)
+    idle = stop_name(drive, a, angle) is not None or is_unloaded_arm(drive, a, angle)
     return idle and abs(angle - wanted) > _THERE
 
 
-def _missed(drive: Drive, wanted: Mapping[str, float], links: int, assembly: Assembly, place: str) -> str:
-    """Why not even the best number of links has the arms at wanted angles [degrees]."""
+def _missed_angles_text(drive: Drive, wanted: Mapping[str, float], links: int, assembly: Assembly, place: str) -> str:
+    """The message that no number of links has the arms at the wanted angles [degrees]."""
     states = []
     for a in map(drive.arm_index, wanted):
         assert a is not None  # as `_wanted_angles` has checked
         reached = float(assembly.arm_angle[a])
-        stop = stop_of(drive, a, reached)
+        stop = stop_name(drive, a, reached)
         where = f"on its {stop} stop" if stop else "where it presses on nothing"
         states.append(f'"{drive.arms[a].name}" stands at {math.degrees(reached):.4g}, {where}')
     asked = " and ".join(f'{angle:g} degrees of arm "{name}"' for name, angle in wanted.items())
@@ -296,26 +298,26 @@ def _missed(drive: Drive, wanted: Mapping[str, float], links: int, assembly: Ass
     )
 
 
-def drawn_paths(drives: Sequence[Drive]) -> list[ChainPath | DriveError]:
-    """The paths of chains with arms as drawn, or on the stop that is nearest to that; or why there is none."""
+def paths_as_drawn(drives: Sequence[Drive]) -> list[ChainPath | DriveError]:
+    """The paths of chains with arms as drawn, or on the nearest stop; or the error where there is none."""
     found: list[ChainPath | None] = [None] * len(drives)
     for stack in stacks_of_drives(drives):
         members = stack.members.tolist()
-        for places, path in allowed_parts(stack.drive, len(members), _drawn):
+        for places, path in allowed_results(stack.drive, len(members), _stack_paths_as_drawn):
             for row, v in enumerate(places.tolist()):
                 found[members[v]] = path[row]
-    return [_refusal(drive) if path is None else path for drive, path in zip(drives, found, strict=True)]
+    return [_path_or_refusal(drive) if path is None else path for drive, path in zip(drives, found, strict=True)]
 
 
-def _drawn(drive: Drive) -> ChainPath:
+def _stack_paths_as_drawn(drive: Drive) -> ChainPath:
     """The paths of a stack's chains with arms as drawn."""
-    return Plan(drive).path(_wanted_angles(drive, {}))
+    return PathPlan(drive).path(_wanted_angles(drive, {}))
 
 
-def _refusal(drive: Drive) -> ChainPath | DriveError:
-    """Why a drive's path cannot be drawn."""
+def _path_or_refusal(drive: Drive) -> ChainPath | DriveError:
+    """A drive's path, or the error where it cannot be drawn."""
     try:
-        return _drawn(drive)[0]
+        return _stack_paths_as_drawn(drive)[0]
     except DriveError as error:
         return error
 
@@ -349,7 +351,7 @@ def strand_sag(drive: Drive, assembly: Assembly, strand: int) -> float:
     first = int(assembly.strand_first[strand])
     last = (first + int(assembly.strand_links[strand])) % len(assembly.position)
     x, y = (assembly.position[last] - assembly.position[first]).tolist()
-    return _sag(drive, (x, y), assembly.strain)
+    return _sag_at_strain(drive, (x, y), assembly.strain)
 
 
 # ----------------------------------------------------------------------------------------------------------- what
@@ -362,7 +364,7 @@ def _sprocket_index(drive: Drive, name: str) -> int:
     return names.index(name)
 
 
-def _unit(direction: Sequence[float]) -> tuple[float, float]:
+def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
     line = np.asarray(direction, dtype=float)
     if line.shape != (2,) or not np.isfinite(line).all() or not line.any():
         raise DriveError(f"direction {direction}: must be two finite numbers, not both 0")
@@ -384,7 +386,10 @@ def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
     return [min(max(angle, arm.stops_rad[0]), arm.stops_rad[1]) for angle, arm in zip(angles, drive.arms, strict=True)]
 
 
-def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None) -> Goal:
+def _strain_goal(
+    drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None
+) -> PlacementGoal:
+    """The goal of a search for a strain, a preload or a sag."""
     given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
     if len(given) != 1:
         raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
@@ -394,11 +399,13 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
     if strain is not None:
         if not abs(strain) <= MAX_STRAIN:
             raise DriveError(f"strain = {strain:g}: must be within {MAX_STRAIN:g}")
-        return Goal(f"strain {strain:g}", "", lambda reached: reached.strain - strain, lambda reached: reached.strain)
+        return PlacementGoal(
+            f"strain {strain:g}", "", lambda reached: reached.strain - strain, lambda reached: reached.strain
+        )
     if preload is not None:
         if not 0.0 <= preload <= MAX_STRAIN * tension:
             raise DriveError(f"preload = {preload:g}: must be at least 0 and at most {MAX_STRAIN * tension:.4g} N")
-        return Goal(
+        return PlacementGoal(
             f"preload {preload:g} N",
             " N",
             lambda reached: reached.strain - preload / tension,
@@ -416,27 +423,28 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
     if not straight[k]:
         raise DriveError(f'strand "{names[k]}": lies on a guide, so that it has no sag')
     x, y = (path.strand_end[k] - path.strand_start[k]).tolist()
-    if _across(drive, (x, y)) <= 0.0:
+    if _gravity_across(drive, (x, y)) <= 0.0:
         raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
     text = f'sag {sag:g} m of strand "{names[k]}"'
-    return Goal(
+    return PlacementGoal(
         text,
         " m",
-        lambda reached: reached.strain - _sag_strain(drive, reached.chord, sag),
-        lambda reached: _sag(drive, reached.chord, reached.strain),
+        lambda reached: reached.strain - _strain_at_sag(drive, reached.chord, sag),
+        lambda reached: _sag_at_strain(drive, reached.chord, reached.strain),
         k,
         sags=True,
     )
 
 
-def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> Goal:
+def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> PlacementGoal:
+    """The goal of a search for an arm's angle."""
     if len(angle) != 1:
         raise DriveError("angle: one arm at a time")
     ((name, degrees),) = angle.items()
     angles, a = _wanted_angles(drive, angle), drive.arm_index(name)
     assert a is not None  # as `_wanted_angles` has checked
     text = f'{degrees:g} degrees of arm "{name}"'
-    return Goal(
+    return PlacementGoal(
         text,
         " degrees",
         lambda reached: _ANGLE * (reached.angle - angles[a]),
@@ -445,10 +453,10 @@ def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> Goal:
     )
 
 
-def _wrap_goal(drive: Drive, degrees: float, s: int) -> Goal:
+def _wrap_goal(drive: Drive, degrees: float, s: int) -> PlacementGoal:
     if not 0.0 < degrees < 360.0:
         raise DriveError(f"wrap = {degrees:g}: must be above 0 and below 360 degrees")
-    return Goal(
+    return PlacementGoal(
         f'{degrees:g} degrees of wrap around "{drive.sprockets[s].name}"',
         " degrees",
         lambda reached: _ANGLE * (reached.wrap - math.radians(degrees)),
@@ -457,34 +465,35 @@ def _wrap_goal(drive: Drive, degrees: float, s: int) -> Goal:
     )
 
 
-def _across(drive: Drive, chord: tuple[float, float]) -> float:
+def _gravity_across(drive: Drive, chord: tuple[float, float]) -> float:
     """Gravity across a chord [m/s^2]; 0 for a strand that hangs upright."""
     (x, y), (gx, gy) = chord, drive.run.gravity
     part = abs(x * gy - y * gx) / math.hypot(x, y)
     return part if part > _UPRIGHT * math.hypot(gx, gy) else 0.0
 
 
-def _coefficients(drive: Drive, chord: tuple[float, float]) -> tuple[float, float, float]:
+def _sag_coefficients(drive: Drive, chord: tuple[float, float]) -> tuple[float, float, float]:
     """A, B and D of eq. (a) as strain = A / h - B h^2 + D."""
     square = chord[0] * chord[0] + chord[1] * chord[1]
-    weight = drive.chain.mass / drive.chain.pitch * _across(drive, chord)
+    weight = drive.chain.mass / drive.chain.pitch * _gravity_across(drive, chord)
     given_way = 2.0 * (drive.contact.sprocket.clearance or 0.0) / math.sqrt(square)
     return weight * square / (8.0 * drive.chain.mean_stiffness * drive.chain.pitch), 8.0 / (3.0 * square), given_way
 
 
-def _sag_strain(drive: Drive, chord: tuple[float, float], sag: float) -> float:
-    elastic, geometric, given_way = _coefficients(drive, chord)
+def _strain_at_sag(drive: Drive, chord: tuple[float, float], sag: float) -> float:
+    """The strain at a sag, eq. (a)."""
+    elastic, geometric, given_way = _sag_coefficients(drive, chord)
     return elastic / sag - geometric * sag * sag + given_way
 
 
-def _sag(drive: Drive, chord: tuple[float, float], strain: float) -> float:
+def _sag_at_strain(drive: Drive, chord: tuple[float, float], strain: float) -> float:
     """The sag at a strain, eq. (a): the one positive root of B h^3 + (strain - D) h - A."""
-    elastic, geometric, given_way = _coefficients(drive, chord)
+    elastic, geometric, given_way = _sag_coefficients(drive, chord)
     if elastic == 0.0:
         return 0.0
     roots = np.roots([geometric, 0.0, strain - given_way, -elastic])
     return float(roots[np.isreal(roots)].real.max())
 
 
-def _with_links(drive: Drive, links: int) -> Drive:
+def _drive_with_links(drive: Drive, links: int) -> Drive:
     return drive.model_copy(update={"chain": drive.chain.model_copy(update={"links": links})})

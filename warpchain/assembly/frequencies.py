@@ -1,14 +1,4 @@
-"""Frequencies of a drive before it runs: of its strands, and the orders of the driver that excite it.
-
-A string of tension T (all of it, centrifugal part included) and mass m / p a length carries waves at the speed
-c = sqrt(T p / m) along the chain, which itself travels with v: c + v one way and c - v the other. A wave of mode n goes
-round a strand of length L in the time L/(c + v) + L/(c - v), of which there are n periods:
-
-    f_n = n (c^2 - v^2) / (2 L c)                                                                          (a)
-
-(Sack 1954). At rest the chain's rollers lower that a little: f_1 = (1/pi) sqrt(T / (m p)) sin(pi / (2 (M + 1))) with M
-rollers between fixed ends, (b).
-"""
+"""Frequencies of strands, and the orders of the driver's revolution that excite a drive."""
 
 from __future__ import annotations
 
@@ -75,23 +65,23 @@ def tooth_orders(drive: Drive) -> dict[str, float]:
     }
 
 
-def orders(drive: Drive) -> tuple[Order, ...]:
+def excitation_orders(drive: Drive) -> tuple[Order, ...]:
     """The excitation orders of a drive, ascending; causes of one order are named together.
 
     Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket, of
     each shaft and of the chain, teeth of gears, harmonics and tables of prescribed motions and loads, valves, balance
     wheels.
     """
-    return _together([*_of_chains(drive, _passing), *_of_chains(drive, _driven)])
+    return _merged_orders([*_orders_of_chains(drive, _passing_orders), *_orders_of_chains(drive, _driven_orders)])
 
 
 def excited_orders(drive: Drive) -> tuple[Order, ...]:
     """The orders that harmonics, tables of prescribed motions and loads, and valves excite alone, ascending."""
-    return _together(_of_chains(drive, _driven))
+    return _merged_orders(_orders_of_chains(drive, _driven_orders))
 
 
-def _of_chains(drive: Drive, part: Callable[[Drive, str], list[tuple[float, str]]]) -> list[tuple[float, str]]:
-    """Orders of the driver's revolution, from those of each chain's own driver; `part` takes what chains are called."""
+def _orders_of_chains(drive: Drive, part: Callable[[Drive, str], list[tuple[float, str]]]) -> list[tuple[float, str]]:
+    """Orders of the driver's revolution, from those of each chain's own driver by `part`."""
     return [
         (ratio * order, cause)
         for chain, ratio in zip(chain_drives(drive), chain_driver_ratios(drive), strict=True)
@@ -99,8 +89,8 @@ def _of_chains(drive: Drive, part: Callable[[Drive, str], list[tuple[float, str]
     ]
 
 
-def _passing(drive: Drive, named: str) -> list[tuple[float, str]]:
-    """Orders of what turns and passes."""
+def _passing_orders(drive: Drive, named: str) -> list[tuple[float, str]]:
+    """Orders of teeth that pass, and of bodies and chains that go around."""
     driver = drive.sprockets[drive.driver]
     found = [(float(driver.teeth), f"tooth passing{named}"), (2.0 * driver.teeth, f"twice tooth passing{named}")]
     lengths = np.asarray(drive.chain.link_lengths)
@@ -120,8 +110,8 @@ def _passing(drive: Drive, named: str) -> list[tuple[float, str]]:
     return found
 
 
-def _driven(drive: Drive, _: str) -> list[tuple[float, str]]:
-    """Orders of the driver's revolution of harmonics, periodic tables and valves, each of the shaft that it counts."""
+def _driven_orders(drive: Drive, _: str) -> list[tuple[float, str]]:
+    """Orders of the driver's revolution of harmonics, periodic tables and valves."""
     found = []
     parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
     for s, turned in enumerate(parts):
@@ -143,8 +133,8 @@ def _driven(drive: Drive, _: str) -> list[tuple[float, str]]:
     return found
 
 
-def _together(found: list[tuple[float, str]]) -> tuple[Order, ...]:
-    """Orders of the same value as one."""
+def _merged_orders(found: list[tuple[float, str]]) -> tuple[Order, ...]:
+    """Orders, with those of the same value as one."""
     result: list[Order] = []
     for value, cause in sorted(found, key=lambda pair: pair[0]):
         if result and value - result[-1].value <= SAME * value:

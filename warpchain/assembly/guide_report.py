@@ -1,11 +1,11 @@
-"""The part of `check` on guides that the chain goes around, on arms and on tensioners."""
+"""Values of `check` on guides that the chain touches, on arms and on tensioners."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Any
 
-from warpchain.assembly.arm_balance import StillArm, stop_of
+from warpchain.assembly.arm_balance import RestingArm, stop_name
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.oil import static_force, static_pressure
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
-def touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[str, Any] | None:
+def guide_touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[str, Any] | None:
     """Where the chain lies on guide g and how it loads it; None where its path is not bent there.
 
     The load over the length is T / R', R' the radius of the rollers' centers, the largest of its arcs; the force is
@@ -44,24 +44,24 @@ def touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[
     return None
 
 
-def arms(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
+def arm_report(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
     """Angles of the arms [rad], as drawn 0, and on which stop they stand at work (else at assembly)."""
     found = []
     for a, arm in enumerate(drive.arms):
-        angles = _thrice(assembly, resting, running, lambda angles, a=a: angles[a])
+        angles = _values_at_states(assembly, resting, running, lambda angles, a=a: angles[a])
         last = float(assembly.arm_angle[a] if running.failure else running.arm_angle[a])
         found.append(
             {
                 "name": arm.name,
                 **dict(zip(("angle", "standing_angle", "working_angle"), angles, strict=True)),
                 "stops": None if arm.stops is None else [math.radians(stop) for stop in arm.stops],
-                "on_stop": stop_of(drive, a, last),
+                "on_stop": stop_name(drive, a, last),
             }
         )
     return found
 
 
-def tensioners(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
+def tensioner_report(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
     """Extensions [m], static pressure [Pa] and forces [N] of the tensioners; a slider's at its steady center."""
     found = []
     for tensioner in drive.tensioners:
@@ -72,8 +72,8 @@ def tensioners(drive: Drive, assembly: Assembly, resting: Steady, running: Stead
             places = [None if state.failure else state.center[s] - home for state in (resting, running)]
             reach = [0.0, *(None if place is None else float(place @ (ux, uy)) for place in places)]
         else:
-            still = StillArm(drive, a)
-            reach = _thrice(
+            still = RestingArm(drive, a)
+            reach = _values_at_states(
                 assembly,
                 resting,
                 running,
@@ -92,7 +92,7 @@ def tensioners(drive: Drive, assembly: Assembly, resting: Steady, running: Stead
     return found
 
 
-def _thrice(assembly: Assembly, resting: Steady, running: Steady, value: Any) -> list[float | None]:
-    """A value of the arms' angles at assembly, at rest and at work; None where no steady state was found."""
+def _values_at_states(assembly: Assembly, resting: Steady, running: Steady, value: Any) -> list[float | None]:
+    """Values by the arms' angles at assembly, at rest and at work; None where no steady state was found."""
     states = [None if state.failure else float(value(state.arm_angle)) for state in (resting, running)]
     return [float(value(assembly.arm_angle)), *states]

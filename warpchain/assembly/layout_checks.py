@@ -1,33 +1,4 @@
-"""Checks of a drive's layout before it runs: faults, for which no step is small enough, and advice, rules of thumb.
-
-A strand is the straight line of roller centers from sprocket to sprocket. A guide-bar's face goes from a to b along t,
-the chain on its left, n = (-t_y, t_x); a roller of radius Rr that rides on it has its center Rr off the face. With q a
-point of a strand, seen from a, where 0 <= q.t <= |b - a|:
-
-    strands cross        two of them have a point in common
-    cuts through         q.n goes from above 0, in front of the face, to more than a pitch behind where it would ride
-    dents                the strand that is nearest is everywhere behind the face, its ride pushed by Rr - q.n > a pitch
-
-A strand farther behind a bar than a quarter of its own length is not that bar's.
-
-Around curved and carried guides strands are drawn (`assembly.taut_string`). Of those and of arms it is checked that
-
-    no strand passes     none runs along the face within a quarter of its own length
-    faces away           the face is hollow toward a strand that is behind it, or that only its rounded ends touch
-    on its stop          an arm finds its balance at assembly against a stop
-
-    wrap       a sprocket that passes on a moment, the driver or one with a load, is wrapped by at least 90 degrees
-    idler      at least three teeth in mesh, z phi / 2 pi, or rollers hammer it one by one
-    bars       a guide-bar's face meets a strand: not farther off than half a pitch, nor pushing it out by more
-    shoes      the chain lies on curved and carried guides, between their rounded ends
-    arms       no arm stands where it would without a chain, at the free angle of its spring
-    strain     the chain is not longer at assembly than where it breaks
-    oil        what a tensioner's supply holds at rest is not lost through relief valve and vent, and does not jump
-    safety     of the chain's strength is large enough (`warpchain.assembly.strength`)
-
-The wraps and teeth in mesh are those that makers of roller chains ask for. A bar that pushes
-its strand out by more than a pitch, or cuts through it, is a fault of `warpchain.assembly.layout_checks`.
-"""
+"""Checks of a drive's layout before it runs: faults, for which no step is small enough, and advice."""
 
 from __future__ import annotations
 
@@ -39,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arm_balance import alone, chain_path, on_stops, stop_of
-from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
+from warpchain.assembly.arm_balance import chain_path, has_reached_stops, is_unloaded_arm, stop_name
+from warpchain.assembly.guide_obstacles import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
-from warpchain.assembly.strength import Hardest, strength_advice
+from warpchain.assembly.strength import HardestPull, strength_advice
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.oil import filled_tensioner, filling_time, outlet_flows, static_pressure
@@ -50,15 +21,15 @@ from warpchain.drive.stack_math import array_of_columns, with_last_axis
 from warpchain.drive.tensioners import Tensioner
 
 if TYPE_CHECKING:
-    from warpchain.assembly.taut_string import Touch
+    from warpchain.assembly.taut_string import GuideTouch
     from warpchain.drive import Guide
 
 Point = tuple[float, float]
 Strand = tuple[Point, Point]
 
 
-def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
-    """Faults of a drive's layout, a line each: what, where, by how much, what to change; mostly nothing.
+def layout_faults(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
+    """Faults of a drive's layout, a line each: what, where, by how much, what to change.
 
     Args:
         path: the chain's path, if it is known.
@@ -67,26 +38,23 @@ def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
         DriveError: a path that cannot be drawn.
     """
     path = chain_path(drive) if path is None else path
-    strands = _strands(path)
+    strands = _strand_ends(path)
     found = [
-        _crossing(drive, path, k, m, place)
+        _crossing_fault(drive, path, k, m, place)
         for k, m in combinations(range(len(strands)), 2)
-        if (place := meeting(strands[k], strands[m])) is not None
+        if (place := strand_crossing(strands[k], strands[m])) is not None
     ]
     for g, guide in enumerate(drive.guides):
         if guide.straight and guide.arm is None:
-            found += _of_guide(drive, guide, strands)
+            found += _bar_faults(drive, guide, strands)
         else:
-            found += _of_face(drive, path, g, strands)
-    found += [line for a in range(len(drive.arms)) if (line := _on_stop(drive, path, a)) is not None]
+            found += _face_faults(drive, path, g, strands)
+    found += [line for a in range(len(drive.arms)) if (line := _stop_fault(drive, path, a)) is not None]
     return tuple(found)
 
 
-def suspects(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
-    """Variants of a stack that may have something wrong, by their paths (V,); of the others `findings` finds nothing.
-
-    Those with curved or carried guides that are not touched may, and those whose arms are on their stops.
-    """
+def has_possible_faults(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
+    """(V,) variants of a stack whose `layout_faults` may find something, by their paths."""
     start, end = path.strand_start, path.strand_end
     found = np.zeros(len(start), dtype=bool)
     chord = end - start
@@ -100,28 +68,28 @@ def suspects(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
         if guide.straight and guide.arm is None:
             found |= _bar_suspects(drive, g, start, end)
         else:
-            found |= ~_on_guide(drive, path, g)
+            found |= ~_is_touching_guide(drive, path, g)
     for a, arm in enumerate(drive.arms):
-        lower, upper = on_stops(arm, path.arm_angle[:, a])
+        lower, upper = has_reached_stops(arm, path.arm_angle[:, a])
         found |= lower | upper
     return found
 
 
-def _on_guide(drive: Drive, path: ChainPath, g: int) -> Any:
+def _is_touching_guide(drive: Drive, path: ChainPath, g: int) -> Any:
     """Whether a chain touches guide g between its rounded ends; of a stack's variants, (V,)."""
     length, found = drive.profile(g).face_length, False
-    for first, last in (touch.places for touch in _touches(path, g)):
+    for first, last in (touch.places for touch in _guide_touches(path, g)):
         found = found | ((last > 0.0) & (first < length))
     return np.asarray(found)
 
 
-def _touches(path: ChainPath, g: int) -> list[Touch]:
-    """Where a chain touches guide g."""
+def _guide_touches(path: ChainPath, g: int) -> list[GuideTouch]:
+    """The touches of a chain on guide g."""
     return [touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g]
 
 
 def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Variants of which `_of_guide` may find something of a bar (V,)."""
+    """(V,) variants of which `_bar_faults` may find something of a bar."""
     bar, chain = drive.guides[g].bar, drive.chain
     a, face = array_of_columns(bar.start), array_of_columns(bar.end) - array_of_columns(bar.start)
     length = np.atleast_1d(np.hypot(face[..., 0], face[..., 1]))[:, None]
@@ -144,11 +112,11 @@ def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray
     return np.asarray(cuts.any(axis=1) | (deep[own] & (front[own] <= 0.0)))
 
 
-def _of_face(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
+def _face_faults(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
     """Faults of a curved or carried guide."""
-    if _on_guide(drive, path, g):
+    if _is_touching_guide(drive, path, g):
         return []
-    guide, touches = drive.guides[g], _touches(path, g)
+    guide, touches = drive.guides[g], _guide_touches(path, g)
     hollow = sum(piece.curvature * piece.length for piece in drive.profile(g).face) > 0.0
     nearest = nearest_strand(drive, g, strands)
     if hollow and nearest is not None and (touches or nearest[2] < 0.0):
@@ -168,10 +136,10 @@ def _of_face(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> li
     return []
 
 
-def _on_stop(drive: Drive, path: ChainPath, a: int) -> str | None:
+def _stop_fault(drive: Drive, path: ChainPath, a: int) -> str | None:
     """The fault of an arm that rests on a stop."""
     angle, arm = float(path.arm_angle[a]), drive.arms[a]
-    stop = stop_of(drive, a, angle)
+    stop = stop_name(drive, a, angle)
     if stop is None or arm.stops is None:
         return None
     return (
@@ -181,14 +149,14 @@ def _on_stop(drive: Drive, path: ChainPath, a: int) -> str | None:
     )
 
 
-def _strands(path: ChainPath) -> list[Strand]:
+def _strand_ends(path: ChainPath) -> list[Strand]:
     """Ends of the strands as plain numbers."""
     ends = zip(path.strand_start.tolist(), path.strand_end.tolist(), strict=True)
     return [((x, y), (u, v)) for (x, y), (u, v) in ends]
 
 
-def meeting(one: Strand, other: Strand) -> Point | None:
-    """Where two strands cross, None where they do not; ends that touch do not count."""
+def strand_crossing(one: Strand, other: Strand) -> Point | None:
+    """The point at which two strands cross, None where they do not; ends that touch do not count."""
     (ax, ay), (bx, by) = one
     (cx, cy), (dx, dy) = other
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, dx - cx, dy - cy, cx - ax, cy - ay
@@ -201,7 +169,8 @@ def meeting(one: Strand, other: Strand) -> Point | None:
     return ax + here * ux, ay + here * uy
 
 
-def _crossing(drive: Drive, path: ChainPath, k: int, m: int, place: Point) -> str:
+def _crossing_fault(drive: Drive, path: ChainPath, k: int, m: int, place: Point) -> str:
+    """The fault of two strands that cross."""
     ends = dict.fromkeys(s % len(drive.sprockets) for s in (k, k + 1, m, m + 1))
     most = max(ends, key=lambda s: float(path.wrap_angle[s]))
     names = drive.strand_names
@@ -212,7 +181,7 @@ def _crossing(drive: Drive, path: ChainPath, k: int, m: int, place: Point) -> st
     )
 
 
-def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
+def _bar_faults(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
     """Faults of a guide-bar."""
     (ax, ay), (bx, by), _ = guide.bar
     length = math.hypot(bx - ax, by - ay)
@@ -222,7 +191,7 @@ def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
     nearest, own = math.inf, ""
     for k, ((sx, sy), (ex, ey)) in enumerate(strands):
         first, last = (sx - ax) * tx + (sy - ay) * ty, (ex - ax) * tx + (ey - ay) * ty
-        begin, end = _within(first, last, length)
+        begin, end = _shares_within(first, last, length)
         if begin >= end:
             continue
         above, below = (sy - ay) * tx - (sx - ax) * ty, (ey - ay) * tx - (ex - ax) * ty
@@ -232,9 +201,9 @@ def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
             share = begin + (end - begin) * ends[0] / (ends[0] - ends[1])
             x, y = sx + share * (ex - sx), sy + share * (ey - sy)
             lines.append(
-                f"{_named(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m in front "
-                f"of it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or "
-                "shorten it (start, end)"
+                f"{_guide_fault_text(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m "
+                f"in front of it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the "
+                "strand, or shorten it (start, end)"
             )
         elif (apart := max(sum(ends), -BEHIND * sum(ends))) < nearest:
             nearest = apart
@@ -244,15 +213,16 @@ def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
                 continue
             away = f"move start and end back by {depth:.4g} m, or swap them if the chain rides on the other side"
             size = f"by {depth:.4g} m, {depth / pitch:.2g} pitches, out of its straight line"
-            own = f"{_named(drive, guide, 'dents', k)} {size}: {away}"
+            own = f"{_guide_fault_text(drive, guide, 'dents', k)} {size}: {away}"
     return [*lines, own] if own else lines
 
 
-def _named(drive: Drive, guide: Guide, does: str, k: int) -> str:
+def _guide_fault_text(drive: Drive, guide: Guide, does: str, k: int) -> str:
+    """The beginning of a fault of a guide and a strand."""
     return f'guides.{guide.name}: its face {does} strand "{drive.strand_names[k]}"'
 
 
-def _within(first: float, last: float, length: float) -> tuple[float, float]:
+def _shares_within(first: float, last: float, length: float) -> tuple[float, float]:
     """Shares of a line from `first` to `last` between which it is from 0 to `length`; empty where begin >= end."""
     if first == last:
         return (0.0, 1.0) if 0.0 <= first <= length else (1.0, 0.0)
@@ -268,37 +238,38 @@ NEAR = 0.5
 """Of a pitch: how far a strand may be from where it would ride on a guide-bar, either way."""
 
 
-def advice(
+def layout_advice(
     drive: Drive,
     path: ChainPath | None = None,
     tensions: Sequence[float] = (),
     working: ChainPath | None = None,
-    run_up: Hardest | None = None,
+    run_up: HardestPull | None = None,
 ) -> tuple[str, ...]:
-    """Advice, a line each: what, by how much, what to change; mostly nothing.
+    """Advice, a line each: what, by how much, what to change.
 
     Args:
         path: the chain's path, if it is known.
         tensions: of the strands at work [N]; without them there is no advice on the breaking load.
         working: the path with the arms where they stand at work, where that is known.
-        run_up: where the chain pulls harder on the way to work.
+        run_up: the largest tension on the way to work, where that is larger.
 
     Raises:
         DriveError: a path that cannot be drawn.
     """
     path = chain_path(drive) if path is None else path
-    shoes = _shoes(drive, path if working is None else working)
+    shoes = _shoe_advice(drive, path if working is None else working)
     return (
-        *_wraps(drive, path),
-        *_bars(drive, path),
+        *_wrap_advice(drive, path),
+        *_bar_advice(drive, path),
         *shoes,
-        *idle_arms(drive, path),
-        *(line for tensioner in drive.tensioners if tensioner.hydraulic for line in _oil(drive, tensioner)),
+        *idle_arm_advice(drive, path),
+        *(line for tensioner in drive.tensioners if tensioner.hydraulic for line in _oil_advice(drive, tensioner)),
         *strength_advice(drive, tensions, run_up),
     )
 
 
-def _wraps(drive: Drive, path: ChainPath) -> list[str]:
+def _wrap_advice(drive: Drive, path: ChainPath) -> list[str]:
+    """Advice on small angles of wrap and few teeth in mesh."""
     lines = []
     for s, sprocket in enumerate(drive.sprockets):
         wrap = math.degrees(float(path.wrap_angle[s]))
@@ -317,8 +288,8 @@ def _wraps(drive: Drive, path: ChainPath) -> list[str]:
     return lines
 
 
-def _bars(drive: Drive, path: ChainPath) -> list[str]:
-    """Of bars of a straight face."""
+def _bar_advice(drive: Drive, path: ChainPath) -> list[str]:
+    """Advice on straight bars that strands miss."""
     lines = []
     radius, pitch = drive.chain.roller_radius, drive.chain.pitch
     for guide in drive.guides:
@@ -331,7 +302,7 @@ def _bars(drive: Drive, path: ChainPath) -> list[str]:
         for k, ((sx, sy), (ex, ey)) in enumerate(zip(path.strand_start, path.strand_end, strict=True)):
             first, last = (sx - ax) * tx + (sy - ay) * ty, (ex - ax) * tx + (ey - ay) * ty
             ends = [(sy - ay) * tx - (sx - ax) * ty, (ey - ay) * tx - (ex - ax) * ty]
-            begin, end = _within(first, last, length)
+            begin, end = _shares_within(first, last, length)
             if first != last and begin < end:
                 # of rollers that ride on the face the center is a radius in front of it
                 gaps.append((min(ends[0] + share * (ends[1] - ends[0]) for share in (begin, end)) - radius, k))
@@ -354,15 +325,15 @@ def _bars(drive: Drive, path: ChainPath) -> list[str]:
     return lines
 
 
-def _shoes(drive: Drive, path: ChainPath) -> list[str]:
-    """Of curved and carried guides."""
+def _shoe_advice(drive: Drive, path: ChainPath) -> list[str]:
+    """Advice on curved and carried guides."""
     lines = []
-    strands = _strands(path)
+    strands = _strand_ends(path)
     for g, guide in enumerate(drive.guides):
         if guide.straight and guide.arm is None:
             continue
         length = 1e3 * drive.profile(g).face_length
-        places = [1e3 * place for touch in _touches(path, g) for place in touch.places]
+        places = [1e3 * place for touch in _guide_touches(path, g) for place in touch.places]
         if places and (min(places) < 0.0 or max(places) > length):
             ends = " and ".join(["its start"] * (min(places) < 0.0) + ["its end"] * (max(places) > length))
             lines.append(
@@ -371,7 +342,7 @@ def _shoes(drive: Drive, path: ChainPath) -> list[str]:
                 f"{1e3 * (guide.end_radius or drive.chain.pitch):.3g} mm radius, which bears hard: lengthen the face, "
                 "or move or turn it"
             )
-        elif not places and not _of_face(drive, path, g, strands):
+        elif not places and not _face_faults(drive, path, g, strands):
             nearest = nearest_strand(drive, g, strands)
             assert nearest is not None  # else that would be a fault
             lines.append(
@@ -382,8 +353,8 @@ def _shoes(drive: Drive, path: ChainPath) -> list[str]:
     return lines
 
 
-def stretched(drive: Drive, strain: float) -> list[str]:
-    """A line on a chain that its assembly stretches beyond where it breaks; at most one."""
+def strain_advice(drive: Drive, strain: float) -> list[str]:
+    """A line on a chain that its assembly stretches beyond its breaking load; at most one."""
     if strain <= ELONGATION_AT_BREAKING_LOAD:
         return []
     preload = drive.chain.mean_stiffness * drive.chain.pitch * strain
@@ -397,8 +368,8 @@ MOST_VENTED = 0.5
 """Largest share of the pressure at rest, above the ambient one, that a vent may take."""
 
 
-def _oil(drive: Drive, tensioner: Tensioner) -> list[str]:
-    """Of relief valve, vent, supply and filling of a tensioner."""
+def _oil_advice(drive: Drive, tensioner: Tensioner) -> list[str]:
+    """Advice on relief valve, vent, supply and filling of a tensioner."""
     oil, relief, lines, name = tensioner.oil, tensioner.relief, [], f"tensioners.{tensioner.name}"
     assert oil is not None
     rest = static_pressure(filled_tensioner(tensioner))
@@ -432,12 +403,12 @@ def _oil(drive: Drive, tensioner: Tensioner) -> list[str]:
     return lines
 
 
-def idle_arms(drive: Drive, path: ChainPath) -> list[str]:
-    """Arms that stand where they would without a chain, a line each."""
+def idle_arm_advice(drive: Drive, path: ChainPath) -> list[str]:
+    """Advice on arms that stand where they would without a chain."""
     return [
         f"arms.{arm.name}: stands at {math.degrees(angle):.4g} degrees, as it would without a chain"
         f"{', its free angle' if arm.stiffness > 0.0 else ''}: it presses on nothing; take fewer links, or let its "
         "spring (free_angle, stiffness) or a tensioner press it further into the chain"
         for a, (arm, angle) in enumerate(zip(drive.arms, path.arm_angle.tolist(), strict=True))
-        if stop_of(drive, a, angle) is None and alone(drive, a, angle)
+        if stop_name(drive, a, angle) is None and is_unloaded_arm(drive, a, angle)
     ]

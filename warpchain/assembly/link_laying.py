@@ -37,8 +37,8 @@ _EXACT = 4e-16  # of the curve
 _CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
 
 
-def _along(link: Any, curvature: Any) -> Any:
-    """Length along the piece of a link that begins and ends on it [m]."""
+def _length_along_piece(link: Any, curvature: Any) -> Any:
+    """Length along a piece of a link that begins and ends on it [m]."""
     half = 0.5 * link * abs(curvature)
     bends, otherwise = (half > 0.0) & (half < 1.0), where(half == 0.0, link, math.inf)
     if not is_true_somewhere(bends):
@@ -47,18 +47,18 @@ def _along(link: Any, curvature: Any) -> Any:
     return where(bends, link * quick_arcsin(safe) / safe, otherwise)
 
 
-def _table(values: Sequence[Any]) -> NDArray[np.float64]:
+def _table_of_pieces(values: Sequence[Any]) -> NDArray[np.float64]:
     """Numbers or arrays (V,), one a piece, as an array (P, V), or (P, 1) of numbers."""
     return np.atleast_2d(array_of_columns(values)).T
 
 
-def _of(table: NDArray[np.float64], i: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Of a table (P, V, ...) what belongs to pieces (V,)."""
+def _rows_of_pieces(table: NDArray[np.float64], i: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The rows of a table (P, V, ...) of pieces i (V,)."""
     return table[i, np.arange(len(i)) if table.shape[1] > 1 else 0]
 
 
-class Curve:
-    """Pieces that follow each other, drawn out straight at both ends.
+class LayingCurve:
+    """A curve of straight pieces and arcs, extended straight at both ends, on which links are laid.
 
     Args:
         pieces: at least one.
@@ -81,8 +81,8 @@ class Curve:
     def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(P, V, 6) start, heading, curvature, length and begin of the pieces, (P, V) where they end."""
         columns = zip(*((*p.start, p.heading, p.curvature, p.length) for p in self.pieces), strict=True)
-        tables = np.broadcast_arrays(*map(_table, columns), _table(self.begins))
-        return np.stack(tables, axis=-1), _table(self.ends)
+        tables = np.broadcast_arrays(*map(_table_of_pieces, columns), _table_of_pieces(self.begins))
+        return np.stack(tables, axis=-1), _table_of_pieces(self.ends)
 
     def _index(self, s: Any) -> Any:
         """The piece on which the arc length s lies."""
@@ -97,7 +97,7 @@ class Curve:
         """The point [m] and the heading [rad] at the arc length s [m]."""
         i = self._index(s)
         if has_arrays(i):
-            x, y, heading, curvature, length, begin = _of(self.tables[0], i).T
+            x, y, heading, curvature, length, begin = _rows_of_pieces(self.tables[0], i).T
             piece = Piece((x, y), heading, curvature, length)
         else:
             piece, begin = self.pieces[i], self.begins[i]
@@ -110,7 +110,7 @@ class Curve:
         return (x, y), heading
 
     def _over(self, s: Any, link: Any) -> Any:
-        """Where a link that begins at s and ends on another piece ends [m], by Newton's method."""
+        """End of a link that begins at s and ends on another piece [m], by Newton's method."""
         (x, y), _ = self.at(s)
         ahead, done = s + link, False
         for _ in range(_NEWTON):
@@ -126,7 +126,7 @@ class Curve:
         return ahead
 
     def places(self, links: NDArray[np.float64]) -> list[Any]:
-        """Where the rollers stand [m]: one more than there are links (n,) or (V, n), the first at 0."""
+        """(n,) or (V, n) arc lengths of the rollers [m], one more than links, the first at 0."""
         alike = bool((links == links[..., :1]).all())
         stacked = self.stacked or links.ndim > 1
         ends: Any = self.tables[1] if stacked else self.ends
@@ -135,11 +135,11 @@ class Curve:
         reaches: Any = None
         for link in links.tolist() if links.ndim == 1 else links.T.copy():
             if reaches is None or not alike:
-                reaches = [_along(link, piece.curvature) for piece in self.pieces]
-                reaches = _table(reaches) if stacked else reaches
+                reaches = [_length_along_piece(link, piece.curvature) for piece in self.pieces]
+                reaches = _table_of_pieces(reaches) if stacked else reaches
             i = self._index(s)
-            ahead = s + (_of(reaches, i) if stacked else reaches[i])
-            fits = ahead <= (_of(ends, i) if stacked else ends[i])
+            ahead = s + (_rows_of_pieces(reaches, i) if stacked else reaches[i])
+            fits = ahead <= (_rows_of_pieces(ends, i) if stacked else ends[i])
             s = ahead if fits is True or is_true_everywhere(fits) else where(fits, ahead, self._over(s, link))
             found.append(s)
         return found
@@ -149,13 +149,13 @@ class Curve:
         points = [self.at(s)[0] for s in places]
         return np.stack([array_of_columns([point[axis] for point in points]) for axis in range(2)], axis=-1)
 
-    def reversed(self) -> Curve:
+    def reversed_curve(self) -> LayingCurve:
         """The curve run the other way."""
-        return Curve([piece.reversed_piece() for piece in reversed(self.pieces)])
+        return LayingCurve([piece.reversed_piece() for piece in reversed(self.pieces)])
 
     def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
-        """The factor by which links of these lengths (n,) or (V, n) must be scaled to go from end to end as chords."""
-        factor, known = self.length / total_of(links) if guess is None else guess, (0.0, 0.0)
+        """Factor on links of these lengths (n,) or (V, n) with which they go from end to end as chords."""
+        factor, known = self.length / summed_lengths(links) if guess is None else guess, (0.0, 0.0)
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
         first, close = True, 0.0 if guess is None else _CLOSE * self.length
         for _ in range(_NEWTON):
@@ -175,6 +175,6 @@ class Curve:
         return factor
 
 
-def total_of(links: NDArray[np.float64]) -> Any:
-    """The sum of lengths (n,), or sums of lengths (V, n)."""
+def summed_lengths(links: NDArray[np.float64]) -> Any:
+    """Sum of lengths (n,), or of each row of lengths (V, n)."""
     return float(links.sum()) if links.ndim == 1 else links.sum(axis=1)

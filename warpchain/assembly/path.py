@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.guided import Placed, Run, obstacles, obstructed, on_arm
-from warpchain.assembly.taut_string import Arc, Taut, TautError, circle, taut
+from warpchain.assembly.guide_obstacles import PlacedGuide, Run, has_obstructed_strand, place_on_arm, strand_obstacles
+from warpchain.assembly.taut_string import Arc, TautError, TautString, circle_end, taut_string
 from warpchain.drive.mounts import initial_place
 from warpchain.drive.stack_math import (
     UnlikeVariants,
@@ -100,12 +100,12 @@ class ChainPath:
     strand_length: NDArray[np.float64]
     wrapped_pitches: float
     nominal_strain: float
-    strings: tuple[Taut | None, ...]
+    strings: tuple[TautString | None, ...]
     obstacles: tuple[tuple[Run, ...], ...]
     arm_angle: NDArray[np.float64]
 
     def __getitem__(self, variants: int | NDArray[np.int64]) -> ChainPath:
-        """That of one variant, or those of some, of a stack's."""
+        """The paths of some variants of a stack."""
         guided = {name: pick_variants(getattr(self, name), variants) for name in ("strings", "obstacles")}
         own = guided | {
             field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in guided
@@ -143,13 +143,15 @@ def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
         DriveError: where pitch circles overlap, a sprocket is not wrapped or is wrapped by a chain that meets itself,
             or a strand passes through another sprocket; the message names the sprockets.
     """
-    return Plan(drive).path(arm_angle)[0]
+    return PathPlan(drive).path(arm_angle)[0]
 
 
-def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
-    """Results for a stack of `count`, in parts: the numbers of its variants (K,), and their result.
+def results_in_parts(
+    drive: Drive, count: int, worked_out: Callable[[Drive], Found]
+) -> list[tuple[NDArray[np.int64], Found]]:
+    """Results for a stack of `count`, in parts: the numbers of variants (K,), and their result.
 
-    Those that are `Unlike` are parts of their own.
+    Variants that are `UnlikeVariants` are parts of their own.
     """
     try:
         return [(np.arange(count), worked_out(drive))]
@@ -159,30 +161,30 @@ def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> 
     found = []
     for value in np.unique(way):
         mine = np.flatnonzero(way == value)
-        parts = in_parts(pick_variants(drive, mine), len(mine), worked_out)
+        parts = results_in_parts(pick_variants(drive, mine), len(mine), worked_out)
         found += [(mine[places], part) for places, part in parts]
     return found
 
 
-def allowed_parts(
+def allowed_results(
     drive: Drive, count: int, worked_out: Callable[[Drive], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
-    """Results for a stack as by `in_parts`, without the variants that are refused; these cost halvings."""
+    """Results for a stack as by `results_in_parts`, without the variants that are refused."""
     try:
-        return in_parts(drive, count, worked_out)
+        return results_in_parts(drive, count, worked_out)
     except DriveError:
         if count == 1:
             return []
     found = []
     for half in np.array_split(np.arange(count), 2):
-        parts = allowed_parts(pick_variants(drive, half), len(half), worked_out)
+        parts = allowed_results(pick_variants(drive, half), len(half), worked_out)
         found += [(half[places], part) for places, part in parts]
     return found
 
 
 @dataclass(frozen=True)
-class Course:
-    """The values of a `ChainPath`, as numbers and arrays (V,) of a stack: lists (S,) of them, and what has one each."""
+class PathValues:
+    """The values of a `ChainPath` as numbers and arrays (V,) of a stack, in lists (S,) or alone."""
 
     pitch: Any
     center: list[Pair]
@@ -193,20 +195,19 @@ class Course:
     length: list[Any]
     wrapped_pitches: Any
     nominal_strain: Any
-    strings: tuple[Taut | None, ...]
+    strings: tuple[TautString | None, ...]
     obstacles: tuple[tuple[Run, ...], ...]
 
 
-class Plan:
-    """The part of a drive's path that its arms' angles do not change: pitch circles, common tangents, guides as drawn;
-    of sprockets on arms, which these move, as drawn too.
+class PathPlan:
+    """The part of a drive's path that its arms' angles do not change: pitch circles, tangents and guides as drawn.
 
     Args:
         drive: one, or a stack.
 
     Raises:
         DriveError: where pitch circles overlap; of the first such variant.
-        Unlike: a stack of which some go around a bar, or around guides in unlike ways; a small one with such guides.
+        UnlikeVariants: a stack whose variants go around guides in unlike ways; a small one with such guides.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -223,36 +224,36 @@ class Plan:
         self.lines = self._lines(self.center)
         self.placed = self._obstacles()
         self.ends = self._circles(self.center)
-        self.known: dict[int, Taut | None] = {}  # the strings that no arm can move, once they are found
+        self.known: dict[int, TautString | None] = {}  # the strings that no arm can move, once they are found
 
-    def _lines(self, center: Sequence[Pair]) -> list[_Line]:
+    def _lines(self, center: Sequence[Pair]) -> list[_StraightStrand]:
         """Common tangents of pitch circles about centers [m]."""
         _check_apart(self.drive, center, self.radius)
         arms = [w * r for w, r in zip(self.sign, self.radius, strict=True)]
         return [
-            _tangent(one, other, arm, following)
-            for (one, arm), (other, following) in _pairs(zip(center, arms, strict=True))
+            _common_tangent(one, other, arm, following)
+            for (one, arm), (other, following) in _neighbor_pairs(zip(center, arms, strict=True))
         ]
 
     def _circles(self, center: Sequence[Pair]) -> list[Arc]:
         """Pitch circles about centers [m], where strands may have to go around guides."""
         if not self.placed:
             return []
-        return [circle(c, r, w) for c, r, w in zip(center, self.radius, self.sign, strict=True)]
+        return [circle_end(c, r, w) for c, r, w in zip(center, self.radius, self.sign, strict=True)]
 
-    def _at(self, arm_angle: Sequence[Any]) -> Plan:
-        """The same with sprockets on arms where these stand at angles (A,) [rad]."""
+    def _plan_at_angles(self, arm_angle: Sequence[Any]) -> PathPlan:
+        """The plan with sprockets on arms moved to the arms' angles (A,) [rad]."""
         if all(a is None for a in self.carrier):
             return self
         at = copy(self)
         at.center = [
-            place if a is None else on_arm(self.drive, a, place, arm_angle)
+            place if a is None else place_on_arm(self.drive, a, place, arm_angle)
             for place, a in zip(self.center, self.carrier, strict=True)
         ]
         at.lines, at.ends = at._lines(at.center), at._circles(at.center)
         return at
 
-    def _obstacles(self) -> tuple[Placed, ...]:
+    def _obstacles(self) -> tuple[PlacedGuide, ...]:
         """The guides that strands may have to go around."""
         drive = self.drive
         if not drive.guides:
@@ -260,25 +261,25 @@ class Plan:
         bars = all(guide.straight and guide.arm is None for guide in drive.guides)
         if self.variants > 1 and bars:
             start, end = (self._points([getattr(line, name) for line in self.lines]) for name in ("start", "end"))
-            which = obstructed(drive, start, end)
+            which = has_obstructed_strand(drive, start, end)
             if not which.any():
                 return ()
             raise UnlikeVariants(np.where(which, np.arange(1, self.variants + 1), 0))
         if 1 < self.variants < FEW:
             raise UnlikeVariants(np.arange(self.variants))
-        return obstacles(drive, [(line.start, line.end) for line in self.lines])
+        return strand_obstacles(drive, [(line.start, line.end) for line in self.lines])
 
-    def course(self, arm_angle: Sequence[Any]) -> Course:
-        """The course of the chain with the arms at angles (A,) [rad], each a number or those of a stack (V,).
+    def path_values(self, arm_angle: Sequence[Any]) -> PathValues:
+        """The chain's path with the arms at angles (A,) [rad], each a number or those of a stack (V,), as values.
 
         Raises:
             DriveError: as `path_at`.
-            Unlike: a stack whose chains touch unlike arcs of guides.
+            UnlikeVariants: a stack whose chains touch unlike arcs of guides.
         """
-        return self._at(arm_angle)._course(arm_angle)
+        return self._plan_at_angles(arm_angle)._path_values(arm_angle)
 
-    def _course(self, arm_angle: Sequence[Any]) -> Course:
-        """`course`, with sprockets on arms where they stand."""
+    def _path_values(self, arm_angle: Sequence[Any]) -> PathValues:
+        """`path_values` with sprockets on arms already in place."""
         sign, strands = self.sign, range(len(self.sign))
         start, end = [line.start for line in self.lines], [line.end for line in self.lines]
         length = [line.length for line in self.lines]
@@ -299,16 +300,18 @@ class Plan:
         _check_wraps(self.drive, wrap, [2.0 * math.pi / z for z in self.teeth])
         _check_clear(self, start, length, [k for k in strands if strings[k] is None])
         wrapped = numpy_sum([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
-        strain = _strain(self.drive.chain.links, wrapped, numpy_sum(length) / self.pitch)
-        return Course(self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met))
+        strain = _nominal_strain(self.drive.chain.links, wrapped, numpy_sum(length) / self.pitch)
+        return PathValues(
+            self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met)
+        )
 
     def path(self, arm_angle: Sequence[Any]) -> ChainPath:
-        """The path with the arms at angles (A,) [rad], as that of a stack.
+        """The path with the arms at angles (A,) [rad], with the first axis of a stack.
 
         Raises:
-            DriveError, Unlike: as `course`.
+            DriveError, UnlikeVariants: as `path_values`.
         """
-        course, variants = self.course(arm_angle), self.variants
+        course, variants = self.path_values(arm_angle), self.variants
         turns = rint(numpy_sum([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi))
         arrival = [angle - w * (0.5 * math.pi) for angle, w in zip(course.arriving, self.sign, strict=True)]
         own = course.pitch, 2.0 * math.pi * turns, course.wrapped_pitches, course.nominal_strain
@@ -334,13 +337,13 @@ class Plan:
         """Points (V, S, 2) of as many pairs of coordinates."""
         return table_of_columns([part for pair in points for part in pair], self.variants).reshape(self.variants, -1, 2)
 
-    def _string(self, k: int, runs: tuple[Run, ...]) -> Taut | None:
-        """The way of strand k around its guides; None where it touches none."""
+    def _string(self, k: int, runs: tuple[Run, ...]) -> TautString | None:
+        """The taut string of strand k around its guides; None where it touches none."""
         if not runs:
             return None
         if k not in self.known:
             following = (k + 1) % len(self.ends)
-            string = _string(self.drive, self.ends[k], self.ends[following], runs)
+            string = _taut_string(self.drive, self.ends[k], self.ends[following], runs)
             moved = self.carrier[k] is not None or self.carrier[following] is not None
             if moved or any(placed.strand == k and placed.arm is not None for placed in self.placed):
                 return string
@@ -348,21 +351,19 @@ class Plan:
         return self.known[k]
 
 
-def _string(drive: Drive, first: Arc, last: Arc, runs: tuple[Run, ...]) -> Taut | None:
+def _taut_string(drive: Drive, first: Arc, last: Arc, runs: tuple[Run, ...]) -> TautString | None:
     """The taut string of a strand; None where it touches nothing."""
     try:
-        string = taut(first, last, runs)
+        string = taut_string(first, last, runs)
     except TautError as error:
         raise DriveError(f"guides.{drive.guides[error.guide].name}: {error}") from None
     return string if string.touches else None
 
 
 def check_fit(drive: Drive, path: ChainPath) -> None:
-    """Checks that the drive's number of links fits its path; of a stack's, that of the first that it does not fit.
+    """Raises a DriveError where the number of links does not fit the path, of the first such variant of a stack.
 
-    Raises:
-        DriveError: if the nominal strain is beyond `MAX_STRAIN`; the message names the numbers of links that fit, and
-            the strain that each of the nearest ones gives.
+    The nominal strain is then beyond `MAX_STRAIN`; the message names numbers of links that fit, with their strains.
     """
     wrong = np.atleast_1d(~(np.abs(path.nominal_strain) <= MAX_STRAIN))
     if not wrong.any():
@@ -375,7 +376,7 @@ def check_fit(drive: Drive, path: ChainPath) -> None:
         span = f"{fitting[0]} to {fitting[-1]}, best {best}" if len(fitting) > 1 else str(best)
     else:
         span = "none"
-    nearest = ", ".join(f"{links}: {_percent(path.strain(links))}" for links in (best - 1, best, best + 1))
+    nearest = ", ".join(f"{links}: {_percent_text(path.strain(links))}" for links in (best - 1, best, best + 1))
     crossing = ""
     if abs(path.turning) != 2.0 * math.pi:
         most = int(np.argmax(path.wrap_angle))
@@ -384,14 +385,14 @@ def check_fit(drive: Drive, path: ChainPath) -> None:
             f'"{drive.sprockets[most].name}": look at its center and wrap'
         )
     raise DriveError(
-        f"chain.links = {drive.chain.links}: does not fit the path, strain {_percent(path.nominal_strain)}, allowed is "
-        f"{-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %; links that fit: {span} "
+        f"chain.links = {drive.chain.links}: does not fit the path, strain {_percent_text(path.nominal_strain)}, "
+        f"allowed is {-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %; links that fit: {span} "
         f"(strain by links: {nearest}){crossing}"
     )
 
 
 @dataclass(frozen=True)
-class _Line:
+class _StraightStrand:
     """A straight strand: its unit vector and heading [rad], its ends and its length [m]; numbers, or arrays (V,)."""
 
     direction: Pair
@@ -401,7 +402,7 @@ class _Line:
     length: Any
 
 
-def _tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Line:
+def _common_tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _StraightStrand:
     """The common tangent of two circles about centers [m], of signed radii w R [m], (a) and (b) above."""
     dx, dy = other[0] - one[0], other[1] - one[1]
     h = following - arm
@@ -410,10 +411,10 @@ def _tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Line:
     ux, uy = (length * dx + h * dy) / square, (length * dy - h * dx) / square
     start = one[0] + arm * uy, one[1] - arm * ux
     end = other[0] + following * uy, other[1] - following * ux
-    return _Line((ux, uy), arctan2(uy, ux), start, end, length)
+    return _StraightStrand((ux, uy), arctan2(uy, ux), start, end, length)
 
 
-def _strain(links: int, wrapped: Any, straight: Any) -> Any:
+def _nominal_strain(links: int, wrapped: Any, straight: Any) -> Any:
     """`ChainPath.strain` of numbers, or of arrays (V,)."""
     free = links - wrapped
     if not has_arrays(free):
@@ -422,22 +423,22 @@ def _strain(links: int, wrapped: Any, straight: Any) -> Any:
         return np.where(free > 0.0, straight / free - 1.0, math.inf)
 
 
-def _of(value: Any, v: int) -> float:
-    """A number of variant v, which a stack has one or V of."""
+def _variant_number(value: Any, v: int) -> float:
+    """The number of variant v, of a value that is the same for all or an array (V,)."""
     return float(value[v]) if isinstance(value, np.ndarray) else float(value)
 
 
-def _percent(strain: float) -> str:
+def _percent_text(strain: float) -> str:
     return f"{100.0 * strain:+.3f} %" if math.isfinite(strain) else "too short to go round"
 
 
-def _pairs(values: Iterable[Item]) -> Iterator[tuple[Item, Item]]:
-    """Each with the one that follows, the last with the first."""
+def _neighbor_pairs(values: Iterable[Item]) -> Iterator[tuple[Item, Item]]:
+    """Each value with the next, the last with the first."""
     items = list(values)
     return zip(items, items[1:] + items[:1], strict=True)
 
 
-def _first(condition: Any) -> int | None:
+def _first_variant(condition: Any) -> int | None:
     """The first variant for which a condition holds; None where there is none."""
     return int(np.argmax(condition)) if is_true_somewhere(condition) else None
 
@@ -445,13 +446,14 @@ def _first(condition: Any) -> int | None:
 def _check_tips(drive: Drive, radius: Sequence[Any]) -> None:
     for s, sprocket in enumerate(drive.sprockets):
         tips = drive.tip_radius(s)
-        v = _first(radius[s] > tips)
+        v = _first_variant(radius[s] > tips)
         if v is not None:
-            tip = _of(tips, v)
+            tip = _variant_number(tips, v)
             limit = 2.0 * tip * math.sin(math.pi / sprocket.teeth)
+            link, at = _variant_number(drive.chain.worn_pitch, v), _variant_number(radius[s], v)
             raise DriveError(
-                f'sprocket "{sprocket.name}": links of {_of(drive.chain.worn_pitch, v):.6g} m would ride over its '
-                f"tips, at {_of(radius[s], v):.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
+                f'sprocket "{sprocket.name}": links of {link:.6g} m would ride over its '
+                f"tips, at {at:.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
             )
 
 
@@ -459,21 +461,21 @@ def _check_apart(drive: Drive, center: Sequence[Pair], radius: Sequence[Any]) ->
     for a, b in combinations(range(len(center)), 2):
         dx, dy = center[b][0] - center[a][0], center[b][1] - center[a][1]
         square, reach = dx * dx + dy * dy, radius[a] + radius[b]
-        v = _first(square <= reach * reach)
+        v = _first_variant(square <= reach * reach)
         if v is not None:
             first, second = drive.sprockets[a].name, drive.sprockets[b].name
             raise DriveError(
                 f'sprockets "{first}" and "{second}": pitch circles overlap, no tangent joins them; their centers are '
-                f"{math.sqrt(_of(square, v)):.6g} m apart, allowed is more than the sum of pitch radii, "
-                f"{_of(reach, v):.6g} m"
+                f"{math.sqrt(_variant_number(square, v)):.6g} m apart, allowed is more than the sum of pitch radii, "
+                f"{_variant_number(reach, v):.6g} m"
             )
 
 
 def _check_wraps(drive: Drive, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
     for s, sprocket in enumerate(drive.sprockets):
-        v = _first((wrap[s] < _NO_WRAP) | (wrap[s] > 2.0 * math.pi - pitch_angle[s]))
+        v = _first_variant((wrap[s] < _NO_WRAP) | (wrap[s] > 2.0 * math.pi - pitch_angle[s]))
         if v is not None:
-            degrees = math.degrees(_of(wrap[s], v))
+            degrees = math.degrees(_variant_number(wrap[s], v))
             allowed = 360.0 - math.degrees(pitch_angle[s])
             raise DriveError(
                 f'sprocket "{sprocket.name}": with wrap = "{sprocket.wrap}" the chain turns {degrees:.4g} degrees '
@@ -482,7 +484,7 @@ def _check_wraps(drive: Drive, wrap: Sequence[Any], pitch_angle: Sequence[float]
             )
 
 
-def _check_clear(plan: Plan, start: Sequence[Pair], length: Sequence[Any], free: Sequence[int]) -> None:
+def _check_clear(plan: PathPlan, start: Sequence[Pair], length: Sequence[Any], free: Sequence[int]) -> None:
     """Checks the strands that go around no guides."""
     drive, count = plan.drive, len(plan.lines)
     for k, s in product(free, range(count)):

@@ -1,11 +1,4 @@
-"""Search for places of sprockets on lines at which their chains are as wanted: many drives of a kind at once.
-
-A search is a generator: it asks for what its drive is like with the sprocket at a place, and is sent it. What the
-searches of a stack ask for is worked out together, so that each finds what it would find alone.
-
-It tries first the path of pitch circles, in steps from where the sprocket stands, either way; then the assembly,
-near the places found.
-"""
+"""Search along lines for places of sprockets at which chains have a wanted strain, sag or arm angle."""
 
 from __future__ import annotations
 
@@ -19,7 +12,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import chain_paths
 from warpchain.assembly.assembly import Assembly, assemble_stack, assembled_strains
-from warpchain.assembly.path import MAX_STRAIN, ChainPath, allowed_parts
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, allowed_results
 from warpchain.drive.stacks import pick_variants, stacks_of_drives
 
 if TYPE_CHECKING:
@@ -34,14 +27,13 @@ _HALVINGS = 200
 Array = NDArray[np.float64]
 
 
-class Reached(NamedTuple):
-    """State of a drive with its sprocket at a place; NaN where it cannot be drawn or assembled.
+class ReachedState(NamedTuple):
+    """Strain, chord and arm angle of a drive with its sprocket at a place; NaN where it cannot be drawn or assembled.
 
     Attributes:
         strain: of the strands' links [-].
-        chord: (2,) of the strand that the goal is about, from its first seat to its last [m].
-        angle: of the arm that the goal is about [rad].
-        wrap: around the sprocket that the goal is about [rad].
+        chord: (2,) of the goal's strand, from its first seat to its last [m].
+        angle: of the goal's arm [rad].
     """
 
     strain: float = math.nan
@@ -50,11 +42,11 @@ class Reached(NamedTuple):
     wrap: float = math.nan
 
 
-NOWHERE = Reached()
+NOWHERE = ReachedState()
 
 
 @dataclass(frozen=True)
-class Goal:
+class PlacementGoal:
     """The goal of a search.
 
     Attributes:
@@ -63,31 +55,30 @@ class Goal:
         amount: what is reached, in the unit.
         strand: whose chord counts.
         arm: whose angle counts; None where a strain does.
-        around: sprocket whose wrap counts, by the path alone, whatever the number of links; None where others do.
         sags: whether it matters where rollers stand.
     """
 
     text: str
     unit: str
-    over: Callable[[Reached], float]
-    amount: Callable[[Reached], float]
+    over: Callable[[ReachedState], float]
+    amount: Callable[[ReachedState], float]
     strand: int = 0
     arm: int | None = None
     around: int | None = None
     sags: bool = False
 
 
-class _Place(NamedTuple):
-    """A place that a search asks about [m], on the path or of the assembly."""
+class _PlaceQuestion(NamedTuple):
+    """A place whose state a search asks for [m], on the path or of the assembly."""
 
     along: float
     assembled: bool
 
 
-Steps = Generator[_Place, Reached, Any]
+Steps = Generator[_PlaceQuestion, ReachedState, Any]
 
 
-class Search:
+class PlaceSearch:
     """Search for the nearest place along a line.
 
     Args:
@@ -99,7 +90,7 @@ class Search:
     """
 
     def __init__(
-        self, drive: Drive, index: int, line: tuple[float, float], goal: Goal, travel: float | None = None
+        self, drive: Drive, index: int, line: tuple[float, float], goal: PlacementGoal, travel: float | None = None
     ) -> None:
         self.drive, self.index, self.line, self.goal, self.travel = drive, index, line, goal, travel
         self.origin = drive.sprockets[index].center
@@ -108,7 +99,7 @@ class Search:
         around = nearest + 0.5 * drive.chain.links * drive.chain.pitch  # beyond it no chain of that length goes round
         self.reach = around if travel is None else travel
         self.step = max(0.25 * drive.chain.pitch, 2.0 * self.reach / _PLACES)
-        self.seen: list[tuple[float, Reached]] = []
+        self.seen: list[tuple[float, ReachedState]] = []
         self.jumped = False  # over what is wanted, where rollers find other seats
 
     def center(self, place: float) -> tuple[float, float]:
@@ -116,60 +107,62 @@ class Search:
         return self.origin[0] + place * self.line[0], self.origin[1] + place * self.line[1]
 
     def steps(self) -> Steps:
-        """Asks, and returns the place; None where there is none. Sought from the middle outwards."""
-        ends = dict.fromkeys((-1.0, 1.0), (0.0, (yield from self._nominal(0.0))))
+        """Generator that asks for states at places, and returns the nearest place that reaches the goal, or None."""
+        ends = dict.fromkeys((-1.0, 1.0), (0.0, (yield from self._nominal_excess(0.0))))
         for chain in range(math.ceil(self.reach / self.step)):
             found = []
             for side, (inner, before) in ends.items():
                 outer = side * min((chain + 1) * self.step, self.reach)
-                after = yield from self._nominal(outer)
+                after = yield from self._nominal_excess(outer)
                 if before * after <= 0.0:
                     near = 1e-4 if self.goal.around is None else 1e-12
-                    place = yield from _root(self._nominal, (inner, before), (outer, after), near * self.step)
+                    place = yield from _root_steps(
+                        self._nominal_excess, (inner, before), (outer, after), near * self.step
+                    )
                     found.append(place)
                 ends[side] = outer, after
             for place in sorted((place for place in found if math.isfinite(place)), key=abs):
-                exact = place if self.goal.around is not None else (yield from self._refined(place))
+                exact = place if self.goal.around is not None else (yield from self._refined_place(place))
                 if exact is not None:
                     return exact
         return None
 
-    def _nominal(self, place: float) -> Steps:
+    def _nominal_excess(self, place: float) -> Steps:
         """Strain in excess of the wanted one on pitch circles and tangents; NaN where there is no path."""
-        reached = yield _Place(place, False)
+        reached = yield _PlaceQuestion(place, False)
         if not math.isfinite(reached.strain):
             return math.nan
         if (self.goal.arm, self.goal.around) != (None, None) or abs(reached.strain) <= MAX_STRAIN:
             self.seen.append((place, reached))
         return self.goal.over(reached)
 
-    def _assembled(self, place: float) -> Steps:
+    def _assembled_excess(self, place: float) -> Steps:
         """Strain in excess of the wanted one of the assembled drive; NaN where it does not assemble."""
-        return self.goal.over((yield _Place(place, True)))
+        return self.goal.over((yield _PlaceQuestion(place, True)))
 
-    def _refined(self, place: float) -> Steps:
+    def _refined_place(self, place: float) -> Steps:
         """The place nearby where the assembly has the wanted strain; None where there is none."""
-        exact = yield from self._secant(place)
+        exact = yield from self._secant_place(place)
         half = self.step / 32.0
         while exact is None and half <= 2.0 * self.drive.chain.pitch:
             low, high = place - half, place + half
-            below, above = (yield from self._assembled(low)), (yield from self._assembled(high))
+            below, above = (yield from self._assembled_excess(low)), (yield from self._assembled_excess(high))
             if below * above <= 0.0:
-                exact = yield from _root(self._assembled, (low, below), (high, above), 1e-15)
-                if not abs((yield from self._assembled(exact))) <= _EXACT:
+                exact = yield from _root_steps(self._assembled_excess, (low, below), (high, above), 1e-15)
+                if not abs((yield from self._assembled_excess(exact))) <= _EXACT:
                     self.jumped = True
                     return None
             half *= 2.0
         return exact if exact is not None and abs(exact) <= self.reach else None
 
-    def _secant(self, place: float) -> Steps:
+    def _secant_place(self, place: float) -> Steps:
         """The place nearby by the secant method; None where it does not come to one, as at a jump."""
         first, step = place, 1e-5 * self.drive.chain.pitch
-        before = yield from self._assembled(place)
+        before = yield from self._assembled_excess(place)
         for _ in range(_SECANTS):
             if abs(before) <= _ENOUGH:
                 return place
-            after = yield from self._assembled(place + step)
+            after = yield from self._assembled_excess(place + step)
             if not math.isfinite(after - before) or after == before:
                 return None
             place, step, before = place + step, -after * step / (after - before), after
@@ -194,10 +187,10 @@ class Search:
         )
 
 
-def _root(
+def _root_steps(
     function: Callable[[float], Steps], low: tuple[float, float], high: tuple[float, float], enough: float
 ) -> Steps:
-    """A place between two where the function changes sign, to `enough`; NaN where it has no value in between.
+    """A place between two at which the function changes sign, to `enough`; NaN where it has no value in between.
 
     By inverse quadratic interpolation where the last three values lie so that it stays inside, else by halving:
     Chandrupatla, Advances in Engineering Software 28 (1997) 145-149. The first place is that of the secant.
@@ -234,8 +227,8 @@ def _root(
 # ------------------------------------------------------------------------------------------------------- together
 
 
-def search_all(searches: Sequence[Search]) -> list[float | None]:
-    """Run searches, each for the place of its own sprocket; of drives that move the same one.
+def run_searches(searches: Sequence[PlaceSearch]) -> list[float | None]:
+    """Runs searches, each for the place of its own sprocket; of drives that move the same one.
 
     Returns:
         Places along their lines [m]; None for those that find none.
@@ -243,15 +236,15 @@ def search_all(searches: Sequence[Search]) -> list[float | None]:
     found: list[float | None] = [None] * len(searches)
     for stack in stacks_of_drives([search.drive for search in searches]):
         members = stack.members.tolist()
-        for v, place in zip(members, _Together(stack.drive, [searches[v] for v in members]).run(), strict=True):
+        for v, place in zip(members, _StackSearch(stack.drive, [searches[v] for v in members]).run(), strict=True):
             found[v] = place
     return found
 
 
-class _Together:
-    """Searches of the variants of a stack."""
+class _StackSearch:
+    """Searches of the variants of a stack, run together."""
 
-    def __init__(self, drive: Drive, searches: Sequence[Search]) -> None:
+    def __init__(self, drive: Drive, searches: Sequence[PlaceSearch]) -> None:
         self.drive, self.searches = drive, searches
 
     def run(self) -> list[float | None]:
@@ -273,7 +266,7 @@ class _Together:
                         del asked[v]
         return found
 
-    def _answers(self, rows: list[int], places: list[float], assembled: bool) -> list[Reached]:
+    def _answers(self, rows: list[int], places: list[float], assembled: bool) -> list[ReachedState]:
         """States of some variants with their sprockets at places."""
         goals = [self.searches[v].goal for v in rows]
         centers = [self.searches[v].center(place) for v, place in zip(rows, places, strict=True)]
@@ -283,25 +276,25 @@ class _Together:
         if len(rows) > 1:
             center = tuple(np.array(centers).T)  # of a stack
         answers = [NOWHERE] * len(rows)
-        moved = _moved(drive, self.searches[0].index, center)
-        for members, states in allowed_parts(moved, len(rows), _evaluation(goals, assembled)):
+        moved = _drive_with_center(drive, self.searches[0].index, center)
+        for members, states in allowed_results(moved, len(rows), _evaluation(goals, assembled)):
             for v, reached in zip(members.tolist(), states.of([goals[v] for v in members.tolist()]), strict=True):
                 answers[v] = reached
         return answers
 
 
-def _moved(drive: Drive, index: int, center: tuple[float, float]) -> Drive:
-    """The drive, or stack, with a sprocket elsewhere, unchecked."""
+def _drive_with_center(drive: Drive, index: int, center: tuple[float, float]) -> Drive:
+    """The drive, or stack, with a sprocket's center elsewhere, unchecked."""
     sprockets = list(drive.sprockets)
     sprockets[index] = sprockets[index].model_copy(update={"center": center})
     return drive.model_copy(update={"sprockets": tuple(sprockets)})
 
 
-def _evaluation(goals: Sequence[Goal], assembled: bool) -> Callable[[Drive], _States]:
+def _evaluation(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[Drive], _States]:
     """The function that evaluates a stack: its paths, or its chains assembled as far as it matters."""
     if not assembled:
-        return _on_paths
-    return _in_place if any(goal.sags for goal in goals) else _on_seats
+        return _path_states
+    return _placed_states if any(goal.sags for goal in goals) else _seat_states
 
 
 @dataclass(frozen=True)
@@ -313,31 +306,35 @@ class _States:
     arms: Array
     wrap: Array
 
-    def of(self, goals: Sequence[Goal]) -> list[Reached]:
+    def of(self, goals: Sequence[PlacementGoal]) -> list[ReachedState]:
         """The state of each variant, as its goal takes it."""
         chords = self.chord[np.arange(len(goals)), [goal.strand for goal in goals]].tolist()
         angles = [math.nan if goal.arm is None else float(self.arms[v, goal.arm]) for v, goal in enumerate(goals)]
         wraps = [math.nan if goal.around is None else float(self.wrap[v, goal.around]) for v, goal in enumerate(goals)]
         return [
-            Reached(strain, (x, y), angle, wrap)
+            ReachedState(strain, (x, y), angle, wrap)
             for strain, (x, y), angle, wrap in zip(self.strain.tolist(), chords, angles, wraps, strict=True)
         ]
 
 
-def _on_paths(drive: Drive) -> _States:
+def _path_states(drive: Drive) -> _States:
+    """States of a stack by its paths alone."""
     path = chain_paths(drive)
-    return _straight(path, path.nominal_strain)  # type: ignore[arg-type]  # (V,)
+    return _straight_states(path, path.nominal_strain)  # type: ignore[arg-type]  # (V,)
 
 
-def _on_seats(drive: Drive) -> _States:
-    return _straight(*assembled_strains(drive))
+def _seat_states(drive: Drive) -> _States:
+    """States of a stack with its chains on their seats, without rollers of strands."""
+    return _straight_states(*assembled_strains(drive))
 
 
-def _straight(path: ChainPath, strain: Array) -> _States:
+def _straight_states(path: ChainPath, strain: Array) -> _States:
+    """States with the strands' chords on the path."""
     return _States(strain, path.strand_end - path.strand_start, path.arm_angle, path.wrap_angle)
 
 
-def _in_place(drive: Drive) -> _States:
+def _placed_states(drive: Drive) -> _States:
+    """States of a stack with its chains assembled."""
     state = assemble_stack(drive)
     wrap = state.path.wrap_angle
     return _States(state.strain, strand_chords(state), state.arm_angle, wrap)  # type: ignore[arg-type]  # (V,)

@@ -1,24 +1,4 @@
-r"""Potential energy of a drive whose chain travels steadily: links, teeth, guide-bars, weight, loads, mounts.
-
-Without friction every steady force of a drive has a potential. Unknown are the N roller centers r_i, the S sprocket
-centers c_s and angles theta_s. With f links a second passing any point, a roller of mass m that follows its neighbors'
-path has the acceleration f^2 (r_{i+1} - 2 r_i + r_{i-1}), so that centrifugal force acts as a link that pushes with
-m f^2 L, L the link's length: m v^2 / p on a straight strand; on an arc of pitch angle a the factor (sin(a/2) / (a/2))^2
-is left out. The energy is
-
-    E = sum_i [ U(L_i - l_i) - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
-        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 + P_s - q_s(theta_s) . g ]
-        + sum over couplings k_c d_c^2 / 2  +  sum over arms A,                                                (a)
-
-U = k (L - l)^2 / 2 what the spring of a link stores (`kernels/physics/link.py`), with l_i the unloaded lengths and
-nothing within a play, A that of an arm's weight, springs, stops and tensioners at rest
-(`warpchain.assembly.arm_balance`), P_s that of tensioners on a slider, M_s the load moment at speed, w_s the sense of
-rotation, F_s a mount's preload, q_s the arm of a balance wheel that hangs still, d_c what a coupling is twisted beyond
-its play. Shafts are angles more. Contacts are those of `kernels/physics/tooth.py` and `guide.py`. First and second
-derivatives are exact.
-
-Of the tension of a running chain m f^2 p bends it around the sprockets.
-"""
+"""Potential energy of a drive whose chain travels steadily, with gradient and Hessian."""
 
 from __future__ import annotations
 
@@ -31,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arm_balance import StillArm, StillTensioner
-from warpchain.assembly.guided import profile_at, turned_about
+from warpchain.assembly.arm_balance import RestingArm, RestingTensioner
+from warpchain.assembly.guide_obstacles import profile_at, rotated_place
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.mounts import moving_mass, unit_direction, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
@@ -58,7 +38,7 @@ Map = tuple[NDArray[np.int64], Array]
 """Of every coordinate the free one that moves it, and by how much that does."""
 
 
-class Carried(NamedTuple):
+class CarriedPlace(NamedTuple):
     """A place, x and y, that an arm's angle moves on a circle.
 
     Attributes:
@@ -75,7 +55,7 @@ class Carried(NamedTuple):
 
 
 @dataclass
-class Terms:
+class EnergyTerms:
     """Energy, gradient and Hessian, added up term by term."""
 
     size: int
@@ -140,9 +120,9 @@ class Terms:
         return coo_matrix((value, (down, across)), shape=(count, count)).tocsc()
 
 
-def together(terms: Sequence[Terms]) -> Terms:
-    """Those of several sets of coordinates, one after the other."""
-    found = Terms(0, 0.0, np.concatenate([of.gradient for of in terms]), [], [], [])
+def stacked_terms(terms: Sequence[EnergyTerms]) -> EnergyTerms:
+    """Terms of several sets of coordinates as those of one, one after the other."""
+    found = EnergyTerms(0, 0.0, np.concatenate([of.gradient for of in terms]), [], [], [])
     for of in terms:
         found.energy += of.energy
         found.rows += [rows + found.size for rows in of.rows]
@@ -182,7 +162,7 @@ class Potential:
         chain, sprockets = drive.chain, drive.sprockets
         self.drive, self.rollers, self.sprockets = drive, chain.links, len(sprockets)
         self.turning = self.sprockets + len(drive.shafts)
-        self.arms = [StillArm(drive, a) for a in range(len(drive.arms))]
+        self.arms = [RestingArm(drive, a) for a in range(len(drive.arms))]
         self.first_arm = 2 * self.rollers + 2 * self.sprockets + self.turning
         self.hung = [(a, p) for a in range(len(self.arms)) if (p := drive.parent(a)) is not None]
         self.first_pivot = self.first_arm + len(self.arms)
@@ -195,7 +175,7 @@ class Potential:
         self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
-        self.carried = self._carried()
+        self.carried = self._carried_places()
         near = [nearest_sprocket(drive, b) for b in range(self.turning)]
         self.held = held or [near[b] is None or is_held_body(drive, b) for b in range(self.turning)]
         self.lever = self.radius[[s or 0 for s in near]]
@@ -205,9 +185,9 @@ class Potential:
         self.moments[np.array(self.held)] = 0.0
         self.pulled = False  # whether links with play are taken to be pulled, all of them
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
-        self.home, self.spring, self.pull = _mounts(drive, self.gravity)
+        self.home, self.spring, self.pull = _mount_values(drive, self.gravity)
         self.tensioners = [
-            (s, StillTensioner(drive, tensioner))
+            (s, RestingTensioner(drive, tensioner))
             for t, tensioner in enumerate(drive.tensioners)
             if (s := drive.tensioner_body(t)) < self.sprockets
         ]
@@ -230,16 +210,16 @@ class Potential:
         n, s = 2 * self.rollers, 2 * self.sprockets
         return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
 
-    def _carried(self) -> list[Carried]:
+    def _carried_places(self) -> list[CarriedPlace]:
         """Places that arms carry along: pivots of arms on them, centers of sprockets on them and on these."""
         pivot = {a: self.first_pivot + 2 * k for k, (a, _) in enumerate(self.hung)}
-        found = [Carried(pivot[a], p, pivot[a], False) for a, p in self.hung]
+        found = [CarriedPlace(pivot[a], p, pivot[a], False) for a, p in self.hung]
         on = dict(self.hung)
         for s in range(self.sprockets):
             if (a := self.drive.carrier(s)) is not None:
                 center = 2 * (self.rollers + s)
-                found.append(Carried(center, a, center, False))
-                found += [Carried(center, on[a], pivot[a], True)] if a in on else []
+                found.append(CarriedPlace(center, a, center, False))
+                found += [CarriedPlace(center, on[a], pivot[a], True)] if a in on else []
         return found
 
     def pivots(self, x: Array) -> Array:
@@ -257,15 +237,15 @@ class Potential:
         return found
 
     def carry(self, x: Array) -> None:
-        """Puts pivots of arms on arms, and the centers of sprockets on arms, where these have them."""
+        """Moves pivots of arms on arms, and centers of sprockets on arms, to where the arms' angles put them."""
         arms, centers = self.drive.arms, self.split(x)[1]
         for k, (own, p) in enumerate(self.hung):
-            place = turned_about(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
+            place = rotated_place(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
             x[self.first_pivot + 2 * k :][:2] = place
         pivots, hung = self.pivots(x), dict(self.hung)
         for s, sprocket in enumerate(self.drive.sprockets):
             if (a := self.drive.carrier(s)) is not None:
-                centers[s] = turned_about(arms[a].pivot, sprocket.center, float(x[self.first_arm + a]))
+                centers[s] = rotated_place(arms[a].pivot, sprocket.center, float(x[self.first_arm + a]))
                 centers[s] += pivots[a] - arms[a].pivot if a in hung else 0.0
 
     def levers(self, x: Array) -> Array:
@@ -287,22 +267,22 @@ class Potential:
         tension = stiffness * stretch
         return 0.5 * tension * stretch, tension, stiffness
 
-    def terms(self, x: Array) -> Terms:
+    def terms(self, x: Array) -> EnergyTerms:
         """Energy, gradient and Hessian at x."""
-        terms = Terms(self.size, 0.0, np.zeros(self.size), [], [], [])
-        self._links(x, terms)
+        terms = EnergyTerms(self.size, 0.0, np.zeros(self.size), [], [], [])
+        self._add_links(x, terms)
         for s in range(self.sprockets):
-            self._teeth(x, s, terms)
+            self._add_teeth(x, s, terms)
         for g in range(len(self.drive.guides)):
-            self._guide(x, g, terms)
-        self._constant(x, terms)
-        self._couplings(x, terms)
+            self._add_guide(x, g, terms)
+        self._add_constant_forces(x, terms)
+        self._add_couplings(x, terms)
         hung = dict(self.hung)
         for a, arm in enumerate(self.arms):
             at = self.first_arm + a
             angle = float(x[at])
             if a in hung:
-                self._joint(x, a, hung[a], terms)
+                self._add_parent_arm(x, a, hung[a], terms)
                 continue
             terms.energy += arm.energy(angle)
             terms.gradient[at] -= arm.moment(angle)
@@ -312,19 +292,21 @@ class Potential:
             terms.add_blocks(np.array([[self.first_arm + one.arm]]), np.array([[[bent]]]))
         return terms
 
-    def _joint(self, x: Array, a: int, p: int, terms: Terms) -> None:
+    def _add_parent_arm(self, x: Array, a: int, p: int, terms: EnergyTerms) -> None:
         """Adds arm a, which arm p carries: its springs act between the two, its weight at its pivot and about that."""
         arm, at, on = self.arms[a], self.first_arm + a, self.first_arm + p
         angle, turned = float(x[at]), float(x[at] - x[on])
         place = self.first_pivot + 2 * [own for own, _ in self.hung].index(a)
         weight = sum(mass for mass, _ in arm.weights) * self.gravity
-        terms.energy += arm.energy(turned) + arm.sunk(turned) - arm.sunk(angle) - float(weight @ x[place : place + 2])
+        terms.energy += (
+            arm.energy(turned) + arm.weight_work(turned) - arm.weight_work(angle) - float(weight @ x[place : place + 2])
+        )
         terms.gradient[at] -= arm.joint(turned) + arm.weight(angle)
         terms.gradient[on] += arm.joint(turned)
         terms.gradient[place : place + 2] -= weight
-        between = (arm.stiffness(turned) - arm.sunk(turned)) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        between = (arm.stiffness(turned) - arm.weight_work(turned)) * np.array([[1.0, -1.0], [-1.0, 1.0]])
         terms.add_blocks(np.array([[at, on]]), between[None])
-        terms.add_blocks(np.array([[at]]), np.array([[[arm.sunk(angle)]]]))
+        terms.add_blocks(np.array([[at]]), np.array([[[arm.weight_work(angle)]]]))
 
     def torques(self, x: Array) -> tuple[Array, Array]:
         """(C,) twists of the couplings [rad], and the moments that they take from their first bodies [N m].
@@ -339,7 +321,7 @@ class Potential:
         stiffness = np.array([coupling.stiffness for coupling in couplings])[: len(twist)]
         return twist, stiffness * (twist - np.clip(twist, -lash, lash))
 
-    def _couplings(self, x: Array, terms: Terms) -> None:
+    def _add_couplings(self, x: Array, terms: EnergyTerms) -> None:
         """Adds the couplings, whose springs do nothing within their play."""
         moments = self.torques(x)[1]
         for (a, b, _, ratio), coupling, moment in zip(self.couplings, self.drive.couplings, moments, strict=False):
@@ -352,7 +334,8 @@ class Potential:
             holds = coupling.stiffness if moment != 0.0 or coupling.lash == 0.0 else 0.0
             terms.add_blocks(at[None], holds * np.outer(pair, pair)[None])
 
-    def _links(self, x: Array, terms: Terms) -> None:
+    def _add_links(self, x: Array, terms: EnergyTerms) -> None:
+        """Adds the links."""
         r, _, _ = self.split(x)
         n = self.rollers
         d = np.roll(r, -1, axis=0) - r
@@ -369,7 +352,8 @@ class Potential:
         where = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
         terms.add_blocks(where, np.block([[block, -block], [-block, block]]))
 
-    def _teeth(self, x: Array, s: int, terms: Terms) -> None:
+    def _add_teeth(self, x: Array, s: int, terms: EnergyTerms) -> None:
+        """Adds the rollers on the teeth of sprocket s."""
         r, centers, angles = self.split(x)
         tooth, radius, stiffness = self.teeth[s], float(self.radius[s]), self.softness * self.tooth_stiffness[s]
         rho = r - centers[s]
@@ -382,19 +366,19 @@ class Potential:
         e = np.stack([np.cos(polar), np.sin(polar)], axis=1)
         xi = np.einsum("ij,ij->i", rho, e) - radius
         eta = rho[:, 1] * e[:, 0] - rho[:, 0] * e[:, 1]
-        pen, along, across, bend = self._gap(xi, eta, s, distance[near])
+        pen, along, across, bend = self._tooth_penetration(xi, eta, s, distance[near])
         hit = pen > 0.0
         if not hit.any():
             return
         near, rho, e, pen, bend = near[hit], rho[hit], e[hit], pen[hit], bend[hit]
         normal = along[hit, None] * e + across[hit, None] * np.stack([-e[:, 1], e[:, 0]], axis=1)
-        force, block = _contact(terms, pen, normal, bend, stiffness, self.drive.contact.sprocket.exponent)
+        force, block = _add_contact_energy(terms, pen, normal, bend, stiffness, self.drive.contact.sprocket.exponent)
         base, center = 2 * self.rollers, np.full(len(near), 2 * (self.rollers + s))
         angle_at = np.full(len(near), base + 2 * self.sprockets + s)
         at = np.stack([2 * near, 2 * near + 1, center, center + 1, angle_at], axis=1)
         terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
-    def _gap(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
+    def _tooth_penetration(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
         """Penetration [m], normal outward and counter-clockwise, curvature of the penetration [1/m]."""
         tooth, roller_radius = self.teeth[s], self.drive.chain.roller_radius
         cosine, sine = math.cos(0.5 * tooth.seat_angle), math.sin(0.5 * tooth.seat_angle)
@@ -418,7 +402,7 @@ class Potential:
         outward = np.where(tip, (self.radius[s] + xi) / distance, outward)
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
-    def _guide(self, x: Array, g: int, terms: Terms) -> None:
+    def _add_guide(self, x: Array, g: int, terms: EnergyTerms) -> None:
         """Adds the rollers on a guide, piece by piece, `warpchain.drive.face_profile` (a)."""
         r, _, _ = self.split(x)
         arm, pivots = self.drive.arm_of(g), self.pivots(x)
@@ -433,7 +417,7 @@ class Potential:
             t, root = np.array(unit_vector(piece.heading)), np.maximum(root[hit, None], 1e-6)
             normal = (1.0 - k * w[hit, None]) / root * [-t[1], t[0]] - k * u[hit, None] / root * t
             stiffness = self.softness * self.guide_stiffness[g]
-            force, block = _contact(terms, pen[hit], normal, k / root[:, 0], stiffness, law.exponent)
+            force, block = _add_contact_energy(terms, pen[hit], normal, k / root[:, 0], stiffness, law.exponent)
             at, rho = np.stack([2 * hit, 2 * hit + 1], axis=1), None
             if arm is not None:
                 rho = r[hit] - pivots[arm]
@@ -444,7 +428,8 @@ class Potential:
                 at = np.column_stack([at, *(np.full(len(hit), i) for i in own)])
             terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
-    def _constant(self, x: Array, terms: Terms) -> None:
+    def _add_constant_forces(self, x: Array, terms: EnergyTerms) -> None:
+        """Adds weight, centrifugal forces, loads and mounts."""
         r, centers, angles = self.split(x)
         n, s = 2 * self.rollers, 2 * self.sprockets
         weight = self.drive.chain.mass * self.gravity
@@ -476,16 +461,16 @@ def _along_across(u: Array, along: Array, across: Array) -> Array:
     return np.asarray(across[:, None, None] * np.eye(2) + (along - across)[:, None, None] * outer)
 
 
-def _contact(
-    terms: Terms, pen: Array, normal: Array, bend: Array, stiffness: float, exponent: float
+def _add_contact_energy(
+    terms: EnergyTerms, pen: Array, normal: Array, bend: Array, stiffness: float, exponent: float
 ) -> tuple[Array, Array]:
-    """Adds the energy of contacts; their forces (M,) [N] and second derivatives by place (M, 2, 2) [N/m]."""
+    """Adds the energy of contacts; returns their forces (M,) [N] and second derivatives by place (M, 2, 2) [N/m]."""
     force = stiffness * pen**exponent
     terms.energy += float(np.sum(force * pen)) / (exponent + 1.0)
     return force, _along_across(normal, exponent * force / pen, force * bend)
 
 
-def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
+def _mount_values(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
     """Mean places (S, 2) [m], springs along x and y (S, 2) [N/m], steady forces (S, 2) [N] of the centers.
 
     A slider's spring stands for both axes, since it moves along its line only.

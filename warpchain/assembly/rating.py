@@ -1,27 +1,4 @@
-"""Figures of standards and makers on a chain at work: power, wear, lubrication, sag, critical speeds.
-
-With F the difference between the tightest and the slackest strand at work and v the chain's speed, the chain passes on
-the power F v, beside which stands the rated one (`warpchain.drive.power_rating`). Every joint turns by 2 pi / z on and
-off each of the sprockets under the tensions T of the strands on both sides, so that it is worn in a second by
-
-    v / (N p)  k / (A p)  r_p  sum over the sprockets of 2 pi / z (T_in + T_out)                             (a)
-
-of its pitch (Archard, docs/wear.md), without guides and vibration. A strand of L meters that is pulled by a = T_e / m',
-T_e its tension without the centrifugal part and m' the mass per length, swings with the period of the tooth passing,
-v / p, at the speed v of the chain with
-
-    v^2 (a + v^2) = (a q / (2 L))^2,    q = p                                                               (b)
-
-and with that of a sprocket's revolutions for q = z p. Its frequency lengthwise, with its ends held, is that of a chain
-of n springs k and masses m, sin(pi / (2 n)) sqrt(k / m) / pi. The sprockets turn against each other on the pulled
-strands with the lowest frequency that their inertias have, each strand a spring K that also gives as its sag, by the
-weight w per length across it, is pulled straight (Ernst 1965):
-
-    1/K = n / k + w^2 L^3 / (12 T_e^3)                                                                      (c)
-
-A strand that sags by s along a parabola can be moved by hand by 2 h, to both sides, where it is as long straight:
-8 s^2 / (3 L) = 2 h^2 / L, so that 2 h = 4 s / sqrt(3).                                                     (d)
-"""
+"""Figures of standards and makers for a chain at work: power, wear, lubrication, sag, critical speeds."""
 
 from __future__ import annotations
 
@@ -67,7 +44,7 @@ def smallest_driven(drive: Drive) -> int:
     return min(passing, key=lambda s: drive.sprockets[s].teeth)
 
 
-def rating(drive: Drive, strands: Strands, speed: float) -> dict[str, Any] | None:
+def rating_values(drive: Drive, strands: Strands, speed: float) -> dict[str, Any] | None:
     """Rated power, life and lubrication by name, in SI units; None of a size without a rating and of a chain at rest.
 
     Args:
@@ -112,7 +89,7 @@ def wear_rate(drive: Drive, tensions: Sequence[float], speed: float) -> float:
     return circuits * WEAR_COEFFICIENT / (chain.joint_area * chain.pitch) * chain.pin_radius * max(turned, 0.0)
 
 
-def sag(drive: Drive, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
+def resting_sag(drive: Drive, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
     """Sag at rest of the strand that is slackest at work; None on guides, without gravity or a state at rest."""
     k = min(range(len(strands)), key=lambda k: float(strands[k]["working_tension"]))
     if resting.failure or assembly.path.strings[k] is not None or not any(drive.run.gravity):

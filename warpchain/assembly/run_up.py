@@ -1,12 +1,4 @@
-"""The way of a drive from its start to work: speeds and accelerations of its driver, and where they pull hardest.
-
-All turns as one body (`warpchain.drive.train_speeds`), so that the chain pulls at what it turns with
-
-    T R = load + J w'                                                                               (a)
-
-for each sprocket, J the inertia behind it: what a body keeps of the motor's moment to speed up itself, the chain does
-not carry.
-"""
+"""Run-up of a drive from its start to work: the driver's speeds and accelerations, and the moments they need."""
 
 from __future__ import annotations
 
@@ -39,27 +31,27 @@ _BALANCED = 1e-9
 """Of the largest moment: what is left where motors and loads are in balance."""
 
 
-class Passed(NamedTuple):
+class RunUp(NamedTuple):
     """Speeds (K,) [rad/s] that a driver passes and its accelerations there (K,) [rad/s^2], the last at work."""
 
     speed: Array
     acceleration: Array
 
-    def times(self, ratio: float) -> Passed:
-        """Those of what turns so much as fast."""
-        return Passed(ratio * self.speed, ratio * self.acceleration)
+    def times(self, ratio: float) -> RunUp:
+        """The run-up of a body that turns `ratio` times as fast."""
+        return RunUp(ratio * self.speed, ratio * self.acceleration)
 
     def at(self, k: int) -> tuple[float, float]:
         """Speed and acceleration of one of them."""
         return float(self.speed[k]), float(self.acceleration[k])
 
 
-def passed(drive: Drive) -> Passed:
-    """The way of a chain's driver: that of a motion's ramp or table over time, else as motors and loads have it."""
+def driver_run_up(drive: Drive) -> RunUp:
+    """The run-up of a chain's driver: that of a motion's ramp or table over time, else as motors and loads have it."""
     b = driving_body(drive)
     motion, top = part_of_body(drive, b).prescribed, drive.driver_speed
     if motion is None:
-        return _driven(drive)
+        return _free_run_up(drive)
     table = motion.table
     speed, acceleration = [], []
     if motion.ramp_time > 0.0:
@@ -71,11 +63,11 @@ def passed(drive: Drive) -> Passed:
         slope = slope[time[:-1] < drive.run.duration]
         rows = ratio * np.array(table.values)
         speed, acceleration = [rows[: len(slope)], rows[1 : len(slope) + 1]], [slope, slope]
-    return Passed(np.concatenate([*speed, [top]]), np.concatenate([*acceleration, [0.0]]))
+    return RunUp(np.concatenate([*speed, [top]]), np.concatenate([*acceleration, [0.0]]))
 
 
-def _driven(drive: Drive) -> Passed:
-    """`passed` of a drive that nothing prescribes."""
+def _free_run_up(drive: Drive) -> RunUp:
+    """The run-up of a drive in which nothing is prescribed."""
     one, top = lumped_drive(drive), drive.driver_speed
     grid = speed_steps(one.start, top)
     least, most = one.net_moment_bounds(grid)
@@ -83,11 +75,15 @@ def _driven(drive: Drive) -> Passed:
     if abs(at_work) <= _BALANCED * sum(r * motor.largest for r, motor in one.motors):
         at_work = 0.0
     moments = np.concatenate([least, most, [at_work]])
-    return Passed(np.concatenate([grid, grid, [top]]), moments / float(one.inertia))
+    return RunUp(np.concatenate([grid, grid, [top]]), moments / float(one.inertia))
 
 
-def moments_of(drive: Drive, of: Passed) -> Array:
-    """(S + H, K) mean moments [N m] on sprockets and shafts, of loads and inertias against forward rotation, (a)."""
+def run_up_moments(drive: Drive, of: RunUp) -> Array:
+    """(S + H, K) mean moments of loads and inertias on sprockets and shafts against forward rotation, (a) [N m].
+
+    Args:
+        beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `SprocketShaft`.
+    """
     found = load_moments(drive, of.speed)
     for b in range(len(found)):
         if is_free_body(drive, b) and nearest_sprocket(drive, b) is not None:
@@ -95,8 +91,8 @@ def moments_of(drive: Drive, of: Passed) -> Array:
     return found
 
 
-def rises(drive: Drive, moments: Array) -> Array:
-    """(S, K) by how much the tension of the strand behind each sprocket is above that behind the driver [N]."""
+def tension_rises(drive: Drive, moments: Array) -> Array:
+    """(S, K) tension of the strand behind each sprocket above that behind the driver [N]."""
     count = len(drive.sprockets)
     found = np.zeros((count, moments.shape[1]))
     asked = np.zeros_like(found)
@@ -110,17 +106,17 @@ def rises(drive: Drive, moments: Array) -> Array:
     return found
 
 
-def hardest(drive: Drive, of: Passed, moments: Array) -> int:
-    """Which of what is passed pulls the chain hardest; -1, that at work, where none does harder."""
-    rise = rises(drive, moments)
+def hardest_place(drive: Drive, of: RunUp, moments: Array) -> int:
+    """Index of the run-up's place at which the chain is pulled hardest; -1, that at work, where none is harder."""
+    rise = tension_rises(drive, moments)
     chain_speed = of.speed * drive.pitch_radius(drive.driver)
     pull = np.ptp(rise, axis=0) + drive.chain.mass / drive.chain.pitch * chain_speed**2
     k = int(pull.argmax())
     return k if pull[k] > (1.0 + _BALANCED) * pull[-1] else -1
 
 
-def left_out(drive: Drive) -> Iterator[str]:
-    """Names of all that the peak of the pull does not contain."""
+def missing_effects(drive: Drive) -> Iterator[str]:
+    """Names of effects that the run-up's largest pull does not contain."""
     yield "vibration"
     b = driving_body(drive)
     names = body_names(drive)

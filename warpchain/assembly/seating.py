@@ -37,9 +37,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.link_laying import Curve, total_of
+from warpchain.assembly.link_laying import LayingCurve, summed_lengths
 from warpchain.assembly.path import ChainPath
-from warpchain.assembly.taut_string import Taut, TautError, point, taut
+from warpchain.assembly.taut_string import TautError, TautString, point_end, taut_string
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.mounts import initial_place
 from warpchain.drive.stack_math import (
@@ -100,12 +100,12 @@ class Seating:
     strain: Number
 
     def of(self, chosen: Places) -> Seating:
-        """Some of the variants."""
+        """The seatings of some variants of a stack."""
         angle, seats, links = ([column[chosen] for column in own] for own in (self.first_angle, self.seats, self.links))
         return Seating(angle, seats, links, self.strain[chosen])
 
     def put(self, chosen: Places, other: Seating) -> None:
-        """Sets some of the variants, in arrays of their own, as what was found may hang on the old ones."""
+        """Sets the seatings of some variants, in arrays of their own."""
 
         def put(column: Number, new: Number) -> Number:
             column = column.copy()
@@ -142,17 +142,17 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: fl
     Raises:
         DriveError: where a strand has no room for a link, a sprocket has fewer teeth than rollers to hold, or no
             placement closes the chain; the message names where, of the first such variant.
-        Unlike: a stack whose chains lie on guides with unlike arcs, or links.
+        UnlikeVariants: a stack whose chains lie on guides with unlike arcs, or links.
     """
     loop = loop or Loop(drive, path)
-    loop.take(path)
-    seating = loop.begin(loop.count(drive, path))
+    loop.use_path(path)
+    seating = loop.start_seating(loop.counted_seating(drive, path))
     part, mine, todo = loop, seating, np.arange(len(path.radius))
     for turn in range(_ROUNDS + 1):
-        part.close(mine, near)
+        part.solve_closure(mine, near)
         if part is not loop:
-            loop.keep(todo, part)
-        changed: Any = turn < _ROUNDS and part.adjust(mine)
+            loop.keep_laid_links(todo, part)
+        changed: Any = turn < _ROUNDS and part.adjust_seats(mine)
         if mine is not seating:
             seating.put(todo, mine)
         if not is_true_somewhere(changed):
@@ -164,7 +164,7 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: fl
     return seating
 
 
-def forth(roller: Number) -> Number:
+def outer_link_sign(roller: Number) -> Number:
     """1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
     return 2 * (roller % 2) - 1
 
@@ -201,18 +201,18 @@ class Loop:
         self.chords: list[Number] = [0.0] * self.size  # what links on a string measure beyond its chain length [m]
         self.scales: dict[int, Number] = {}  # of links on strings, as last found
         self.last_arcs: dict[int, tuple[int, ...]] = {}  # the arcs that strings last lay on
-        self.take(path)
+        self.use_path(path)
 
-    def take(self, path: ChainPath) -> None:
-        """Goes over to another path of the same drive, whose arms stand elsewhere."""
+    def use_path(self, path: ChainPath) -> None:
+        """Takes another path of the same drive, whose arms stand elsewhere."""
         if self.rides:
             self.x, self.y = columns_of_table(path.center[..., 0]), columns_of_table(path.center[..., 1])
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.around = any(self.runs)
-        self.strings: dict[int, tuple[tuple[Number, Number], Taut]] = {}  # as last drawn, from where to where
+        self.strings: dict[int, tuple[tuple[Number, Number], TautString]] = {}  # as last drawn, from where to where
 
     def of(self, chosen: Places) -> Loop:
-        """That of some of the variants of a stack."""
+        """The loops of some variants of a stack."""
         part = copy(self)
         part.variants, part.pitch, part.members = len(chosen), self.pitch[chosen], self.members[chosen]
         part.runs, part.strings = [pick_variants(runs, chosen) if runs else () for runs in self.runs], {}
@@ -225,14 +225,14 @@ class Loop:
         return part
 
     def among(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
-        """That of the variants that are chosen, their seating and lengths of strands; the same where all are."""
+        """Loops, seatings and lengths of strands of the chosen variants; the same objects where all are."""
         if not has_arrays(chosen) or chosen.all():
             return self, seating, lengths
         places = np.flatnonzero(chosen)
         return self.of(places), seating.of(places), [pick_places(length, places) for length in lengths]
 
-    def keep(self, chosen: Places, part: Loop) -> None:
-        """Keeps what a part of the variants, `of` these, has found of links on strings."""
+    def keep_laid_links(self, chosen: Places, part: Loop) -> None:
+        """Keeps the lengths of links on strings that the loop of some variants has found."""
 
         def put(old: Number, new: Number) -> Number:
             if not has_arrays(old, new):
@@ -244,7 +244,7 @@ class Loop:
         self.chords = list(map(put, self.chords, part.chords))
         self.scales = {k: put(self.scales.get(k, scale), scale) for k, scale in part.scales.items()}
 
-    def count(self, drive: Drive, path: ChainPath) -> Seating:
+    def counted_seating(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
         arrival, wrap, length = (
             columns_of_table(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length)
@@ -271,8 +271,8 @@ class Loop:
         self._check_counts(seats, links, path)
         return Seating(angles, seats, links, strain)
 
-    def begin(self, counted: Seating) -> Seating:
-        """From where to seat chains: as counted, or as another path's were solved that were counted alike."""
+    def start_seating(self, counted: Seating) -> Seating:
+        """The seating from which to solve: as counted, or as another path's with the same counts was solved."""
         before, self.counted = self.counted, counted
         solved = self.solved
         if solved is None or before is None or not self.remembers:
@@ -287,6 +287,7 @@ class Loop:
         return Seating(angles, seats, links, where(alike, solved.strain, counted.strain))
 
     def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
+        """Raises a DriveError where a sprocket has too few teeth or a strand no link."""
         for s, name in enumerate(self.names):
             if is_true_somewhere(seats[s] > self.teeth[s]):
                 raise DriveError(
@@ -307,11 +308,11 @@ class Loop:
         arrive = seating.first_angle[following]
         if self.leans:
             last = seating.last[k]
-            leave = leave + forth(last) * self.lean[k]
-            arrive = arrive + forth(last + seating.links[k]) * self.lean[following]
+            leave = leave + outer_link_sign(last) * self.lean[k]
+            arrive = arrive + outer_link_sign(last + seating.links[k]) * self.lean[following]
         return leave, arrive
 
-    def string(self, seating: Seating, k: int) -> Taut | None:
+    def string(self, seating: Seating, k: int) -> TautString | None:
         """Strand k from seat to seat around its guides; None where it touches none."""
         if not self.runs[k]:
             return None
@@ -320,7 +321,7 @@ class Loop:
         if known is None or any(is_true_somewhere(old != new) for old, new in zip(known[0], ends, strict=True)):
             first, last = self._seat(k, ends[0]), self._seat((k + 1) % self.size, ends[1])
             try:
-                string = taut(point(first), point(last), self.runs[k], self.last_arcs.get(k, ()))
+                string = taut_string(point_end(first), point_end(last), self.runs[k], self.last_arcs.get(k, ()))
             except TautError as error:
                 raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
             except UnlikeVariants as parted:
@@ -350,7 +351,7 @@ class Loop:
         along = x / length, y / length
         return _Strand(leaving, arriving, along, along, length)
 
-    def laid(self, seating: Seating, k: int) -> Number:
+    def laid_excess(self, seating: Seating, k: int) -> Number:
         """Length of the links of strand k, laid as chords on its string, beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
@@ -361,10 +362,10 @@ class Loop:
             raise parted.at_places(self.members, self.whole) from None
         own = np.take(self.links, np.arange(roller, roller + links) % self.links.shape[1], axis=1)
         own = own[0] if len(own) == 1 else own
-        scale = Curve(string.pieces).scale(own, self.scales.get(k))
+        scale = LayingCurve(string.pieces).scale(own, self.scales.get(k))
         if self.remembers:
             self.scales[k] = scale
-        return scale * total_of(own) - string.chain_length(self.pitch)
+        return scale * summed_lengths(own) - string.chain_length(self.pitch)
 
     def natural(self, seating: Seating) -> list[Number]:
         """(S,) unloaded lengths of the strands: the sums of their own links'."""
@@ -373,32 +374,33 @@ class Loop:
         found = [self.reach[row, end] - self.reach[row, begin] for begin, end in ends]
         return [length if has_arrays(length) else float(length) for length in found]
 
-    def close(self, seating: Seating, near: float) -> None:
+    def solve_closure(self, seating: Seating, near: float) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
         part, mine, lengths = self, seating, self.natural(seating)
         todo = np.arange(self.variants)
         for _ in range(_LAYINGS if self.around else 1):
-            part._solve(mine, lengths)
+            part._solve_conditions(mine, lengths)
             if not self.around:
                 return
-            before, part.chords = part.chords, [part.laid(mine, k) for k in range(self.size)]
+            before, part.chords = part.chords, [part.laid_excess(mine, k) for k in range(self.size)]
             change = maximum(*(abs(old - new) for old, new in zip(before, part.chords, strict=True)))
             moved, much = change > _LAID * part.pitch, _LEFT * change > near * part.pitch
             last, further = moved & (much ^ True), moved & much
             if is_true_somewhere(last):
                 own, solved, natural = part.among(last, mine, lengths)
-                own._solve(solved, natural)
+                own._solve_conditions(solved, natural)
                 if solved is not mine:
                     mine.put(np.flatnonzero(last), solved)
             if part is not self:
                 seating.put(todo, mine)
-                self.keep(todo, part)
+                self.keep_laid_links(todo, part)
             if not is_true_somewhere(further):
                 return
             todo = todo[further] if has_arrays(further) else todo
             part, mine, lengths = part.among(further, mine, lengths)
 
-    def _solve(self, seating: Seating, lengths: list[Number]) -> None:
+    def _solve_conditions(self, seating: Seating, lengths: list[Number]) -> None:
+        """Solves the closing conditions; in a slack chain, strands of a single link take no strain."""
         self._newton(seating, lengths, lengths)
         slack = seating.strain < 0.0
         short = [slack & (links == 1) for links in seating.links]
@@ -472,8 +474,8 @@ class Loop:
             residual.append(strand.length - lengths[k] - elastic[k] * seating.strain)
         return residual, jacobian
 
-    def adjust(self, seating: Seating) -> Any:
-        """Adds and gives back seats at both ends of every strand; where anything has changed.
+    def adjust_seats(self, seating: Seating) -> Any:
+        """Adds and gives back seats at both ends of every strand; returns where anything has changed.
 
         The driver's first seat stays, since it carries the angle that is not solved for.
         """
@@ -483,19 +485,19 @@ class Loop:
             following = (k + 1) % self.size
             strand = self.strand(seating, k)
             (cl, sl), (ca, sa), (x, y), (u, v) = strand.leaving, strand.arriving, strand.first, strand.final
-            change = self._missing(seating, k, k, -(x * cl + y * sl), link)
+            change = self._seat_change(seating, k, k, -(x * cl + y * sl), link)
             seating.seats[k] = seating.seats[k] + change
             seating.links[k] = seating.links[k] - change
             changed = changed | (change != 0)
             if following != self.driver:
-                change = self._missing(seating, k, following, u * ca + v * sa, link)
+                change = self._seat_change(seating, k, following, u * ca + v * sa, link)
                 seating.seats[following] = seating.seats[following] + change
                 seating.links[k] = seating.links[k] - change
                 seating.first_angle[following] = seating.first_angle[following] - change * self.step[following]
                 changed = changed | (change != 0)
         return changed
 
-    def _missing(self, seating: Seating, k: int, s: int, inward: Number, link: Number) -> Number:
+    def _seat_change(self, seating: Seating, k: int, s: int, inward: Number, link: Number) -> Number:
         """+1, -1 or 0: seats to add on sprocket s where strand k ends on it.
 
         `inward` is the cosine between the strand's direction towards the sprocket and the seat's outward vector e, the

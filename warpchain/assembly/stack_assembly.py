@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble_stack
-from warpchain.assembly.layout_checks import findings, suspects
-from warpchain.assembly.path import in_parts
+from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
+from warpchain.assembly.path import results_in_parts
 from warpchain.drive import Drive
 from warpchain.drive.stacks import (
     Stack,
@@ -96,10 +96,12 @@ def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> A
             block[stack.members] = known[key]
             continue
         try:
-            found = in_parts(drive, size, assemble_stack)
+            found = results_in_parts(drive, size, assemble_stack)
         except DriveError:
             refused.append(
-                first_refused_variant(stack, lambda drive: in_parts(drive, variant_count(drive), assemble_stack))
+                first_refused_variant(
+                    stack, lambda drive: results_in_parts(drive, variant_count(drive), assemble_stack)
+                )
             )
             continue
         if key is not None:
@@ -192,10 +194,10 @@ def layout_faults_of_drives(
     for stack in stacks_of_drives(drives) if stacks is None else stacks:
         for places, assembly in assemblies.states_by_block(stack.members):
             members = stack.members[places]
-            for v in members[suspects(pick_variants(stack.drive, places), assembly.path)].tolist():
+            for v in members[has_possible_faults(pick_variants(stack.drive, places), assembly.path)].tolist():
                 key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, drives[v].guides))
                 if key not in known:
-                    known[key] = findings(drives[v], assemblies[v].path)
+                    known[key] = layout_faults(drives[v], assemblies[v].path)
                 found[v] = known[key]
     return found
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble
-from warpchain.assembly.potential import Map, Potential, Terms, together
-from warpchain.assembly.table_cells import cells_of, shaft_ratio
+from warpchain.assembly.potential import EnergyTerms, Map, Potential, stacked_terms
+from warpchain.assembly.table_cells import shaft_ratio, table_cells
 from warpchain.drive.mounts import unit_direction
 from warpchain.drive.schema import HUGE
 from warpchain.drive.shafts import SprocketShaft
@@ -100,7 +100,7 @@ def load_moments(drive: Drive, speed: float | Array) -> Array:
             own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[b].teeth
         found[b] = load.steady(own)
         if load.table is not None:
-            cells = cells_of(load.table, shaft_ratio(drive, b, load.table.shaft))
+            cells = table_cells(load.table, shaft_ratio(drive, b, load.table.shaft))
             found[b] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
     for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
         if shaft.motor is not None and is_free_body(drive, b):
@@ -128,10 +128,10 @@ def running(
         own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
         if abs(own - frequency) > _SAME * frequency:
             words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
-            return _unknown(drive, assembly, frequency, words)
+            return _unknown_state(drive, assembly, frequency, words)
     speed = top if speed is None else speed
     moments = load_moments(drive, speed) if moments is None else moments
-    return _steady(drive, assembly, passing_rate(drive, speed), moments)
+    return _steady_state(drive, assembly, passing_rate(drive, speed), moments)
 
 
 def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
@@ -147,30 +147,32 @@ def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
     if any(coupling.lash for coupling in drive.couplings):
         tight = tuple(coupling.model_copy(update={"lash": 0.0}) for coupling in drive.couplings)
         drive = drive.model_copy(update={"couplings": tight})
-    return _steady(drive, assembly, 0.0, np.zeros(len(drive.sprockets) + len(drive.shafts)))
+    return _steady_state(drive, assembly, 0.0, np.zeros(len(drive.sprockets) + len(drive.shafts)))
 
 
-def _unknown(drive: Drive, assembly: Assembly, frequency: float, failure: str) -> Steady:
+def _unknown_state(drive: Drive, assembly: Assembly, frequency: float, failure: str) -> Steady:
+    """The state of a drive whose equilibrium was not found."""
     nothing = np.full(len(drive.sprockets), math.nan)
     centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
     slack = np.full(len(drive.couplings), math.nan)
     return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, slack, slack, failure)
 
 
-def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+def _steady_state(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+    """The steady state, averaged over a tooth pitch."""
     if drive.chain.links > MOST:
-        return _unknown(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
+        return _unknown_state(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments, laid=assembly.sprocket_angle)
-    solver, x = _Solver([potential], [assembly]), _assembled(potential, assembly)
+    solver, x = _Solver([potential], [assembly]), _assembled_coordinates(potential, assembly)
     means: list[tuple[Array, ...]] = []
     failure = None
     for phase in range(PHASES):
         if phase:
-            x, residual = solver.settle(_advanced(potential, x, 1.0 / PHASES))
+            x, residual = solver.settle(_advanced_guess(potential, x, 1.0 / PHASES))
         else:
             x, residual = solver.begin(x)
         seen = potential.split(x)[1], potential.arm_angles(x), *potential.torques(x)
-        means.append((*_strands(potential, assembly, x), *seen))
+        means.append((*_strand_values(potential, assembly, x), *seen))
         failure = solver.failure(x, residual)
         if failure is not None:
             when = "at work" if frequency or moments.any() else "at rest"
@@ -182,7 +184,7 @@ def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) 
     return Steady(tension, centrifugal, displacement, center, arm_angle, twist, torque, failure)
 
 
-def _assembled(potential: Potential, assembly: Assembly) -> Array:
+def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:
     """The coordinates of a chain as it was laid around its sprockets."""
     arms = np.array(assembly.arm_angle)
     for a, p in potential.hung:
@@ -229,12 +231,15 @@ def equilibrium(
         moments, laid = load_moments(drive, speed), assembly.sprocket_angle
         if shafts:  # the sprockets that they are have the loads
             moments[[b for b, of in enumerate(drive.shafts, len(laid)) if isinstance(of, SprocketShaft)]] = 0.0
-        held = _held(drive) if shafts else None
+        held = _held_angles(drive) if shafts else None
         potentials.append(Potential(drive, passing_rate(drive, speed), moments, hanging=True, laid=laid, held=held))
         if (potentials[-1].push >= 0.1 * potentials[-1].stiffness).any():
             raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
     solver = _Solver(potentials, assemblies, shafts)
-    found, residual = np.concatenate([_assembled(*of) for of in zip(potentials, assemblies, strict=True)]), math.inf
+    found, residual = (
+        np.concatenate([_assembled_coordinates(*of) for of in zip(potentials, assemblies, strict=True)]),
+        math.inf,
+    )
     if near is not None:
         begun, residual = solver.settle(np.concatenate(near), _FINEST)
     if near is not None and residual <= _ENOUGH:
@@ -253,14 +258,14 @@ def equilibrium(
     return potentials, solver.split(found)
 
 
-def _held(drive: Drive) -> list[bool]:
+def _held_angles(drive: Drive) -> list[bool]:
     """Whether angles of one of several chains are held: prescribed, or in the train of what drives all."""
     led = any(isinstance(sprocket, LedSprocket) for sprocket in drive.sprockets)
     bodies = range(len(drive.sprockets) + len(drive.shafts))
     return [not is_free_body(drive, b) or (not led and is_held_body(drive, b)) for b in bodies]
 
 
-def _advanced(potential: Potential, x: Array, part: float) -> Array:
+def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
     """A first guess of the state `part` of a tooth pitch later.
 
     Rollers on a sprocket turn with it, the others go on towards the next one.
@@ -283,7 +288,7 @@ def _advanced(potential: Potential, x: Array, part: float) -> Array:
     return x
 
 
-def _strands(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array, Array]:
+def _strand_values(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array, Array]:
     """Mean tension (S,) [N] of the links along each strand's nominal line, and displacement mid-strand (S,) [m]."""
     r, _, _ = potential.split(x)
     tension, path = potential.tensions(x), assembly.path
@@ -306,13 +311,13 @@ def _strands(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array,
 
 
 class _Solver:
-    """Minimizes the energy of a drive's chains over the coordinates that are free, those of one after the other's."""
+    """Minimizes the energy of a drive's chains over the free coordinates of all, one chain after the other."""
 
     def __init__(self, parts: Sequence[Potential], assemblies: Sequence[Assembly], shafts: Joined = ()) -> None:
         self.parts, self.assemblies = parts, assemblies
         self.ends = np.cumsum([0, *(potential.size for potential in parts)]).tolist()
-        self.maps, self.count = _free_together(parts, shafts)
-        self.force = max(_force(*of) for of in zip(parts, assemblies, strict=True))
+        self.maps, self.count = _free_coordinates_of_chains(parts, shafts)
+        self.force = max(_largest_force(*of) for of in zip(parts, assemblies, strict=True))
         self.stiffest = max(4.0 * of.drive.chain.stiffness + max(of.tooth_stiffness) for of in parts)
         self.pitch = min(of.drive.chain.pitch for of in parts)
 
@@ -334,7 +339,7 @@ class _Solver:
                 found, _ = self.settle(found, 10.0 * _ENOUGH)
             self._set("softness", 1.0)
             found, residual = self.settle(found)
-            if any(_slipped(*of) is not None for of in self._each(found)):
+            if any(_slipped_sprocket(*of) is not None for of in self._each(found)):
                 residual = math.inf
             if residual <= _ACCURACY:
                 break
@@ -349,14 +354,14 @@ class _Solver:
         """The chains with their own parts of x."""
         return zip(self.parts, self.assemblies, self.split(x), strict=True)
 
-    def _terms(self, x: Array) -> Terms:
+    def _terms(self, x: Array) -> EnergyTerms:
         found = [potential.terms(own) for potential, own in zip(self.parts, self.split(x), strict=True)]
-        return found[0] if len(found) == 1 else together(found)
+        return found[0] if len(found) == 1 else stacked_terms(found)
 
     def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
         """The equilibrium near x, and the largest force left, over the largest at work.
 
-        Sought is `enough`, or, below `_ENOUGH`, what a whole Newton step no longer halves: rounding is left of it.
+        Sought is `enough`, or, below `_ENOUGH`, until a whole Newton step no longer halves the forces.
         """
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms = self._terms(x)
@@ -386,7 +391,7 @@ class _Solver:
     def failure(self, x: Array, residual: float) -> str | None:
         """Why x is no equilibrium, and what to do; None where it is one, by what `begin` and `settle` say of it."""
         for potential, assembly, own in self._each(x) if math.isinf(residual) else ():
-            slipped = _slipped(potential, assembly, own)
+            slipped = _slipped_sprocket(potential, assembly, own)
             if slipped is not None:
                 return (
                     f'the chain does not stay on the teeth of "{potential.drive.sprockets[slipped].name}": take more '
@@ -397,7 +402,7 @@ class _Solver:
         force, (column, weight) = np.abs(self._terms(x).slope(self.maps, self.count)), self.maps[0]
         worst = int(np.flatnonzero((column == force.argmax()) & (weight != 0.0))[0])
         part = int(np.searchsorted(self.ends, worst, side="right")) - 1
-        name = _coordinate(self.parts[part], self.assemblies[part], worst - self.ends[part])
+        name = _coordinate_name(self.parts[part], self.assemblies[part], worst - self.ends[part])
         return (
             f"no equilibrium was found: after {_ITERATIONS} steps {force.max():.3g} N are left on {name}, "
             f"{residual:.2g} of the largest force that acts (wanted {_ACCURACY:g}); look at what holds it there, at "
@@ -405,7 +410,7 @@ class _Solver:
         )
 
     def _move_levers(self, x: Array) -> None:
-        """Brings up to date by how much arms move what they carry along."""
+        """Updates by how much arms move what they carry."""
         weights = [self.split(weight) for _, weight in self.maps]
         for potential, own, *of in zip(self.parts, self.split(x), *weights, strict=True):
             for one, (dx, dy) in zip(potential.carried, potential.levers(own), strict=True):
@@ -419,7 +424,7 @@ class _Solver:
         return np.asarray(splu(shifted, permc_spec="MMD_AT_PLUS_A").solve(-slope))
 
 
-def _force(potential: Potential, assembly: Assembly) -> float:
+def _largest_force(potential: Potential, assembly: Assembly) -> float:
     """Largest force at work on a chain and on what moves with it [N]."""
     chain = potential.drive.chain
     return max(
@@ -433,8 +438,8 @@ def _force(potential: Potential, assembly: Assembly) -> float:
     )
 
 
-def _coordinate(potential: Potential, assembly: Assembly, i: int) -> str:
-    """The part of the drive that coordinate i belongs to."""
+def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
+    """Name of the part of the drive to which coordinate i belongs."""
     drive, rollers, sprockets = potential.drive, potential.rollers, potential.sprockets
     if i >= potential.first_pivot:
         i = potential.first_arm + potential.hung[(i - potential.first_pivot) // 2][0]
@@ -452,7 +457,7 @@ def _coordinate(potential: Potential, assembly: Assembly, i: int) -> str:
     return f'a roller of strand "{drive.strand_names[int(before.argmin())]}"'
 
 
-def _slipped(potential: Potential, assembly: Assembly, x: Array) -> int | None:
+def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int | None:
     """The sprocket whose teeth, on which it was assembled, the chain has left at the middle of the wrapped arc."""
     r, centers, angles = potential.split(x)
     for s, sprocket in enumerate(potential.drive.sprockets):
@@ -467,8 +472,8 @@ def _slipped(potential: Potential, assembly: Assembly, x: Array) -> int | None:
     return None
 
 
-def _free_together(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map], int]:
-    """`_free` of several chains: shafts that they have in common are one coordinate, that of their first sprocket.
+def _free_coordinates_of_chains(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map], int]:
+    """Free coordinates of several chains, whose common shafts are one, that of their first sprocket.
 
     Returns:
         column and weight of every coordinate; where arms are on arms twice, as a sprocket on such moves with both; the
@@ -476,7 +481,7 @@ def _free_together(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map
     """
     columns, weights, seconds, count = [], [], [], 0
     for potential in parts:
-        column, weight, own = _free(potential)
+        column, weight, own = _free_coordinates(potential)
         arms = column[potential.first_arm : potential.first_pivot]
         second = np.zeros_like(column)
         for one in potential.carried:
@@ -499,7 +504,7 @@ def _free_together(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map
     return maps, int(kept.sum())
 
 
-def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
+def _free_coordinates(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
     """Free coordinates y: rollers, moving centers, free angles, these as lengths at the pitch radius, arms' at theirs.
     Of a train one, the first body's. What arms carry along has the weights that `_Solver` keeps.
 

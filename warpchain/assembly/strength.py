@@ -1,22 +1,11 @@
-"""Strength of a chain of ISO 606 at work: safeties against its breaking load, yield, pressure in its joints.
-
-With F the largest tension at work, its centrifugal part with it, F_u the largest on the way there, as motors and
-motions speed inertias up (`warpchain.assembly.run_up`), dF what the loads' harmonics and tables add at their peaks, all
-at once and without resonance, P = max(F, F_u) + dF and F_B the breaking load:
-
-    static safety   F_B / F,     at least 7   }  as makers of chains ask for, after DIN 8195
-    dynamic safety  F_B / P,     at least 5   }
-    yield           0.7 F_B / P, at least 1: the elastic limit of a drive chain is at about 70 % of its ultimate
-                    strength (Tsubaki, The Complete Guide to Chain, section 2.1.1)
-    pressure        F / (d_2 b_2), on the joint area of ISO 606, pin diameter times width over the inner link
-"""
+"""Safety of a chain of ISO 606 at work against breaking and yield, and the pressure in its joints."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from warpchain.assembly.run_up import left_out
+from warpchain.assembly.run_up import missing_effects
 from warpchain.drive import Drive
 from warpchain.drive.sprocket import Load
 from warpchain.drive.trains import body_speed_ratio, free_body_loads, is_held_body, nearest_sprocket
@@ -27,7 +16,7 @@ YIELD = 0.7
 """Tension at which links begin to yield, over the breaking load."""
 
 
-def _peak(load: Load) -> float:
+def _peak_moment(load: Load) -> float:
     """Largest moment of a load over its mean [N m]: its harmonics at once, and its table."""
     found = sum(abs(h.amplitude) for h in load.harmonics)
     if load.table is not None:
@@ -37,18 +26,18 @@ def _peak(load: Load) -> float:
     return found
 
 
-def peaks(drive: Drive) -> float:
+def peak_tension(drive: Drive) -> float:
     """Tension that the loads add at their peaks, all at once [N]."""
     found = 0.0
     for b, load in free_body_loads(drive):
         s = nearest_sprocket(drive, b)
         if s is not None and not is_held_body(drive, s):
             beside = 1.0 if b == s else abs(body_speed_ratio(drive, b, s))
-            found += beside * _peak(load) / drive.pitch_radius(s)
+            found += beside * _peak_moment(load) / drive.pitch_radius(s)
     return found
 
 
-class Hardest(NamedTuple):
+class HardestPull(NamedTuple):
     """The largest tension on the way to work [N], and speed [rad/s] and acceleration [rad/s^2] of the driver there."""
 
     tension: float
@@ -56,7 +45,9 @@ class Hardest(NamedTuple):
     acceleration: float
 
 
-def strength(drive: Drive, tensions: Sequence[float], run_up: Hardest | None = None) -> dict[str, Any] | None:
+def strength_values(
+    drive: Drive, tensions: Sequence[float], run_up: HardestPull | None = None
+) -> dict[str, Any] | None:
     """Safeties and pressure by name, in SI units; None without a breaking load or a tension.
 
     Args:
@@ -67,12 +58,12 @@ def strength(drive: Drive, tensions: Sequence[float], run_up: Hardest | None = N
     if load is None or not len(tensions) or max(tensions) <= 0.0:
         return None
     largest = float(max(tensions))
-    peak = (largest if run_up is None else max(largest, run_up.tension)) + peaks(drive)
+    peak = (largest if run_up is None else max(largest, run_up.tension)) + peak_tension(drive)
     return {
         "working": largest,
         "run_up": None if run_up is None or run_up.tension <= largest else run_up._asdict(),
         "peak": peak,
-        "left_out": list(left_out(drive)),
+        "left_out": list(missing_effects(drive)),
         "static_safety": load / largest,
         "dynamic_safety": load / peak,
         "yield_load": YIELD * load,
@@ -83,9 +74,9 @@ def strength(drive: Drive, tensions: Sequence[float], run_up: Hardest | None = N
     }
 
 
-def strength_advice(drive: Drive, tensions: Sequence[float], run_up: Hardest | None = None) -> list[str]:
-    """Advice on the first of yield, static and dynamic safety that is too small; a line at most. As `strength`."""
-    found, load = strength(drive, tensions, run_up), drive.chain.breaking_load
+def strength_advice(drive: Drive, tensions: Sequence[float], run_up: HardestPull | None = None) -> list[str]:
+    """A line on the first of yield, static and dynamic safety that is too small; at most one."""
+    found, load = strength_values(drive, tensions, run_up), drive.chain.breaking_load
     if found is None or load is None:
         return []
     for name, of, least in (

@@ -1,4 +1,4 @@
-"""Summary of a drive before it runs: geometry, strain and preload, stiffnesses, steps and frequencies."""
+"""Values of `check`: geometry, strain and preload, tensions, steps and frequencies of a drive, and their text."""
 
 from __future__ import annotations
 
@@ -12,12 +12,19 @@ from warpchain.assembly import guide_report, run_up, statics, train_report
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
-from warpchain.assembly.layout_checks import advice, findings, stretched
+from warpchain.assembly.layout_checks import layout_advice, layout_faults, strain_advice
 from warpchain.assembly.path import ChainPath, path_at
-from warpchain.assembly.rating import critical_speeds, rating, rating_advice, rating_lines, sag, strand_lines
-from warpchain.assembly.run_up import Passed
+from warpchain.assembly.rating import (
+    critical_speeds,
+    rating_advice,
+    rating_lines,
+    rating_values,
+    resting_sag,
+    strand_lines,
+)
+from warpchain.assembly.run_up import RunUp
 from warpchain.assembly.statics import Steady
-from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, Hardest, strength
+from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, HardestPull, strength_values
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
@@ -48,7 +55,7 @@ def working_tensions(
     """
     speed = drive.driver_speed if speed is None else speed
     moments = statics.load_moments(drive, speed) if moments is None else moments
-    rise = run_up.rises(drive, moments[:, None])[:, 0].tolist()
+    rise = run_up.tension_rises(drive, moments[:, None])[:, 0].tolist()
     mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
     offset = max(preload - mean, -min(rise))
     push = drive.chain.mass / drive.chain.pitch * (speed * drive.pitch_radius(drive.driver)) ** 2
@@ -84,23 +91,27 @@ def derive(drive: Drive) -> dict[str, Any]:
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
     """
-    found = _derive_several(drive) if drive.chains else _derive_alone(drive, run_up.passed(drive))
-    return found | _temperature(drive)
+    found = _derive_several(drive) if drive.chains else _derive_alone(drive, run_up.driver_run_up(drive))
+    return found | _temperature_values(drive)
 
 
-def _derive_alone(drive: Drive, passed: Passed) -> dict[str, Any]:
-    """`derive` of one chain, with what its driver passes on the way to work."""
+def _derive_alone(drive: Drive, passed: RunUp) -> dict[str, Any]:
+    """`derive` of one chain, with its driver's run-up.
+
+    Args:
+        beyond: as of `run_up.run_up_moments`.
+    """
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
     driver, speed = drive.sprockets[drive.driver], drive.driver_speed
-    moments = run_up.moments_of(drive, passed)
+    moments = run_up.run_up_moments(drive, passed)
     resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly, speed, moments[:, -1])
-    strands = _strands(drive, assembly, preload, resting, running, moments[:, -1])
-    hardest = _hardest(drive, assembly, preload, passed, moments)
+    strands = _strand_values(drive, assembly, preload, resting, running, moments[:, -1])
+    hardest = _hardest_pull(drive, assembly, preload, passed, moments)
     working = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else path
     mean_speed = drive.chain.pitch * speed * driver.teeth / math.tau
-    rated, hung = rating(drive, strands, mean_speed), sag(drive, assembly, strands, resting)
+    rated, hung = rating_values(drive, strands, mean_speed), resting_sag(drive, assembly, strands, resting)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -108,8 +119,8 @@ def _derive_alone(drive: Drive, passed: Passed) -> dict[str, Any]:
         "roller_mass": drive.chain.mass,
         "size": drive.chain.size,
         "breaking_load": drive.chain.breaking_load,
-        "driver": _driver(drive, passed),
-        "strength": strength(drive, [strand["working_tension"] for strand in strands], hardest),
+        "driver": _driver_values(drive, passed),
+        "strength": strength_values(drive, [strand["working_tension"] for strand in strands], hardest),
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
         **_links_and_joints(drive),
@@ -121,7 +132,7 @@ def _derive_alone(drive: Drive, passed: Passed) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        **_findings(drive, assembly, strands, working, hardest, rating_advice(rated, hung)),
+        **_fault_and_advice_lines(drive, assembly, strands, working, hardest, rating_advice(rated, hung)),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -142,13 +153,13 @@ def _derive_alone(drive: Drive, passed: Passed) -> dict[str, Any]:
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
         "friction": tooth_friction_coefficients(drive).dynamic,
-        "guides": _guides(drive, working, strands, running),
-        "arms": guide_report.arms(drive, assembly, resting, running),
-        "tensioners": guide_report.tensioners(drive, assembly, resting, running),
-        **({"shafts": train_report.shafts(drive)} if shafts_of_own_chain(drive) else {}),
-        **({"gears": train_report.gears(drive)} if drive.gears else {}),
-        **({"couplings": train_report.couplings(drive, running)} if drive.couplings else {}),
-        **({"valves": train_report.valves(drive)} if drive.valves else {}),
+        "guides": _guide_values(drive, working, strands, running),
+        "arms": guide_report.arm_report(drive, assembly, resting, running),
+        "tensioners": guide_report.tensioner_report(drive, assembly, resting, running),
+        **({"shafts": train_report.shaft_report(drive)} if shafts_of_own_chain(drive) else {}),
+        **({"gears": train_report.gear_report(drive)} if drive.gears else {}),
+        **({"couplings": train_report.coupling_report(drive, running)} if drive.couplings else {}),
+        **({"valves": train_report.valve_report(drive)} if drive.valves else {}),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -162,11 +173,11 @@ def _derive_alone(drive: Drive, passed: Passed) -> dict[str, Any]:
             if has_active_mount(sprocket)
         ],
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
-        **_step(drive),
+        **_step_values(drive),
     }
 
 
-def _driver(drive: Drive, passed: Passed) -> dict[str, Any]:
+def _driver_values(drive: Drive, passed: RunUp) -> dict[str, Any]:
     """The driver at the start and at work."""
     speed, acceleration = passed.at(-1)
     prescribed = part_of_body(drive, driving_body(drive)).prescribed is not None
@@ -179,19 +190,21 @@ def _driver(drive: Drive, passed: Passed) -> dict[str, Any]:
     }
 
 
-def _hardest(drive: Drive, assembly: Assembly, preload: float, passed: Passed, moments: NDArray[Any]) -> Hardest | None:
-    """Where on its way to work the chain pulls harder than there; None where it does nowhere."""
-    k = run_up.hardest(drive, passed, moments)
+def _hardest_pull(
+    drive: Drive, assembly: Assembly, preload: float, passed: RunUp, moments: NDArray[Any]
+) -> HardestPull | None:
+    """Where on its way to work the chain is pulled harder than at work; None where nowhere."""
+    k = run_up.hardest_place(drive, passed, moments)
     if k < 0:
         return None
     speed, acceleration = passed.at(k)
     found = statics.running(drive, assembly, speed, moments[:, k])
     links = [int(n) for n in assembly.strand_links]
     tensions = working_tensions(drive, preload, links, speed, moments[:, k]) if found.failure else found.tension
-    return Hardest(float(max(tensions)), speed, acceleration)
+    return HardestPull(float(max(tensions)), speed, acceleration)
 
 
-def _temperature(drive: Drive) -> dict[str, Any]:
+def _temperature_values(drive: Drive) -> dict[str, Any]:
     """The temperature, how much longer what grows is, and the oils; nothing where the drive has none of its own."""
     if drive.temperature is None:
         return {}
@@ -200,7 +213,7 @@ def _temperature(drive: Drive) -> dict[str, Any]:
     return {"temperature": {"temperature": drive.temperature, **found, "viscosity": oils}}
 
 
-def _step(drive: Drive) -> dict[str, Any]:
+def _step_values(drive: Drive) -> dict[str, Any]:
     """The step and its limits."""
     return {
         "step": resolve_step(drive),
@@ -222,21 +235,23 @@ def _derive_several(drive: Drive) -> dict[str, Any]:
         }
         for shaft in drive.shafts
     ]
-    step = _step(drive)
+    step = _step_values(drive)
     assemble_chains(drive)
     own, chains, begins = {}, chain_drives(drive, loaded=True), chain_driver_ratios(drive)
     home = next(r for r, chain in enumerate(chains) if drive.driver in chain.places["sprockets"])
-    passed = run_up.passed(chains[home].drive)
+    passed = run_up.driver_run_up(chains[home].drive)
     for chain, begin in zip(chains, begins, strict=True):
         automatic = chain.drive.run.model_copy(update={"step": "auto"})
         one = chain.drive.model_copy(update={"run": automatic})
         own[chain.name] = _derive_alone(one, passed.times(begin / begins[home])) | step
         own[chain.name].pop("valves", None)  # below, by the speed of the whole drive's driver
-    valves = {"valves": train_report.valves(drive)} if drive.valves else {}
+    valves = {"valves": train_report.valve_report(drive)} if drive.valves else {}
     return {"chains": own, "shafts": shafts, **valves, **step}
 
 
-def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], running: Steady) -> list[dict[str, Any]]:
+def _guide_values(
+    drive: Drive, path: ChainPath, strands: list[dict[str, Any]], running: Steady
+) -> list[dict[str, Any]]:
     """Contact of rollers with each guide-bar, and where the chain lies on it at work."""
     pull = [strand["working_tension"] - running.centrifugal for strand in strands]
     return [
@@ -247,31 +262,31 @@ def _guides(drive: Drive, path: ChainPath, strands: list[dict[str, Any]], runnin
             "rebound": contact_rebound(drive.guide_contact(g)),
             "friction": guide_friction_coefficients(drive, g).dynamic,
             "face_length": drive.profile(g).face_length,
-            "touch": guide_report.touch(drive, path, g, pull),
+            "touch": guide_report.guide_touch(drive, path, g, pull),
         }
         for g, guide in enumerate(drive.guides)
     ]
 
 
-def _findings(
+def _fault_and_advice_lines(
     drive: Drive,
     assembly: Assembly,
     strands: list[dict[str, Any]],
     working: ChainPath,
-    hardest: Hardest | None,
+    hardest: HardestPull | None,
     rated: list[str],
 ) -> dict[str, list[str]]:
     """Faults of the layout, and advice, with that on the chain's rating."""
     path, strain = assembly.path, assembly.strain
-    rules = advice(drive, path, [strand["working_tension"] for strand in strands], working, hardest)
+    rules = layout_advice(drive, path, [strand["working_tension"] for strand in strands], working, hardest)
     return {
-        "layout": list(findings(drive, path)),
+        "layout": list(layout_faults(drive, path)),
         "advice": [
-            *stretched(drive, strain),
+            *strain_advice(drive, strain),
             *rules,
             *rated,
             *_step_advice(drive),
-            *train_report.advice(drive),
+            *train_report.motor_advice(drive),
             *train_report.tie_advice(drive),
         ],
     }
@@ -288,7 +303,7 @@ def _step_advice(drive: Drive) -> list[str]:
     ]
 
 
-def _strands(
+def _strand_values(
     drive: Drive, assembly: Assembly, preload: float, resting: Steady, running: Steady, moments: NDArray[Any]
 ) -> list[dict[str, Any]]:
     """Values of each strand; where no steady state was found, preload and `working_tensions`."""
@@ -494,7 +509,7 @@ def _touch_lines(values: dict[str, Any]) -> list[str]:
     return ["", title, *table_lines(("guide", "strand", "touched", "wrapped", "load", "force"), rows)]
 
 
-def _cells(values: list[float | None], text: str) -> tuple[str, ...]:
+def _cell_texts(values: list[float | None], text: str) -> tuple[str, ...]:
     return tuple("-" if value is None else text.format(value + 0.0) for value in values)
 
 
@@ -505,7 +520,7 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
         rows = [
             (
                 a["name"],
-                *_cells([_degrees(a[key]) for key in ("angle", "standing_angle", "working_angle")], "{:+.3f} deg"),
+                *_cell_texts([_degrees(a[key]) for key in ("angle", "standing_angle", "working_angle")], "{:+.3f} deg"),
                 "-" if a["stops"] is None else "{:.6g} to {:.6g} deg".format(*map(math.degrees, a["stops"])),
                 a["on_stop"] or "",
             )
@@ -517,11 +532,11 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
             (
                 t["name"],
                 t["on"],
-                *_cells(
-                    [_milli(t[key]) for key in ("extension", "standing_extension", "working_extension")], "{:+.3f} mm"
+                *_cell_texts(
+                    [_millis(t[key]) for key in ("extension", "standing_extension", "working_extension")], "{:+.3f} mm"
                 ),
                 "-" if t["static_pressure"] is None else f"{1e-5 * t['static_pressure']:.4g} bar",
-                *_cells([t["working_force"] if t["working_force"] is not None else t["force"]], "{:.4g} N"),
+                *_cell_texts([t["working_force"] if t["working_force"] is not None else t["force"]], "{:.4g} N"),
             )
             for t in values["tensioners"]
         ]
@@ -530,7 +545,7 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _milli(value: float | None) -> float | None:
+def _millis(value: float | None) -> float | None:
     return None if value is None else 1e3 * value
 
 
@@ -546,9 +561,9 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
             (
                 s["name"],
                 ", ".join(s["with"]) or "-",
-                *_cells([s["speed"]], "{:.4g} rad/s"),
-                *_cells([s["inertia"]], "{:.4g} kg m^2"),
-                *_cells([s["motor_at_rest"], s["motor_at_work"]], "{:.4g} N m"),
+                *_cell_texts([s["speed"]], "{:.4g} rad/s"),
+                *_cell_texts([s["inertia"]], "{:.4g} kg m^2"),
+                *_cell_texts([s["motor_at_rest"], s["motor_at_work"]], "{:.4g} N m"),
             )
             for s in values["shafts"]
         ]
@@ -571,9 +586,9 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
                 f"{c['damping_ratio']:.3g}",
                 f"{1e3 * c['lash']:.4g} mrad",
                 ", ".join(f"{ratio:.4g}" if ratio else "open" for ratio in c["ratios"] or (1.0,)),
-                *_cells([c["clutch"]], "{:.4g} N m"),
-                *_cells([_milli(c["working_twist"])], "{:+.4g} mrad"),
-                *_cells([c["working_torque"]], "{:+.4g} N m"),
+                *_cell_texts([c["clutch"]], "{:.4g} N m"),
+                *_cell_texts([_millis(c["working_twist"])], "{:+.4g} mrad"),
+                *_cell_texts([c["working_torque"]], "{:+.4g} N m"),
             )
             for c in values["couplings"]
         ]
@@ -593,7 +608,7 @@ def _valve_lines(values: dict[str, Any]) -> list[str]:
             f"{1e3 * v['lift']:.4g} mm",
             f"{v['spring_force']:.4g} N",
             f"{v['float_speed']:.4g} rad/s",
-            *_cells([v["driver_float_speed"]], "{:.4g} rad/s"),
+            *_cell_texts([v["driver_float_speed"]], "{:.4g} rad/s"),
         )
         for v in values.get("valves", ())
     ]
@@ -626,7 +641,7 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
 def report(values: dict[str, Any]) -> str:
     """The derived quantities as text for a terminal."""
     if "chains" in values:
-        return "\n".join([*_temperature_lines(values), *_report_several(values)])
+        return "\n".join([*_temperature_lines(values), *_text_of_chains(values)])
     return "\n".join([*_temperature_lines(values), *_chain_lines(values), *_step_lines(values)])
 
 
@@ -640,7 +655,7 @@ def _temperature_lines(values: dict[str, Any]) -> list[str]:
     return [f"temperature: {given['temperature']:g} degrees C, {grown} against {REFERENCE:g}{oils}; all below is there"]
 
 
-def _report_several(values: dict[str, Any]) -> list[str]:
+def _text_of_chains(values: dict[str, Any]) -> list[str]:
     """`report` of several chains."""
     lines: list[str] = []
     for name, chain in values["chains"].items():

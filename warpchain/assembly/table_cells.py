@@ -1,8 +1,4 @@
-"""Tables of speed and torque made ready for the kernels: cubics on a uniform grid, and their exact integrals.
-
-Rows whose distances are whole multiples of some spacing are met exactly. Others are brought onto a grid 64 times finer
-than their smallest distance, of at most 2^17 cells.
-"""
+"""Tables of speeds, torques and displacements as cubics on a uniform grid, as kernels read them."""
 
 from __future__ import annotations
 
@@ -30,7 +26,7 @@ _COMMON = 1e-6  # of a spacing: rows this near to the grid are on it
 
 
 @dataclass(frozen=True)
-class Cells:
+class TableCells:
     """A table on a uniform grid: `kernels.structs.Tabulated` and its values.
 
     Attributes:
@@ -66,8 +62,10 @@ class TableList:
         self.blocks: list[Array] = []
         self.length = 0
         self.rows: dict[tuple[tuple[float, ...], ...], int] = {}
-        self.known: dict[tuple[Tabled, float], tuple[Cells, int]] = {}
-        self.seen: dict[tuple[int, float], tuple[Tabled, Cells, int]] = {}  # by identity: long tables are slow to hash
+        self.known: dict[tuple[Tabled, float], tuple[TableCells, int]] = {}
+        self.seen: dict[
+            tuple[int, float], tuple[Tabled, TableCells, int]
+        ] = {}  # by identity: long tables are slow to hash
 
     def add(self, row: Any, table: Tabled, ratio: float) -> None:
         """Fills a `kernels.structs.Tabulated`; `ratio` is the sprocket's own angle over that of the table."""
@@ -76,18 +74,18 @@ class TableList:
         _, cells, first = self.seen[id(table), ratio]
         cells.fill(row, first)
 
-    def _find(self, table: Tabled, ratio: float) -> tuple[Cells, int]:
+    def _find(self, table: Tabled, ratio: float) -> tuple[TableCells, int]:
         """The table's cells and where their values stand."""
         key = (table, ratio)
         if key not in self.known:
-            cells = cells_of(table, ratio)
+            cells = table_cells(table, ratio)
             self.known[key] = cells, self.length
             self.blocks.append(cells.values())
             self.length += len(self.blocks[-1])
         return self.known[key]
 
     def add_rows(self, rows: tuple[tuple[float, ...], ...]) -> int:
-        """Where the values of rows stand that are read as they are."""
+        """Index of rows that kernels read as they are, after adding them."""
         if rows not in self.rows:
             self.rows[rows] = self.length
             self.blocks.append(np.ravel(rows))
@@ -100,7 +98,7 @@ class TableList:
 
 
 def shaft_ratio(drive: Drive, s: int, shaft: str | None) -> float:
-    """Angle of sprocket or shaft s over that of the one called `shaft`, by their teeth; 1 for None."""
+    """Angle of sprocket or shaft s over that of the one named `shaft`, by their teeth; 1 for None."""
     return 1.0 if shaft is None else body_speed_ratio(drive, s, body_names(drive).index(shaft))
 
 
@@ -110,23 +108,23 @@ def initial_speed(table: SpeedTable) -> float:
         return table.factor * table.speed[0]
     over, values = np.array(table.over), np.array(table.values)
     at = 0.0 if table.time is not None else over[0] + np.mod(-over[0], 2.0 * math.pi * table.revolutions)
-    return float(hermite(over, values, slopes_of(table), np.clip([at], over[0], over[-1]))[0][0])
+    return float(hermite(over, values, table_slopes(table), np.clip([at], over[0], over[-1]))[0][0])
 
 
-def cells_of(table: Tabled, ratio: float) -> Cells:
+def table_cells(table: Tabled, ratio: float) -> TableCells:
     """A table on a uniform grid; speeds over angle become speeds over time."""
-    over, values, slopes = np.array(table.over), np.array(table.values), slopes_of(table)
+    over, values, slopes = np.array(table.over), np.array(table.values), table_slopes(table)
     if table.angle is None:
-        return _with_origin(*_uniform(over, values, slopes), False, False)
+        return _cells_from_origin(*_uniform_grid(over, values, slopes), False, False)
     over, slopes = over * ratio, None if slopes is None else slopes / ratio
     period = 2.0 * math.pi * table.revolutions * ratio
     over = over[0] + (over - over[0]) * (period / (over[-1] - over[0]))
     if isinstance(table, SpeedTable):
-        return _over_time(over, values, slopes, period)
-    return _with_origin(*_uniform(over, values, slopes), True, True)
+        return _cells_over_time(over, values, slopes, period)
+    return _cells_from_origin(*_uniform_grid(over, values, slopes), True, True)
 
 
-def slopes_of(table: Tabled) -> Array | None:
+def table_slopes(table: Tabled) -> Array | None:
     """Slopes at the rows of a table with cubic interpolation (scipy's PCHIP: monotone between rows), else None; of
     displacements and lifts those of a spline.
 
@@ -158,7 +156,7 @@ def hermite(x: Array, y: Array, slopes: Array | None, at: Array) -> tuple[Array,
     return y[k] + u * (c1 + u * (c2 + u * c3)), (c1 + u * (2.0 * c2 + 3.0 * u * c3)) / step
 
 
-def _spacing(x: Array) -> tuple[float, int]:
+def _grid_spacing(x: Array) -> tuple[float, int]:
     """The grid's spacing and number of cells."""
     gap, span = float(np.diff(x).min()), float(x[-1] - x[0])
     for parts in range(1, FINEST + 1):
@@ -172,19 +170,19 @@ def _spacing(x: Array) -> tuple[float, int]:
     return span / cells, cells
 
 
-def _uniform(x: Array, y: Array, slopes: Array | None) -> tuple[float, float, Array]:
+def _uniform_grid(x: Array, y: Array, slopes: Array | None) -> tuple[float, float, Array]:
     """Start, spacing and coefficients of the table on its grid."""
-    spacing, cells = _spacing(x)
+    spacing, cells = _grid_spacing(x)
     grid = x[0] + spacing * np.arange(cells + 1)
     grid[-1] = x[-1]
     places = np.rint((x - x[0]) / spacing).astype(int)
     on = np.abs((x - x[0]) / spacing - places) < _COMMON
     grid[places[on]] = x[on]
     value, slope = hermite(x, y, slopes, grid)
-    return float(x[0]), spacing, _coefficients(value, None if slopes is None else slope * spacing)
+    return float(x[0]), spacing, _cell_coefficients(value, None if slopes is None else slope * spacing)
 
 
-def _coefficients(value: Array, slope: Array | None) -> Array:
+def _cell_coefficients(value: Array, slope: Array | None) -> Array:
     """(cells, 4) from the values at the grid's points, and the slopes per cell there (None: straight lines)."""
     rise = np.diff(value)
     if slope is None:
@@ -193,7 +191,9 @@ def _coefficients(value: Array, slope: Array | None) -> Array:
     return np.column_stack([value[:-1], left, 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise])
 
 
-def _with_origin(start: float, spacing: float, coefficients: Array, over_angle: bool, repeats: bool) -> Cells:
+def _cells_from_origin(
+    start: float, spacing: float, coefficients: Array, over_angle: bool, repeats: bool
+) -> TableCells:
     """The cells with their integrals, which begin at 0 of the axis."""
     parts = spacing * (coefficients @ [1.0, 0.5, 1.0 / 3.0, 0.25])
     integral = np.append(0.0, np.cumsum(parts))
@@ -205,10 +205,10 @@ def _with_origin(start: float, spacing: float, coefficients: Array, over_angle: 
         value = c0 + u * (c1 + u * (c2 + u * c3))
         origin = integral[cell] + spacing * u * (c0 + u * (c1 / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
         integral = integral - (origin + (-start / spacing - within) * spacing * value)
-    return Cells(start, spacing, coefficients, integral, over_angle, repeats)
+    return TableCells(start, spacing, coefficients, integral, over_angle, repeats)
 
 
-def _over_time(over: Array, speed: Array, slopes: Array | None, period: float) -> Cells:
+def _cells_over_time(over: Array, speed: Array, slopes: Array | None, period: float) -> TableCells:
     """A speed over angle as one over time, from dt = d phi / Omega(phi) by Gauss's rule; it repeats with the period.
 
     Its integral over the period is the period's angle to round-off.
@@ -230,6 +230,6 @@ def _over_time(over: Array, speed: Array, slopes: Array | None, period: float) -
     value, slope = omega(at)
     value[-1] = value[0]
     spacing = float(time[-1]) / cells
-    coefficients = _coefficients(value, value * slope * spacing)
-    table = _with_origin(0.0, spacing, coefficients, False, True)
-    return _with_origin(0.0, spacing, coefficients * (period / table.integral[-1]), False, True)
+    coefficients = _cell_coefficients(value, value * slope * spacing)
+    table = _cells_from_origin(0.0, spacing, coefficients, False, True)
+    return _cells_from_origin(0.0, spacing, coefficients * (period / table.integral[-1]), False, True)

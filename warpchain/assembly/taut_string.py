@@ -53,7 +53,7 @@ _ROUNDS = 500
 
 
 class TautError(ValueError):
-    """No string runs between the ends.
+    """Raised where no string runs between the ends.
 
     Attributes:
         guide: index of the guide in its way, -1 for none.
@@ -92,7 +92,7 @@ class Arc:
     before: float | None = None
     after: float | None = None
 
-    def held(self, heading: Any) -> Any:
+    def nearest_heading(self, heading: Any) -> Any:
         """The heading nearest to a given one at which the arc has a tangent [rad]."""
         if self.guide < 0:
             return heading
@@ -101,12 +101,12 @@ class Arc:
         return middle + maximum(-half, minimum(half, wrapped_angle(heading - middle)))
 
     def at(self, heading: Any) -> tuple[Any, Any]:
-        """Where its tangent has a heading [m]."""
+        """Point at which its tangent has a heading [m]."""
         x, y = unit_vector(heading)
         reach = self.sign * self.radius
         return self.center[0] + reach * y, self.center[1] - reach * x
 
-    def past(self, heading: Any, last: bool) -> Any:
+    def is_past(self, heading: Any, last: bool) -> Any:
         """Whether a tangent's heading lies beyond the arc's last or first one."""
         if self.guide < 0:
             return False
@@ -115,7 +115,7 @@ class Arc:
 
 
 @dataclass(frozen=True)
-class Touch:
+class GuideTouch:
     """An arc that a string touches, between two headings [rad]; `wrap` is the angle between them."""
 
     arc: Arc
@@ -139,7 +139,7 @@ class Touch:
 
 
 @dataclass(frozen=True)
-class Taut:
+class TautString:
     """A taut string.
 
     Attributes:
@@ -153,13 +153,13 @@ class Taut:
     pieces: tuple[Piece, ...]
     first: float
     last: float
-    touches: tuple[Touch, ...]
+    touches: tuple[GuideTouch, ...]
     free: tuple[float, ...]
     numbers: tuple[int, ...]
 
     @property
     def length(self) -> float:
-        """[m]."""
+        """Length [m]."""
         return ordered_sum(piece.length for piece in self.pieces)
 
     def levers(self, guides: Iterable[int], pivot: Point) -> float:
@@ -176,11 +176,11 @@ class Taut:
         """Length of links of a pitch along it [m]: on arcs of radius R they are chords, 2 asin(p / 2R) each."""
         total = 0.0
         for piece in self.pieces:
-            total = total + piece.length * _shorter(0.5 * pitch * abs(piece.curvature))
+            total = total + piece.length * _chord_ratio(0.5 * pitch * abs(piece.curvature))
         return total
 
 
-def obstacle(profile: Profile, offset: float, guide: int, along: bool) -> tuple[Arc, ...]:
+def obstacle_arcs(profile: Profile, offset: float, guide: int, along: bool) -> tuple[Arc, ...]:
     """The convex arcs of rollers' centers over a face, in the order in which the chain passes them.
 
     Args:
@@ -209,10 +209,10 @@ def obstacle(profile: Profile, offset: float, guide: int, along: bool) -> tuple[
             arcs[-1] = replace(arcs[-1], after=gap)
         arcs.append(Arc(center, offset - reach, -1.0, begin, end, guide, start, 1.0 / piece.curvature, gap))
         gap = 0.0
-    return tuple(arcs) if along else tuple(_turned(arc) for arc in reversed(arcs))
+    return tuple(arcs) if along else tuple(_reversed_arc(arc) for arc in reversed(arcs))
 
 
-def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequence[int] = ()) -> Taut:
+def taut_string(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequence[int] = ()) -> TautString:
     """The taut string from the circle or point `first` to `last` around obstacles.
 
     Args:
@@ -222,37 +222,37 @@ def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequ
 
     Raises:
         TautError: if a guide and an end overlap so that no tangent joins them.
-        Unlike: strings of a stack's variants, not all of which touch the same arcs.
+        UnlikeVariants: strings of a stack's variants, not all of which touch the same arcs.
     """
     runs = [arc for run in obstacles for arc in run]
     known = {id(arc): (run, i) for run in obstacles for i, arc in enumerate(run)}
     chosen = [first, *(runs[i] for i in like), last]
     for _ in range(_ROUNDS):
-        missing = _tangents(chosen, known)
+        missing = _tangents_or_arc(chosen, known)
         if isinstance(missing, tuple):
             chosen.insert(*missing)
             continue
-        touches = [Touch(arc, missing[k][1], missing[k + 1][0]) for k, arc in enumerate(chosen[1:-1])]
+        touches = [GuideTouch(arc, missing[k][1], missing[k + 1][0]) for k, arc in enumerate(chosen[1:-1])]
         if touches:
             lifted = [-touch.wrap for touch in touches]
             worst = shared_value(where(maximum(*lifted) > _NO_WRAP, index_of_maximum(lifted), -1))
             if worst >= 0:
                 del chosen[worst + 1]
                 continue
-        more = _beyond(touches, chosen, known) or _deepest(chosen, missing, runs)
+        more = _arc_beyond(touches, chosen, known) or _deepest_cut_arc(chosen, missing, runs)
         if more is None:
-            return _string(chosen, missing, touches, runs)
+            return _string_of_tangents(chosen, missing, touches, runs)
         chosen.insert(*more)
     raise TautError(next((arc.guide for arc in chosen[1:-1]), -1), "no taut string was found around it")
 
 
-def point(place: Sequence[Any]) -> Arc:
-    """An end of a string that is a point [m]."""
+def point_end(place: Sequence[Any]) -> Arc:
+    """An end of a string at a point [m]."""
     return Arc((place[0], place[1]), 0.0)
 
 
-def circle(center: Sequence[Any], radius: Any, sign: float) -> Arc:
-    """An end of a string that is a sprocket, about which it turns with a sign."""
+def circle_end(center: Sequence[Any], radius: Any, sign: float) -> Arc:
+    """An end of a string on a sprocket, about which it turns with a sign."""
     return Arc((center[0], center[1]), radius, sign)
 
 
@@ -262,7 +262,7 @@ _Tangent = tuple[Any, Any, Any, bool]  # heading where it leaves, where it arriv
 _Where = dict[int, tuple[tuple[Arc, ...], int]]
 
 
-def _shorter(bend: Any) -> Any:
+def _chord_ratio(bend: Any) -> Any:
     """Length of chords over their arc, on a circle that bends by 2 asin(b) under each."""
     bends = (bend > 0.0) & (bend < 1.0)
     if not is_true_somewhere(bends):
@@ -271,14 +271,14 @@ def _shorter(bend: Any) -> Any:
     return where(bends, safe / quick_arcsin(safe), 1.0)
 
 
-def _turned(arc: Arc) -> Arc:
+def _reversed_arc(arc: Arc) -> Arc:
     """The arc as the chain passes it the other way."""
     place = arc.place + arc.slope * (arc.end - arc.begin)
     begin, end = arc.end + math.pi, arc.begin + math.pi
     return Arc(arc.center, arc.radius, 1.0, begin, end, arc.guide, place, arc.slope, arc.after, arc.before)
 
 
-def _neighbor(arc: Arc, known: _Where, step: int) -> Arc | None:
+def _neighbor_arc(arc: Arc, known: _Where, step: int) -> Arc | None:
     """The arc before (-1) or after (1) it in its guide's run, where no concave piece lies between."""
     if id(arc) not in known or (arc.after if step > 0 else arc.before) is None:
         return None
@@ -286,11 +286,11 @@ def _neighbor(arc: Arc, known: _Where, step: int) -> Arc | None:
     return run[i + step]
 
 
-def _tangents(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, Arc]:
-    """The tangents from each to the next; or where there is none, what to take in between, and at which place."""
+def _tangents_or_arc(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, Arc]:
+    """The tangents from each arc to the next; where there is none, the arc to take in between, and its place."""
     found: list[_Tangent] = []
     for k, (one, other) in enumerate(pairwise(chosen), 1):
-        if _neighbor(one, known, 1) is other:
+        if _neighbor_arc(one, known, 1) is other:
             assert one.after is not None
             found.append((one.end, one.end, one.after, True))
             continue
@@ -299,7 +299,7 @@ def _tangents(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, A
         square = dx * dx + dy * dy
         if shared_value(square <= h * h):
             for arc, step in ((other, -1), (one, 1)):
-                between = _neighbor(arc, known, step)
+                between = _neighbor_arc(arc, known, step)
                 if between is not None and between is not (one if step < 0 else other):
                     return k, between
             guide = other.guide if other.guide >= 0 else one.guide
@@ -310,19 +310,19 @@ def _tangents(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, A
     return found
 
 
-def _beyond(touches: list[Touch], chosen: list[Arc], known: _Where) -> tuple[int, Arc] | None:
+def _arc_beyond(touches: list[GuideTouch], chosen: list[Arc], known: _Where) -> tuple[int, Arc] | None:
     """The next arc of a run, where a string arrives before the first tangent of an arc or leaves after the last."""
     for k, touch in enumerate(touches, 1):
         for heading, step in ((touch.arrive, -1), (touch.leave, 1)):
-            between = _neighbor(touch.arc, known, step)
+            between = _neighbor_arc(touch.arc, known, step)
             if between is None or chosen[k + step] is between:
                 continue
-            if shared_value(touch.arc.past(heading, step > 0)):
+            if shared_value(touch.arc.is_past(heading, step > 0)):
                 return k + (step > 0), between
     return None
 
 
-def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tuple[int, Arc] | None:
+def _deepest_cut_arc(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tuple[int, Arc] | None:
     """The arc that a tangent cuts deepest, and its place in the order; None where none is cut."""
     worst: Any = _CUT
     found: Any = -1
@@ -335,7 +335,7 @@ def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tu
         for arc in runs:
             if id(arc) in taken:
                 continue
-            px, py = arc.at(arc.held(heading))
+            px, py = arc.at(arc.nearest_heading(heading))
             ahead = (px - x) * ux + (py - y) * uy
             depth = arc.sign * ((y - py) * ux - (x - px) * uy)
             cuts = (depth > worst) & (ahead > 0.0) & (ahead < length)
@@ -345,7 +345,10 @@ def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tu
     return None if found < 0 else places[found]
 
 
-def _string(chosen: list[Arc], tangents: list[_Tangent], touches: list[Touch], runs: list[Arc]) -> Taut:
+def _string_of_tangents(
+    chosen: list[Arc], tangents: list[_Tangent], touches: list[GuideTouch], runs: list[Arc]
+) -> TautString:
+    """The taut string of arcs and tangents."""
     pieces: list[Piece] = []
     for k, (heading, _, length, _) in enumerate(tangents):
         if k:
@@ -360,4 +363,4 @@ def _string(chosen: list[Arc], tangents: list[_Tangent], touches: list[Touch], r
     pressed = tuple(t for t in touches if shared_value(t.wrap > _NO_WRAP))
     order = {id(arc): i for i, arc in enumerate(runs)}
     numbers = tuple(order[id(touch.arc)] for touch in pressed)
-    return Taut(tuple(pieces), tangents[0][0], tangents[-1][1], pressed, free, numbers)
+    return TautString(tuple(pieces), tangents[0][0], tangents[-1][1], pressed, free, numbers)

@@ -1,10 +1,4 @@
-"""The time step's limit: how fast a roller can oscillate on links and a contact, a sprocket, an arm.
-
-Dampers lower it: leapfrog reads their speed half a step late, and is stable where omega_max^2 h^2 + 2 (c/m) h < 4.
-Those of links, mounts, arms and tensioners count. Contacts' dampers are centered in time and ask for nothing, nor does
-friction (`kernels/physics/impact.py`, `friction.py`). A tensioner's oil counts as the spring E_0 (1 + a) A^2 / V that
-it is at high pressure; what flows through its gap and valve is taken implicitly and asks for no shorter step.
-"""
+"""Limits of the time step: the fastest oscillations of rollers, sprockets, arms, couplings and valves."""
 
 from __future__ import annotations
 
@@ -39,7 +33,7 @@ STAGED = 0.3
 
 
 @dataclass(frozen=True)
-class Body:
+class MovingBody:
     """Springs and dampers on a body that can move, along its fastest coordinate.
 
     Attributes:
@@ -53,7 +47,7 @@ class Body:
     rate: float
 
 
-def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
+def moving_bodies(drive: Drive, held: bool = False) -> list[MovingBody]:
     """Sprockets on springs, sprockets that turn freely unless all are `held`, then arms.
 
     A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
@@ -63,26 +57,28 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
     sprockets on it.
     """
     if drive.chains:
-        return _together([chain.drive for chain in chain_drives(drive)], held)
+        return _bodies_of_chains([chain.drive for chain in chain_drives(drive)], held)
     found = []
     for s, sprocket in enumerate(drive.sprockets):
         if is_on_springs(sprocket):
             mass = moving_mass(sprocket) + drive.plunger_mass_on(s)
             stiffness, damping = mount_spring(sprocket)
-            pushed, damped = _pushes(drive, s)
+            pushed, damped = _tensioner_pushes(drive, s)
             stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
-            found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
+            found.append(
+                MovingBody(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass)
+            )
     for s, sprocket in enumerate(drive.sprockets):
         if not held and is_free_body(drive, s) and not is_on_springs(sprocket):
             inertia = train_inertia(drive, s)
             turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
             shaft = _shared_shaft(drive, s)  # of several chains, see `_together`
             name = f'sprocket "{sprocket.name}"' if shaft is None else _on_shaft(shaft)
-            found.append(Body(name, turning / inertia, 0.0))
-    found += [] if held else _couplings(drive)
+            found.append(MovingBody(name, turning / inertia, 0.0))
+    found += [] if held else _coupling_bodies(drive)
     for a, arm in enumerate(drive.arms):
         inertia = drive.arm_inertia(a)
-        pushed, damped = _pushes(drive, drive.first_arm_body + a)
+        pushed, damped = _tensioner_pushes(drive, drive.first_arm_body + a)
         stiffness, damping = arm.stiffness + pushed, arm.damping + damped
         if arm.spring is not None:
             square = power(arm.spring_lever, 2)
@@ -95,13 +91,13 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[Body]:
         for s in drive.sprockets_on(a):
             pushed = 0.5 * drive.sprockets[s].teeth * drive.sprocket_stiffness(s)
             stiffness = stiffness + pushed * power(drive.center_lever(s), 2)
-        found.append(Body(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
-    return _jointed(drive, found)
+        found.append(MovingBody(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
+    return _bodies_with_joints(drive, found)
 
 
-def _jointed(drive: Drive, found: list[Body]) -> list[Body]:
-    """The bodies, of which arms that hang on arms have all that acts on those in their row, and what is left of their
-    inertia: with d.s of (b) of `kernels.physics.hub`, I_1 I_2 - (d.s)^2 over the other one.
+def _bodies_with_joints(drive: Drive, found: list[MovingBody]) -> list[MovingBody]:
+    """The bodies, of which arms that carry arms have all that acts on those in their row, and the inertia that is left:
+    with d.s of (b) of `kernels.physics.hub`, I_1 I_2 - (d.s)^2 over the other one.
     """
     first = len(found) - len(drive.arms)
     for p, arm in enumerate(drive.arms):
@@ -118,14 +114,12 @@ def _jointed(drive: Drive, found: list[Body]) -> list[Body]:
     return found
 
 
-def _couplings(drive: Drive) -> list[Body]:
+def _coupling_bodies(drive: Drive) -> list[MovingBody]:
     """Couplings, k (1/J_a + i^2/J_b) and c (1/J_a + i^2/J_b) of the inertias that they see, and steep motors.
-
-    To c is added by how much what a clutch bears changes with the speed.
 
     A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
     """
-    found = _valves(drive)
+    found = _valve_bodies(drive)
     for coupling in drive.couplings:
         ends = coupled_bodies(drive, coupling)
         turns = [(b, i) for b, i in zip(ends, (1.0, coupling.largest_ratio), strict=True) if b >= 0]
@@ -136,16 +130,18 @@ def _couplings(drive: Drive) -> list[Body]:
                 teeth = (drive.sprockets[s].teeth - 1) * drive.sprocket_stiffness(s)
                 square = square + teeth * power(drive.pitch_radius(s), 2) / train_inertia(drive, s)
         steep = 0.0 if coupling.clutch is None else coupling.clutch.steepest
-        found.append(Body(f'coupling "{coupling.name}"', square, (coupling.damping + steep) * give))
+        found.append(MovingBody(f'coupling "{coupling.name}"', square, (coupling.damping + steep) * give))
     for h, shaft in enumerate(drive.shafts):
         b = len(drive.sprockets) + h
         if shaft.motor is not None and is_free_body(drive, b):
-            found.append(Body(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest / train_inertia(drive, b)))
+            found.append(
+                MovingBody(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest / train_inertia(drive, b))
+            )
     return found
 
 
-def _valves(drive: Drive) -> list[Body]:
-    """Valve springs on bodies that turn freely, beside the teeth; the inertia of valves only slows that down."""
+def _valve_bodies(drive: Drive) -> list[MovingBody]:
+    """Valve springs on bodies that turn freely."""
     found, names = [], body_names(drive)
     for valves in drive.valves:
         b = names.index(valves.on)
@@ -154,7 +150,7 @@ def _valves(drive: Drive) -> list[Body]:
             if b < len(drive.sprockets):
                 teeth = (drive.sprockets[b].teeth - 1) * drive.sprocket_stiffness(b)
                 stiffness = stiffness + teeth * power(drive.pitch_radius(b), 2)
-            found.append(Body(f'valves "{valves.name}"', stiffness / train_inertia(drive, b), 0.0))
+            found.append(MovingBody(f'valves "{valves.name}"', stiffness / train_inertia(drive, b), 0.0))
     return found
 
 
@@ -164,9 +160,7 @@ def _on_shaft(name: str) -> str:
 
 
 def _shared_shaft(drive: Drive, s: int) -> str | None:
-    """The shaft, or the first body of the train, that turns sprockets of other chains, too; None of a sprocket of one
-    chain.
-    """
+    """The shaft, or a train's first body, that sprocket s shares with other chains; None for one chain alone."""
     shaft, names = drive.sprockets[s].shaft, body_names(drive)
     if shaft is not None and shaft not in names:
         return shaft
@@ -174,15 +168,15 @@ def _shared_shaft(drive: Drive, s: int) -> str | None:
     return names[train[0]] if any(isinstance(part_of_body(drive, b), SprocketShaft) for b in train) else None
 
 
-def _together(drives: Sequence[Drive], held: bool) -> list[Body]:
-    """Bodies of chains with those of one shaft, which has the inertia of all, as one that all its chains' rollers push.
+def _bodies_of_chains(drives: Sequence[Drive], held: bool) -> list[MovingBody]:
+    """Bodies of several chains, those of one shaft as one with the inertia and the contacts of all.
 
     Couplings have the rates of sprockets of other chains, too, that stand beside theirs as shafts.
     """
-    found: dict[str, Body] = {}
+    found: dict[str, MovingBody] = {}
     for body in (body for drive in drives for body in moving_bodies(drive, held)):
-        known = found.get(body.name, Body(body.name, 0.0, 0.0))
-        found[body.name] = Body(body.name, known.square + body.square, known.rate + body.rate)
+        known = found.get(body.name, MovingBody(body.name, 0.0, 0.0))
+        found[body.name] = MovingBody(body.name, known.square + body.square, known.rate + body.rate)
     for drive in drives if not held else ():
         beside = [shaft.name for shaft in drive.shafts if isinstance(shaft, SprocketShaft)]
         for coupling in drive.couplings:
@@ -194,7 +188,7 @@ def _together(drives: Sequence[Drive], held: bool) -> list[Body]:
     return list(found.values())
 
 
-def _pushes(drive: Drive, body: int) -> tuple[float, float]:
+def _tensioner_pushes(drive: Drive, body: int) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of the tensioners that push a body; of an arm times their levers' squares."""
     stiffness = damping = 0.0
     for t, tensioner in enumerate(drive.tensioners):
@@ -207,7 +201,7 @@ def _pushes(drive: Drive, body: int) -> tuple[float, float]:
     return stiffness, damping
 
 
-def _contacts(drive: Drive) -> list[tuple[str, float]]:
+def _contact_stiffnesses(drive: Drive) -> list[tuple[str, float]]:
     """Contact partners of rollers: name and stiffness [N/m]."""
     teeth = [(f'the teeth of "{of.name}"', drive.sprocket_stiffness(s)) for s, of in enumerate(drive.sprockets)]
     return teeth + [(f'guide "{guide.name}"', drive.guide_stiffness(g)) for g, guide in enumerate(drive.guides)]
@@ -224,12 +218,12 @@ def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = Fals
     return _highest_frequency(drive, damped_links, moving_bodies(drive, held))
 
 
-def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
+def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[MovingBody]) -> float:
     if drive.chains:
         return maximum(*(_highest_frequency(chain.drive, damped_links, bodies) for chain in chain_drives(drive)))
     mass = drive.chain.mass
     half_rate = (drive.chain.link_damping + drive.chain.outer_damping) / mass if damped_links else 0.0
-    stiffest = maximum(0.0, *(stiffness for _, stiffness in _contacts(drive)))
+    stiffest = maximum(0.0, *(stiffness for _, stiffness in _contact_stiffnesses(drive)))
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
     square = (springs + stiffest) / mass + maximum(0.0, *(body.square for body in bodies))
     return half_rate + sqrt(half_rate * half_rate + square)
@@ -241,7 +235,7 @@ def stiffest_part(drive: Drive) -> str:
         return _stiffest_of_several(drive)
     chain, mass = drive.chain, drive.chain.mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
-    parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contacts(drive)}
+    parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contact_stiffnesses(drive)}
     parts = {name: square for name, square in parts.items() if square == max(parts.values())}
     parts["rollers between two links"] = springs
     links = 2.0 * (chain.link_damping + chain.outer_damping) / mass
@@ -254,7 +248,7 @@ def _stiffest_of_several(drive: Drive) -> str:
     """`stiffest_part` of the chain that needs the shortest steps, or the body that lowers them most."""
     bodies = moving_bodies(drive)
     chain = max(chain_drives(drive), key=lambda chain: _highest_frequency(chain.drive, True, bodies)).drive
-    fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=Body("", 0.0, 0.0))
+    fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=MovingBody("", 0.0, 0.0))
     held = _highest_frequency(chain, True, [])
     if fastest.square + fastest.rate * fastest.rate > held * held:
         return fastest.name
@@ -262,7 +256,7 @@ def _stiffest_of_several(drive: Drive) -> str:
 
 
 def step_limit(drive: Drive, held: bool = False) -> float:
-    """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability; `held` as `moving_bodies`.
+    """The step below which leapfrog is stable, 2 / omega_max [s]; `held` as of `moving_bodies`.
 
     Leapfrog takes a body's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
     """

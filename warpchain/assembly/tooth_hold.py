@@ -53,13 +53,13 @@ def top_radius(drive: Drive, s: int) -> float:
     return float(np.hypot(*(tip + drive.chain.roller_radius * normal)))
 
 
-def ratio_held(drive: Drive, s: int) -> float:
-    """Tension over that of the next link that a tooth of sprocket s holds at most, q of (a)."""
+def held_tension_ratio(drive: Drive, s: int) -> float:
+    """Largest tension over that of the next link that a tooth of sprocket s holds, q of (a)."""
     phi, step = drive.tooth(s).pressure_angle(drive.sprockets[s].teeth), math.tau / drive.sprockets[s].teeth
     return math.sin(phi + step) / math.sin(phi) if phi > 0.0 else math.inf
 
 
-def jumps(drive: Drive, s: int) -> bool:
+def has_tooth_jump(drive: Drive, s: int) -> bool:
     """Whether the chain jumps on sprocket s at rest, (b); also where it comes to no rest on its teeth.
 
     Raises:
@@ -69,17 +69,17 @@ def jumps(drive: Drive, s: int) -> bool:
     if top_radius(drive, s) <= drive.riding_radius(s):
         return True
     try:
-        found = statics.running(_risen(drive, s, wraps))
+        found = statics.running(_drive_on_tips(drive, s, wraps))
     except DriveError:  # no chain so short goes around: there is no slack to climb with
         return False
     if found.failure is not None:
         return True
     low, high = sorted(float(found.tension[k]) - found.centrifugal for k in (s - 1, s))
     held = drive.sprockets[s].teeth * float(wraps[s]) / math.tau
-    return high > LEAST_CHANGE and (low <= 0.0 or math.log(high / low) > held * math.log(ratio_held(drive, s)))
+    return high > LEAST_CHANGE and (low <= 0.0 or math.log(high / low) > held * math.log(held_tension_ratio(drive, s)))
 
 
-def _risen(drive: Drive, s: int, wraps: NDArray[np.float64]) -> Drive:
+def _drive_on_tips(drive: Drive, s: int, wraps: NDArray[np.float64]) -> Drive:
     """The drive with a chain that is as short as if it rode on the tips of sprocket s, (b)."""
     chain, others = drive.chain, [o for o in range(len(drive.sprockets)) if o != s]
     risen, top = drive, top_radius(drive, s)

@@ -1,4 +1,4 @@
-"""Figures of `check` on shafts, gears, couplings, valves and motors."""
+"""Values of `check` on shafts, gears, couplings, valves and motors."""
 
 from __future__ import annotations
 
@@ -31,12 +31,11 @@ _FAST = 1e6
 """A speed beyond all [rad/s], at which loads that grow with it have grown."""
 
 
-def shafts(drive: Drive) -> list[dict[str, Any]]:
-    """Shafts: what turns as one with each, speed at work [rad/s] if that is known, inertia that it sees [kg m^2] and
-    its motor [N m]."""
+def shaft_report(drive: Drive) -> list[dict[str, Any]]:
+    """Shafts: bodies that turn with each, speed at work [rad/s], inertia of its train [kg m^2] and motor [N m]."""
     names, found = body_names(drive), []
     for b, shaft in enumerate(shafts_of_own_chain(drive), len(drive.sprockets)):
-        speed, motor = _speed(drive, b), shaft.motor
+        speed, motor = _working_speed(drive, b), shaft.motor
         found.append(
             {
                 "name": shaft.name,
@@ -50,8 +49,8 @@ def shafts(drive: Drive) -> list[dict[str, Any]]:
     return found
 
 
-def _speed(drive: Drive, b: int) -> float | None:
-    """Forward speed of a shaft at work [rad/s]; of one that nothing ties to a chain as it is led, else None."""
+def _working_speed(drive: Drive, b: int) -> float | None:
+    """Forward speed of a shaft at work [rad/s]; None where no chain or prescribed motion gives it."""
     if nearest_sprocket(drive, b) is not None:
         return float(drive.driver_speed * body_speed_ratio(drive, b, drive.driver))
     leader = prescribed_leader(drive, b)
@@ -60,7 +59,7 @@ def _speed(drive: Drive, b: int) -> float | None:
     return float(part_of_body(drive, leader[0]).prescribed.top_speed * leader[1])
 
 
-def gears(drive: Drive) -> list[dict[str, Any]]:
+def gear_report(drive: Drive) -> list[dict[str, Any]]:
     """Pairs of gears: shafts, teeth, and the speed of the second over that of the first."""
     return [
         {
@@ -73,7 +72,7 @@ def gears(drive: Drive) -> list[dict[str, Any]]:
     ]
 
 
-def valves(drive: Drive) -> list[dict[str, Any]]:
+def valve_report(drive: Drive) -> list[dict[str, Any]]:
     """Groups of valves: what they are on, how many, lift [m], steepest lift by the angle [m], the largest force of a
     spring [N], and the speed of their shaft, and of the driver, above which followers lift off [rad/s]; None of the
     driver where nothing ties the shaft to it.
@@ -98,7 +97,7 @@ def valves(drive: Drive) -> list[dict[str, Any]]:
     return found
 
 
-def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
+def coupling_report(drive: Drive, running: Steady) -> list[dict[str, Any]]:
     """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
     aside, in the first ratio of a gearbox; lash [rad], ratios, what a clutch bears at most [N m], whether it is a
     freewheel, and at work twist [rad] and torque taken from the first [N m], counter-clockwise, None where no steady
@@ -125,7 +124,7 @@ def couplings(drive: Drive, running: Steady) -> list[dict[str, Any]]:
     return found
 
 
-def advice(drive: Drive) -> Iterator[str]:
+def motor_advice(drive: Drive) -> Iterator[str]:
     """Lines on motors that do not start their loads, or that no load ever balances."""
     b = driving_body(drive)
     if getattr(part_of_body(drive, b), "motor", None) is None:

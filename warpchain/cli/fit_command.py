@@ -11,7 +11,7 @@ import numpy as np
 
 from warpchain.assembly import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fit_wrap, fitted_chain, strand_sag
-from warpchain.assembly.layout_checks import findings, idle_arms, stretched
+from warpchain.assembly.layout_checks import idle_arm_advice, layout_faults, strain_advice
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.drive_text import self_contained_text, text_with_changes
@@ -179,7 +179,7 @@ def _chain_fit_lines(drive: Drive) -> list[str]:
         f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N",
         *([f"sag at rest: {sags}"] if sags else []),
         *([f"arms at assembly, degrees: {arms}"] if arms else []),
-        *(f"LAYOUT: {finding}" for finding in findings(drive, assembly.path)),
-        *(f"LOOK AT {line}" for line in stretched(drive, assembly.strain)),
-        *(f"LOOK AT {line}" for line in idle_arms(drive, assembly.path)),
+        *(f"LAYOUT: {finding}" for finding in layout_faults(drive, assembly.path)),
+        *(f"LOOK AT {line}" for line in strain_advice(drive, assembly.strain)),
+        *(f"LOOK AT {line}" for line in idle_arm_advice(drive, assembly.path)),
     ]

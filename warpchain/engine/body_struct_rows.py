@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.assembly.guided import turned_about
+from warpchain.assembly.guide_obstacles import rotated_place
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
 from warpchain.drive.face_profile import Profile
@@ -145,7 +145,7 @@ def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembl
     if parent is not None:
         on = drive.arms[parent]
         row["on"], row["lever"] = parent + 1, array_of_columns(arm.pivot) - array_of_columns(on.pivot)
-        body["center"] = array_of_columns(turned_about(on.pivot, arm.pivot, assembly.arm_angle[:, parent]))
+        body["center"] = array_of_columns(rotated_place(on.pivot, arm.pivot, assembly.arm_angle[:, parent]))
         body["angle"] += assembly.arm_angle[:, parent]
 
 

@@ -290,7 +290,7 @@ def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: flo
         for chain in chain_drives(_changed_drive(search.drive, by, on, value), loaded=True):
             names = [sprocket.name for sprocket in chain.drive.sprockets]
             if name in names:
-                return tooth_hold.jumps(chain.drive, names.index(name))
+                return tooth_hold.has_tooth_jump(chain.drive, names.index(name))
         return False
 
     begin = 0.0 if by == "torque" else own

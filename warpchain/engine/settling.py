@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.bounds import escape
+from warpchain.assembly.bounds import escape_distance
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.stack_math import maximum, power, table_of_columns, where
@@ -165,7 +165,7 @@ def _move_to_settled(packed: PackedEnsemble, stack: Stack, moved: NDArray[np.flo
         if drive.carrier(s) is not None:
             packed.bodies["center"][rows["first_body"] + s] = bodies["center"][rows["first_body"] + s]
     for places, assembly in packed.assemblies.states_by_block(stack.members):
-        margin = escape(pick_variants(drive, places), assembly)[..., None]
+        margin = escape_distance(pick_variants(drive, places), assembly)[..., None]
         box = rows[places]
         widen_box(box, here[places].reshape(-1, 2, links), margin)
         for name in ("low", "high"):

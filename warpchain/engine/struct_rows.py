@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.assembly.bounds import escape
+from warpchain.assembly.bounds import escape_distance
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
 from warpchain.drive.friction_coefficients import FrictionCoefficients, friction_coefficients
@@ -240,7 +240,7 @@ def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
     fill_train_counts(row, drive)
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
-    margin = escape(drive, assembly)[..., None]
+    margin = escape_distance(drive, assembly)[..., None]
     row["jointed"] = any(arm.arm is not None for arm in drive.arms)
     carried = any(s.bearing is not None or isinstance(s.mount, ArmMount) for s in drive.sprockets)
     row["hubs"] = carried or row["jointed"]

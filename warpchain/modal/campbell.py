@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from warpchain.argument_checks import AllowedRange, Count, NonNegativeNumber, check_arguments
-from warpchain.assembly.frequencies import Order, orders, tooth_orders
+from warpchain.assembly.frequencies import Order, excitation_orders, tooth_orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.modal.eigenmodes import Modes, lowest_modes
@@ -154,7 +154,13 @@ def campbell(
             )
             report("speeds", p + 1, len(speeds))
     return Campbell(
-        drive, np.asarray(speeds, float), shown[0].names[:count], frequency, ratio, orders(drive), tuple(shown)
+        drive,
+        np.asarray(speeds, float),
+        shown[0].names[:count],
+        frequency,
+        ratio,
+        excitation_orders(drive),
+        tuple(shown),
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.frequencies import orders, tooth_orders
+from warpchain.assembly.frequencies import excitation_orders, tooth_orders
 from warpchain.drive import Drive
 from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import SimulationError
@@ -224,7 +224,7 @@ def _excitation_order_amplitudes(
     """Cause and both signals' amplitudes of each order that excites the drive and that both resolve."""
     if ours is None or theirs is None:
         return {}
-    causes = {order.value: order.cause for order in orders(trajectory.drive)}
+    causes = {order.value: order.cause for order in excitation_orders(trajectory.drive)}
     for chain, teeth in tooth_orders(trajectory.drive).items():
         named = f" of {chain}" if chain else ""
         causes |= {k * float(teeth): f"{k} x tooth passing{named}" for k in range(1, TOOTH_PASSINGS + 1)}

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.crossings import assemble_chains
-from warpchain.assembly.fitting import drawn_paths, fit_positions, fitted_chain, links_place, nearest_links
+from warpchain.assembly.fitting import fit_positions, fitted_chain, links_place, nearest_links, paths_as_drawn
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, Guide
@@ -189,7 +189,7 @@ def _link_counts_to_try(
     if adjust.links is None:
         return {v: [None] for v in strains}
     found: dict[int, list[int | None]] = {}
-    for v, path in zip(strains, drawn_paths([_adjusted_chain(drives[v], adjust) for v in strains]), strict=True):
+    for v, path in zip(strains, paths_as_drawn([_adjusted_chain(drives[v], adjust) for v in strains]), strict=True):
         if isinstance(path, DriveError):
             refused[v] = path
         elif counts := nearest_links(path, strains[v], odd=adjust.links == "any"):

@@ -1,13 +1,4 @@
-"""Which guides lie on which strand, and their shapes as obstacles of the chain.
-
-A guide belongs to the strand that runs nearest to its face, as drawn and with straight strands: by the mean height of
-the strand over the places where rollers would ride, those that the strand has behind it counting more. It must run
-roughly along that strand and not stand farther into it than a quarter of the strand's length.
-
-A straight bar on the ground that the straight strand only presses on is left to settling: up to half a roller's radius,
-the depth to which contacts take a roller for one that rides. Beyond a pitch such a bar is a mistake of the layout, as
-`warpchain.assembly.layout_checks` reports it, and the strand is drawn straight as well.
-"""
+"""Guides as obstacles of strands: the strand to which each belongs, and its arcs of rollers' centers."""
 
 from __future__ import annotations
 
@@ -17,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.assembly.taut_string import Arc, obstacle
+from warpchain.assembly.taut_string import Arc, obstacle_arcs
 from warpchain.drive.face_profile import Piece, Point, Profile, unit_vector
 from warpchain.drive.stack_math import (
     arctan2,
@@ -48,22 +39,22 @@ Line = tuple[Point, Point]
 Run = tuple[Arc, ...]
 
 
-def turned(profile: Profile, pivot: Point, angle: float) -> Profile:
+def turned_profile(profile: Profile, pivot: Point, angle: float) -> Profile:
     """A face turned about a pivot by an angle [rad]."""
     if angle == 0.0:
         return profile
 
     def moved(piece: Piece) -> Piece:
-        return replace(piece, start=turned_about(pivot, piece.start, angle), heading=piece.heading + angle)
+        return replace(piece, start=rotated_place(pivot, piece.start, angle), heading=piece.heading + angle)
 
     return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))
 
 
 def profile_at(drive: Drive, g: int, arm_angle: Sequence[float]) -> Profile:
-    """The face of guide g where its arm stands at its angle [rad]."""
+    """The face of guide g with its arm at its angle [rad]."""
     arm, profile = drive.arm_of(g), drive.profile(g)
     while arm is not None:
-        profile, arm = turned(profile, drive.arms[arm].pivot, float(arm_angle[arm])), drive.parent(arm)
+        profile, arm = turned_profile(profile, drive.arms[arm].pivot, float(arm_angle[arm])), drive.parent(arm)
     return profile
 
 
@@ -117,14 +108,14 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
     return found
 
 
-def depth(run: Run, line: Line) -> float:
+def cut_depth(run: Run, line: Line) -> float:
     """Depth to which a straight strand cuts into an obstacle [m]; negative where it passes clear of it."""
     (sx, sy), (ex, ey) = line
     heading, length = arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
     ux, uy = unit_vector(heading)
     deepest: Any = -math.inf
     for arc in run:
-        x, y = arc.at(arc.held(heading))
+        x, y = arc.at(arc.nearest_heading(heading))
         ahead = (x - sx) * ux + (y - sy) * uy
         cut = arc.sign * ((sy - y) * ux - (sx - x) * uy)
         deepest = where((ahead > 0.0) & (ahead < length), maximum(deepest, cut), deepest)
@@ -132,7 +123,7 @@ def depth(run: Run, line: Line) -> float:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedGuide:
     """A guide that a strand may have to go around, as drawn.
 
     Attributes:
@@ -148,15 +139,15 @@ class Placed:
     pivots: tuple[tuple[int, Point], ...]
 
     def run_at(self, arm_angle: Sequence[float]) -> Run:
-        """The arcs where the arms stand at angles (A,) [rad]."""
+        """The arcs with the arms at angles (A,) [rad]."""
         run = self.run
         for arm, pivot in self.pivots:
             angle = arm_angle[arm]
-            run = run if shared_value(angle == 0.0) else tuple(_turned(arc, pivot, angle) for arc in run)
+            run = run if shared_value(angle == 0.0) else tuple(_turned_arc(arc, pivot, angle) for arc in run)
         return run
 
 
-def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
+def strand_obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[PlacedGuide, ...]:
     """The guides that strands may have to go around; mostly none.
 
     Args:
@@ -164,24 +155,24 @@ def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
         strands: ends of the straight strands [m].
 
     Raises:
-        Unlike: where these are not the same of a stack.
+        UnlikeVariants: where these are not the same of a stack.
     """
-    found: list[Placed] = []
+    found: list[PlacedGuide] = []
     for g, guide in enumerate(drive.guides):
         own = own_strand(drive, g, strands)
         if own is None:
             continue
         k, along = own
-        run, arm = obstacle(drive.profile(g), drive.guide_offset(g), g, along), drive.arm_of(g)
+        run, arm = obstacle_arcs(drive.profile(g), drive.guide_offset(g), g, along), drive.arm_of(g)
         if guide.straight and arm is None:
-            cut = depth(run, strands[k])
+            cut = cut_depth(run, strands[k])
             if not shared_value((0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)):
                 continue
-        found.append(Placed(k, run, arm, pivots_of(drive, arm)))
+        found.append(PlacedGuide(k, run, arm, arm_pivots(drive, arm)))
     return tuple(found)
 
 
-def obstructed(drive: Drive, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+def has_obstructed_strand(drive: Drive, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether any strand may have to go around a guide, of each variant of a stack (V,).
 
     Args:
@@ -190,13 +181,13 @@ def obstructed(drive: Drive, start: NDArray[np.float64], end: NDArray[np.float64
     """
     found = np.zeros(len(start), dtype=bool)
     for g in range(len(drive.guides)):
-        cut = _cuts(drive, g, start, end)
+        cut = _cut_depths(drive, g, start, end)
         found |= (0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)
     return found
 
 
-def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth to which its own straight strand cuts into a straight bar on the ground [m] (V,): `own_strand` and `depth`.
+def _cut_depths(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V,) depth to which its own straight strand cuts into a straight bar on the ground [m].
 
     Negative infinity where no strand is its own. Of a strand along u, the arcs over the bar's ends have the places
     nearest to being cut at c + (R + offset) n: n is square to u over the end that the strand runs towards, seen from
@@ -207,7 +198,7 @@ def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.floa
     face = last - first
     size = np.hypot(face[:, 0], face[:, 1])
     t = face / size[:, None]
-    square = _left(t)
+    square = _left_normals(t)
     shares = np.arange(_PLACES) / (_PLACES - 1)
     rides = (first + with_last_axis(offset) * square)[:, None, :] + shares[:, None] * face[:, None, :]
 
@@ -231,7 +222,7 @@ def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.floa
     rises = cross(t, way) > 0.0
     cut = np.full(len(apart), -np.inf)
     for center, leaning in ((first, rises), (last, ~rises)):
-        n = np.where(leaning[:, None], _left(way), square)
+        n = np.where(leaning[:, None], _left_normals(way), square)
         point = center - with_last_axis(bar.end_radius) * square + with_last_axis(bar.end_radius + offset) * n
         place = dot(point - start, u)
         depth = side * cross(u, point - start)
@@ -239,7 +230,8 @@ def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.floa
     return np.where(mine, cut, -np.inf)
 
 
-def _left(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _left_normals(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (..., 2) turned left by a right angle."""
     return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
 
 
@@ -253,12 +245,12 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _turned(arc: Arc, pivot: Point, angle: Any) -> Arc:
+def _turned_arc(arc: Arc, pivot: Point, angle: Any) -> Arc:
     """An arc turned about a pivot by an angle [rad]."""
-    return replace(arc, center=turned_about(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
+    return replace(arc, center=rotated_place(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
 
 
-def pivots_of(drive: Drive, arm: int | None) -> tuple[tuple[int, Point], ...]:
+def arm_pivots(drive: Drive, arm: int | None) -> tuple[tuple[int, Point], ...]:
     """An arm, if any, and the arm that carries it, each with its pivot as drawn [m]."""
     found: list[tuple[int, Point]] = []
     while arm is not None:
@@ -267,15 +259,15 @@ def pivots_of(drive: Drive, arm: int | None) -> tuple[tuple[int, Point], ...]:
     return tuple(found)
 
 
-def on_arm(drive: Drive, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
-    """A place of an arm [m], as drawn, with the arms at angles (A,) [rad], each from the arm that carries it."""
+def place_on_arm(drive: Drive, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
+    """A place of an arm as drawn, moved with the arms to angles (A,), each from the arm that carries it [m]."""
     found: tuple[Any, Any] = place
-    for a, pivot in pivots_of(drive, arm):
-        found = turned_about(pivot, found, arm_angle[a])
+    for a, pivot in arm_pivots(drive, arm):
+        found = rotated_place(pivot, found, arm_angle[a])
     return found
 
 
-def turned_about(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
+def rotated_place(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
     """A place turned about a pivot by an angle [rad]."""
     cosine, sine = unit_vector(angle)
     x, y = place[0] - pivot[0], place[1] - pivot[1]
