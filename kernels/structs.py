@@ -5,6 +5,7 @@ the CPU; blocks of a GPU have it in float32, and in pairs where that is too litt
 """
 
 from functools import cache
+from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
@@ -961,7 +962,10 @@ def _of_blocks(made: dict[Any, Any]) -> None:
         made[full] = sums_at_float32(full, made)
 
 
-@cache
+_ONE_AT_A_TIME = Lock()
+"""Held while structs are made, so that threads of several GPUs have the same ones."""
+
+
 def types(Real: type, blocks: bool = False) -> SimpleNamespace:
     """The structs of kernels whose quantities are `Real` (wp.float64 or wp.float32), by the names that they have here.
 
@@ -971,6 +975,13 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
     Args:
         blocks: for blocks of a GPU; else what moves bodies is float64 at both precisions.
     """
+    with _ONE_AT_A_TIME:
+        return _types(Real, blocks)
+
+
+@cache
+def _types(Real: type, blocks: bool) -> SimpleNamespace:
+    """The structs of `types`."""
     made: dict[Any, Any] = {}
     vec2 = wp.vec2d if Real == wp.float64 else wp.vec2f
     if Real == wp.float32:

@@ -1,5 +1,8 @@
 """Sums and what is remembered at both precisions: every field of a struct has its way to a block and back."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import warp as wp
@@ -113,3 +116,21 @@ def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
     assert {name: chain[name] for name in RollerTally.vars if chain[name] == 0} == {}
     assert {name: chain[name] for name in LinkTally.vars if chain[name] == 0} == {}
     assert [strand[name] for name in ("links", "tension", "tension_square")] == [2, 2.0, 2.0]
+
+
+def test_threads_that_ask_for_structs_at_once_get_the_same():
+    program = (
+        "import sys, threading, warp as wp\n"
+        "from warpchain.kernels.structs import types\n"
+        "sys.setswitchinterval(1e-6)\n"
+        "start, found = threading.Barrier(4), []\n"
+        "def ask():\n"
+        "    start.wait()\n"
+        "    found.append(types(wp.float32, True).Gear)\n"
+        "threads = [threading.Thread(target=ask) for _ in range(4)]\n"
+        "[thread.start() for thread in threads]\n"
+        "[thread.join() for thread in threads]\n"
+        "print(len(set(map(id, found))))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "1"
