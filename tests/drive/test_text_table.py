@@ -114,7 +114,15 @@ def test_words_that_may_mean_two_units_are_none(word):
 REFUSED = {
     "nothing": ("", "must have a line of names and lines of numbers below it, of two columns at least"),
     "names alone": ("t,F\n", "must have a line of names and lines of numbers below it, of two columns at least"),
-    "no names": ("0,1\n1,2\n", "line 1: numbers begin, and no line of names is above them; nothing is above it"),
+    "no names": ("0,1\n1,2\n", "line 1: numbers begin, and no line of names is above them; nothing is above it; say"),
+    "rates below the names": (
+        "t\tF\nHz\t1000\n0,5\t1,5\n",
+        "line 3: numbers begin, and no line of names is above them; ",
+    ),
+    "two tables": (
+        "No;k\n1;2\n\nt [s];F [N]\n0;1,5\n",
+        'line 4: "t [s]" is not a finite number within 1e+30 of 0; say --he',
+    ),
     "a wrong first number": (
         "t,F\n0,x\n1,2\n",
         "line 3: numbers begin, and no line of names is above them; above it is",
@@ -170,6 +178,9 @@ def test_what_is_said_goes_before_what_is_found(tmp_path):
     assert read(path, 't,F\n0,"1.249,5"\n1,2\n', decimal=",")[1] == [[0.0, 1249.5], [1.0, 2.0]]
     two = "Tester;Meier\nZeit;Kraft\n0;1\n1;2\n"
     assert read(path, two, head=2)[0] == read(path, two, names={"kraft"})[0] == ["Zeit", "Kraft"]
+    assert read(path, "No;k\n1;2\n\nt;F\ns;N\n0;1,5\n", head=4) == (["t [s]", "F [N]"], [[0.0, 1.5]])
+    assert read(path, "t [s]\tF [N]\nHz\t1000\n0,5\t1,5\n", head=1) == (["t [s]", "F [N]"], [[0.5, 1.5]])
+    assert read(path, "# t [s], F [N]\n# rig 7\n0,1.5\n", head=1) == (["t [s]", "F [N]"], [[0.0, 1.5]])
 
 
 def test_gaps_are_no_numbers_and_no_mistakes(tmp_path):

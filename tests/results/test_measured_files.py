@@ -59,6 +59,11 @@ def test_microseconds_of_a_date_are_kept(tmp_path):
     assert read(tmp_path / "rig.csv", text)[0] == pytest.approx([0.0, 2e-6], abs=3e-11)
 
 
+def test_times_since_1970_count_from_the_first(tmp_path):
+    with pytest.warns(UserWarning, match=r"rig.csv: t: begins at 1766570400 s; it counts from the first instant"):
+        assert read(tmp_path / "rig.csv", "t,F\n1766570400.25,1\n1766570401.5,2\n")[0].tolist() == [0.0, 1.25]
+
+
 def test_gaps_are_left_out_and_told(tmp_path):
     text = "t [ms];F [N];G [N]\n0;1,5;\n1;;3\n2;NaN;4\n;;\n3;2,5;5\n;;6\n"
     with pytest.warns(UserWarning, match=r"rig.csv: 3 of 5 instants have no value; they are left out"):
@@ -97,6 +102,10 @@ def test_equal_times_are_spread_up_to_the_next_and_told(tmp_path):
         ("t,F\n10:00:00,1\n13:00:00 PM,2\n", "line 3: 13:00:00 PM is no time of day"),
         ("t,F\n10:00:00,1\n11.5,2\n", "line 3: '11.5' is no date or time of day like those above"),
         ("t,F\n23:59:59,1\n00:00:00,2\n", "t: must ascend"),
+        (
+            "No;t;F\n1;0;1\n2;1;2\n",
+            "column #1, No, may be no time, since column #2, t, is one: say --time '#2', or another",
+        ),
         (",time,F\n0,0.0,1\n1,0.5,2\n", "column #1 has no name: say --time '#1', or another"),
         (
             "time;force\ns;klbf\n0;1\n1;2\n",

@@ -53,7 +53,8 @@ SPELLINGS = {
     word: sign
     for words, sign in (
         ("RPM Rpm r·p·m. U/min 1/min /min min-1 min^-1 r/min Umdr/min Upm tr/min giri/min obr/min", "rpm"),
-        ("sec seconds", "s"), ("msec", "ms"), ("inches", "in"), ("kp", "kgf"), ("psia", "psi"), ("bara", "bar"),
+        ("sec second seconds Second Seconds", "s"),
+        ("msec", "ms"), ("inches Inch in. Zoll ″", "in"), ("kp", "kgf"), ("psia", "psi"), ("bara", "bar"),
         ("N-m", "Nm"), ("kN-m", "kNm"), ("lb-ft ft-lb ft-lbf lbf·ft ft·lbf lb·ft ft·lb", "lbf-ft"),
         ("lb-in in-lb in-lbf lbf·in in·lbf lb·in in·lb", "lbf-in"),
         ("Deg DEG degree CAD °CA degCA deg·CA °·CA °KW degKW deg·KW °·KW °crank deg·crank °CRK degCRK", "deg"),

@@ -29,6 +29,7 @@ from warpchain.files import read_regular_file, refusal_reason
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 """Signs between cells, in the order in which they are tried."""
+MISSING = "must have a line of names and lines of numbers below it, of two columns at least"
 MOST_PREAMBLE = 1000
 """Lines at the beginning among which the names stand."""
 GAPS = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "#na", "#nv", "null", "1.#qnan", "-1.#ind", "1.#ind"})
@@ -128,6 +129,8 @@ class TextTable:
             if value is None or abs(value) > HUGE:
                 other, word = (",", "points") if self.decimal == "." else (".", "commas")
                 hint = f"; numbers of this file have decimal {word}, or say --decimal" if other in cell else ""
+                if _is_text_row(row.cells):
+                    hint = f"; say --head {row.line} if it has the names"
                 raise TableError(
                     f"line {row.line}: {value_text(cell)} is not a finite number within {HUGE:g} of 0{hint}"
                 )
@@ -183,7 +186,9 @@ def read_text_table(
             rows = _rows_below(plain, first, separator, len(heads))
             sign = decimal or _decimal_sign(rows, separator)
             return TextTable(tuple(heads), line, rows, sign, decimal is not None)
-    raise wrong[0] if wrong else TableError(_missing_names(plain, head))
+    if head is not None:
+        raise TableError(f"line {head}: must be a line of names that stands above lines of numbers")
+    raise wrong[0] if wrong else TableError(MISSING)
 
 
 def column_place(names: Sequence[tuple[str, str]], wanted: str | None, default: int, option: str) -> int:
@@ -304,33 +309,55 @@ def _with_few_blanks(text: str) -> str:
 def _find_names(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int | None, names: frozenset[str]
 ) -> tuple[list[Head], int, int] | None:
-    """Heads, their line and the line of the first numbers; None where no line of names stands above numbers.
+    """Heads, their line and the line of the first numbers; None where there are no numbers.
 
     Raises:
-        TableError: there are several, or numbers stand below fewer names.
+        TableError: there are several lines of names, or numbers stand below none, or below fewer names.
     """
-    narrow: TableError | None = None
+    if head is not None:
+        return _names_at(rows, remarks, separator, head)
+    wrong: TableError | None = None
     for k, row in enumerate(rows):
-        if not _is_number_row(row.cells) or (head is not None and row.line <= head):
+        if not _is_number_row(row.cells):
             continue
         block = _rows_above(rows, k)
         if not block and row.line - 1 in remarks:  # "# time, force"
             block = list(_parsed_rows([(row.line - 1, remarks[row.line - 1])], separator))
-        if head is not None:
-            block = [above for above in block if above.line >= head]
-            if not block or block[0].line != head:
-                raise TableError(f"line {head}: must be a line of names that stands above lines of numbers")
         wide = [i for i, above in enumerate(block) if above.width >= row.width and len(above.cells) > 1]
-        if not wide:
-            if block and narrow is None:
-                text = "; decimal commas need semicolons or tabs between the columns" if separator == "," else ""
-                narrow = TableError(f"line {row.line}: has {row.width} cells below {block[-1].width} names{text}")
-            continue
-        i = 0 if head is not None else _names_place(block, wide, names)
-        return _heads_of_rows(block, i), block[i].line, row.line
-    if narrow is not None and separator != " ":
-        raise narrow
+        if wide:
+            i = _names_place(block, wide, names)
+            return _heads_of_rows(block[i:]), block[i].line, row.line
+        if wrong is None and separator != " ":
+            wrong = _misplaced_numbers(rows[:k], row, block, separator)
+    if wrong is not None:
+        raise wrong
     return None
+
+
+def _misplaced_numbers(above: list[Row], row: Row, block: list[Row], separator: str) -> TableError:
+    """The refusal of a line of numbers without names for all of them directly above; `block` are the lines of text."""
+    if block:
+        text = "; decimal commas need semicolons or tabs between the columns" if separator == "," else ""
+        return TableError(f"line {row.line}: has {row.width} cells below {block[-1].width} names{text}")
+    last = next((before for before in reversed(above) if before.width), None)
+    text = "nothing is above it" if last is None else f"above it is {value_text(separator.join(last.cells))}"
+    return TableError(
+        f"line {row.line}: numbers begin, and no line of names is above them; {text}; say --head LINE, of the names"
+    )
+
+
+def _names_at(
+    rows: list[Row], remarks: dict[int, str], separator: str, head: int
+) -> tuple[list[Head], int, int] | None:
+    """Heads of the names in a line that is said, it and the line of the first numbers below; None for too few."""
+    own = _parsed_rows([(head, remarks[head])], separator) if head in remarks else rows
+    names = next((row for row in own if row.line == head), None)
+    below = [row for row in rows if row.line > head and row.width]
+    first = next((row for row in below if _is_number_row(row.cells)), None)
+    if names is None or first is None or first.width > names.width:
+        return None
+    units = [*takewhile(lambda row: row is not first and _is_text_row(row.cells), below)]
+    return _heads_of_rows([names, *units]), head, first.line
 
 
 def _kind_of_cell(cell: str) -> str:
@@ -392,10 +419,10 @@ def _bare(cell: str) -> str:
     return cell.strip(" []()")
 
 
-def _heads_of_rows(block: list[Row], i: int) -> list[Head]:
-    """Heads of the names in row i of a block, with the units in the line below, if there is one."""
-    heads = [head_of_cell(cell) for cell in block[i].cells[: block[i].width]]
-    below = block[i + 1].cells if i + 1 < len(block) else []
+def _heads_of_rows(rows: list[Row]) -> list[Head]:
+    """Heads of the names in the first row, with the units in the next one, if there is one."""
+    heads = [head_of_cell(cell) for cell in rows[0].cells[: rows[0].width]]
+    below = rows[1].cells if len(rows) > 1 else []
     if below and (_is_unit_row(below) or not any(head.unit not in ("", head.name) for head in heads)):
         units = ["-" if cell == "1" else _bare(cell) for cell in below] + len(heads) * [""]
         heads = [
@@ -403,18 +430,6 @@ def _heads_of_rows(block: list[Row], i: int) -> list[Head]:
             for head, own in zip(heads, units, strict=False)
         ]
     return heads
-
-
-def _missing_names(lines: list[tuple[int, str]], head: int | None) -> str:
-    """The refusal of a file in which no line of names stands above numbers."""
-    if head is not None:
-        return f"line {head}: must be a line of names that stands above lines of numbers"
-    beginning = lines[:MOST_PREAMBLE]
-    for before, (number, text) in zip([(0, ""), *beginning], beginning, strict=False):
-        if any(_is_number_row(row.cells) for sign in SEPARATORS for row in _parsed_rows([(number, text)], sign)):
-            above = f"above it is {value_text(before[1])}" if before[0] else "nothing is above it"
-            return f"line {number}: numbers begin, and no line of names is above them; {above}"
-    return "must have a line of names and lines of numbers below it, of two columns at least"
 
 
 # ------------------------------------------------------------------------------------------------------- numbers

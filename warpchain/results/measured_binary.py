@@ -160,7 +160,8 @@ def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tup
         lengths = {
             name: math.prod(file[name].shape)
             for name, kind in kinds.items()
-            if isinstance(file[name], h5py.Dataset)
+            if isinstance(file.get(name, getlink=True), h5py.HardLink)
+            and isinstance(file[name], h5py.Dataset)
             and bytes(kind).decode(errors="replace") in _MAT_NUMBER_CLASSES
             and "MATLAB_empty" not in file[name].attrs
             and math.prod(file[name].shape) == max(file[name].shape, default=0) > 1

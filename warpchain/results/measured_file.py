@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from warpchain.drive import quantities
-from warpchain.drive.text_table import TableError, column_place, read_text_table
+from warpchain.drive.text_table import TIME_NAMES, TableError, TextTable, column_place, read_text_table
 from warpchain.errors import SimulationError, warn_caller
 from warpchain.results.measured_binary import COLUMN_READERS, read_binary_columns
 from warpchain.results.measured_columns import Array, MeasuredColumn, MeasuredColumns
@@ -71,6 +71,9 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
     time, signal = _without_gaps(path, head, to_seconds * time, to_si * signal)
     if len(time) < 2 or not (np.diff(time) >= 0.0).all() or time[0] == time[-1]:
         raise SimulationError(f"{path}: {head}: must ascend over at least two lines with values")
+    if time[0] > LATEST_TIME:  # seconds since 1970, say
+        warn_caller(f"{path}: {head}: begins at {time[0]:.10g} s; it counts from the first instant")
+        time = time - time[0]
     if max(-time[0], time[-1]) > LATEST_TIME:
         raise SimulationError(f"{path}: {head}: must be within {LATEST_TIME:g} s of 0")
     equal = int((np.diff(time) == 0.0).sum())
@@ -105,6 +108,8 @@ def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[Measur
         table = read_text_table(path, columns.decimal, columns.head, known)
         heads, names = table.heads, table.names
         at = column_place(names, columns.time, 0, "time")
+        if columns.time is None:
+            _check_first_column(table)
         of = column_place(names, columns.column, 1 if at == 0 else 0, "column")
         unit_of_time = heads[at].unit
         if has_clock(table, at):
@@ -116,6 +121,18 @@ def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[Measur
         return (heads[at].name, unit_of_time, time), (heads[of].name, heads[of].unit, np.array(table.numbers(of)))
     except TableError as error:
         raise SimulationError(f"{path}: {error}") from None
+
+
+def _check_first_column(table: TextTable) -> None:
+    """Raises TableError where the first column is no time by its name and unit, and another one is."""
+    is_time = [
+        head.name in TIME_NAMES or quantities.unit_factor(head.unit, "s") is not None or has_clock(table, k)
+        for k, head in enumerate(table.heads)
+    ]
+    if not is_time[0] and any(is_time):
+        at = is_time.index(True)
+        first, other = (f"column #{k + 1}, {table.heads[k]}" for k in (0, at))
+        raise TableError(f"{first}, may be no time, since {other}, is one: say --time '#{at + 1}', or another")
 
 
 def _unit_factor(path: str | Path, what: str, given: str, si: str, hint: str) -> float:
