@@ -1,5 +1,6 @@
 """Times: of jobs in turns, of functions where they are called, and on what machine."""
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -9,10 +10,14 @@ from unittest.mock import patch
 
 def machine_line() -> Iterator[str]:
     """The machine and the versions that times are of, as lines."""
-    from warpchain.engine.device_choice import machine_facts
-    from warpchain.engine.devices import usable_gpus
+    import warp as wp
 
-    yield ", ".join(f"{name}: {value}" for name, value in machine_facts(usable_gpus()).items())
+    from warpchain.engine.devices import processor_name, usable_gpus
+    from warpchain.version import installed_version
+
+    gpus = [wp.get_device(gpu).name for gpu in usable_gpus()]
+    yield f"cpu: {processor_name()}, cores: {os.cpu_count()}, gpus: {gpus}"
+    yield f"warpchain: {installed_version()}, warp: {wp.__version__}"
 
 
 def run_in_turns(jobs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from warpchain.drive import Drive
-    from warpchain.engine.device_choice import DeviceSpeed
     from warpchain.results.run import Run
 
 DONE, UNFINISHED, WRONG, NOT_OK = 0, 1, 2, 3
@@ -180,41 +179,18 @@ def chains_command(_: argparse.Namespace) -> int:
     return DONE
 
 
-def devices_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain devices`: lists processor and GPUs with their measured speeds."""
+def devices_command(_: argparse.Namespace) -> int:
+    """Body of `warpchain devices`: lists processor and GPUs."""
+    import warp as wp
+
     from warpchain.engine import start_warp
-    from warpchain.engine.device_choice import machine_facts, measure_speeds, processor_name, speeds_file, stored_speeds
-    from warpchain.engine.devices import usable_gpus
+    from warpchain.engine.devices import processor_name, usable_gpus
     from warpchain.engine.simulation import available_cores
 
     start_warp(precompiled=False)
-    gpus, cores = usable_gpus(), available_cores()
-    if arguments.calibrate:
-        for precision in ("float64", "float32"):
-            measure_speeds(gpus, precision, cores)
-    print(f"cpu: {processor_name()}, {cores} cores")
-    for gpu, name in zip(gpus, machine_facts(gpus)["gpus"], strict=True):
-        print(f"{gpu}: {name}")
-    if not gpus:
-        print("no NVIDIA GPU that Warp can use: runs take the CPU")
-    known = stored_speeds(gpus)
-    for name, speed in sorted(known.items()):
-        print(f"{name}, measured: {_device_speed_text(speed, name.startswith('cpu'))}")
-    if known:
-        print(f"stored in {speeds_file()}")
-    else:
-        print("not measured: the choice of a device goes by its class (warpchain devices --calibrate measures)")
-    return DONE
-
-
-def _device_speed_text(speed: DeviceSpeed, of_cpu: bool) -> str:
-    """The measured speed of a device in words."""
-    about = f"{speed.rate / 1e6:.4g} million roller-steps a second"
-    if of_cpu:
-        about += f" a core, {speed.cores:.3g} times that on all"
-    else:
-        about += f" when full, {speed.latency * 1e6:.3g} us a step, {speed.start:.2g} s to begin"
-    return about + (f", {speed.compile_seconds:.2g} s to compile kernels" if speed.compile_seconds else "")
+    gpus = [f"{gpu}: {wp.get_device(gpu).name}" for gpu in usable_gpus()]
+    without = "no NVIDIA GPU that Warp can use: runs take the CPU"
+    return _print_lines([f"cpu: {processor_name()}, {available_cores()} cores", *(gpus or [without])])
 
 
 def fit_command(arguments: argparse.Namespace) -> int:

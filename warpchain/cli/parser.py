@@ -172,9 +172,8 @@ def _add_schema_command(commands: Any) -> None:
 
 def _add_devices_command(commands: Any) -> None:
     """Adds `warpchain devices` to the command line."""
-    text = "list the devices that runs can take, and how fast they were measured to be"
-    parser = _add_function_command(commands, do.devices_command, text, "warpchain devices --calibrate")
-    parser.add_argument("--calibrate", action="store_true", help="measure them now, as runs do once where it pays")
+    text = "list the devices that runs can take"
+    _add_function_command(commands, do.devices_command, text, "warpchain devices")
 
 
 def _add_fit_command(commands: Any) -> None:

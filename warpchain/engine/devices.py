@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -48,6 +49,15 @@ def devices_by_name(device: str | None, packed: PackedEnsemble) -> tuple[str, ..
     if reason is not None:
         raise SimulationError(reason)
     return wanted
+
+
+def processor_name() -> str:
+    """The processor's name."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
+            return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
 
 
 def usable_gpus() -> tuple[str, ...]:
