@@ -55,10 +55,8 @@ def test_a_third_column_is_refused_by_name_until_those_that_count_are_named(tmp_
     with pytest.raises(DriveError) as caught:
         columns(path, THREE, MotorTable)
     (line,) = caught.value.errors
-    text = (
-        'line 1: column #3, "T [°C]", is not known; must be torque over time or angle or speed; say which count, as in'
-    )
-    assert line.startswith(text) and line.endswith('columns = { time = "#1", torque = "#2" }')
+    text = 'line 1: column #3, "T [°C]", is not known, nor is its unit; must be torque over time or angle or'
+    assert line.startswith(text) and line.endswith('columns = { speed = "n", torque = "M" }')
     for names in ({"speed": "n", "torque": "M"}, {"speed": "n [1/min]", "torque": "#2"}):
         found = columns(path, THREE, MotorTable, columns=names)
         assert found["torque"] == MOTOR["torque"] and found["speed"] == pytest.approx(MOTOR["speed"], rel=1e-15)
@@ -128,7 +126,12 @@ def test_each_kind_of_table_in_other_units(tmp_path, kind, text, found):
             {},
             "line 2: 1.249 may be 1249, as all numbers here; give decimal , or .",
         ),
-        (TorqueTable, "A;B\ntime;torque\n0;1\n1;2\n", {"head": 1}, 'line 1: column #1, "A [time]", is not known'),
+        (
+            TorqueTable,
+            "A;B\ntime;torque\n0;1\n1;2\n",
+            {"head": 1},
+            'line 1: column #1, "A [time]", is not known, nor is its unit',
+        ),
         (
             TorqueTable,
             "time,torque,torque\n0,1,1\n1,2,2\n",

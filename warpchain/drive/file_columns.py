@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, PlaceTable
 from warpchain.drive.quantities import equivalent_units, unit_factor, unit_of_text
-from warpchain.drive.text_table import TableError, TextTable, column_place, options_as_keys, read_text_table
+from warpchain.drive.text_table import Head, TableError, TextTable, column_place, options_as_keys, read_text_table
 from warpchain.drive.toml import value_text
 from warpchain.drive.valves import LiftTable
 from warpchain.errors import DriveError
@@ -138,28 +138,33 @@ def _places(found: TextTable, allowed: FileColumns) -> dict[str, int]:
     Raises:
         TableError: a column that is none, or two that are one.
     """
-    keys, places = (*allowed.over, *allowed.of), dict[str, int]()
-    for k, head in enumerate(found.heads):
-        key = head.name.lower()
-        if key not in keys:
-            alike = [
-                of for of in keys if unit_of_text(head.unit) and unit_factor(head.unit, COLUMN_UNITS[of]) is not None
-            ]
-            key = alike[0] if len(alike) == 1 else ""
-        example = (
-            "say which count, as in columns = { "
-            + ", ".join(f'{of} = "#{i + 1}"' for i, of in enumerate((*allowed.over[:1], *allowed.of)))
-            + " }"
-        )
+    keys = (*allowed.over, *allowed.of)
+    found_keys = [_key_of_head(head, keys) for head in found.heads]
+    places = {key: found_keys.index(key) for key in found_keys if key}
+    over = [key for key in allowed.over if key in places][:1] or list(allowed.over[:1])
+    named = {
+        key: found.heads[places[key]].name if key in places else f"#{i + 1}"
+        for i, key in enumerate((*over, *allowed.of))
+    }
+    example = "say which count, as in columns = { " + ", ".join(f'{key} = "{of}"' for key, of in named.items()) + " }"
+    for k, (key, head) in enumerate(zip(found_keys, found.heads, strict=True)):
+        column = f"line {found.line}: column #{k + 1}, {value_text(str(head)) if head.name else 'without a name'},"
         if not key:
-            name = value_text(str(head)) if head.name else "without a name"
-            raise TableError(f"line {found.line}: column #{k + 1}, {name}, is not known; must be {allowed}; {example}")
-        if key in places:
+            nor = ", nor is its unit" if head.unit and unit_of_text(head.unit) is None else ""
+            raise TableError(f"{column} is not known{nor}; must be {allowed}; {example}")
+        if places[key] != k:
             both = f"columns #{places[key] + 1}, {found.heads[places[key]]}, and #{k + 1}, {head}, are both {key}"
             raise TableError(f"line {found.line}: {both}; {example}")
-        places[key] = k
     _check_keys(list(places), allowed, f"line {found.line}: ")
     return places
+
+
+def _key_of_head(head: Head, keys: tuple[str, ...]) -> str:
+    """The key that a head names, or else the only one that is measured in its unit; "" for none."""
+    if head.name.lower() in keys:
+        return head.name.lower()
+    alike = [key for key in keys if unit_factor(head.unit, COLUMN_UNITS[key]) is not None]
+    return alike[0] if len(alike) == 1 else ""
 
 
 def _check_keys(keys: list[str], allowed: FileColumns, where: str) -> None:

@@ -327,7 +327,7 @@ def _find_names(
         if wide:
             i = _names_place(block, wide, names)
             return _heads_of_rows(block[i:]), block[i].line, row.line
-        if wrong is None and separator != " ":
+        if wrong is None:
             wrong = _misplaced_numbers(rows[:k], row, block, separator)
     if wrong is not None:
         raise wrong
