@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from waiting import bytes_in, wait_for
 from warpchain import cli, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
 from warpchain.cli.commands import _run_status_lines
+from warpchain.cli.parser import command_line_parser
 from warpchain.cli.shared_options import message_with_options
 from warpchain.cli.study_commands import study_notes
 from warpchain.drive import dumps_drive
@@ -283,3 +285,20 @@ def test_a_page_tells_settings_as_the_study_file_has_them(tmp_path):
     """TOML's words, not Python's."""
     (tmp_path / "study.toml").write_text('[design]\nkind = "sobol"\n[run]\nkeep_states = false\nwindow = [0.1, 0.3]\n')
     assert study_notes(tmp_path) == {"design": 'kind = "sobol"', "run": "keep_states = false, window = [0.1, 0.3]"}
+
+
+def test_commands_read_arguments_that_the_parser_knows():
+    """Names that nothing checks, as they are attributes of a namespace."""
+    known = {"self"}
+
+    def visit(parser):
+        known.update(action.dest for action in parser._actions)
+        known.update(parser._defaults)
+        for action in parser._actions:
+            for inner in action.choices.values() if isinstance(action.choices, dict) else ():
+                visit(inner)
+
+    visit(command_line_parser())
+    sources = (Path(cli.__file__).parent).glob("*.py")
+    read = {name for source in sources for name in re.findall(r"\barguments\.(\w+)", source.read_text())}
+    assert len(read) > 50 and read <= known

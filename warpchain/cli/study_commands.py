@@ -121,7 +121,7 @@ def study_run_command(arguments: argparse.Namespace) -> int:
             executor=executor,
             part=arguments.shard,
             parts=parts,
-            grow=arguments.apply_temperature,
+            grow=arguments.grow,
             **run_options_from_arguments(arguments) | {"progress": not arguments.quiet},
         )
     status = _print_study_status(outcome)
