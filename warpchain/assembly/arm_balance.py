@@ -132,7 +132,7 @@ class StillCoil:
         return -self.stiffness * (length - self.free_length) * outer / length
 
     def energy(self, angle: float) -> float:
-        """Of which the moment is minus the derivative [J]."""
+        """Energy whose negative derivative by the angle is the moment [J]."""
         return float(0.5 * self.stiffness * (self._length(angle)[0] - self.free_length) ** 2)
 
     def torsional_stiffness(self, angle: float) -> float:

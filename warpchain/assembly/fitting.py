@@ -358,6 +358,7 @@ def strand_sag(drive: Drive, assembly: Assembly, strand: int) -> float:
 
 
 def _sprocket_index(drive: Drive, name: str) -> int:
+    """Index of the sprocket of a name; a DriveError that lists the names if there is none."""
     names = [sprocket.name for sprocket in drive.sprockets]
     if name not in names:
         raise DriveError(f'sprocket "{name}": no such name; allowed are {", ".join(names)}')
@@ -365,6 +366,7 @@ def _sprocket_index(drive: Drive, name: str) -> int:
 
 
 def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
+    """Unit vector of a line's direction; a DriveError for none."""
     line = np.asarray(direction, dtype=float)
     if line.shape != (2,) or not np.isfinite(line).all() or not line.any():
         raise DriveError(f"direction {direction}: must be two finite numbers, not both 0")
@@ -496,4 +498,5 @@ def _sag_at_strain(drive: Drive, chord: tuple[float, float], strain: float) -> f
 
 
 def _drive_with_links(drive: Drive, links: int) -> Drive:
+    """The drive with another number of links."""
     return drive.model_copy(update={"chain": drive.chain.model_copy(update={"links": links})})

@@ -429,6 +429,7 @@ def _variant_number(value: Any, v: int) -> float:
 
 
 def _percent_text(strain: float) -> str:
+    """A strain in percent, as text."""
     return f"{100.0 * strain:+.3f} %" if math.isfinite(strain) else "too short to go round"
 
 
@@ -444,6 +445,7 @@ def _first_variant(condition: Any) -> int | None:
 
 
 def _check_tips(drive: Drive, radius: Sequence[Any]) -> None:
+    """Raises a DriveError where links are so long that rollers ride over a sprocket's tips."""
     for s, sprocket in enumerate(drive.sprockets):
         tips = drive.tip_radius(s)
         v = _first_variant(radius[s] > tips)
@@ -458,6 +460,7 @@ def _check_tips(drive: Drive, radius: Sequence[Any]) -> None:
 
 
 def _check_apart(drive: Drive, center: Sequence[Pair], radius: Sequence[Any]) -> None:
+    """Raises a DriveError where pitch circles overlap."""
     for a, b in combinations(range(len(center)), 2):
         dx, dy = center[b][0] - center[a][0], center[b][1] - center[a][1]
         square, reach = dx * dx + dy * dy, radius[a] + radius[b]
@@ -472,6 +475,7 @@ def _check_apart(drive: Drive, center: Sequence[Pair], radius: Sequence[Any]) ->
 
 
 def _check_wraps(drive: Drive, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
+    """Raises a DriveError where a sprocket is wrapped by no angle, or by more than a turn less a pitch."""
     for s, sprocket in enumerate(drive.sprockets):
         v = _first_variant((wrap[s] < _NO_WRAP) | (wrap[s] > 2.0 * math.pi - pitch_angle[s]))
         if v is not None:

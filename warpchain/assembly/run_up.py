@@ -132,7 +132,7 @@ def missing_effects(drive: Drive) -> Iterator[str]:
             yield f'the other ratios of "{coupling.name}" than its first'
         if coupling.clutch is not None:
             yield f'what "{coupling.name}" passes on while it slips, up to {coupling.clutch.most:.4g} N m'
-        if coupling.freewheel and not coupling.grounded:
+        if coupling.freewheel and not coupling.is_grounded:
             yield f'that "{coupling.name}" may be overrun'
     if motion is not None:
         return

@@ -159,7 +159,7 @@ def _layout_key(drive: Drive) -> Hashable:
 def _layout_values(drive: Drive) -> dict[str, Any]:
     """Values of a drive's chain, sprockets, shafts and run that its layout depends on, by name."""
 
-    def some(part: Any, *names: str) -> dict[str, Any]:
+    def fields_of(part: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
 
     lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius"
@@ -170,12 +170,12 @@ def _layout_values(drive: Drive) -> dict[str, Any]:
         outer = outer.model_copy(update={"damping": None} if drive.arms else {"damping": None, "stiffness": None})
     beside = LAYOUT_FREE_KEYS if drive.arms else LAYOUT_FREE_KEYS | WEIGHT_KEYS
     return {
-        "chain": some(drive.chain, *lengths) | {"outer": outer},
+        "chain": fields_of(drive.chain, *lengths) | {"outer": outer},
         "sprockets": [
-            some(of, *(name for name in type(of).model_fields if name not in beside)) for of in drive.sprockets
+            fields_of(of, *(name for name in type(of).model_fields if name not in beside)) for of in drive.sprockets
         ],
-        "shafts": [some(shaft, "name", "prescribed", "initial_speed") for shaft in drive.shafts],
-        "run": some(drive.run, "gravity", "phase"),
+        "shafts": [fields_of(shaft, "name", "prescribed", "initial_speed") for shaft in drive.shafts],
+        "run": fields_of(drive.run, "gravity", "phase"),
     }
 
 

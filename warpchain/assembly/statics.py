@@ -355,6 +355,7 @@ class _Solver:
         return zip(self.parts, self.assemblies, self.split(x), strict=True)
 
     def _terms(self, x: Array) -> EnergyTerms:
+        """Energy, gradient and Hessian of all chains at x."""
         found = [potential.terms(own) for potential, own in zip(self.parts, self.split(x), strict=True)]
         return found[0] if len(found) == 1 else stacked_terms(found)
 
@@ -417,6 +418,7 @@ class _Solver:
                 of[one.second][one.place :][:2] = np.array([-dy, dx]) * of[0][potential.first_arm + one.arm]
 
     def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
+        """Newton's change of the free coordinates, with a shift of the Hessian's diagonal."""
         from scipy.sparse.linalg import splu
 
         shifted = curvature.copy()

@@ -429,6 +429,7 @@ def _joint_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _sprocket_lines(values: dict[str, Any]) -> list[str]:
+    """Lines of `check` on sprockets."""
     table = table_lines(
         ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
         [
@@ -450,6 +451,7 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _strand_lines(values: dict[str, Any]) -> list[str]:
+    """Lines of `check` on strands."""
     table = table_lines(
         ("strand", "length", "links", "standing", "", "at work", "of it m v^2/p", "", "off its line"),
         [
@@ -477,6 +479,7 @@ def _strand_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _guide_lines(values: dict[str, Any]) -> list[str]:
+    """Lines of `check` on contacts with guide-bars."""
     if not values["guides"]:
         return []
     head: tuple[str, ...] = ("guide-bar", "contact stiffness", "law", "rebound")
@@ -510,6 +513,7 @@ def _touch_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _cell_texts(values: list[float | None], text: str) -> tuple[str, ...]:
+    """Values as texts of table cells."""
     return tuple("-" if value is None else text.format(value + 0.0) for value in values)
 
 
@@ -546,10 +550,12 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _millis(value: float | None) -> float | None:
+    """A value in thousandths of its unit; None stays."""
     return None if value is None else 1e3 * value
 
 
 def _degrees(value: float | None) -> float | None:
+    """An angle [rad] in degrees; None stays."""
     return None if value is None else math.degrees(value)
 
 
@@ -600,6 +606,7 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _valve_lines(values: dict[str, Any]) -> list[str]:
+    """Lines of `check` on valves."""
     rows: list[tuple[str, ...]] = [
         (
             v["name"],
@@ -617,6 +624,7 @@ def _valve_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _mount_lines(values: dict[str, Any]) -> list[str]:
+    """Lines of `check` on mounts of sprockets."""
     if not values["mounts"]:
         return []
     table = table_lines(

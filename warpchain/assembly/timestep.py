@@ -29,7 +29,7 @@ AUTOMATIC = 0.6
 """The automatic step, of the limit (docs/model.md: what of a drive it changes)."""
 
 STAGED = 0.3
-"""The same of schemes with stages, which hold bristles and dampers at step starts and by bounds."""
+"""The automatic step, of the limit, of schemes with stages, which hold bristles and dampers at step starts."""
 
 
 @dataclass(frozen=True)
@@ -219,6 +219,7 @@ def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = Fals
 
 
 def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[MovingBody]) -> float:
+    """`highest_frequency` with these bodies."""
     if drive.chains:
         return maximum(*(_highest_frequency(chain.drive, damped_links, bodies) for chain in chain_drives(drive)))
     mass = drive.chain.mass

@@ -182,7 +182,7 @@ def _chain_drive(
 ) -> ChainDrive:
     """A chain as a drive of its own, after those before it in the order of motion."""
 
-    def turning(part: Any) -> str:
+    def first_body_name(part: Any) -> str:
         """The first of the bodies that a part is between which is not the ground."""
         return str(next(body for body in part.between if body != FIXED))
 
@@ -190,7 +190,7 @@ def _chain_drive(
     mine = [b for b in range(len(plan.names)) if plan.home_chain(b) == name]
     places["shafts"] = tuple(b - count for b in mine if b >= count)
     for kind in GROUP_PARTS:
-        first = [plan.names.index(getattr(part, "on", None) or turning(part)) for part in getattr(drive, kind)]
+        first = [plan.names.index(getattr(part, "on", None) or first_body_name(part)) for part in getattr(drive, kind)]
         places[kind] = tuple(i for i, b in enumerate(first) if b in mine)
     beside = [s for s in mine if s < count and s not in places["sprockets"]]
     bodies = [*places["sprockets"], *(h + count for h in places["shafts"]), *beside]

@@ -27,6 +27,7 @@ MATERIALS = ("width", "reference_load", "roller", "partner")
 
 
 def _check_law(value: str) -> str:
+    """The name of a contact law, if it is known."""
     if value not in LAWS:
         raise ValueError("no law")
     return value

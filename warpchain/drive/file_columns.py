@@ -50,7 +50,7 @@ LIFT_KEYS = {
     "event": "true: the file has the lift while it is open, and it rests for the rest of the turn; false: it repeats",
     "crank_turns": "turns of the crank for one of the cams, where the file has degrees of the crank: 2 of four strokes",
 }
-"""The same of a table of lifts alone."""
+"""Further keys beside `file` of a table of lifts."""
 _CRANK = re.compile(r"crank|kurbel|\b(CA|KW|CAD|CRK)\b|°(CA|KW|CRK)|deg(CA|KW|CRK)", re.IGNORECASE)
 POINTS = FileColumns((), ("x", "y"), needs_all=True)
 

@@ -41,6 +41,7 @@ def kelvin_voigt_rebound(zeta: float) -> float:
 
 
 def _kelvin_voigt_zeta(restitution: float) -> float:
+    """Damping ratio zeta of the law for a restitution e, -ln e / sqrt(pi^2 + ln^2 e)."""
     logarithm = math.log(restitution)
     return -logarithm / math.hypot(math.pi, logarithm)
 

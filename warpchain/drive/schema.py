@@ -52,6 +52,7 @@ HUGE = 1e30
 
 
 def _check_magnitude(value: Any) -> Any:
+    """The value, if none of its numbers is too large."""
     rest = [value]
     while rest:
         of = rest.pop()
@@ -74,6 +75,7 @@ def plain_sequence(value: Any) -> Any:
 
 
 def _check_direction(value: tuple[float, float]) -> tuple[float, float]:
+    """A direction, if it is not zero."""
     if value[0] == 0.0 and value[1] == 0.0:
         raise ValueError("no direction")
     return value
@@ -92,12 +94,14 @@ def is_name(value: object) -> bool:
 
 
 def _check_name(value: str) -> str:
+    """A name, if `is_name`."""
     if not is_name(value):
         raise ValueError("not a name")
     return value
 
 
 def _check_text(value: str) -> str:
+    """A text, if it is printable and not empty."""
     if not value.isprintable() or not value:
         raise ValueError("not a text")
     return value

@@ -310,7 +310,7 @@ class Coupling(Part):
     freewheel: Switch = False
 
     @property
-    def grounded(self) -> bool:
+    def is_grounded(self) -> bool:
         """Whether it is between the ground and b."""
         return self.between[0] == FIXED
 

@@ -66,7 +66,7 @@ def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
     """A function of numbers as a function of numbers or arrays (...), applied to each element."""
 
     @wraps(function)
-    def over(*values: Any, **named: Any) -> Any:
+    def apply(*values: Any, **named: Any) -> Any:
         if not has_arrays(*values):
             return function(*values, **named)
         import numpy as np
@@ -77,7 +77,7 @@ def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
         found = map(partial(function, **named) if named else function, *numbers)
         return np.fromiter(found, float, columns[0].size).reshape(columns[0].shape)
 
-    return over
+    return apply
 
 
 power = elementwise(pow)
@@ -90,13 +90,13 @@ arcsin = elementwise(math.asin)
 def _numpy_function(name: str) -> Callable[..., Any]:
     """A function of numpy's for numbers and arrays alike, since Python's own may round otherwise."""
 
-    def over(*values: Any) -> Any:
+    def apply(*values: Any) -> Any:
         import numpy as np
 
         found = getattr(np, name)(*values)
         return found if has_arrays(found) else float(found)
 
-    return over
+    return apply
 
 
 sin = _numpy_function("sin")
@@ -109,14 +109,14 @@ rint = _numpy_function("rint")
 def _python_or_numpy_function(function: Callable[..., float], name: str) -> Callable[..., Any]:
     """A function of Python's for numbers, numpy's of that name for arrays."""
 
-    def over(*values: Any) -> Any:
+    def apply(*values: Any) -> Any:
         if not has_arrays(*values):
             return function(*values)
         import numpy as np
 
         return getattr(np, name)(*values)
 
-    return over
+    return apply
 
 
 sqrt = _python_or_numpy_function(math.sqrt, "sqrt")  # these numpy rounds as Python does

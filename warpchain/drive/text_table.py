@@ -250,14 +250,14 @@ def _text_lines(path: str | Path) -> list[str]:
     for begin, kind in NO_TEXT.items():
         if data.startswith(begin):
             raise TableError(f"is {kind}")
-    lines = re.split(r"\r\n|\n|\r", _decoded(data))
+    lines = re.split(r"\r\n|\n|\r", _text_of_bytes(data))
     for number, line in enumerate(lines, 1):
         if "\0" in line:
             raise TableError(f"line {number}: has a zero byte: must be text")
     return lines
 
 
-def _decoded(data: bytes) -> str:
+def _text_of_bytes(data: bytes) -> str:
     """The text that bytes are: UTF-8, UTF-16 by its mark or a zero byte in the first sign, else Windows-1252."""
     marks = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
     wide = marks.get(data[:2])

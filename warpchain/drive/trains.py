@@ -305,7 +305,7 @@ def is_held_body(drive: Any, b: int) -> bool:
 def coupled_bodies(drive: Any, coupling: Any) -> tuple[int, int]:
     """The two bodies of a coupling; the ground is -1."""
     names = body_names(drive)
-    return -1 if coupling.grounded else names.index(coupling.between[0]), names.index(coupling.between[1])
+    return -1 if coupling.is_grounded else names.index(coupling.between[0]), names.index(coupling.between[1])
 
 
 def coupling_rest_angle(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int, int, Any]:

@@ -318,9 +318,9 @@ def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None
     """Fills the `kernels.structs.Coupling` c."""
     coupling = drive.couplings[c]
     first, second = coupled_bodies(drive, coupling)
-    row["first"], row["second"] = GROUND if coupling.grounded else first, second
+    row["first"], row["second"] = GROUND if coupling.is_grounded else first, second
     if coupling.freewheel:
-        row["freewheel"] = body_turning_sign(drive, second if coupling.grounded else first)
+        row["freewheel"] = body_turning_sign(drive, second if coupling.is_grounded else first)
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
     ratios, clutch = coupling.ratios, coupling.clutch
     if ratios is not None:

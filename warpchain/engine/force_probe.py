@@ -178,6 +178,7 @@ class ForceProbe:
         return straight, turned, pressure
 
     def _evaluate(self, states: ProbeStates) -> tuple[Array, Array, Array]:
+        """Accelerations and pressures as of `__call__`, of at most `COPIES` states."""
         count = len(states.position)
         rows, bodies = self._rollers[:count], self._bodies[:count]
         rows[:, 0:2], rows[:, 2:4], rows[:, 4:6] = states.position.mT, states.velocity.mT, 0.0

@@ -216,6 +216,7 @@ def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) 
 
 
 def _ride_table(tensioner: TensionerPart, shakes: Sequence[PlungerMotion], sums: NDArray[Any]) -> pa.Table:
+    """Table of rides, a row each, from their sums."""
     own = math.nan if tensioner.oil is None else tensioner.oil.viscosity
     given = {
         "frequency": [one.frequency for one in shakes],
@@ -229,11 +230,13 @@ def _ride_table(tensioner: TensionerPart, shakes: Sequence[PlungerMotion], sums:
 
 
 def _sample_table(one: PlungerMotion, values: NDArray[np.float64]) -> pa.Table:
+    """Table of a ride's samples."""
     time = np.arange(len(values)) / (one.frequency * SAMPLES_PER_CYCLE)
     return _unit_table({"time": time} | dict(zip(SAMPLE_COLUMNS, values.T, strict=True)), SAMPLE_UNITS)
 
 
 def _unit_table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
+    """Table of columns with the units in the fields' metadata."""
     import pyarrow as pa
 
     return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

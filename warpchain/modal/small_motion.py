@@ -238,7 +238,7 @@ def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, s
     still.valves["preload"] = still.valves["stiffness"] = 0.0
     still.couplings["lash"], still.couplings["capacity"], still.motors["present"] = 0.0, 0.0, 0
     still.couplings["freewheel"] = 0
-    still.engaged["ratio"][[coupling.grounded for coupling in drive.couplings]] = 0.0
+    still.engaged["ratio"][[coupling.is_grounded for coupling in drive.couplings]] = 0.0
     for b, load in free_body_loads(drive):
         turning = speed * body_speed_ratio(drive, b, drive.driver)
         moment = body_turning_sign(drive, b) * potential.moments[b]
