@@ -55,7 +55,7 @@ def test_derivatives_by_angles_of_arms_on_arms(drive):
     solver, d = _Solver([potential], [assembly]), 1e-6
 
     def at(x):
-        potential.carry(x)
+        potential.move_carried(x)
         solver._move_levers(x)
         terms = solver._terms(x)
         return terms, terms.slope(solver.maps, solver.count)

@@ -230,7 +230,7 @@ def test_a_governor_falls_with_the_speed():
     # the factor 1 + (w0 - w) / B times 50 N m, between 0 and `most`; its slope is that of a damper of 50 / B
     motor = Motor(torque=50.0, governor={"speed": 8.0, "band": 4.0, "most": 1.5})
     assert [motor.at(speed) for speed in (0.0, 7.0, 8.0, 10.0, 13.0)] == [75.0, 62.5, 50.0, 25.0, 0.0]
-    assert (motor.largest, motor.steepest) == (75.0, 12.5)
+    assert (motor.largest_moment, motor.steepest_fall) == (75.0, 12.5)
     assert np.asarray(motor.at(np.array([7.0, 13.0]))).tolist() == [62.5, 0.0]
 
 

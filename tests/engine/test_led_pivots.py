@@ -116,7 +116,7 @@ def newton_euler(drive, time, state):
     upper, lower = drive.arms
     (a1, a2, w1, w2), gravity = state, np.asarray(drive.run.gravity)
     table = upper.pivot_table
-    led_by = np.array([table.along(axis).spline(time, 2) for axis in "xy"])
+    led_by = np.array([table.displacement_along(axis).spline(time, 2) for axis in "xy"])
     r1, r2 = (turned(np.subtract(arm.center, arm.pivot), angle) for arm, angle in ((upper, a1), (lower, a2)))
     d = turned(np.subtract(lower.pivot, upper.pivot), a1)
     joint = lower.stiffness * (a2 - a1 - lower.free_angle_rad) + lower.damping * (w2 - w1)
@@ -158,7 +158,7 @@ def test_what_leads_a_pivot_holds_the_arm_on_the_arm_too(integrator, coils, prec
     assert np.ptp(motion[:, 1]) > 0.1
     np.testing.assert_allclose(angles, motion[:, :2], atol=2e-6 if exact else 2e-5)
     table = drive.arms[0].pivot_table
-    speed = np.stack([table.along(axis).spline(time, 1) for axis in "xy"], axis=1)
+    speed = np.stack([table.displacement_along(axis).spline(time, 1) for axis in "xy"], axis=1)
     done = cumulative_simpson((force * speed).sum(axis=1), x=time, initial=0.0)
     work = done[-1] - done[time >= 0.03 - 1e-9][0]
     assert row["pendulum.pivot_work"] == pytest.approx(work, rel=1e-4 if exact else 1e-3)
@@ -200,7 +200,7 @@ def test_a_carried_sprocket_goes_with_the_pivot_and_stands_in_pictures(tmp_path)
     x, y = np.subtract(drive.sprockets[1].center, arm.pivot)
     lever = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], axis=1)
     assert np.asarray(back.sprocket_center[:, 1]) == pytest.approx(arm.pivot + moved + lever, abs=1e-7)
-    assert table.farthest == pytest.approx(0.05 * math.hypot(max(map(abs, table.x)), max(table.y)))
+    assert table.largest_displacement == pytest.approx(0.05 * math.hypot(max(map(abs, table.x)), max(table.y)))
     last = len(time) - 1
     (line,) = [
         part.points for part in guide_arm_tensioner_parts(drive, pose_at_frame(back, last)) if part.kind == "arm"

@@ -148,7 +148,7 @@ def test_derivatives_by_an_arm_that_carries_a_sprocket():
     def moved(by):
         other = x.copy()
         other[-1] += by / reach
-        potential.carry(other)
+        potential.move_carried(other)
         solver._move_levers(other)
         terms = potential.terms(other)
         return terms.energy, terms.slope(solver.maps, solver.count)

@@ -99,7 +99,7 @@ class RestingTensioner:
         return (self.spring if self.push > self.spring * x else 0.0) + (self.stop if x < self.bottom else 0.0)
 
 
-class StillCoil:
+class RestingCoil:
     """The coil spring of an arm at rest.
 
     With q and f the distances of its ends from the pivot and a the angle between them, l^2 = q^2 + f^2 - 2 q f cos(a)
@@ -158,7 +158,7 @@ class RestingArm:
         self.weights = [(arm.mass, arm.center), *((moving_mass(s), s.center) for s in carried)]  # as drawn
         self.tensioners = [RestingTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
-        self.coil = None if arm.spring is None else StillCoil(arm)
+        self.coil = None if arm.spring is None else RestingCoil(arm)
 
     def moment(self, angle: Any) -> Any:
         """Moment about the pivot at an angle [rad], [N m]."""

@@ -114,7 +114,7 @@ def _run_up_tension(drive: Drive) -> Any:
     for b in (b for side in sides if driver in side for b in side if b >= count):
         motor = drive.shafts[b - count].motor
         if motor is not None:
-            growth = growth + motor.largest * body_speed_ratio(drive, b, driver) / sum(inertias)
+            growth = growth + motor.largest_moment * body_speed_ratio(drive, b, driver) / sum(inertias)
     return growth * beyond / (drive.pitch_radius(drive.driver) * body_speed_ratio(drive, drive.driver, driver))
 
 

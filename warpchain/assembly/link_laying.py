@@ -84,7 +84,7 @@ class LayingCurve:
         tables = np.broadcast_arrays(*map(_table_of_pieces, columns), _table_of_pieces(self.begins))
         return np.stack(tables, axis=-1), _table_of_pieces(self.ends)
 
-    def _index(self, s: Any) -> Any:
+    def _piece_index(self, s: Any) -> Any:
         """The piece on which the arc length s lies."""
         if not has_arrays(s) and not self.stacked:
             return min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
@@ -95,7 +95,7 @@ class LayingCurve:
 
     def at(self, s: Any) -> tuple[tuple[Any, Any], Any]:
         """The point [m] and the heading [rad] at the arc length s [m]."""
-        i = self._index(s)
+        i = self._piece_index(s)
         if has_arrays(i):
             x, y, heading, curvature, length, begin = _rows_of_pieces(self.tables[0], i).T
             piece = Piece((x, y), heading, curvature, length)
@@ -137,7 +137,7 @@ class LayingCurve:
             if reaches is None or not alike:
                 reaches = [_length_along_piece(link, piece.curvature) for piece in self.pieces]
                 reaches = _table_of_pieces(reaches) if stacked else reaches
-            i = self._index(s)
+            i = self._piece_index(s)
             ahead = s + (_rows_of_pieces(reaches, i) if stacked else reaches[i])
             fits = ahead <= (_rows_of_pieces(ends, i) if stacked else ends[i])
             s = ahead if fits is True or is_true_everywhere(fits) else where(fits, ahead, self._over(s, link))

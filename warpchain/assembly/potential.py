@@ -236,7 +236,7 @@ class Potential:
             found[a] -= x[self.first_arm + p]
         return found
 
-    def carry(self, x: Array) -> None:
+    def move_carried(self, x: Array) -> None:
         """Moves pivots of arms on arms, and centers of sprockets on arms, to where the arms' angles put them."""
         arms, centers = self.drive.arms, self.split(x)[1]
         for k, (own, p) in enumerate(self.hung):

@@ -72,7 +72,7 @@ def _free_run_up(drive: Drive) -> RunUp:
     grid = speed_steps(one.start, top)
     least, most = one.net_moment_bounds(grid)
     at_work = float(one.net_moment(top))
-    if abs(at_work) <= _BALANCED * sum(r * motor.largest for r, motor in one.motors):
+    if abs(at_work) <= _BALANCED * sum(r * motor.largest_moment for r, motor in one.motors):
         at_work = 0.0
     moments = np.concatenate([least, most, [at_work]])
     return RunUp(np.concatenate([grid, grid, [top]]), moments / float(one.inertia))
@@ -131,7 +131,7 @@ def missing_effects(drive: Drive) -> Iterator[str]:
         if coupling.ratios is not None and len({ratio for ratio in coupling.ratios.ratio if ratio}) > 1:
             yield f'the other ratios of "{coupling.name}" than its first'
         if coupling.clutch is not None:
-            yield f'what "{coupling.name}" passes on while it slips, up to {coupling.clutch.most:.4g} N m'
+            yield f'what "{coupling.name}" passes on while it slips, up to {coupling.clutch.largest_moment:.4g} N m'
         if coupling.freewheel and not coupling.is_grounded:
             yield f'that "{coupling.name}" may be overrun'
     if motion is not None:

@@ -104,7 +104,7 @@ class Seating:
         angle, seats, links = ([column[chosen] for column in own] for own in (self.first_angle, self.seats, self.links))
         return Seating(angle, seats, links, self.strain[chosen])
 
-    def put(self, chosen: Places, other: Seating) -> None:
+    def set_variants(self, chosen: Places, other: Seating) -> None:
         """Sets the seatings of some variants, in arrays of their own."""
 
         def put(column: Number, new: Number) -> Number:
@@ -154,7 +154,7 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: fl
             loop.keep_laid_links(todo, part)
         changed: Any = turn < _ROUNDS and part.adjust_seats(mine)
         if mine is not seating:
-            seating.put(todo, mine)
+            seating.set_variants(todo, mine)
         if not is_true_somewhere(changed):
             break
         if has_arrays(changed) and not changed.all():
@@ -224,7 +224,7 @@ class Loop:
             part.links, part.reach = self.links[chosen], self.reach[chosen]
         return part
 
-    def among(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
+    def chosen_loops(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
         """Loops, seatings and lengths of strands of the chosen variants; the same objects where all are."""
         if not has_arrays(chosen) or chosen.all():
             return self, seating, lengths
@@ -301,7 +301,7 @@ class Loop:
                     f"which leaves no link between the seats; allowed is more than the pitch, {path[v].pitch:.6g} m"
                 )
 
-    def ends(self, seating: Seating, k: int) -> tuple[Number, Number]:
+    def end_seat_angles(self, seating: Seating, k: int) -> tuple[Number, Number]:
         """Polar angles of the last roller before strand k and of the first one after it."""
         following = (k + 1) % self.size
         leave = seating.first_angle[k] + (seating.seats[k] - 1) * self.step[k]
@@ -316,7 +316,7 @@ class Loop:
         """Strand k from seat to seat around its guides; None where it touches none."""
         if not self.runs[k]:
             return None
-        ends = self.ends(seating, k)
+        ends = self.end_seat_angles(seating, k)
         known = self.strings.get(k)
         if known is None or any(is_true_somewhere(old != new) for old, new in zip(known[0], ends, strict=True)):
             first, last = self._seat(k, ends[0]), self._seat((k + 1) % self.size, ends[1])
@@ -337,7 +337,7 @@ class Loop:
     def strand(self, seating: Seating, k: int) -> _Strand:
         """Strand k from seat to seat, around its guides."""
         following = (k + 1) % self.size
-        leave, arrive = self.ends(seating, k)
+        leave, arrive = self.end_seat_angles(seating, k)
         leaving, arriving = (cos(leave), sin(leave)), (cos(arrive), sin(arrive))
         string = self.string(seating, k) if self.around else None
         if string is not None:
@@ -367,7 +367,7 @@ class Loop:
             self.scales[k] = scale
         return scale * summed_lengths(own) - string.chain_length(self.pitch)
 
-    def natural(self, seating: Seating) -> list[Number]:
+    def unloaded_lengths(self, seating: Seating) -> list[Number]:
         """(S,) unloaded lengths of the strands: the sums of their own links'."""
         row = 0 if len(self.reach) == 1 else np.arange(self.variants)
         ends = [(last, last + links) for last, links in zip(seating.last, seating.links, strict=True)]
@@ -376,7 +376,7 @@ class Loop:
 
     def solve_closure(self, seating: Seating, near: float) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
-        part, mine, lengths = self, seating, self.natural(seating)
+        part, mine, lengths = self, seating, self.unloaded_lengths(seating)
         todo = np.arange(self.variants)
         for _ in range(_LAYINGS if self.around else 1):
             part._solve_conditions(mine, lengths)
@@ -387,17 +387,17 @@ class Loop:
             moved, much = change > _LAID * part.pitch, _LEFT * change > near * part.pitch
             last, further = moved & (much ^ True), moved & much
             if is_true_somewhere(last):
-                own, solved, natural = part.among(last, mine, lengths)
+                own, solved, natural = part.chosen_loops(last, mine, lengths)
                 own._solve_conditions(solved, natural)
                 if solved is not mine:
-                    mine.put(np.flatnonzero(last), solved)
+                    mine.set_variants(np.flatnonzero(last), solved)
             if part is not self:
-                seating.put(todo, mine)
+                seating.set_variants(todo, mine)
                 self.keep_laid_links(todo, part)
             if not is_true_somewhere(further):
                 return
             todo = todo[further] if has_arrays(further) else todo
-            part, mine, lengths = part.among(further, mine, lengths)
+            part, mine, lengths = part.chosen_loops(further, mine, lengths)
 
     def _solve_conditions(self, seating: Seating, lengths: list[Number]) -> None:
         """Solves the closing conditions; in a slack chain, strands of a single link take no strain."""
@@ -416,7 +416,7 @@ class Loop:
         mine = seating.of(chosen)
         own, elastic = ([pick_places(value, chosen) for value in values] for values in (lengths, sagging))
         self.of(chosen)._newton(mine, own, elastic)
-        seating.put(chosen, mine)
+        seating.set_variants(chosen, mine)
 
     def _newton(self, seating: Seating, lengths: list[Number], elastic: list[Number]) -> None:
         """Newton's method; `elastic` is the part of each strand's unloaded length that takes the strain.
@@ -434,7 +434,7 @@ class Loop:
                 done = done | (worst <= _CLOSEST * part.pitch)
             if is_true_somewhere(done):
                 if mine is not seating:
-                    seating.put(todo, mine)
+                    seating.set_variants(todo, mine)
                 if not has_arrays(done) or done.all():
                     return
                 left = np.flatnonzero(~done)

@@ -98,7 +98,7 @@ def load_moments(drive: Drive, speed: float | Array) -> Array:
         own: Any = speed * body_speed_ratio(drive, b, drive.driver)
         if b < len(drive.sprockets):
             own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[b].teeth
-        found[b] = load.steady(own)
+        found[b] = load.steady_moment(own)
         if load.table is not None:
             cells = table_cells(load.table, shaft_ratio(drive, b, load.table.shaft))
             found[b] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
@@ -191,7 +191,7 @@ def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:
         arms[a] += assembly.arm_angle[p]
     angles = assembly.sprocket_angle, np.zeros(len(potential.drive.shafts)), arms
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), *angles, np.zeros(2 * len(potential.hung))])
-    potential.carry(x)
+    potential.move_carried(x)
     return x
 
 
@@ -375,7 +375,7 @@ class _Solver:
             change *= min(1.0, _FARTHEST * self.pitch / float(np.abs(change).max()))
             moved = x + sum(weight * change[column] for column, weight in self.maps)
             for potential, own in zip(self.parts, self.split(moved), strict=True):
-                potential.carry(own)
+                potential.move_carried(own)
             after = self._terms(moved)
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:

@@ -129,13 +129,13 @@ def _coupling_bodies(drive: Drive) -> list[MovingBody]:
             if s < len(drive.sprockets) and is_free_body(drive, s):
                 teeth = (drive.sprockets[s].teeth - 1) * drive.sprocket_stiffness(s)
                 square = square + teeth * power(drive.pitch_radius(s), 2) / train_inertia(drive, s)
-        steep = 0.0 if coupling.clutch is None else coupling.clutch.steepest
+        steep = 0.0 if coupling.clutch is None else coupling.clutch.steepest_change
         found.append(MovingBody(f'coupling "{coupling.name}"', square, (coupling.damping + steep) * give))
     for h, shaft in enumerate(drive.shafts):
         b = len(drive.sprockets) + h
         if shaft.motor is not None and is_free_body(drive, b):
             found.append(
-                MovingBody(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest / train_inertia(drive, b))
+                MovingBody(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest_fall / train_inertia(drive, b))
             )
     return found
 

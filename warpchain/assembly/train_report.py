@@ -115,7 +115,7 @@ def coupling_report(drive: Drive, running: Steady) -> list[dict[str, Any]]:
                 "damping_ratio": 0.5 * coupling.damping * omega / coupling.stiffness,
                 "lash": coupling.lash,
                 "ratios": None if coupling.ratios is None else list(coupling.ratios.ratio),
-                "clutch": None if coupling.clutch is None else coupling.clutch.most,
+                "clutch": None if coupling.clutch is None else coupling.clutch.largest_moment,
                 "freewheel": coupling.freewheel,
                 "working_twist": None if running.failure else float(twist),
                 "working_torque": None if running.failure else float(torque),
@@ -132,7 +132,7 @@ def motor_advice(drive: Drive) -> Iterator[str]:
     one, name = lumped_drive(drive), f"shafts.{body_names(drive)[b]}.motor"
     own = body_speed_ratio(drive, b, drive.driver)
     pulled = sum(r * motor.at(0.0) for r, motor in one.motors) / own
-    asked = sum(r * load.steady(0.0) for r, load in one.loads) / own
+    asked = sum(r * load.steady_moment(0.0) for r, load in one.loads) / own
     if 0.0 < pulled <= asked and one.start <= 0.0:
         yield (
             f"{name}: pulls {pulled:.4g} N m at rest, as this shaft sees it, where loads "

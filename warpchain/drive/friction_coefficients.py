@@ -29,10 +29,10 @@ class FrictionCoefficients:
     @property
     def has_friction(self) -> bool:
         """Whether there is friction."""
-        return is_true_somewhere(self.most > 0.0)
+        return is_true_somewhere(self.larger_coefficient > 0.0)
 
     @property
-    def most(self) -> float:
+    def larger_coefficient(self) -> float:
         """The larger of the two coefficients [-]."""
         return maximum(self.dynamic, self.static)
 

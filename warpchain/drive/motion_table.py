@@ -155,7 +155,7 @@ class PlaceTable(Part):
     y: Column | None = None
     factor: Factor = 1.0
 
-    def along(self, axis: str) -> PlaceColumn | None:
+    def displacement_along(self, axis: str) -> PlaceColumn | None:
         """The displacement along "x" or "y" as a table; None where it is 0 throughout."""
         column = getattr(self, axis)
         if column is None:
@@ -165,19 +165,19 @@ class PlaceTable(Part):
     def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacement (..., 2) [m] at instants (...) [s]."""
         within = time.clip(self.time[0], self.time[-1])
-        columns = (self.along(axis) for axis in "xy")
+        columns = (self.displacement_along(axis) for axis in "xy")
         x, y = (0.0 * within if column is None else column.spline(within) for column in columns)
         return array_of_columns((x, y))
 
     @property
     def start_velocity(self) -> tuple[float, float]:
         """Velocity at t = 0 [m/s]."""
-        columns = (self.along(axis) for axis in "xy")
+        columns = (self.displacement_along(axis) for axis in "xy")
         x, y = (0.0 if column is None else float(column.spline(0.0, 1)) for column in columns)
         return (x, y) if self.time[0] == 0.0 else (0.0, 0.0)
 
     @property
-    def farthest(self) -> float:
+    def largest_displacement(self) -> float:
         """Largest displacement [m], or somewhat more."""
         return math.hypot(*(abs(self.factor) * max(map(abs, of), default=0.0) for of in (self.x or (), self.y or ())))
 

@@ -61,7 +61,11 @@ def largest_displacement(sprocket: Sprocket) -> float:
     mount = sprocket.mount
     if not isinstance(mount, PrescribedMount):
         return 0.0
-    return abs(mount.offset) + abs(mount.amplitude) + (mount.table.farthest if mount.table is not None else 0.0)
+    return (
+        abs(mount.offset)
+        + abs(mount.amplitude)
+        + (mount.table.largest_displacement if mount.table is not None else 0.0)
+    )
 
 
 def has_moving_center(sprocket: Sprocket) -> bool:

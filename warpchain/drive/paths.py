@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any, TypeVar, get_args
 
 from warpchain.drive.schema import Part, is_name, nearest_key_text, node_value
-from warpchain.drive.toml import word_text
+from warpchain.drive.toml import key_text
 from warpchain.errors import DriveError, drive_error
 
 PartType = TypeVar("PartType", bound=Part)
@@ -242,8 +242,8 @@ def _unknown_line(part: Part, path: str, depth: int, allowed: Iterable[str]) -> 
     """The error line of an unknown path: the nearest known key, otherwise the allowed ones."""
     close = difflib.get_close_matches(path, list(settable_paths(part)), n=1, cutoff=0.8)
     if close:
-        return f"{word_text(path)}: unknown path; did you mean {close[0]}?"
-    shown, keys = word_text(path), path.split(".")
+        return f"{key_text(path)}: unknown path; did you mean {close[0]}?"
+    shown, keys = key_text(path), path.split(".")
     words = list(allowed)
     above = ".".join(keys[:depth])
     if not words:

@@ -24,7 +24,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from warpchain.drive.quantities import LONGEST, converted_number, equivalent_units, match_quantity, unit_of_key
-from warpchain.drive.toml import value_text, word_text
+from warpchain.drive.toml import key_text, value_text
 from warpchain.errors import drive_error
 
 # ---------------------------------------------------------------------------------------------------------- kinds
@@ -455,7 +455,7 @@ def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[s
             words.append(str(name) if is_name(name) and names[name] == 1 else str(key))
         else:
             node = node_value(node, str(key))
-            words.append(word_text(str(key)))
+            words.append(key_text(str(key)))
     return ".".join(words)
 
 

@@ -123,13 +123,13 @@ class Motor(Part):
         return factor * min(self.table.values), factor * max(self.table.values)
 
     @property
-    def largest(self) -> Any:
+    def largest_moment(self) -> Any:
         """Largest moment, either way [N m]."""
         given: Any = self.torque if self.table is None else max(map(abs, self.table.values))
         return given if self.governor is None else self.governor.most * given
 
     @property
-    def steepest(self) -> float:
+    def steepest_fall(self) -> float:
         """Steepest fall of the moment with the speed [N m s]."""
         fall = 0.0
         if self.table is not None and self.table.speed is not None:
@@ -137,7 +137,7 @@ class Motor(Part):
         if self.torque is not None and self.power is not None:
             fall = fall + self.torque**2 / self.power  # where the limits meet, P / w^2 at w = P / M
         if self.governor is not None:
-            fall = self.governor.most * fall + self.largest / (self.governor.most * self.governor.band)
+            fall = self.governor.most * fall + self.largest_moment / (self.governor.most * self.governor.band)
         return fall
 
     @classmethod
@@ -267,12 +267,12 @@ class Clutch(Part):
     table: ClutchTable | None = None
 
     @property
-    def most(self) -> float:
+    def largest_moment(self) -> float:
         """The largest moment that it bears [N m]."""
         return max(self.table.values) if self.table is not None else self.torque or 0.0
 
     @property
-    def steepest(self) -> float:
+    def steepest_change(self) -> float:
         """Steepest change of what it bears with the speed [N m s]."""
         return 0.0 if self.table is None or self.table.speed is None else steepest_slope(self.table)
 

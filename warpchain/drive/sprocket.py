@@ -109,7 +109,7 @@ class Load(Part):
     ramp_time: NonNegative = 0.0
     harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
 
-    def steady(self, speed: float) -> float:
+    def steady_moment(self, speed: float) -> float:
         """The moment [N m] at an angular speed [rad/s], without table and harmonics."""
         return self.torque + self.viscous * speed + self.quadratic * speed * speed
 

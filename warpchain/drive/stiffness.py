@@ -36,7 +36,7 @@ def hertz_stiffness(
     Raises:
         DriveError: if the load is beyond the formula's validity.
     """
-    limit = _limit(width, roller_radius, partner_radius, compliance)
+    limit = _validity_limit(width, roller_radius, partner_radius, compliance)
     if not 0.0 < load < limit:
         text = f"must be above 0 and below {limit:g} N, where eq. (20) ends"
         raise drive_error([f"reference_load = {value_text(load)}: {text}"])
@@ -51,7 +51,7 @@ def hertz_stiffness(
     return stiffness
 
 
-def _limit(width: float, roller_radius: float, partner_radius: float, compliance: float) -> float:
+def _validity_limit(width: float, roller_radius: float, partner_radius: float, compliance: float) -> float:
     """Load at which the bracket of eq. (20) is zero [N]: the bracket is ln(limit / P)."""
     if compliance == 0.0:  # a modulus beyond all numbers
         return 0.0
@@ -62,7 +62,7 @@ def largest_load(law: ImpactLaw, roller_radius: float, partner_radius: float) ->
     """Reference load below which the materials of a contact give a stiffness [N]; infinite for a given stiffness."""
     if law.width is None or law.roller is None or law.partner is None:
         return math.inf
-    return _limit(law.width, roller_radius, partner_radius, compliance(law.roller, law.partner))
+    return _validity_limit(law.width, roller_radius, partner_radius, compliance(law.roller, law.partner))
 
 
 def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: float, path: str) -> float:

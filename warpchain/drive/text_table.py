@@ -393,7 +393,7 @@ def _names_place(block: list[Row], wide: list[int], names: frozenset[str]) -> in
     said = [i for i in wide if _says_names(block[i].cells, names) and not _is_unit_row(block[i].cells)]
     if said:
         return said[-1]
-    units = [i for i, row in enumerate(block) if any(unit_of_text(_bare(cell)) for cell in row.cells)]
+    units = [i for i, row in enumerate(block) if any(unit_of_text(_cell_without_brackets(cell)) for cell in row.cells)]
     if units:
         return next((i for i in reversed(wide) if i < units[-1]), wide[-1])
     if len(wide) == 1:
@@ -410,11 +410,11 @@ def _says_names(cells: list[str], names: frozenset[str]) -> bool:
 
 def _is_unit_row(cells: list[str]) -> bool:
     """Whether all of a line's cells are units."""
-    bare = [_bare(cell) for cell in cells if cell]
+    bare = [_cell_without_brackets(cell) for cell in cells if cell]
     return all(unit_of_text(cell) or cell in ("1", "") for cell in bare)
 
 
-def _bare(cell: str) -> str:
+def _cell_without_brackets(cell: str) -> str:
     """A cell without brackets."""
     return cell.strip(" []()")
 
@@ -424,7 +424,7 @@ def _heads_of_rows(rows: list[Row]) -> list[Head]:
     heads = [head_of_cell(cell) for cell in rows[0].cells[: rows[0].width]]
     below = rows[1].cells if len(rows) > 1 else []
     if below and (_is_unit_row(below) or not any(head.unit not in ("", head.name) for head in heads)):
-        units = ["-" if cell == "1" else _bare(cell) for cell in below] + len(heads) * [""]
+        units = ["-" if cell == "1" else _cell_without_brackets(cell) for cell in below] + len(heads) * [""]
         heads = [
             Head(head.name, own if own and head.unit in ("", head.name) else head.unit)
             for head, own in zip(heads, units, strict=False)

@@ -53,7 +53,7 @@ def toml_text(tables: Mapping[str, Any]) -> str:
 def _table_blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[list[str]]:
     """The lines of a table and of those below it, table by table."""
     for name, value in tables.items():
-        head = ".".join(_key_text(word) for word in (*above, name))
+        head = ".".join(_toml_key(word) for word in (*above, name))
         if isinstance(value, Mapping) and value and all(isinstance(inner, Mapping) for inner in value.values()):
             yield from _table_blocks(value, (*above, name))
         elif isinstance(value, Mapping):
@@ -66,10 +66,10 @@ def _table_blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator
 def _key_lines(table: Mapping[str, Any]) -> Iterator[str]:
     """The lines of a table's plain keys."""
     for key, value in table.items():
-        yield f"{_key_text(key)} = {inline_value(value)}"
+        yield f"{_toml_key(key)} = {inline_value(value)}"
 
 
-def _key_text(key: str) -> str:
+def _toml_key(key: str) -> str:
     """A key, quoted if it must be."""
     return key if _BARE_KEY.fullmatch(key) else _quoted_text(key)
 
@@ -94,14 +94,14 @@ def inline_value(value: Any, real: Callable[[float], str] = float.__repr__) -> s
     if isinstance(value, str):
         return _quoted_text(value)
     if isinstance(value, Mapping):
-        pairs = ", ".join(f"{_key_text(str(key))} = {inline_value(inner, real)}" for key, inner in value.items())
+        pairs = ", ".join(f"{_toml_key(str(key))} = {inline_value(inner, real)}" for key, inner in value.items())
         return f"{{ {pairs} }}" if pairs else "{}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(inline_value(element, real) for element in value) + "]"
     raise TypeError(f"no TOML for {type(value).__name__}")
 
 
-def word_text(word: str) -> str:
+def key_text(word: str) -> str:
     """A key for an error line: quoted if it would break the line."""
     return word if word.isprintable() else _quoted_text(word)
 

@@ -57,7 +57,8 @@ class LumpedDrive:
 
     def _load_moment(self, speed: Any) -> Any:
         """Moment of the loads at a speed of the driving sprocket, as this sees it [N m]."""
-        return 0.0 * speed + sum(r * load.steady(r * speed) for r, load in self.loads)  # of as many as there are speeds
+        # 0 of as many as there are speeds, where nothing loads
+        return 0.0 * speed + sum(r * load.steady_moment(r * speed) for r, load in self.loads)
 
 
 def lumped_drive(drive: Any) -> LumpedDrive:
@@ -105,7 +106,7 @@ def driver_top_speed(drive: Any) -> Any:
     one = lumped_drive(drive)
     if not one.motors:
         return one.start
-    duration, most = drive.run.duration, sum(r * motor.largest for r, motor in one.motors)
+    duration, most = drive.run.duration, sum(r * motor.largest_moment for r, motor in one.motors)
     low = 0.0 * one.inertia + one.start
     high = low + maximum(0.0, one.net_moment(low)) / one.inertia * duration
     high = where(one.net_moment(high) > 0.0, low + most / one.inertia * duration, high)

@@ -102,12 +102,12 @@ class LiftCurve:
         return CubicSpline(self.over, self.values, bc_type="periodic")
 
     @cached_property
-    def steepest(self) -> tuple[float, float]:
+    def largest_slopes(self) -> tuple[float, float]:
         """Largest magnitudes of the first and the second derivative."""
-        _, slope, bend = self.around()
+        _, slope, bend = self.lift_and_slopes()
         return float(abs(slope).max()), float(abs(bend).max())
 
-    def around(self) -> tuple[Array, Array, Array]:
+    def lift_and_slopes(self) -> tuple[Array, Array, Array]:
         """Lift and its first and second derivative by the angle over a turn from angle 0 on, (`ROWS`,) each."""
         import numpy as np  # here, since drives are read without it
 
@@ -248,7 +248,7 @@ def _slowest_lift_ripple(curve: LiftCurve, phases: tuple[float, ...]) -> int:
     import numpy as np  # here, since drives are read without it
 
     shifts = np.exp(-1j * np.outer(np.arange(ROWS // 2 + 1), np.radians(phases))).sum(axis=1)
-    return slowest_ripple(np.fft.rfft(curve.around()[1]) * shifts)
+    return slowest_ripple(np.fft.rfft(curve.lift_and_slopes()[1]) * shifts)
 
 
 class Valves(Part):
@@ -290,7 +290,7 @@ class Valves(Part):
 
     def lifts(self) -> tuple[Array, Array, Array]:
         """Lift and its derivatives by the angle over a turn, (`ROWS`,) each [m]."""
-        lift, slope, bend = (self.height * of for of in self.curve.around())
+        lift, slope, bend = (self.height * of for of in self.curve.lift_and_slopes())
         return lift, slope, bend
 
     @property
@@ -312,7 +312,7 @@ class Valves(Part):
     @property
     def torsional_stiffness(self) -> Any:
         """Bound of sum k l'^2 + (F_0 + k l) l'' [N m/rad]."""
-        steepest, most = self.curve.steepest
+        steepest, most = self.curve.largest_slopes
         springs = self.spring.stiffness * self.height * steepest**2
         springs = springs + (self.spring.preload + self.spring.stiffness * self.height * max(self.curve.values)) * most
         return self.number * len(self.phases) * self.height * springs

@@ -160,7 +160,7 @@ def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
 def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> None:
     """Fills the tables of a `kernels.structs.Mount` whose center follows one."""
     for axis in "xy":
-        column = None if table is None else table.along(axis)
+        column = None if table is None else table.displacement_along(axis)
         if column is not None:
             tables.add(row[f"{axis}_table"], column, 1.0)
 

@@ -149,7 +149,7 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
     if on is None:
         speed = drive.driver_speed
         turning = {name: abs(_speed_ratio(drive, b)) for name, (b, _) in loads.items()}
-        on = max(loads, key=lambda name: loads[name][1].steady(turning[name] * speed) * turning[name])
+        on = max(loads, key=lambda name: loads[name][1].steady_moment(turning[name] * speed) * turning[name])
     b, load = loads[on]
     s = nearest_sprocket(drive, b)
     assert s is not None  # every load is tied to a chain

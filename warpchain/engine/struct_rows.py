@@ -252,7 +252,9 @@ def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
             for a, arm in enumerate(drive.arms)]  # fmt: skip
     for s in range(len(reach)):
         reach[s] = reach[s] + (0.0 if (a := drive.carrier(s)) is None else arms[a])
-    margin = margin + max((arm.pivot_table.farthest for arm in drive.arms if arm.pivot_table is not None), default=0.0)
+    margin = margin + max(
+        (arm.pivot_table.largest_displacement for arm in drive.arms if arm.pivot_table is not None), default=0.0
+    )
     places = [sprocket.center for sprocket in drive.sprockets] + [arm.pivot for arm in drive.arms]
     reach += arms
     corners = [

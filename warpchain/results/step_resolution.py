@@ -94,7 +94,7 @@ def _joint_friction_arm(drive: Drive) -> float:
     """Arm of a joint's friction, mu kappa r_p [m]."""
     chain = drive.chain
     assert chain.joint is not None and chain.pin_radius is not None  # as the group's `where` has found
-    return friction_coefficients(chain.joint).most * chain.joint.factor * chain.pin_radius
+    return friction_coefficients(chain.joint).larger_coefficient * chain.joint.factor * chain.pin_radius
 
 
 def _tooth_bend_inertia(drive: Drive) -> float:
@@ -111,7 +111,9 @@ def _softest_link_stiffness(drive: Drive) -> float:
 def _partner_friction_coefficient(drive: Drive, index: int) -> float:
     """Larger friction coefficient of rollers and a partner [-]."""
     s = len(drive.sprockets)
-    return (tooth_friction_coefficients(drive) if index < s else guide_friction_coefficients(drive, index - s)).most
+    return (
+        tooth_friction_coefficients(drive) if index < s else guide_friction_coefficients(drive, index - s)
+    ).larger_coefficient
 
 
 def _partner_ramp_time(drive: Drive, index: int) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from warpchain.drive.schema import is_name, node_list, node_value
-from warpchain.drive.toml import value_text, word_text
+from warpchain.drive.toml import key_text, value_text
 from warpchain.study.spec.study_tables import fields_from_file
 
 _ENTRY_NOUNS = {
@@ -57,9 +57,9 @@ def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
 
 def _key_path_text(*keys: str | int) -> str:
     """Keys as text: "a.b", and "value 1 of a" for a number."""
-    text = word_text(str(keys[0]))
+    text = key_text(str(keys[0]))
     for key in keys[1:]:
-        text = f"value {key + 1} of {text}" if isinstance(key, int) else f"{text}.{word_text(key)}"
+        text = f"value {key + 1} of {text}" if isinstance(key, int) else f"{text}.{key_text(key)}"
     return text
 
 
