@@ -14,7 +14,7 @@ from scipy.io import savemat
 
 from warpchain import Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
-from warpchain.results.measured import compared, signal_source, signal_sources, signal_units
+from warpchain.results.measured import compared, signal_sources, signal_units, source
 from warpchain.results.measured_binary import read_binary_columns_here
 from warpchain.results.measured_columns import MeasuredColumns
 from warpchain.results.measured_file import MeasuredSignal, read_signal
@@ -151,7 +151,7 @@ def test_every_source_has_a_view_and_its_unit():
     assert {"left arm.angle", "left tensioner.pressure"} <= set(signal_units(example("v6")))
     run = simulate(two_sprockets(duration=0.001))[0]
     with pytest.raises(SimulationError, match=r"'x': allowed are driver->driven.tension, .* with I from 0 to 59"):
-        signal_source(run, "x")
+        source(run, "x")
 
 
 def test_the_command_compares_and_draws(tmp_path, capsys):

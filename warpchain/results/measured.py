@@ -150,7 +150,7 @@ def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
     return np.asarray(values[:, index], dtype=float)
 
 
-def signal_source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
+def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
     """Signal of a run that a measured one of a name is compared with.
 
     Args:
@@ -179,9 +179,9 @@ def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | N
         offset: added to the measured time [s]; None takes the one at which both correlate best.
 
     Raises:
-        SimulationError: as `signal_source`.
+        SimulationError: as `source`.
     """
-    of = signal_source(trajectory, measured.name)
+    of = source(trajectory, measured.name)
     simulated = of.values()
     part = latter_half_frames(trajectory)
     if offset is None:
