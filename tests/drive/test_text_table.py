@@ -1,6 +1,7 @@
 """Text tables as spreadsheets and measurement systems write them: what each convention means, and what is refused."""
 
 import math
+import time
 
 import pytest
 
@@ -70,6 +71,9 @@ def test_signs_of_windows_and_of_latin_1(tmp_path, encoding):
         ("Hübe / s", "Hübe / s", "Hübe / s"),
         ("rpm", "rpm", "rpm"),
         ("[mm]", "mm", "mm"),
+        ("p [bar(g)]", "p", "bar(g)"),
+        ("F (N m)", "F", "N m"),
+        ("F []", "F", ""),
         ("speed_rpm", "speed", "rpm"),
         ("Angle_deg", "Angle", "deg"),
         ("p_m", "p_m", ""),
@@ -181,6 +185,15 @@ def test_what_is_said_goes_before_what_is_found(tmp_path):
     assert read(path, "No;k\n1;2\n\nt;F\ns;N\n0;1,5\n", head=4) == (["t [s]", "F [N]"], [[0.0, 1.5]])
     assert read(path, "t [s]\tF [N]\nHz\t1000\n0,5\t1,5\n", head=1) == (["t [s]", "F [N]"], [[0.5, 1.5]])
     assert read(path, "# t [s], F [N]\n# rig 7\n0,1.5\n", head=1) == (["t [s]", "F [N]"], [[0.0, 1.5]])
+
+
+@pytest.mark.parametrize("sign", "[(/ ,;")
+def test_long_lines_of_one_sign_are_refused_at_once(tmp_path, sign):
+    """100,000 signs: an expression that goes back over them took minutes; they take well below 5 s of the processor."""
+    begin = time.process_time()
+    with pytest.raises(TableError):
+        read(tmp_path / "t.csv", f"t{100_000 * sign}\n0 1\n1 2\n")
+    assert time.process_time() - begin < 5.0
 
 
 def test_gaps_are_no_numbers_and_no_mistakes(tmp_path):

@@ -10,6 +10,7 @@ from drives import two_sprockets
 
 from warpchain import simulate, write_archive
 from warpchain.errors import SimulationError
+from warpchain.results.measured_binary import read_binary_columns_here
 from warpchain.results.measured_columns import MeasuredColumns
 from warpchain.results.measured_file import read_signal
 from warpchain.results.measured_times import spread_equal_times
@@ -217,27 +218,36 @@ def test_a_tdms_file(tmp_path):
         read(path, column="G")
     with pytest.raises(SimulationError, match=r"rig.tdms: channel 'name': must hold numbers"):
         read(path, column="name", time="s")
-    data, rng, told = path.read_bytes(), np.random.default_rng(1), 0
-    for bit in rng.choice(8 * len(data), 20, replace=False):
+    with pytest.raises(SimulationError, match=r"rig.tdms: --head 2: only of text"):
+        read(path, head=2)
+
+
+def test_flipped_bits_of_a_tdms_file_are_read_or_refused_in_one_line(tmp_path):
+    nptdms, path = pytest.importorskip("nptdms"), tmp_path / "rig.tdms"
+    with nptdms.TdmsWriter(str(path)) as file:
+        file.write_segment(
+            [nptdms.ChannelObject("rig", "F", np.arange(5.0), {"wf_increment": 0.1, "unit_string": "N"})]
+        )
+    data, told = path.read_bytes(), 0
+    for bit in range(0, 8 * len(data), 11):
         flipped = bytearray(data)
         flipped[bit // 8] ^= 1 << (bit % 8)
         path.write_bytes(flipped)
         try:
-            read(path)
+            read_binary_columns_here(path, MeasuredColumns())
         except SimulationError as error:
             told += 1
             assert "\n" not in str(error) and str(path) in str(error)
+    assert told
     path.write_bytes(b"t,F\n0,1\n")
     with pytest.raises(SimulationError, match=r"rig.tdms: is not TDMS \("):
-        read(path)
+        read_binary_columns_here(path, MeasuredColumns())
 
 
 @pytest.mark.parametrize(
     ("ending", "extra", "module"), [("mdf", "mdf", "asammdf"), ("tdms", "tdms", "nptdms"), ("mat", "hdf5", "h5py")]
 )
 def test_a_missing_extra_is_one_line_with_its_command(tmp_path, monkeypatch, ending, extra, module):
-    from warpchain.results.measured_binary import read_binary_columns_here
-
     path = tmp_path / f"rig.{ending}"
     if ending == "mat":
         mat_of_version_7_3(path, t=TIME, force=TIME)

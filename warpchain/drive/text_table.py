@@ -32,6 +32,8 @@ SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 MISSING = "must have a line of names and lines of numbers below it, of two columns at least"
 MOST_PREAMBLE = 1000
 """Lines at the beginning among which the names stand."""
+LONGEST_HEAD = 200
+"""Characters of a head that may have a unit."""
 GAPS = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "#na", "#nv", "null", "1.#qnan", "-1.#ind", "1.#ind"})
 """Cells without a value, in small letters."""
 SUFFIXED_NAMES = ("time", "angle", "speed", "torque", "pressure", "lift", "x", "y")
@@ -226,10 +228,13 @@ def options_as_keys(text: str) -> str:
 def head_of_cell(cell: str) -> Head:
     """The name and the unit that a cell of a line of names says."""
     text = " ".join(cell.split())
+    if len(text) > LONGEST_HEAD:
+        return Head(text)
     if unit_of_text(text):
         return Head(text, text)
-    if found := re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]", text):
-        return Head(found[1] or found[2], found[2])
+    if found := re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", text):
+        its = (found[2] or found[3] or "").strip()
+        return Head(found[1] or its, its)
     for form in _WITH_UNIT:
         if (found := form.fullmatch(text)) and (its := unit_of_text(found[2])):
             if its.powers == SECOND and "/" in text and found[1] not in TIME_NAMES:
@@ -298,7 +303,7 @@ def _parsed_rows(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[R
 
 def _with_few_blanks(text: str) -> str:
     """A line whose cells are separated by one blank each; none is within or before brackets with a unit."""
-    text = re.sub(r"[\[(][^\])]*[\])]", lambda unit_of: unit_of[0].replace(" ", "·"), " ".join(text.split()))
+    text = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", lambda unit_of: unit_of[0].replace(" ", "·"), " ".join(text.split()))
     text = text.replace(" / ", "/")
     return re.sub(r"(?<=[^\s\])]) (?=[\[(])", "", text)
 

@@ -63,6 +63,9 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
     if columns.decimal not in (None, ".", ","):
         raise SimulationError(f"{path}: --decimal {columns.decimal}: must be . or ,")
     is_binary = Path(path).suffix.lower() in COLUMN_READERS
+    for option in ("decimal", "head"):
+        if is_binary and getattr(columns, option) is not None:
+            raise SimulationError(f"{path}: --{option} {getattr(columns, option)}: only of text")
     (head, said, time), (column, its, signal) = (read_binary_columns if is_binary else _columns_of_text)(path, columns)
     to_seconds = _unit_factor(
         path, f"the time, {head},", columns.time_unit or said or "s", "s", "must be a time; say --time-unit"
