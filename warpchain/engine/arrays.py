@@ -206,6 +206,7 @@ PACKED_ARRAYS = {
 """Group and name in `ARRAYS` of each array of `PackedEnsemble`."""
 
 
+@cache
 def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
     """Warp's type of an array's values, in the CPU's kernels or in those of `blocks`."""
     kinds = structs.types(real, blocks)

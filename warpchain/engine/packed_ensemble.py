@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, make_dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -126,7 +127,7 @@ class PackedEnsemble(_PackedArrays):
         """A copy with arrays of its own."""
         return replace(self, **{name: getattr(self, name).copy() for name in PACKED_ARRAYS})
 
-    @property
+    @cached_property
     def real(self) -> type:
         """Warp's scalar type of the precision."""
         return REAL_TYPES[self.precision]
