@@ -25,14 +25,14 @@ READING = {"wp::where", "wp::copy", "wp::array_store"}
 """Functions of Warp that leave what they take as it is. Elements of an array are elsewhere than the struct it is in."""
 
 
-def by_reference(source: str) -> str:
+def with_structs_by_reference(source: str) -> str:
     """Generated C++ with structs taken by reference, of the kinds that no function writes to."""
     pieces = [piece.partition(BODY) for piece in PIECE.split(source)]
     functions = [(found[1], head, body) for head, _, body in pieces if (found := FUNCTION.match(head))]
     reading = READING | {name for name, _, _ in functions}
     kinds = set(STRUCT.findall(source)) - set(CONSTANT.findall(source))
     for _, head, body in functions:
-        changed = _changed(body, reading)
+        changed = _written_variables(body, reading)
         kinds -= {kind for kind, name in PARAMETER.findall(head) if name in changed}
 
     def parameter(of: re.Match[str]) -> str:
@@ -42,7 +42,7 @@ def by_reference(source: str) -> str:
     return "".join(head + brace + body for head, (_, brace, body) in zip(heads, pieces, strict=True))
 
 
-def _changed(body: str, reading: set[str]) -> set[str]:
+def _written_variables(body: str, reading: set[str]) -> set[str]:
     """Variables that a function's statements may write to: all but those that are only seen to be read."""
     changed: set[str] = set()
     handed: set[str] = set()

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from .number import rounded
+from .number import rounded_value
 from .structs import Drive, types
 
 
@@ -98,7 +98,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Any):
         """Tensioner t at the frame's instant, in a frame at `at`."""
         mine = at + width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0, 0)
-        frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded(push.extension))
+        frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded_value(push.extension))
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
         frames[mine + wp.static(place("chamber_pressure"))] = Real(push.pressure)
 

@@ -23,7 +23,7 @@ class Scheme:
 
     Attributes:
         weights: b_k of each stage, as numerator and denominator.
-        reaches: a_k of the second stage and those after it, the same.
+        reaches: a_k of the second stage and those after it, as numerator and denominator.
     """
 
     weights: tuple[tuple[int, int], ...]
@@ -36,18 +36,20 @@ SCHEMES = {"rk4": Scheme(weights=((1, 6), (1, 3), (1, 3), (1, 6)), reaches=((1, 
 INTEGRATORS = {name: number for number, name in enumerate(("leapfrog", *SCHEMES))}
 """Numbers of the integrators, as `structs.Drive.integrator` has them."""
 
-MOST = max(len(scheme.weights) for scheme in SCHEMES.values())
-COUNTS = wp.constant(wp.types.vector(len(INTEGRATORS), wp.int32)(1, *(len(of.weights) for of in SCHEMES.values())))
+MOST_STAGES = max(len(scheme.weights) for scheme in SCHEMES.values())
+STAGE_COUNTS = wp.constant(
+    wp.types.vector(len(INTEGRATORS), wp.int32)(1, *(len(of.weights) for of in SCHEMES.values()))
+)
 
 
-def _table(rows: Any, part: int, otherwise: int) -> Any:
+def _fraction_table(rows: Any, part: int, otherwise: int) -> Any:
     """Numerators or denominators of the schemes' fractions, a row each; none for leapfrog."""
-    full = [[0] * MOST, *([row[part] for row in of] + [otherwise] * (MOST - len(of)) for of in rows)]
-    return wp.constant(wp.types.matrix((len(full), MOST), wp.int32)(full))
+    full = [[0] * MOST_STAGES, *([row[part] for row in of] + [otherwise] * (MOST_STAGES - len(of)) for of in rows)]
+    return wp.constant(wp.types.matrix((len(full), MOST_STAGES), wp.int32)(full))
 
 
-WEIGHT, WEIGHT_OVER = (_table([of.weights for of in SCHEMES.values()], part, 1) for part in (0, 1))
-REACH, REACH_OVER = (_table([of.reaches for of in SCHEMES.values()], part, 1) for part in (0, 1))
+WEIGHT, WEIGHT_OVER = (_fraction_table([of.weights for of in SCHEMES.values()], part, 1) for part in (0, 1))
+REACH, REACH_OVER = (_fraction_table([of.reaches for of in SCHEMES.values()], part, 1) for part in (0, 1))
 
 
 @wp.func
@@ -63,9 +65,9 @@ def leapfrog_lag(step: int, h: Any):
 
 
 @wp.func
-def stages_of(integrator: int):
+def stage_count(integrator: int):
     """The number of force evaluations of an integrator in a step."""
-    return COUNTS[integrator]
+    return STAGE_COUNTS[integrator]
 
 
 @wp.func
@@ -77,7 +79,7 @@ def stage_weight(integrator: int, stage: int, h: Any):
 @wp.func
 def stage_reach(integrator: int, stage: int, h: Any):
     """Time from the step's start to the stage after `stage` [s], after the last to the step's end."""
-    if stage == stages_of(integrator) - 1:
+    if stage == stage_count(integrator) - 1:
         return h
     return h * type(h)(REACH[integrator, stage]) / type(h)(REACH_OVER[integrator, stage])
 
@@ -91,7 +93,7 @@ def stage_instant(integrator: int, stage: int, h: Any):
 
 
 @wp.func
-def stretching(integrator: int, stage: int, one: Any):
+def stretched_part(integrator: int, stage: int, one: Any):
     """Part of a step over which friction's bristles are stretched at a stage (`physics.friction`).
 
     At a step's start over the step before, which they then keep; later from there on.
@@ -114,7 +116,7 @@ class Stage:
 
 
 BlockStage = at_float32(Stage, {}, pairs=("time", "after"))
-"""The same on blocks at float32."""
+"""One stage of a step, on blocks at float32."""
 
 
 @wp.func
@@ -122,7 +124,7 @@ def stage_at(integrator: int, number: int, step_time: wp.float64, h: wp.float64)
     """Stage `number` of the step that begins at `step_time`."""
     stage = Stage()
     stage.number = number
-    stage.last = wp.where(number == stages_of(integrator) - 1, 1, 0)
+    stage.last = wp.where(number == stage_count(integrator) - 1, 1, 0)
     stage.weight = stage_weight(integrator, number, h)
     stage.reach = stage_reach(integrator, number, h)
     stage.time = step_time + stage_instant(integrator, number, h)
@@ -132,10 +134,10 @@ def stage_at(integrator: int, number: int, step_time: wp.float64, h: wp.float64)
 
 @wp.func
 def stage_at(integrator: int, number: int, step_time: Pair, h: Pair):
-    """The same on blocks at float32."""
+    """Stage `number` of the step that begins at `step_time`, on blocks at float32."""
     stage = BlockStage()
     stage.number = number
-    stage.last = wp.where(number == stages_of(integrator) - 1, 1, 0)
+    stage.last = wp.where(number == stage_count(integrator) - 1, 1, 0)
     stage.weight = stage_weight(integrator, number, h.high)
     stage.reach = stage_reach(integrator, number, h.high)
     stage.time = step_time + stage_instant(integrator, number, float(1.0)) * h

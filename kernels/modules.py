@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-from .by_reference import by_reference
+from .by_reference import with_structs_by_reference
 from .physics import impact
 
 try:
@@ -25,7 +25,7 @@ try:
 except ImportError:  # Warp has no public names for them: a version that keeps them elsewhere hashes kernels itself
     Module = ModuleHasher = None
 
-KNOWN = ("1.19.",)
+KNOWN_VERSIONS = ("1.19.",)
 """Warp's versions whose modules are known to take their hash from a hasher and to generate code as here."""
 SAME_BINARY = ("use_precompiled_headers",)
 """Options that leave the compiled kernel as it is; the command line sets one that calls from Python do not."""
@@ -34,7 +34,7 @@ HERE = Path(__file__).parent
 IMPORT = re.compile(r"^[ \t]*from (\.+)([\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
-def imported(path: Path) -> Iterator[Path]:
+def imported_files(path: Path) -> Iterator[Path]:
     """The files of this package that one of them imports, each by a relative import."""
     for dots, module, names in IMPORT.findall(path.read_text(encoding="utf-8")):
         base = path.parents[len(dots) - 1].joinpath(*module.split("."))
@@ -45,20 +45,20 @@ def imported(path: Path) -> Iterator[Path]:
 
 
 @cache
-def reached(start: Path) -> tuple[Path, ...]:
+def reached_files(start: Path) -> tuple[Path, ...]:
     """A file of this package and those that it imports, directly or not, in order."""
     found, ahead = {start}, [start]
     while ahead:
-        more = set(imported(ahead.pop())) - found
+        more = set(imported_files(ahead.pop())) - found
         found |= more
         ahead.extend(more)
     return tuple(sorted(found))
 
 
 @cache
-def sources(start: Path) -> bytes:
+def sources_digest(start: Path) -> bytes:
     """Digest of the files that a file of this package reaches."""
-    files = reached(start)
+    files = reached_files(start)
     return hashlib.sha256(b"".join(bytes(path.relative_to(HERE)) + path.read_bytes() for path in files)).digest()
 
 
@@ -69,7 +69,7 @@ def _source_of(kind: type) -> str:
     return Path(path).read_text(encoding="utf-8") if path else ""
 
 
-def digest(file: str, name: str, *form: Any) -> bytes:
+def kernel_digest(file: str, name: str, *form: Any) -> bytes:
     """Digest of what a kernel of this name is made of: sources, the laws at hand, and what its factory was asked for.
 
     Args:
@@ -78,7 +78,7 @@ def digest(file: str, name: str, *form: Any) -> bytes:
     """
     laws = "".join(law.adj.source for law in impact.FORCES)
     words = [name, laws, *(word for of in form for word in (repr(of), _source_of(type(of))))]
-    return hashlib.sha256(sources(Path(file)) + "\0".join(words).encode()).digest()
+    return hashlib.sha256(sources_digest(Path(file)) + "\0".join(words).encode()).digest()
 
 
 class _Hasher(ModuleHasher or object):
@@ -114,7 +114,7 @@ class _Module(Module or object):  # type: ignore[misc]
     def _run_codegen(self, options: dict[str, Any], is_cpu: bool) -> tuple[Any, ...]:
         """The source that is compiled, and what goes with it."""
         source, *more = super()._run_codegen(options, is_cpu)
-        return by_reference(source), *more
+        return with_structs_by_reference(source), *more
 
 
 @cache
@@ -124,12 +124,12 @@ def _module(name: str, made_of: bytes) -> Any:
 
 def own_module(file: str, name: str, *form: Any) -> Any:
     """A module of its own, as `wp.kernel` takes it, for the kernel of this name in `file` that is made for `form`."""
-    if Module is None or not wp.__version__.startswith(KNOWN):
+    if Module is None or not wp.__version__.startswith(KNOWN_VERSIONS):
         return "unique"
-    return _module(name, digest(file, name, *form))
+    return _module(name, kernel_digest(file, name, *form))
 
 
-def uncontracted(kernel: wp.Kernel) -> wp.Kernel:
+def without_contraction(kernel: wp.Kernel) -> wp.Kernel:
     """A kernel in which the compiler takes no product and sum together: to each it gives the same bits wherever it
     stands, so kernels in which more or less is done beside it agree.
     """

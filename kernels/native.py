@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 
-def by_device(cuda: str, elsewhere: str) -> str:
+def code_by_device(cuda: str, elsewhere: str) -> str:
     """The code of a native function: that for CUDA, and that for the CPU."""
     return f"#if defined(__CUDA_ARCH__)\n{cuda}\n#else\n{elsewhere}\n#endif\n"
 
@@ -99,7 +99,7 @@ def row_access(Real: type) -> RowAccess:
 
 
 @cache
-def aligned(kind: Any) -> wp.Function:
+def aligned_rows(kind: Any) -> wp.Function:
     """The function that tells the compiler of an array of structs of whole rows of 16 bytes, which it reads at once."""
 
     @wp.func_native("""
@@ -108,7 +108,7 @@ def aligned(kind: Any) -> wp.Function:
         return view;
     """)
     def aligned(rows: wp.array[kind]) -> wp.array[kind]:
-        """The same array."""
+        """The array, as the compiler is to read it."""
 
     return aligned
 
@@ -121,7 +121,7 @@ def load_constant(rows: Any, i: int):
 
 @wp.func_native("assert(i >= 0 && i < rows.shape[0]); return rows.data[i];")
 def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
-    """The same of vectors, such as the directions of seats."""
+    """Row i of a table of vectors that does not change, such as the directions of seats."""
 
 
 @wp.func_native("""
@@ -134,30 +134,30 @@ def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
 #endif
 """)
 def load_constant(rows: wp.array[wp.vec4f], i: int) -> wp.vec4f:
-    """The same of four values, such as the high parts (x, y) and low parts (x, y) of a direction."""
+    """Row i of a table of four values that does not change, such as high and low parts of a direction (x, y)."""
 
 
-@wp.func_native(by_device(INVERSE_ROOT + "return y;", "return 1.0 / sqrt(square);"))
+@wp.func_native(code_by_device(INVERSE_ROOT + "return y;", "return 1.0 / sqrt(square);"))
 def inverse_root(square: wp.float64) -> wp.float64:
     """1 / sqrt(square), square > 0."""
 
 
-@wp.func_native(by_device("return rsqrtf(square);", "return 1.0f / sqrtf(square);"))
+@wp.func_native(code_by_device("return rsqrtf(square);", "return 1.0f / sqrtf(square);"))
 def inverse_root(square: wp.float32) -> wp.float32:
     """1 / sqrt(square), square > 0."""
 
 
-@wp.func_native(by_device(INVERSE_ROOT + "return square * y;", "return sqrt(square);"))
+@wp.func_native(code_by_device(INVERSE_ROOT + "return square * y;", "return sqrt(square);"))
 def root(square: wp.float64) -> wp.float64:
     """sqrt(square), square > 0."""
 
 
-@wp.func_native(by_device("return square * rsqrtf(square);", "return sqrtf(square);"))
+@wp.func_native(code_by_device("return square * rsqrtf(square);", "return sqrtf(square);"))
 def root(square: wp.float32) -> wp.float32:
     """sqrt(square), square > 0."""
 
 
-@wp.func_native(by_device(RECIPROCAL + "return y;", "return 1.0 / value;"))
+@wp.func_native(code_by_device(RECIPROCAL + "return y;", "return 1.0 / value;"))
 def reciprocal(value: wp.float64) -> wp.float64:
     """1 / value, which is of ordinary size, to round-off."""
 
@@ -175,24 +175,26 @@ def reciprocal(value: wp.float32) -> wp.float32:
     """1 / value, which is of ordinary size, to round-off."""
 
 
-@wp.func_native(by_device(RECIPROCAL.replace("value", "by") + "return value * y;", "return value / by;"))
+@wp.func_native(code_by_device(RECIPROCAL.replace("value", "by") + "return value * y;", "return value / by;"))
 def quotient(value: wp.float64, by: wp.float64) -> wp.float64:
     """`value` / `by`, which is of ordinary size; on CUDA to round-off."""
 
 
-@wp.func_native(by_device("return __fdividef(value, by);", "return value / by;"))
+@wp.func_native(code_by_device("return __fdividef(value, by);", "return value / by;"))
 def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
     """`value` / `by`, which is of ordinary size, to two units of the last place."""
 
 
-MULTIPLY_ADD = by_device("return fma(a, b, c);", "const auto product = a * b; return product + c;")
-PRODUCTS = by_device("return fma(a, b, c * d);", "const auto first = a * b, second = c * d; return first + second;")
-DOT = by_device("return fma(a[1], b[1], a[0] * b[0]);", "return wp::dot(a, b);")
-ALONG = by_device(
+MULTIPLY_ADD = code_by_device("return fma(a, b, c);", "const auto product = a * b; return product + c;")
+PRODUCTS = code_by_device(
+    "return fma(a, b, c * d);", "const auto first = a * b, second = c * d; return first + second;"
+)
+DOT = code_by_device("return fma(a[1], b[1], a[0] * b[0]);", "return wp::dot(a, b);")
+ALONG = code_by_device(
     "return {fma(s, b[0], a[0]), fma(s, b[1], a[1])};",
     "const auto x = s * b[0], y = s * b[1]; return {a[0] + x, a[1] + y};",
 )
-"""Sums of products, which kernels on CUDA take together where it is written so, and nowhere else (`uncontracted`)."""
+"""Sums of products, which kernels on CUDA take together where it is written so only (`modules.without_contraction`)."""
 
 
 @wp.func_native(MULTIPLY_ADD)
@@ -202,7 +204,7 @@ def multiply_add(a: wp.float64, b: wp.float64, c: wp.float64) -> wp.float64:
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
-    """The same at float32."""
+    """a b + c at float32; on CUDA rounded once."""
 
 
 @wp.func_native(PRODUCTS)
@@ -212,7 +214,7 @@ def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.f
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
-    """The same at float32."""
+    """a b + c d at float32; on CUDA a b is not rounded by itself."""
 
 
 @wp.func_native(DOT)
@@ -222,17 +224,17 @@ def dot(a: wp.vec2d, b: wp.vec2d) -> wp.float64:
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2f, b: wp.vec2f) -> wp.float32:
-    """The same at float32."""
+    """a . b at float32; on CUDA the second product is not rounded by itself."""
 
 
 @wp.func_native(ALONG)
-def moved(a: wp.vec2d, s: wp.float64, b: wp.vec2d) -> wp.vec2d:
+def sum_with_multiple(a: wp.vec2d, s: wp.float64, b: wp.vec2d) -> wp.vec2d:
     """a + s b; on CUDA rounded once."""
 
 
 @wp.func_native(ALONG)
-def moved(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
-    """The same at float32."""
+def sum_with_multiple(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
+    """a + s b at float32; on CUDA rounded once."""
 
 
 @wp.func_native("return b < a ? b : a;")
@@ -240,7 +242,7 @@ def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
     """The smaller of two, without the instructions that keep it a number where one of them is none."""
 
 
-@wp.func_native(by_device("return wp::min(a, b);", "return b < a ? b : a;"))
+@wp.func_native(code_by_device("return wp::min(a, b);", "return b < a ? b : a;"))
 def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
     """The smaller of two; on CUDA an instruction that keeps it a number."""
 
@@ -250,12 +252,12 @@ def larger(a: wp.float64, b: wp.float64) -> wp.float64:
     """The larger of two, as `smaller`."""
 
 
-@wp.func_native(by_device("return wp::max(a, b);", "return a < b ? b : a;"))
+@wp.func_native(code_by_device("return wp::max(a, b);", "return a < b ? b : a;"))
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
     """The larger of two, as `smaller`."""
 
 
 @wp.func
-def inside(value: Any, low: Any, high: Any):
+def is_between(value: Any, low: Any, high: Any):
     """1 where low < `value` < high, else 0; `and` would be a branch."""
     return int(value > low) & int(value < high)

@@ -5,12 +5,12 @@ floats is exactly a float and its error (Knuth's two-sum), a product is one too 
 
     s = fl(a + b), t = s - a, e = (a - (s - t)) + (b - t);        p = fl(a b), e = fma(a, b, -p).
 
-No compiler may draw a product into these sums (`modules.uncontracted`). What the rest of a kernel does with the low
-parts is plain float32.
+No compiler may draw a product into these sums (`modules.without_contraction`). The rest of a kernel takes low parts as
+plain float32.
 
 Physics is written once for both, in the usual signs: a module that imports `add`, `sub`, `mul` and `div` from here has
 them between pairs, and between a number and a literal, which must be exact in float32 (0.5, not 0.1). What needs no low
-part takes a number's `leading` or its `rounded` value, which of a float64 is that itself.
+part takes a number's `leading_value` or its `rounded_value` value, which of a float64 is that itself.
 
 Sine and cosine are the same on every device, without the subroutine for huge angles: angle = k pi/2 + r, |r| <= pi/4,
 pi/2 in three parts so that k times the first two is exact up to k = 2^20; then the series of sin r and cos r to r^17
@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .native import by_device, multiply_add, products, quotient
+from .native import code_by_device, multiply_add, products, quotient
 
 
-def split(value: float) -> tuple[float, float]:
+def high_and_low_parts(value: float) -> tuple[float, float]:
     """High and low part of a number, for constants of kernels."""
     high = float(np.float32(value))
     return high, float(np.float32(value - high))
@@ -99,12 +99,12 @@ def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
     return (float)((double)a * (double)d - (double)b * (double)c);
 #endif
 """)
-def cross(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
+def cross_product(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
     """a d - b c to round-off of itself, however much of the products cancels (Kahan)."""
 
 
-@wp.func_native(by_device("return fma(a, b, c);", "return (float)((double)a * (double)b + (double)c);"))
-def fused(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
+@wp.func_native(code_by_device("return fma(a, b, c);", "return (float)((double)a * (double)b + (double)c);"))
+def fused_multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
     """a b + c, rounded once."""
 
 
@@ -118,7 +118,7 @@ def pair(high: wp.float32, low: wp.float32):
 
 
 @wp.func
-def pair_of(value: wp.float64):
+def pair_from_float64(value: wp.float64):
     """A float64, rounded to 48 bits."""
     high = wp.float32(value)
     return pair(high, wp.float32(value - wp.float64(high)))
@@ -141,7 +141,7 @@ def number_of(value: wp.float32):
 
 @wp.func
 def number_of(value: wp.vec2f):
-    """The same of a vector."""
+    """A vector of pairs that is this value."""
     return pair_vector(value, wp.vec2f())
 
 
@@ -152,7 +152,7 @@ def number_of(value: Any):
 
 
 @wp.func
-def whole(a: Pair):
+def float64_from_pair(a: Pair):
     """A pair as float64."""
     return wp.float64(a.high) + wp.float64(a.low)
 
@@ -196,7 +196,7 @@ def exact_product(a: wp.float32, b: wp.float32):
 
 
 @wp.func
-def settled(high: wp.float32, low: wp.float32):
+def normalized_pair(high: wp.float32, low: wp.float32):
     """A pair whose `low` may have grown, but is smaller than `high` (fast two-sum)."""
     sum = high + low
     return pair(sum, low - (sum - high))
@@ -206,14 +206,14 @@ def settled(high: wp.float32, low: wp.float32):
 def add(a: Pair, b: Pair):
     """a + b."""
     s = exact_sum(a.high, b.high)
-    return settled(s.high, s.low + (a.low + b.low))
+    return normalized_pair(s.high, s.low + (a.low + b.low))
 
 
 @wp.func
 def add(a: Pair, b: wp.float32):
     """a + b."""
     s = exact_sum(a.high, b)
-    return settled(s.high, s.low + a.low)
+    return normalized_pair(s.high, s.low + a.low)
 
 
 @wp.func
@@ -232,7 +232,7 @@ def add(a: wp.float32, b: wp.float64):
 def sub(a: Pair, b: Pair):
     """a - b."""
     s = two_difference(a.high, b.high)
-    return settled(s[0], s[1] + (a.low - b.low))
+    return normalized_pair(s[0], s[1] + (a.low - b.low))
 
 
 @wp.func
@@ -245,7 +245,7 @@ def sub(a: Pair, b: wp.float32):
 def sub(a: wp.float32, b: Pair):
     """a - b."""
     s = two_difference(a, b.high)
-    return settled(s[0], s[1] - b.low)
+    return normalized_pair(s[0], s[1] - b.low)
 
 
 @wp.func
@@ -258,14 +258,14 @@ def sub(a: wp.float32, b: wp.float64):
 def mul(a: Pair, b: Pair):
     """a b."""
     p = exact_product(a.high, b.high)
-    return settled(p.high, p.low + products(a.high, b.low, a.low, b.high))
+    return normalized_pair(p.high, p.low + products(a.high, b.low, a.low, b.high))
 
 
 @wp.func
 def mul(a: Pair, b: wp.float32):
     """a b."""
     p = exact_product(a.high, b)
-    return settled(p.high, fused(a.low, b, p.low))
+    return normalized_pair(p.high, fused_multiply_add(a.low, b, p.low))
 
 
 @wp.func
@@ -291,7 +291,7 @@ def div(a: Pair, b: Pair):
     """a / b."""
     q = quotient(a.high, b.high)
     p = exact_product(q, b.high)
-    return settled(q, quotient(((a.high - p.high) - p.low) + fused(-q, b.low, a.low), b.high))
+    return normalized_pair(q, quotient(((a.high - p.high) - p.low) + fused_multiply_add(-q, b.low, a.low), b.high))
 
 
 @wp.func
@@ -370,112 +370,112 @@ def difference(a: Any, b: Any):
 
 
 @wp.func
-def leading(a: Pair):
+def leading_value(a: Pair):
     """A number without what float32 rounds off."""
     return a.high
 
 
 @wp.func
-def leading(a: PairVector):
+def leading_value(a: PairVector):
     """A vector without what float32 rounds off."""
     return a.high
 
 
 @wp.func
-def leading(a: Any):
+def leading_value(a: Any):
     """A float64, unchanged."""
     return a
 
 
 @wp.func
-def rounded(a: Pair):
+def rounded_value(a: Pair):
     """A number as one float32."""
     return a.high + a.low
 
 
 @wp.func
-def rounded(a: PairVector):
+def rounded_value(a: PairVector):
     """A vector of float32."""
     return a.high + a.low
 
 
 @wp.func
-def rounded(a: Any):
+def rounded_value(a: Any):
     """A float64, unchanged."""
     return a
 
 
 @wp.func
-def trimmed(a: Pair):
+def trimmed_value(a: Pair):
     """A number to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
     anchor = a.high * wp.static(1.5 / 2.0**25)
     return pair(a.high, (a.low + anchor) - anchor)
 
 
 @wp.func
-def trimmed(a: PairVector):
-    """The same of a vector."""
-    return vector(trimmed(component(a, 0)), trimmed(component(a, 1)))
+def trimmed_value(a: PairVector):
+    """A vector, each component to 2^-48 of itself."""
+    return vector(trimmed_value(component(a, 0)), trimmed_value(component(a, 1)))
 
 
 @wp.func
-def trimmed(a: Any):
+def trimmed_value(a: Any):
     """A float64, unchanged."""
     return a
 
 
 @wp.func
-def added(sum: Pair, value: wp.float32):
+def sum_with(sum: Pair, value: wp.float32):
     """A sum and a value that is small beside it, or the first; float64 holds it exactly.
 
-    With 0 added the sum keeps its bits, also where `low` is half a unit of `high`, which `settled` rounds to even.
+    With 0 added the sum keeps its bits, also where `low` is half a unit of `high`, which is rounded to even else.
     """
-    more = trimmed(settled(sum.high, sum.low + value))
+    more = trimmed_value(normalized_pair(sum.high, sum.low + value))
     return pair(wp.where(value == 0.0, sum.high, more.high), wp.where(value == 0.0, sum.low, more.low))
 
 
 @wp.func
-def added(sum: PairVector, value: wp.vec2f):
-    """The same of a vector."""
-    return vector(added(component(sum, 0), value[0]), added(component(sum, 1), value[1]))
+def sum_with(sum: PairVector, value: wp.vec2f):
+    """A sum of vectors and a vector that is small beside it."""
+    return vector(sum_with(component(sum, 0), value[0]), sum_with(component(sum, 1), value[1]))
 
 
 @wp.func
-def added(sum: RecentSum, value: wp.float32):
-    """The same, in float32 until it is gathered."""
+def sum_with(sum: RecentSum, value: wp.float32):
+    """A sum and a value, added in float32 until the sum is gathered."""
     sum.recent = sum.recent + value
     return sum
 
 
 @wp.func
-def added(sum: Any, value: Any):
-    """The same at float64."""
+def sum_with(sum: Any, value: Any):
+    """A sum and a value, at float64."""
     return sum + value
 
 
 @wp.func
-def gathered(a: RecentSum):
-    """The same sum with nothing in plain float32."""
-    a.sum = added(a.sum, a.recent)
+def gathered_sum(a: RecentSum):
+    """A sum with nothing left in plain float32."""
+    a.sum = sum_with(a.sum, a.recent)
     a.recent = 0.0
     return a
 
 
 @wp.func
-def gathered(a: Any):
+def gathered_sum(a: Any):
     """A float64, unchanged: it has nothing to gather."""
     return a
 
 
 @wp.func
-def counted(count: int, unit: Pair):
+def exact_multiple(count: int, unit: Pair):
     """`count` times `unit`, exact in the count up to 2^36."""
     thousands = count // 4096
     return 4096.0 * float(thousands) * unit + float(count - 4096 * thousands) * unit
 
 
 @wp.func
-def counted(count: int, unit: wp.float64):
+def exact_multiple(count: int, unit: wp.float64):
     """`count` times `unit`."""
     return wp.float64(count) * unit
 
@@ -515,8 +515,8 @@ def sine_cosine(angle: wp.float64):
     return sign * wp.where(odd, cosine, sine), sign * wp.where(odd, -sine, cosine)
 
 
-HALF_PI = split(math.pi / 2)
-SPLIT = {n: split(1.0 / n) for n in (6, 12, 20, 30, 42, 56)}
+HALF_PI = high_and_low_parts(math.pi / 2)
+SPLIT = {n: high_and_low_parts(1.0 / n) for n in (6, 12, 20, 30, 42, 56)}
 """pi/2 and some reciprocals as high and low parts of pairs."""
 
 
@@ -530,7 +530,7 @@ def series_term(q: Pair, rest: Pair, high: wp.float32, low: wp.float32):
 def sine_cosine(angle: Pair):
     """sin(angle), cos(angle) as pairs, to 5e-12 and what the angle itself rounds off; up to 4e6 in size.
 
-    The same series as in float64; of its terms, what is below 1e-3 of the result needs no low part.
+    By the series that float64 has, too; of its terms, what is below 1e-3 of the result needs no low part.
     """
     k = wp.rint(angle.high * wp.static(float(TWO_OVER_PI)))
     r = angle - k * pair(wp.static(HALF_PI[0]), wp.static(HALF_PI[1]))
@@ -554,7 +554,7 @@ def sine_cosine(angle: Pair):
     return sign * sine, sign * cosine
 
 
-@wp.func_native(by_device("return __cosf(angle);", "return wp::cos(angle);"))
+@wp.func_native(code_by_device("return __cosf(angle);", "return wp::cos(angle);"))
 def quick_cosine(angle: wp.float32) -> wp.float32:
     """cos(angle) to 5e-7, for angles of at most half a turn."""
 
@@ -563,7 +563,7 @@ def quick_cosine(angle: wp.float32) -> wp.float32:
 def cosine_of(angle: Pair):
     """cos(angle) to 5e-7, whole turns taken off before it is rounded."""
     turns = wp.rint(angle.high * wp.static(0.5 / math.pi))
-    return quick_cosine(rounded(angle - turns * pair(wp.static(4.0 * HALF_PI[0]), wp.static(4.0 * HALF_PI[1]))))
+    return quick_cosine(rounded_value(angle - turns * pair(wp.static(4.0 * HALF_PI[0]), wp.static(4.0 * HALF_PI[1]))))
 
 
 @wp.func
@@ -573,7 +573,7 @@ def cosine_of(angle: wp.float64):
     return cosine
 
 
-LN_2 = split(math.log(2.0))
+LN_2 = high_and_low_parts(math.log(2.0))
 
 
 @wp.func_native("union { int whole; float value; } of; of.whole = (127 + e) << 23; return of.value;")
@@ -607,7 +607,7 @@ def log_of_sum(u: wp.float32):
 
 @wp.func
 def log_of_sum(u: wp.float64):
-    """The same at float64, where u is small by a series to 1e-16."""
+    """ln(1 + u) at float64, u > -1: where u is small by a series to 1e-16."""
     value = u
     if wp.abs(u) < wp.float64(0.03):
         s = quotient(u, wp.float64(2.0) + u)

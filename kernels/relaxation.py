@@ -58,7 +58,7 @@ def relative_residual(
 
 
 @wp.func
-def judged(now: Settling, energy: wp.float64, residual: wp.float64):
+def relaxation_after_check(now: Settling, energy: wp.float64, residual: wp.float64):
     """The relaxation after a check of its kinetic energy [J] and residual, and whether it stops and restarts."""
     restart = int(0)
     now.residual = residual

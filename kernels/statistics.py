@@ -34,7 +34,7 @@ def batches_ended(drive: Drive, step: int):
 
 @wp.func
 def notes_due(drive: Drive, step: int):
-    """The first note to take at `step`, a look in the window, and the one after the last."""
+    """The first note to take at `step`, a sample in the window, and the one after the last."""
     return batches_ended(drive, step - drive.sample_interval), batches_ended(drive, step)
 
 
@@ -46,12 +46,12 @@ STEP = 0.04
 
 @wp.func
 def bins_per_force(scale: wp.float64):
-    """1 / s of a scale [N], as `bin_of` wants it."""
+    """1 / s of a scale [N], as `tension_bin` wants it."""
     return wp.float32(wp.float64(1.0) / wp.max(scale, wp.float64(1.0e-9)))
 
 
 @wp.func
-def bin_of(tension: Any, per_force: wp.float32):
+def tension_bin(tension: Any, per_force: wp.float32):
     """Bin of a tension [N] for 1 / s [1/N]; an outermost one of what is not finite."""
     ratio = wp.float32(tension) * per_force
     size = wp.abs(ratio)
@@ -62,8 +62,8 @@ def bin_of(tension: Any, per_force: wp.float32):
 
 @wp.func
 def count_tension(counts: wp.array[wp.int32], first: int, tension: Any, per_force: wp.float32):
-    """Adds a tension [N] to the histogram that begins at `first`; `per_force` as in `bin_of`."""
-    wp.atomic_add(counts, first + bin_of(tension, per_force), 1)
+    """Adds a tension [N] to the histogram that begins at `first`; `per_force` as in `tension_bin`."""
+    wp.atomic_add(counts, first + tension_bin(tension, per_force), 1)
 
 
 @wp.func
@@ -74,7 +74,7 @@ def modulo(a: int, n: int):
 
 
 @wp.func
-def mid_wrap(before: Strand, after: Strand, n: int):
+def mid_wrap_roller(before: Strand, after: Strand, n: int):
     """The roller in the middle of those between two strands."""
     last = modulo(before.first_link + before.links, n)
     return modulo(last + modulo(after.first_link - last, n) // 2, n)
@@ -82,7 +82,7 @@ def mid_wrap(before: Strand, after: Strand, n: int):
 
 @wp.func
 def follow_slip(slip: SlipSums, roller: int, seat: int, teeth: int, sign: wp.float64, n: int):
-    """A sprocket's slip after a look at `roller`, now in mid-wrap, whose seat is `seat`, negative for none.
+    """A sprocket's slip after a sample of `roller`, now in mid-wrap, whose seat is `seat`, negative for none.
 
     `sign` is 1 on a sprocket that turns counter-clockwise, else -1.
     """

@@ -77,7 +77,7 @@ class Drive:
     window_end: wp.int32  # to this one
     tension_scale: wp.float64  # of the bins of link tension [N]
     frame_interval: wp.int32  # steps between frames; 0: not recorded
-    sample_interval: wp.int32  # steps between two looks at the chain, a power of two (`sums.is_look`)
+    sample_interval: wp.int32  # steps between two samples of the chain, a power of two (`sums.is_sample_step`)
     first_value: wp.int64  # of this variant's frames in the block's buffer
     low: wp.vec2d  # bounding box beyond which a roller has left the drive [m]
     high: wp.vec2d
@@ -687,9 +687,9 @@ class ChainSums:
 
     tension_min: wp.float64  # [N]
     tension_max: wp.float64
-    tension: wp.float64  # sum over links and looks
+    tension: wp.float64  # sum over links and samples
     tension_square: wp.float64
-    samples: wp.int64  # looks in the window
+    samples: wp.int64  # samples in the window
     dissipated: wp.float64  # in the links [J]
     friction: wp.float64  # dissipated in the joints [J]
     energy_start: wp.float64  # mechanical energy at the window's start [J]
@@ -702,7 +702,7 @@ class Note:
 
     tension: wp.float64  # as in `ChainSums`, `StrandSums`
     samples: wp.int64
-    links: wp.int64  # whose tensions were looked at
+    links: wp.int64  # whose tensions were sampled
     displacement: wp.float64  # of a strand
 
 
@@ -729,10 +729,10 @@ class SlipSums:
 
     slips: wp.int32
     known: wp.int32  # 1: a roller has been seen in mid-wrap
-    roller: wp.int32  # which was there at the last look
+    roller: wp.int32  # which was there at the last sample
     place: wp.int32  # of it along the chain, from where the window began, modulo the teeth
     offset: wp.int32  # of its seat from that place, modulo the teeth
-    candidate: wp.int32  # the same at the last look
+    candidate: wp.int32  # the same at the last sample
 
 
 @wp.struct
@@ -761,7 +761,7 @@ class RollerTally:
 class Tallies:
     """Sums that the block kernels keep roller by roller, so that no thread waits for another.
 
-    Those of contacts (`ContactSums`) lie in rows of their own, neighbors' beside each other.
+    Sums of contacts (`ContactSums`) lie in rows of their own, neighbors' beside each other.
     """
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
@@ -880,7 +880,7 @@ class Memory:
     damper_row: wp.int32  # row of the speeds at which dampers acted in the step before (`contact_rows.damper_row`)
     first: wp.int32  # of this partner's rollers
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
-    stretch_part: wp.float64  # part of a step over which bristles are stretched (`integrate.stretching`)
+    stretch_part: wp.float64  # part of a step over which bristles are stretched (`integrate.stretched_part`)
     wanted: Now  # what is added up too
     inverse_mass: wp.float64  # 1 / m of the chain's rollers [1/kg]
     gravity: wp.vec2d  # on them [m/s^2]

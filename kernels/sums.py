@@ -1,7 +1,7 @@
 """Sums over the window, in float64: `add_*` adds one step, `merge_*` another sum.
 
 The CPU's pass and the block's tallies call the same functions. Their arguments are of any type: products are formed in
-it, then added in float64, or in pairs of float32 (`number.added`), to the sums of `structs.float32`.
+it, then added in float64, or in pairs of float32 (`number.sum_with`), to the sums of `structs.float32`.
 """
 
 from functools import cache
@@ -10,38 +10,38 @@ from typing import Any
 import warp as wp
 
 from .native import reciprocal
-from .number import added, gathered, rounded, sub  # noqa: F401
+from .number import gathered_sum, rounded_value, sub, sum_with  # noqa: F401
 from .structs import ChainSums, ContactSums, Drive, RollerTally, Strand, StrandSums, Totals
 
 MERGE_EVERY = wp.constant(32)
 """Steps after which what links and sprockets have gathered since is added to the window's sums.
 
-Looks at the chain (which links lie on a strand, their tensions, where mid-strand is) are as far apart, or a power of
+Samples of the chain (which links lie on a strand, their tensions, where mid-strand is) are as far apart, or a power of
 two times as far (`Drive.sample_interval`). The chain moves a small part of a pitch in between.
 """
 
 
 @wp.func
-def is_look(drive: Drive, step: int):
-    """Whether the chain is looked at, at a step in the window: the window's first has a look too."""
+def is_sample_step(drive: Drive, step: int):
+    """Whether the chain is sampled at a step in the window, as it is at the window's first."""
     return step & (drive.sample_interval - 1) == 0 or step == drive.window_start
 
 
 @wp.func
-def before(i: int, n: int):
+def previous_index(i: int, n: int):
     """Index of the neighbor before i in a closed chain of n."""
     return wp.where(i == 0, n - 1, i - 1)
 
 
 @wp.func
-def after(i: int, n: int):
+def next_index(i: int, n: int):
     """Index of the neighbor after i in a closed chain of n; 0 where i is beyond it."""
     return wp.where(i + 1 < n, i + 1, 0)
 
 
 @wp.func
 def add_tension(sums: Any, tension: Any):
-    """One link's tension [N] at one look; `sums` is a struct with fields like `LinkTally`'s, which count elsewhere."""
+    """Adds one link's tension [N]; `sums` is a struct with fields like `LinkTally`'s, which count elsewhere."""
     value = wp.float64(tension)
     sums.tension = sums.tension + value
     sums.tension_square = sums.tension_square + value * value
@@ -50,7 +50,7 @@ def add_tension(sums: Any, tension: Any):
 
 @wp.func
 def merge_tension(sums: Any, other: Any):
-    """The tension that another such struct has seen."""
+    """Adds the tensions of another such struct."""
     sums.tension = sums.tension + other.tension
     sums.tension_square = sums.tension_square + other.tension_square
     return sums
@@ -58,7 +58,7 @@ def merge_tension(sums: Any, other: Any):
 
 @wp.func
 def merge_extremes(sums: Any, lowest: wp.float64, highest: wp.float64):
-    """The smallest and the largest tension that others have seen [N]."""
+    """Widens the extremes of tension by others [N]."""
     sums.tension_min = wp.min(sums.tension_min, lowest)
     sums.tension_max = wp.max(sums.tension_max, highest)
     return sums
@@ -126,28 +126,28 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 @wp.func
 def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight: Any):
-    """A sprocket's speed, the chain's moment on it, what that and the load's do in one step of `weight` [s], and
+    """Adds a sprocket's speed, the chain's moment on it, what that and the load's do in one step of `weight` [s], and
     `body.late_power`.
     """
     way = weight * speed
-    sums.moment = added(sums.moment, weight * moment)
-    sums.contact_work = added(sums.contact_work, way * moment)
-    sums.load_work = added(sums.load_work, way * load)
-    sums.late_work = added(sums.late_work, weight * late)
+    sums.moment = sum_with(sums.moment, weight * moment)
+    sums.contact_work = sum_with(sums.contact_work, way * moment)
+    sums.load_work = sum_with(sums.load_work, way * load)
+    sums.late_work = sum_with(sums.late_work, weight * late)
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
-    sums.speed = added(sums.speed, way)
-    sums.speed_square = added(sums.speed_square, way * speed)
+    sums.speed = sum_with(sums.speed, way)
+    sums.speed_square = sum_with(sums.speed_square, way * speed)
     return sums
 
 
 @wp.func
-def gathered_powers(sums: Any):
+def gathered_sprocket_sums(sums: Any):
     """A sprocket's sums with nothing of what every step adds in plain float32."""
-    sums.moment = gathered(sums.moment)
-    sums.contact_work = gathered(sums.contact_work)
-    sums.load_work = gathered(sums.load_work)
-    sums.late_work = gathered(sums.late_work)
+    sums.moment = gathered_sum(sums.moment)
+    sums.contact_work = gathered_sum(sums.contact_work)
+    sums.load_work = gathered_sum(sums.load_work)
+    sums.late_work = gathered_sum(sums.late_work)
     return sums
 
 
@@ -155,7 +155,7 @@ def gathered_powers(sums: Any):
 def note_sprocket(note: Any, sums: Any):
     """The sums of a sprocket of which batches have means."""
     note.speed = sums.speed
-    note.moment = gathered(sums.moment)
+    note.moment = gathered_sum(sums.moment)
     note.force = sums.force
     return note
 
@@ -170,113 +170,113 @@ def note_mount(note: Any, sums: Any):
 
 @wp.func
 def add_hub_force(sums: Any, force: Any, weight: Any):
-    """The chain's force on one sprocket in one step, which stands for `weight` [s]."""
-    sums.force = added(sums.force, weight * force)
+    """Adds the chain's force on one sprocket in one step, which stands for `weight` [s]."""
+    sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums
 
 
 @wp.func
 def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power: Any, weight: Any):
-    """One moving sprocket's displacement, the force `held` on its center, its damper's and its prescription's power."""
-    sums.travel = added(sums.travel, weight * apart)
+    """Adds one moving sprocket's displacement, the force `held` on its center, its damper's and mount's power."""
+    sums.travel = sum_with(sums.travel, weight * apart)
     sums.travel_max = wp.max(sums.travel_max, wp.length(apart))
-    sums.force = added(sums.force, weight * wp.length(held))
-    sums.dissipated = added(sums.dissipated, weight * wp.dot(velocity, mount.damping * velocity))
-    sums.work = added(sums.work, weight * power)
+    sums.force = sum_with(sums.force, weight * wp.length(held))
+    sums.dissipated = sum_with(sums.dissipated, weight * wp.dot(velocity, mount.damping * velocity))
+    sums.work = sum_with(sums.work, weight * power)
     return sums
 
 
 @wp.func
 def add_bearing(sums: Any, power: Any, weight: Any):
-    """The power that the bearing of one sprocket takes."""
-    sums.friction = added(sums.friction, weight * power)
+    """Adds the power that the bearing of one sprocket takes."""
+    sums.friction = sum_with(sums.friction, weight * power)
     return sums
 
 
 @wp.func
 def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, weight: Any):
-    """One arm's angle, the contacts' moment on it, the power that its damper and stops take, that of what leads its
-    pivot, and `body.late_power`.
+    """Adds one arm's angle, the contacts' moment on it, the power that its damper and stops take, that of what leads
+    its pivot, and `body.late_power`.
     """
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
-    sums.angle = added(sums.angle, weight * body.angle)
-    sums.angle_square = added(sums.angle_square, weight * body.angle * body.angle)
-    sums.moment = added(sums.moment, weight * moment)
-    sums.dissipated = added(sums.dissipated, weight * power)
-    sums.work = added(sums.work, weight * led)
-    sums.late_work = added(sums.late_work, weight * late)
+    sums.angle = sum_with(sums.angle, weight * body.angle)
+    sums.angle_square = sum_with(sums.angle_square, weight * body.angle * body.angle)
+    sums.moment = sum_with(sums.moment, weight * moment)
+    sums.dissipated = sum_with(sums.dissipated, weight * power)
+    sums.work = sum_with(sums.work, weight * led)
+    sums.late_work = sum_with(sums.late_work, weight * late)
     return sums
 
 
 @wp.func
 def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
-    """One shaft's speed, and the moments of its motor and its load."""
+    """Adds one shaft's speed, and the moments of its motor and its load."""
     way = weight * speed
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
-    sums.speed = added(sums.speed, way)
-    sums.speed_square = added(sums.speed_square, way * speed)
-    sums.motor = added(sums.motor, weight * motor)
+    sums.speed = sum_with(sums.speed, way)
+    sums.speed_square = sum_with(sums.speed_square, way * speed)
+    sums.motor = sum_with(sums.motor, weight * motor)
     sums.motor_max = wp.max(sums.motor_max, wp.abs(motor))
-    sums.motor_work = added(sums.motor_work, way * motor)
-    sums.load_work = added(sums.load_work, way * load)
+    sums.motor_work = sum_with(sums.motor_work, way * motor)
+    sums.load_work = sum_with(sums.load_work, way * load)
     return sums
 
 
 @wp.func
 def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost: Any, weight: Any):
-    """One coupling's twist and moment, the powers that its damper takes and led bodies get, and what slipping lost."""
+    """Adds one coupling's twist and moment, powers that its damper takes and led bodies get, and what slipping lost."""
     sums.twist_min = wp.min(sums.twist_min, twist)
     sums.twist_max = wp.max(sums.twist_max, twist)
-    sums.twist = added(sums.twist, weight * twist)
+    sums.twist = sum_with(sums.twist, weight * twist)
     sums.moment_min = wp.min(sums.moment_min, moment)
     sums.moment_max = wp.max(sums.moment_max, moment)
-    sums.moment = added(sums.moment, weight * moment)
-    sums.dissipated = added(sums.dissipated, weight * power)
-    sums.slip_loss = added(sums.slip_loss, lost)
-    sums.led_work = added(sums.led_work, weight * led)
+    sums.moment = sum_with(sums.moment, weight * moment)
+    sums.dissipated = sum_with(sums.dissipated, weight * power)
+    sums.slip_loss = sum_with(sums.slip_loss, lost)
+    sums.led_work = sum_with(sums.led_work, weight * led)
     return sums
 
 
 @wp.func
 def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
-    """The moment that one pair of gears passes on, and the magnitude of its tooth force."""
-    sums.moment = added(sums.moment, weight * moment)
-    sums.force = added(sums.force, weight * force)
+    """Adds the moment that one pair of gears passes on, and the magnitude of its tooth force."""
+    sums.moment = sum_with(sums.moment, weight * moment)
+    sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, force)
     return sums
 
 
 @wp.func
 def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
-    """The torque of one group of valves, and the least force of a cam on a follower."""
+    """Adds the torque of one group of valves, and the least force of a cam on a follower."""
     sums.torque_min = wp.min(sums.torque_min, torque)
     sums.torque_max = wp.max(sums.torque_max, torque)
-    sums.torque = added(sums.torque, weight * torque)
+    sums.torque = sum_with(sums.torque, weight * torque)
     sums.force_min = wp.min(sums.force_min, force)
-    sums.afloat = added(sums.afloat, wp.where(force < type(force)(0.0), weight, type(weight)(0.0)))
+    sums.afloat = sum_with(sums.afloat, wp.where(force < type(force)(0.0), weight, type(weight)(0.0)))
     return sums
 
 
 @wp.func
 def add_flows(total: Any, flows: Any):
     """A tensioner's meter after one more step; whether it is not yet filled is of the step's end."""
-    total.leaked = added(total.leaked, flows.leaked)
-    total.supplied = added(total.supplied, flows.supplied)
-    total.relieved = added(total.relieved, flows.relieved)
-    total.vented = added(total.vented, flows.vented)
-    total.leak_loss = added(total.leak_loss, flows.leak_loss)
-    total.valve_loss = added(total.valve_loss, flows.valve_loss)
-    total.supply_work = added(total.supply_work, flows.supply_work)
-    total.filling = added(total.filling, flows.filling)
+    total.leaked = sum_with(total.leaked, flows.leaked)
+    total.supplied = sum_with(total.supplied, flows.supplied)
+    total.relieved = sum_with(total.relieved, flows.relieved)
+    total.vented = sum_with(total.vented, flows.vented)
+    total.leak_loss = sum_with(total.leak_loss, flows.leak_loss)
+    total.valve_loss = sum_with(total.valve_loss, flows.valve_loss)
+    total.supply_work = sum_with(total.supply_work, flows.supply_work)
+    total.filling = sum_with(total.filling, flows.filling)
     total.unfilled = flows.unfilled
     return total
 
 
 @wp.func
-def flowed_since(now: Any, start: Any):
+def flows_since(now: Any, start: Any):
     """Flows that a tensioner's meter has counted since `start`; the time of filling is since the run's beginning."""
     now.leaked = now.leaked - start.leaked
     now.supplied = now.supplied - start.supplied
@@ -290,19 +290,19 @@ def flowed_since(now: Any, start: Any):
 
 @wp.func
 def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
-    """One tensioner's force, pressure and extension, and the powers that its damper and stop take and of suction."""
-    x = rounded(push.extension)
+    """Adds one tensioner's force, pressure and extension, the powers that damper and stop take, and that of suction."""
+    x = rounded_value(push.extension)
     sums.force_min = wp.min(sums.force_min, push.force)
     sums.force_max = wp.max(sums.force_max, push.force)
-    sums.force = added(sums.force, weight * push.force)
+    sums.force = sum_with(sums.force, weight * push.force)
     sums.pressure_min = wp.min(sums.pressure_min, push.pressure)
     sums.pressure_max = wp.max(sums.pressure_max, push.pressure)
-    sums.pressure = added(sums.pressure, weight * push.pressure)
+    sums.pressure = sum_with(sums.pressure, weight * push.pressure)
     sums.extension_min = wp.min(sums.extension_min, x)
     sums.extension_max = wp.max(sums.extension_max, x)
-    sums.extension = added(sums.extension, weight * x)
-    sums.dissipated = added(sums.dissipated, weight * power)
-    sums.suction_work = added(sums.suction_work, weight * suction)
+    sums.extension = sum_with(sums.extension, weight * x)
+    sums.dissipated = sum_with(sums.dissipated, weight * power)
+    sums.suction_work = sum_with(sums.suction_work, weight * suction)
     return sums
 
 
@@ -312,13 +312,13 @@ def add_meter(sums: Any, meter: Any, start: bool, end: bool):
     if start:
         sums.flows = meter
     if end:
-        sums.flows = flowed_since(meter, sums.flows)
+        sums.flows = flows_since(meter, sums.flows)
     return sums
 
 
 @wp.func
 def add_displacement(sums: StrandSums, displacement: wp.float64):
-    """One mid-strand transverse displacement [m]."""
+    """Adds one mid-strand transverse displacement [m]."""
     sums.samples = sums.samples + wp.int64(1)
     sums.displacement_min = wp.min(sums.displacement_min, displacement)
     sums.displacement_max = wp.max(sums.displacement_max, displacement)
@@ -328,55 +328,55 @@ def add_displacement(sums: StrandSums, displacement: wp.float64):
 
 
 @wp.func
-def along(x: wp.float64, y: wp.float64, strand: Strand):
+def coordinate_along(x: wp.float64, y: wp.float64, strand: Strand):
     """Coordinate of a point along a strand's nominal line [m]."""
     return (x - strand.start[0]) * strand.direction[0] + (y - strand.start[1]) * strand.direction[1]
 
 
 @wp.func
-def across(x: wp.float64, y: wp.float64, strand: Strand):
+def distance_left(x: wp.float64, y: wp.float64, strand: Strand):
     """Distance of a point to the left of a strand's nominal line [m]."""
     return (y - strand.start[1]) * strand.direction[0] - (x - strand.start[0]) * strand.direction[1]
 
 
 @wp.func
-def displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, strand: Strand):
+def mid_strand_displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, strand: Strand):
     """Transverse displacement of the chain where it passes mid-strand between two rollers [m], left positive."""
-    a = along(ax, ay, strand)
-    b = along(bx, by, strand)
+    a = coordinate_along(ax, ay, strand)
+    b = coordinate_along(bx, by, strand)
     part = (wp.float64(0.5) * strand.length - a) * reciprocal(b - a)
-    return across(ax, ay, strand) * (wp.float64(1.0) - part) + across(bx, by, strand) * part
+    return distance_left(ax, ay, strand) * (wp.float64(1.0) - part) + distance_left(bx, by, strand) * part
 
 
 @cache
-def following(Real: type) -> wp.Function:
+def strand_follower(Real: type) -> wp.Function:
     """The function that keeps up which part of the chain is on a strand."""
 
     @wp.func
-    def reach(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
+    def roller_coordinate(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
         """Coordinate of roller i along a strand's nominal line [m]."""
-        return along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
+        return coordinate_along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
 
     @wp.func
-    def aside(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
+    def roller_distance(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
         """Distance of roller i to a strand's nominal line [m]."""
-        return wp.abs(across(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand))
+        return wp.abs(distance_left(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand))
 
     @wp.func
-    def last_before(rollers: wp.array[Real], x: int, y: int, n: int, i: int, limit: wp.float64, strand: Strand):
+    def last_roller_before(rollers: wp.array[Real], x: int, y: int, n: int, i: int, limit: wp.float64, strand: Strand):
         """The last roller that is not past `limit` [m] along a strand's nominal line, sought from roller i on."""
         tries = int(0)
-        while reach(rollers, x, y, i, strand) > limit and tries < n:
-            i = before(i, n)
+        while roller_coordinate(rollers, x, y, i, strand) > limit and tries < n:
+            i = previous_index(i, n)
             tries = tries + 1
         tries = int(0)
-        while reach(rollers, x, y, after(i, n), strand) <= limit and tries < n:
-            i = after(i, n)
+        while roller_coordinate(rollers, x, y, next_index(i, n), strand) <= limit and tries < n:
+            i = next_index(i, n)
             tries = tries + 1
         return i
 
     @wp.func
-    def crossing(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
+    def mid_crossing(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
         """The last roller that is not past mid-strand, anywhere in the chain. Where a chain that winds back and forth
         crosses there several times, that of the crossing nearest the strand's line.
         """
@@ -385,9 +385,12 @@ def following(Real: type) -> wp.Function:
         nearest = wp.float64(wp.inf)
         i = int(0)
         while i < n and nearest > wp.float64(0.0):
-            j = after(i, n)
-            if reach(rollers, x, y, i, strand) <= limit and reach(rollers, x, y, j, strand) > limit:
-                apart = aside(rollers, x, y, i, strand) + aside(rollers, x, y, j, strand)
+            j = next_index(i, n)
+            if (
+                roller_coordinate(rollers, x, y, i, strand) <= limit
+                and roller_coordinate(rollers, x, y, j, strand) > limit
+            ):
+                apart = roller_distance(rollers, x, y, i, strand) + roller_distance(rollers, x, y, j, strand)
                 if apart < nearest:
                     nearest = apart
                     found = i
@@ -395,7 +398,7 @@ def following(Real: type) -> wp.Function:
         return found
 
     @wp.func
-    def follow(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
+    def follow_strand(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
         """The strand with its middle and its links brought up to date: the chain has moved little since, unless they
         are sought `anew`.
 
@@ -403,18 +406,18 @@ def following(Real: type) -> wp.Function:
         """
         middle = strand.middle
         if anew:
-            middle = crossing(rollers, x, y, n, strand)
-        middle = last_before(rollers, x, y, n, middle, wp.float64(0.5) * strand.length, strand)
+            middle = mid_crossing(rollers, x, y, n, strand)
+        middle = last_roller_before(rollers, x, y, n, middle, wp.float64(0.5) * strand.length, strand)
         first = middle
         last = middle
         if strand.links > 0 and not anew:
             first = strand.first_link
             last = (first + strand.links) % n
-        first = after(last_before(rollers, x, y, n, before(first, n), wp.float64(0.0), strand), n)
-        last = last_before(rollers, x, y, n, last, strand.length, strand)
+        first = next_index(last_roller_before(rollers, x, y, n, previous_index(first, n), wp.float64(0.0), strand), n)
+        last = last_roller_before(rollers, x, y, n, last, strand.length, strand)
         strand.middle = middle
         strand.first_link = first
         strand.links = (last - first + n) % n
         return strand
 
-    return follow
+    return follow_strand

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import MOST, leapfrog_kick, leapfrog_lag, stage_at, stages_of, stretching
+from ..integrate import MOST_STAGES, leapfrog_kick, leapfrog_lag, stage_at, stage_count, stretched_part
 from ..modules import own_module
 from ..structs import DIVERGENCE_CHECK, Drive, Now, Sums, types
 from .bodies import body_functions
@@ -134,14 +134,14 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
                 if neighbor_list.is_outdated(w, drive):
                     near_rollers.rebuild_neighbor_list(ensemble, state, drive, w)
             stage = int(0)
-            while stage < stages_of(integrator):
+            while stage < stage_count(integrator):
                 at = stage_at(integrator, stage, now.time, h)
                 memory.stage = stage
                 memory.wanted = now
                 if stage != 0:
                     memory.wanted = Now()
                 memory.time = at.time
-                memory.stretch_part = stretching(integrator, stage, Real(1.0))
+                memory.stretch_part = stretched_part(integrator, stage, Real(1.0))
                 for c in range(chains):
                     if wp.static(several):
                         drive, chain, w = drive_at(ensemble, variant + c), chain_at(ensemble, variant + c), scratch[c]
@@ -164,7 +164,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
                 number = number + memory.wanted.sizes
                 stage = stage + 1
                 if step == last or progress.diverged == 1:
-                    stage = wp.static(MOST)
+                    stage = wp.static(MOST_STAGES)
                 else:
                     for c in range(chains):
                         if wp.static(several):

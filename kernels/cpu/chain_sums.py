@@ -9,9 +9,9 @@ from functools import cache
 import warp as wp
 
 from ..native import row_access
-from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
+from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap_roller, notes_due
 from ..structs import Drive, MountNote, Note, SprocketNote, Sums, types
-from ..sums import add_displacement, after, following, is_look, note_mount, note_sprocket
+from ..sums import add_displacement, is_sample_step, next_index, note_mount, note_sprocket, strand_follower
 from .link_tallies import link_tally_functions
 from .rollers import rows
 
@@ -27,7 +27,7 @@ class ChainSumFunctions:
 @cache
 def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
     """The functions that sum over the chain of one variant, for rows of `capacity` values of type `Real`."""
-    kinds, follow = types(Real), following(Real)
+    kinds, follow = types(Real), strand_follower(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     link_tallies = link_tally_functions(Real, capacity)
     access = row_access(Real)
@@ -64,7 +64,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
             link = strand.first_link
             for _ in range(strand.links):
                 access.store(w, row.strand + link, Real(s))
-                link = after(link, n)
+                link = next_index(link, n)
 
     @wp.func
     def add_statistics(ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real]):
@@ -78,7 +78,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
             count_tension(sums.tension_counts, at, access.load(w, row.tension + j), per_force)
         for s in range(drive.sprockets):
             before = state.strands[first + wp.where(s > 0, s, drive.sprockets) - 1]
-            roller = mid_wrap(before, state.strands[first + s], n)
+            roller = mid_wrap_roller(before, state.strands[first + s], n)
             seat = state.seat[drive.first_contact + s * n + roller]
             sign = ensemble.motions[drive.first_body + s].sign
             teeth = ensemble.sprockets[first + s].teeth
@@ -121,7 +121,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
         """Merges tallies and samples the chain before step `step` is added, where that is due."""
         if step > drive.window_start:
             merge_tallies(ensemble, state, sums, variant, w)
-        if is_look(drive, step):
+        if is_sample_step(drive, step):
             sample_chain(ensemble, state, sums, variant, drive, w, step)
 
     return ChainSumFunctions(merge_tallies=merge_tallies, merge_and_sample=merge_and_sample)

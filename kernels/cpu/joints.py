@@ -18,7 +18,7 @@ from ..physics.friction import (
 )
 from ..physics.link import has_uneven_links, link_force, uneven_link_force
 from ..structs import types
-from ..sums import after, before
+from ..sums import next_index, previous_index
 from .rollers import roller_functions, rows
 
 
@@ -147,7 +147,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
     def turn_rate(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
         """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
         mine = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
-        of_next = rollers.acceleration(w, after(i, n), chain.inverse_mass, chain.gravity)
+        of_next = rollers.acceleration(w, next_index(i, n), chain.inverse_mass, chain.gravity)
         lever, turn = link_turning(rollers.link_vector(w, i), rollers.link_velocity(w, i) + lag * (of_next - mine))
         return turn
 
@@ -155,7 +155,9 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
     def friction_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
         """Power that joint i dissipates [W]; summed over all joints it is that of `add_friction_powers`."""
         turn = turn_rate(w, i, n, chain, lag)
-        return joint_friction_power(access.load(w, row.moment + i), turn_rate(w, before(i, n), n, chain, lag), turn)
+        return joint_friction_power(
+            access.load(w, row.moment + i), turn_rate(w, previous_index(i, n), n, chain, lag), turn
+        )
 
     return JointFunctions(
         find_link_forces=find_link_forces,

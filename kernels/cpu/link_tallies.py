@@ -12,7 +12,7 @@ import warp as wp
 from ..native import larger, row_access, smaller
 from ..physics.link import link_spring, roller_energy
 from ..structs import ChainSums, LinkTally, Strand, StrandSums, types
-from ..sums import add_tension, after, displacement, merge_extremes, merge_tension
+from ..sums import add_tension, merge_extremes, merge_tension, mid_strand_displacement, next_index
 from .rollers import roller_functions, rows
 
 
@@ -91,7 +91,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
         link = strand.first_link
         for _ in range(strand.links):
             seen = add_tension(seen, access.load(w, row.tension + link))
-            link = after(link, n)
+            link = next_index(link, n)
         sums = merge_tension(sums, seen)
         sums.links = sums.links + wp.int64(strand.links)
         return sums
@@ -123,8 +123,8 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
     def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
         """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
         i = strand.middle
-        j = after(i, n)
-        return displacement(
+        j = next_index(i, n)
+        return mid_strand_displacement(
             wp.float64(access.load(w, row.x + i)),
             wp.float64(access.load(w, row.y + i)),
             wp.float64(access.load(w, row.x + j)),
@@ -138,7 +138,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
         link = strand.first_link
         for _ in range(strand.links):
             sums = merge_extremes_of(w, link, sums)
-            link = after(link, n)
+            link = next_index(link, n)
         return sums
 
     @wp.func

@@ -7,7 +7,7 @@ import warp as wp
 from ..modules import own_module
 from ..native import row_access
 from ..physics.body import relax_arm
-from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
+from ..relaxation import ENERGY_EVERY, Settling, finite_size, relative_residual, relaxation_after_check, relaxation_kick
 from ..structs import Drive, types
 from .bodies import body_functions
 from .forces import force_functions
@@ -113,7 +113,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
                 energy = kinetic_energy(w, n, chain.mass)
                 beside = largest_arm_acceleration(ensemble, state, drive, chain)
                 energy = energy + arms_energy(ensemble, state, drive)
-                s, restart = judged(s, energy, largest_residual(w, n, chain, beside))
+                s, restart = relaxation_after_check(s, energy, largest_residual(w, n, chain, beside))
                 if restart == 1:
                     rollers.clear_rows(w, row.vx, row.vy, n)
             if s.settled == 0:

@@ -13,7 +13,7 @@ from typing import Any
 
 import warp as wp
 
-from ..modules import own_module, uncontracted
+from ..modules import own_module, without_contraction
 from ..structs import Tallies
 from .block_kinds import WARP, BlockKind
 from .block_structs import thread_parts
@@ -159,4 +159,4 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             steps.advance_oil_apart(ensemble, state, shared, mine, taken)
         launches.end_launch(ensemble, state, out, shared, mine, now)
 
-    return uncontracted(advance_block)
+    return without_contraction(advance_block)

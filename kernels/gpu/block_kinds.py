@@ -17,9 +17,9 @@ WARP = 32
 
 
 inlined = partial(wp.func, inline=True)
-"""As `wp.func`, for a function that takes a kernel's structs and is too long, or called too often, for the compiler to
-draw it in by itself: a call hands structs on in memory, where the whole kernel then keeps them. The compiler takes such
-a function before it has simplified it, so functions that it draws in anyway are to be without this."""
+"""Makes a Warp function that is always drawn in, where it takes structs of a kernel and is too long or called too often
+for the compiler to do so by itself: a call hands structs on in memory, where the whole kernel then keeps them. The
+compiler takes such a function before it has simplified it, so functions that it draws in anyway are without this."""
 
 
 @dataclass(frozen=True, order=True)

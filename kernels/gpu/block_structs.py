@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..number import Pair, pair_of
+from ..number import Pair, pair_from_float64
 from ..structs import Drive, Tallies, types
 
 BITS = 31
@@ -146,5 +146,5 @@ def thread_parts(drive: Drive, variant: int, thread: int, body: int):
     mine.drive_row = variant
     mine.body_number = body
     mine.step = drive.step
-    mine.step_pair = pair_of(drive.step)
+    mine.step_pair = pair_from_float64(drive.step)
     return mine

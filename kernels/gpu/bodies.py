@@ -9,9 +9,9 @@ import warp as wp
 from ..integrate import leapfrog_kick, leapfrog_lag, stage_at
 from ..number import (
     add,  # noqa: F401
-    counted,
     difference,
-    leading,
+    exact_multiple,
+    leading_value,
 )
 from ..physics.body import (
     aligned_pose,
@@ -95,12 +95,12 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def step_time(mine: ThreadParts, now: Now):
         """The instant of a step [s]."""
-        return counted(now.step, prescribed_motion.exact_time_step(mine))
+        return exact_multiple(now.step, prescribed_motion.exact_time_step(mine))
 
     @wp.func
     def rounded_step_time(mine: ThreadParts, now: Now):
         """The instant of a step [s], rounded: without the work that it takes exactly."""
-        return Real(now.step) * leading(prescribed_motion.exact_time_step(mine))
+        return Real(now.step) * leading_value(prescribed_motion.exact_time_step(mine))
 
     @wp.func
     def body_load(ensemble: Ensemble, shared: Shared, mine: ThreadParts, rounded: Real, time: Any, pose: Pose):
@@ -162,7 +162,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         `wrench` with its load.
         """
         b = mine.body
-        h = leading(prescribed_motion.exact_time_step(mine))
+        h = leading_value(prescribed_motion.exact_time_step(mine))
         motion, mount = shared.motions[b], body_mount(shared, b)
         time = step_time(mine, now)
         wrench.load = pose.load
@@ -205,7 +205,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         )
         body = body_states.body_from_pose(pose)
         plain = plain_body(body)
-        wrench.load = body_load(ensemble, shared, mine, leading(at.time), at.time, pose)
+        wrench.load = body_load(ensemble, shared, mine, leading_value(at.time), at.time, pose)
         if now.goes_on != 0:
             place = 2 * (ensemble.drives[mine.drive_row].first_body + mine.body_number)
             by, to = wrench_in_train(shared, mine, now, with_bearing_moment(wrench)), body_states.heading(pose)

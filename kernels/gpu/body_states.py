@@ -5,12 +5,12 @@ from functools import cache
 
 import warp as wp
 
-from ..number import leading, trimmed
+from ..number import leading_value, trimmed_value
 from ..physics.body import aligned_pose, has_finite_rotation, is_in_box, pose_with_coordinates
 from ..physics.hub import carried_body
 from ..physics.tooth import grid_magic
 from ..structs import GROUND, Drive
-from ..sums import gathered_powers
+from ..sums import gathered_sprocket_sums
 from .block_kinds import BlockKind, inlined
 from .block_structs import ThreadParts
 from .chains import chain_functions
@@ -59,7 +59,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     @wp.func
     def heading(pose: Pose):
         """Cosine and sine of a body's angle."""
-        return wp.vector(leading(pose.cosine), leading(pose.sine))
+        return wp.vector(leading_value(pose.cosine), leading_value(pose.sine))
 
     @wp.func
     def pose_from_state(ensemble: Ensemble, state: State, drive: Drive, b: int):
@@ -108,7 +108,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         share_hub(ensemble, shared, mine.variant, mine.drive_row, b)
         if b < wp.static(sprockets):
             at = drive.first_sprocket + b
-            geometry.share_sprocket(ensemble, shared, drive, b, leading(pose.center))
+            geometry.share_sprocket(ensemble, shared, drive, b, leading_value(pose.center))
             if wp.static(measuring):
                 shared.sprocket_sums[b] = sums.sprocket[at]
                 if wp.static(moving):
@@ -121,15 +121,15 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         drive = ensemble.drives[mine.variant]
         b = mine.body
         body = body_from_pose(shared.poses[b])
-        body.angle = trimmed(body.angle)
-        body.speed = trimmed(body.speed)
-        body.center = trimmed(body.center)
-        body.velocity = trimmed(body.velocity)
+        body.angle = trimmed_value(body.angle)
+        body.speed = trimmed_value(body.speed)
+        body.center = trimmed_value(body.center)
+        body.velocity = trimmed_value(body.velocity)
         state.bodies[ensemble.drives[mine.drive_row].first_body + mine.body_number] = body
         if wp.static(measuring):
             if b < wp.static(sprockets):
                 at = drive.first_sprocket + b
-                sums.sprocket[at] = gathered_powers(shared.sprocket_sums[b])
+                sums.sprocket[at] = gathered_sprocket_sums(shared.sprocket_sums[b])
                 if wp.static(moving):
                     sums.mount[at] = shared.mount_sums[b]
 
@@ -139,7 +139,9 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         pose, box = shared.poses[mine.body], 2 * (mine.drive_row - mine.variant)
         gone = int(not has_finite_rotation(pose.angle, pose.speed))
         if wp.static(moving):
-            gone = wp.max(gone, int(not is_in_box(shared.boxes[box], shared.boxes[box + 1], leading(pose.center))))
+            gone = wp.max(
+                gone, int(not is_in_box(shared.boxes[box], shared.boxes[box + 1], leading_value(pose.center)))
+            )
         return gone
 
     @wp.func

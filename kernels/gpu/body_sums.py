@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..integrate import leapfrog_lag
-from ..number import leading
+from ..number import leading_value
 from ..physics.body import (
     arm_dissipation,
     arm_energy,
@@ -108,7 +108,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
             whole: the chain's and its tensioners' wrench on it, with its load at the rates of `before`.
         """
         s = mine.sprocket
-        speed, motion = leading(before.speed), shared.motions[s]
+        speed, motion = leading_value(before.speed), shared.motions[s]
         whole.load = load_moment_at_speed(bodies.rounded_step_time(mine, now), whole.load, speed, seen.speed, motion)
         if wp.static(moving):
             mount = shared.mounts[s]

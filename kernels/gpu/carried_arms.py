@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..integrate import leapfrog_lag, stage_at
-from ..number import difference, leading
+from ..number import difference, leading_value
 from ..physics.body import (
     arm_mass_moment,
     arm_own_moment,
@@ -91,7 +91,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
                     arm_values.shared_value(shared, first + k, ARM_FORCE),
                     arm_values.shared_value(shared, first + k, ARM_FORCE + 1),
                 )
-                lever = leading(difference(shared.poses[first + k].center, shared.poses[mine.body].center))
+                lever = leading_value(difference(shared.poses[first + k].center, shared.poses[mine.body].center))
                 acting = acting + of_three(moment_about_pivot(lever, force), force[0], force[1])
         return acting
 
@@ -160,8 +160,8 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         arm = ensemble.arms[drive.first_arm + k]
         b, on = first + k, first + arm.on - 1
         own, carrier = shared.poses[b], shared.poses[on]
-        lever, s = leading(world_vector(arm.lever, carrier)), arm_mass_moment(body_states.heading(own), arm)
-        w1, w2 = leading(carrier.speed) + lag * carrier.angular, leading(own.speed) + lag * own.angular
+        lever, s = leading_value(world_vector(arm.lever, carrier)), arm_mass_moment(body_states.heading(own), arm)
+        w1, w2 = leading_value(carrier.speed) + lag * carrier.angular, leading_value(own.speed) + lag * own.angular
         led = vec2(arm_values.shared_value(shared, on, ARM_RATES), arm_values.shared_value(shared, on, ARM_RATES + 1))
         inverse = Real(shared.motions[b].inverse_inertia)
         return carried_arm_terms(
@@ -202,7 +202,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
             angular = carried_arm_acceleration(led, terms, inverse)
             seen = arm_now(ensemble, shared, mine.body, angular, time, lag)
             carrier = arm_now(ensemble, shared, on, led, time, lag)
-            lever = leading(world_vector(arm.lever, shared.poses[on]))
+            lever = leading_value(world_vector(arm.lever, shared.poses[on]))
             s = arm_mass_moment(body_states.heading(shared.poses[mine.body]), arm)
             energy = carried_arm_energy(seen.speed, s, lever, carrier)
             arm_values.share_force(shared, mine.body, pivot_force(seen.speed, angular, s))
@@ -229,7 +229,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         if wp.static(kind.has_stages):
             time = stage_at(wp.static(kind.integrator), now.stage, time, prescribed_motion.exact_time_step(mine)).time
         else:
-            lag = leapfrog_lag(now.step, leading(prescribed_motion.exact_time_step(mine)))
+            lag = leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
         if mine.arm >= 0:
             pose, mount = shared.poses[mine.body], bodies.body_mount(shared, mine.body)
             others = carried_spring_moment(ensemble, shared, mine)

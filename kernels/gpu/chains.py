@@ -111,7 +111,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def partners_of_chain(shared: Shared, j: int, mask: int):
-        """Those of the partners `mask`, as bits, that are of roller j's chain."""
+        """The partners of `mask`, as bits, that are of roller j's chain."""
         if wp.static(several):
             return mask & shared.chain_places[chain_number(shared, j)].partners
         else:

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..number import difference, leading, number_of
+from ..number import difference, leading_value, number_of
 from ..physics.guide import carried_guide, frame_vector
 from ..structs import GROUND, Drive
 from .block_kinds import BlockKind
@@ -43,7 +43,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         shared.poses[b] = pose
         if wp.static(moving):
             if b < wp.static(sprockets):
-                center = leading(pose.center)
+                center = leading_value(pose.center)
                 shared.bands[b].center = vec2(Real(center[0]), Real(center[1]))
 
     @wp.func
@@ -98,7 +98,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
     @wp.func
     def arm_from_body(shared: Shared, j: int, b: int):
         """Roller j from the center of body b, which carries a guide [m]."""
-        return leading(difference(rollers.exact_position(shared.rows, j), shared.poses[b].center))
+        return leading_value(difference(rollers.exact_position(shared.rows, j), shared.poses[b].center))
 
     @wp.func
     def arm_and_carrier_coordinates(shared: Shared, j: int, b: int):

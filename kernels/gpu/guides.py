@@ -5,8 +5,8 @@ from functools import cache
 
 import warp as wp
 
-from ..native import aligned, row_access
-from ..number import difference, leading
+from ..native import aligned_rows, row_access
+from ..number import difference, leading_value
 from ..physics.contact import MISSED, UNTOUCHED, has_missed_face, reaction_moment, rotated_vector, surface_velocity
 from ..physics.guide import bar_contact, profile_contact, tracked_piece
 from ..structs import Tallies
@@ -44,7 +44,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
     contacts = contact_functions(kind)
     wrench_parts = wrench_part_functions(kind)
     partner_bits = partner_bit_functions(kind)
-    rows_of_pieces = aligned(kinds.Piece)
+    rows_of_pieces = aligned_rows(kinds.Piece)
 
     @wp.func
     def profile_kinematics(
@@ -65,8 +65,8 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         if number != kept:
             whole_access.store(state.seat, at, number)
         pose = shared.poses[bar.body]
-        relative = surface_velocity(pose, leading(arm)) - rollers.velocity(shared.rows, j)
-        return penetration, rotated_vector(facing, leading(pose.cosine), leading(pose.sine)), relative
+        relative = surface_velocity(pose, leading_value(arm)) - rollers.velocity(shared.rows, j)
+        return penetration, rotated_vector(facing, leading_value(pose.cosine), leading_value(pose.sine)), relative
 
     @wp.func
     def bar_kinematics(shared: Shared, j: int, bar: Guide):

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..number import difference, leading, rounded
+from ..number import difference, leading_value, rounded_value
 from ..physics.hub import bearing_moment
 from ..structs import GROUND
 from ..sums import add_bearing
@@ -44,9 +44,9 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
             if s >= 0 and s < wp.static(sprockets):
                 hub = shared.hubs[s]
                 at = ensemble.drives[mine.variant].first_sprocket + s
-                turning = leading(shared.poses[s].speed)
+                turning = leading_value(shared.poses[s].speed)
                 if hub.arm != GROUND:
-                    turning = rounded(difference(shared.poses[s].speed, shared.poses[hub.arm].speed))
+                    turning = rounded_value(difference(shared.poses[s].speed, shared.poses[hub.arm].speed))
                 stretched = rollers.stretch_part(now)
                 moment, holds = bearing_moment(wrench.force, turning, Real(state.hub_hold[at]), hub, stretched)
                 shared.bearing_moments[s] = moment

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..integrate import stages_of
+from ..integrate import stage_count
 from ..structs import Tallies
 from .block_kinds import BlockKind, inlined
 from .block_structs import ThreadParts
@@ -103,7 +103,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
         if wp.static(staged):
             now.stage = now.stage + 1
         if (
-            not wp.static(staged) or now.stage == stages_of(wp.static(kind.integrator)) or now.goes_on == 0
+            not wp.static(staged) or now.stage == stage_count(wp.static(kind.integrator)) or now.goes_on == 0
         ) and now.diverged == 0:
             now.stage = 0
             now.step = now.step + 1

@@ -5,10 +5,10 @@ from functools import cache
 
 import warp as wp
 
-from ..native import by_device, row_access
+from ..native import code_by_device, row_access
 from ..physics.link import link_spring, roller_energy
 from ..structs import Drive, LinkTally, RollerTally, Strand, Tallies
-from ..sums import add_displacement, add_tension, after, displacement, following, merge_extremes
+from ..sums import add_displacement, add_tension, merge_extremes, mid_strand_displacement, next_index, strand_follower
 from .block_kinds import WARP, BlockKind
 from .block_structs import ThreadParts
 from .chains import chain_functions
@@ -46,10 +46,10 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
     rollers, row = roller_functions(kind), roller_rows(kind)
     vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
     RATES, FRICTION = (wp.constant(at) for at in tally_places(kind)[:2])
-    follow = following(Real)
+    follow = strand_follower(Real)
     high_bits = "__double2hiint" if Real == wp.float64 else "__float_as_int"
 
-    @wp.func_native(by_device(f"return {high_bits}(value);", "return value < 0 ? -1 : 0;"))
+    @wp.func_native(code_by_device(f"return {high_bits}(value);", "return value < 0 ? -1 : 0;"))
     def sign_bits(value: Real) -> int:
         """A negative number where `value` is negative: many are tested at once, none waits for another."""
 
@@ -187,10 +187,10 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
         """Adds the mid-strand displacement of `strand`, of n rollers from `first` on, to the sums at `at`."""
         rows = shared.rows
         a = first + strand.middle
-        b = first + after(strand.middle, n)
+        b = first + next_index(strand.middle, n)
         ax = wp.float64(access.load(rows, row.x + a))
         ay = wp.float64(access.load(rows, row.y + a))
-        value = displacement(
+        value = mid_strand_displacement(
             ax, ay, wp.float64(access.load(rows, row.x + b)), wp.float64(access.load(rows, row.y + b)), strand
         )
         sums.strand[at] = add_displacement(sums.strand[at], value)

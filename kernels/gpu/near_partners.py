@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..native import inside, products
+from ..native import is_between, products
 from ..physics.guide import coarse_frame_vector, is_near_bar, is_near_profile
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
@@ -67,7 +67,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
                 from_x = p[0] - band.center[0]
                 from_y = p[1] - band.center[1]
                 square = products(from_x, from_x, from_y, from_y)
-                found[k] = found[k] | (inside(square, band.near_square, band.far_square) << s)
+                found[k] = found[k] | (is_between(square, band.near_square, band.far_square) << s)
             s = s + 1
         g = int(0)
         while g < wp.static(guides):

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..native import by_device
+from ..native import code_by_device
 from .block_kinds import BlockKind
 
 DONE = wp.constant(0)
@@ -20,8 +20,8 @@ NOWHERE = wp.constant(1 << 30)
 
 
 ASKED = "*(volatile int*)&strokes.data[k].asked"
-REQUEST = by_device(f"__threadfence_block(); {ASKED} = what;", "strokes.data[k].asked = what;")
-REQUESTED = by_device(
+REQUEST = code_by_device(f"__threadfence_block(); {ASKED} = what;", "strokes.data[k].asked = what;")
+REQUESTED = code_by_device(
     f"const int what = {ASKED}; __threadfence_block(); return what;",
     "WP_TILE_SYNC(); return strokes.data[k].asked;",
 )
@@ -31,7 +31,7 @@ LEAVE = """
     ++left;
     while (left < all) WP_TILE_SYNC();
 """
-AWAIT = by_device(
+AWAIT = code_by_device(
     f"for (int k = 0; k < COUNT; ++k) while ({ASKED} > 0);\n__threadfence_block(); __syncwarp();",
     "for (int k = 0; k < COUNT; ++k) while (strokes.data[k].asked > 0) WP_TILE_SYNC();",
 )
@@ -85,7 +85,7 @@ def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
     def await_oil(strokes: wp.array[Stroke]):
         """Waits until the oil of all of a variant's tensioners has been taken along; all its threads together."""
 
-    @wp.func_native(by_device("", LEAVE.replace("COUNT", str(kind.shape.block_threads))))
+    @wp.func_native(code_by_device("", LEAVE.replace("COUNT", str(kind.shape.block_threads))))
     def end_thread():
         """Ends a thread of the block; fibers, whose barriers do not bear that one ends before others, end together."""
 

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..number import counted
+from ..number import exact_multiple
 from ..physics.motion import prescribed_rotation
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
@@ -57,7 +57,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
         motion = shared.motions[b]
         if wp.static(kind.parts.tabulated == 0):
             motion.drive_table.cells = 0  # so that the compiler knows
-        return prescribed_rotation(counted(step, exact_time_step(mine)), motion, ensemble)
+        return prescribed_rotation(exact_multiple(step, exact_time_step(mine)), motion, ensemble)
 
     @wp.func
     def exact_time_step(mine: ThreadParts):

@@ -4,10 +4,10 @@ from functools import cache
 
 import warp as wp
 
-from ..modules import own_module, uncontracted
-from ..native import moved
+from ..modules import own_module, without_contraction
+from ..native import sum_with_multiple
 from ..physics.body import aligned_pose, pose_with_coordinates, relax_arm
-from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
+from ..relaxation import ENERGY_EVERY, Settling, finite_size, relative_residual, relaxation_after_check, relaxation_kick
 from ..structs import Tallies
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts, thread_parts
@@ -137,7 +137,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         """Sets v += kick a, then x += h v, of the thread's rollers."""
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
-            v = moved(rollers.velocity(shared.rows, j), kick, rollers.acceleration(shared, j))
+            v = sum_with_multiple(rollers.velocity(shared.rows, j), kick, rollers.acceleration(shared, j))
             rollers.set_velocity(shared, j, v)
             rollers.move(shared, j, h, v)
 
@@ -185,7 +185,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             restart = int(0)
             if now.steps % ENERGY_EVERY == 0:
                 energy, residual = energy_and_residual(ensemble, shared, mine, tension, angular)
-                now, restart = judged(now, energy, residual)
+                now, restart = relaxation_after_check(now, energy, residual)
                 if restart == 1:
                     stop_rollers(shared, i)
             if now.settled == 0:
@@ -209,4 +209,4 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         if i == 0:
             settling[mine.variant] = now
 
-    return uncontracted(relax_block)
+    return without_contraction(relax_block)

@@ -5,8 +5,8 @@ from functools import cache
 
 import warp as wp
 
-from ..integrate import stage_reach, stage_weight, stages_of, stretching
-from ..native import STATE_ROWS, moved, multiply_add, row_access
+from ..integrate import stage_count, stage_reach, stage_weight, stretched_part
+from ..native import STATE_ROWS, multiply_add, row_access, sum_with_multiple
 from ..number import pair_vector
 from ..physics.link import compensated_sum, roller_acceleration
 from .block_kinds import BlockKind
@@ -91,9 +91,9 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
     @wp.func
     def stretch_part(now: kinds.Now):
-        """Part of a step over which friction's bristles are stretched now (`integrate.stretching`)."""
+        """Part of a step over which friction's bristles are stretched now (`integrate.stretched_part`)."""
         if wp.static(kind.has_stages):
-            return stretching(wp.static(kind.integrator), now.stage, Real(1.0))
+            return stretched_part(wp.static(kind.integrator), now.stage, Real(1.0))
         else:
             return Real(1.0)
 
@@ -232,11 +232,11 @@ def roller_stage_function(kind: BlockKind) -> wp.Function:
         for k in range(wp.static(kept_rows)):
             access.store(rows, wp.static(slots) * (k + 2 * (k // 4)) + j, access.load(kept, at + k * n))
         start = rollers.velocity(rows, j)
-        if now.stage == stages_of(wp.static(kind.integrator)) - 1:
+        if now.stage == stage_count(wp.static(kind.integrator)) - 1:
             rollers.set_velocity(shared, j, start + vec2(access.load(kept, at + 8 * n), access.load(kept, at + 9 * n)))
             rollers.move(shared, j, Real(1.0), vec2(access.load(kept, at + 6 * n), access.load(kept, at + 7 * n)))
         else:
-            rollers.set_velocity(shared, j, moved(start, reach, a))
+            rollers.set_velocity(shared, j, sum_with_multiple(start, reach, a))
             rollers.move(shared, j, reach, v)
 
     return stage_roller

@@ -9,7 +9,7 @@ import warp as wp
 from ..frames import frame_writer_functions
 from ..physics.body import is_in_box
 from ..structs import Tallies
-from ..sums import MERGE_EVERY, add_energy, gathered_powers, is_look
+from ..sums import MERGE_EVERY, add_energy, gathered_sprocket_sums, is_sample_step
 from .block_kinds import BlockKind, inlined
 from .block_structs import ThreadParts
 from .body_states import body_state_functions
@@ -73,7 +73,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
     def merge_tallies(tallies: Tallies, shared: Shared, mine: ThreadParts):
         """Adds to the sums what the thread's links and its sprocket have gathered since the last merge."""
         if mine.sprocket >= 0:
-            shared.sprocket_sums[mine.sprocket] = gathered_powers(shared.sprocket_sums[mine.sprocket])
+            shared.sprocket_sums[mine.sprocket] = gathered_sprocket_sums(shared.sprocket_sums[mine.sprocket])
         link_tallies.merge_tallies(tallies, shared, mine)
 
     @wp.func
@@ -101,7 +101,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
             now.in_window = 1
             if now.step % MERGE_EVERY == 0:
                 merge_tallies(out.tallies, shared, mine)
-            if is_look(drive, now.step):
+            if is_sample_step(drive, now.step):
                 sample_chain(ensemble, state, out, shared, mine, now)
         if now.flags & CHECK != 0:
             now.diverged = sync.is_set_in_any_thread(has_left(shared, mine))

@@ -6,8 +6,8 @@ from typing import Any
 
 import warp as wp
 
-from ..modules import own_module, uncontracted
-from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap, notes_due
+from ..modules import own_module, without_contraction
+from ..statistics import BINS, NOTES, bins_per_force, count_tension, follow_slip, mid_wrap_roller, notes_due
 from ..structs import ContactSums, Drive, LinkTally, Note, Tallies, types
 from ..sums import merge_contact, merge_extremes, merge_roller, merge_tension, note_mount, note_sprocket
 from .block_kinds import BlockKind
@@ -70,7 +70,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
             begin, count = chains.own_chain_span(shared, mine)
             link_tallies.add_mid_displacement(out.sums, shared, begin, count, at, state.strands[at])
             last = wp.where(mine.body_number > 0, mine.body_number, own.sprockets) - 1
-            roller = mid_wrap(state.strands[own.first_sprocket + last], state.strands[at], count)
+            roller = mid_wrap_roller(state.strands[own.first_sprocket + last], state.strands[at], count)
             seat = state.seat[chains.contact_memory(shared, mine, begin + roller, s)]
             sign = wp.float64(shared.motions[s].sign)
             out.sums.slip[at] = follow_slip(out.sums.slip[at], roller, seat, shared.teeth[s].teeth, sign, count)
@@ -174,4 +174,4 @@ def collect_kernel(Real: type) -> wp.Kernel:
             sums.contact[at] = total
             memory = memory + n
 
-    return uncontracted(collect)
+    return without_contraction(collect)

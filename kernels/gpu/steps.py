@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import moved
+from ..native import sum_with_multiple
 from ..sums import add_hub_force
 from .block_kinds import WARP, BlockKind, inlined
 from .block_structs import ThreadParts
@@ -96,7 +96,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
             h = rollers.time_step(mine)
             for k in range(wp.static(rollers_per_thread)):
                 j = k * wp.static(threads) + mine.thread
-                v = moved(rollers.velocity(shared.rows, j), h, rollers.acceleration(shared, j))
+                v = sum_with_multiple(rollers.velocity(shared.rows, j), h, rollers.acceleration(shared, j))
                 rollers.set_velocity(shared, j, v)
                 rollers.move(shared, j, h, v)
 

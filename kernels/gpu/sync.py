@@ -8,7 +8,7 @@ from functools import cache
 
 import warp as wp
 
-from ..native import by_device
+from ..native import code_by_device
 from ..structs import LinkTally, RollerTally
 from .block_kinds import WARP, BlockKind
 
@@ -65,16 +65,16 @@ SUM_OF_LANES = """
 BARRIER = "WP_TILE_SYNC();"
 
 
-WARP_BARRIER = by_device("__syncwarp();", BARRIER)
+WARP_BARRIER = code_by_device("__syncwarp();", BARRIER)
 """The barrier of a block of one warp."""
 
 
 def _named_barrier(what: str, number: int, threads: int, elsewhere: str = "") -> str:
     """Code of a warp at a barrier of `threads` threads, by its number, which is not that of all threads."""
-    return by_device(f'__syncwarp(); asm volatile("bar.{what} {number}, {threads};" ::: "memory");', elsewhere)
+    return code_by_device(f'__syncwarp(); asm volatile("bar.{what} {number}, {threads};" ::: "memory");', elsewhere)
 
 
-@wp.func_native(by_device("return 32;", "return 1;"))
+@wp.func_native(code_by_device("return 32;", "return 1;"))
 def warp_lanes() -> int:
     """Threads of a warp."""
 
@@ -102,7 +102,7 @@ def _addition(of: str, letter: str) -> str:
     """Code that adds `value` in global memory; of a generic address the compiler would loop."""
     place = "__cvta_generic_to_global(sums.data + at)"
     red = f'asm volatile("red.global.add.{of} [%0], %1;" :: "l"({place}), "{letter}"(value));'
-    return by_device(red, "sums.data[at] += value;")
+    return code_by_device(red, "sums.data[at] += value;")
 
 
 @wp.func_native(_addition("f64", "d"))
@@ -149,7 +149,7 @@ def _field_additions(**types_of: str) -> str:
     red = """    asm volatile("red.global.add.{1} [%0], %1;" :: "l"({2}), "{3}"(more.{0}));"""
     reds = [red.format(name, of, address.format(name), letters[of]) for name, of in types_of.items()]
     adds = [f"    tallies.data[at].{name} += more.{name};" for name in types_of]
-    return by_device("\n".join(reds), "\n".join(adds))
+    return code_by_device("\n".join(reds), "\n".join(adds))
 
 
 @wp.func_native(_field_additions(samples="u64", tension="f64", tension_square="f64"))
@@ -162,12 +162,12 @@ def add_to_roller_tally(tallies: wp.array[RollerTally], at: int, more: RollerTal
     """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
 
 
-@wp.func_native(by_device("return __ballot_sync(0xffffffffu, flag);", "return flag;"))
+@wp.func_native(code_by_device("return __ballot_sync(0xffffffffu, flag);", "return flag;"))
 def lanes_with_flag(flag: int) -> int:
     """The threads of the warp where `flag`, 0 or 1, is 1, as bits."""
 
 
-@wp.func_native(by_device("__syncwarp();", ""))
+@wp.func_native(code_by_device("__syncwarp();", ""))
 def end_turn():
     """Ends a thread's turn, after those of the warp that had theirs and before those that have none yet."""
 
@@ -214,7 +214,7 @@ def sync_functions(kind: BlockKind) -> SyncFunctions:
     def block_barrier():
         """Waits for all threads of the block, of all its variants."""
 
-    @wp.func_native(by_device(WARP_OR if threads == WARP else BLOCK_OR, FIBERS_OR))
+    @wp.func_native(code_by_device(WARP_OR if threads == WARP else BLOCK_OR, FIBERS_OR))
     def is_set_in_any_thread(flag: int) -> int:
         """Whether `flag` is not zero in any thread of the variant; a barrier."""
 
@@ -238,7 +238,7 @@ def sync_functions(kind: BlockKind) -> SyncFunctions:
     def group_sum(value: Real) -> Real:
         """Sum of `value` over this thread's group, a quarter of a warp."""
 
-    @wp.func_native(by_device("return 0;", SUM_OF_LANES))
+    @wp.func_native(code_by_device("return 0;", SUM_OF_LANES))
     def sum_of_lanes(parts: wp.array[Real], first: int, count: int) -> Real:
         """Sum of `count` parts from `first` on, on the CPU, in the order in which a group's threads add them up."""
 

@@ -11,8 +11,8 @@ from functools import cache
 
 import warp as wp
 
-from ..integrate import stages_of
-from ..number import leading
+from ..integrate import stage_count
+from ..number import leading_value
 from ..physics.tensioner import (
     advance_tensioner,
     extension_and_rate,
@@ -101,7 +101,9 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
             tensioner = tensioner_at(ensemble, t)
             if tensioner.body == mine.body_number:
                 push = state.pushes[t]
-                rate = extension_rate(leading(plunger_arm(before, tensioner)), seen.speed, seen.velocity, tensioner)
+                rate = extension_rate(
+                    leading_value(plunger_arm(before, tensioner)), seen.speed, seen.velocity, tensioner
+                )
                 power, suction = plunger_losses(push, rate, state.tensioners[t], tensioner)
                 sums = out.sums.tensioner[t]
                 out.sums.tensioner[t] = add_tensioner(sums, push, power, suction, now.weight)
@@ -125,7 +127,9 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
                 pump = chains.body_on_block(
                     ensemble, shared, mine.drive_row, mine.drive_row - mine.variant, tensioner.pump
                 )
-                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading(shared.poses[pump].speed)
+                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading_value(
+                    shared.poses[pump].speed
+                )
                 state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
 
     @wp.func
@@ -144,7 +148,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     @wp.func
     def advance_tensioners(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
         """Takes the tensioners of the thread's body a step on, once it has moved."""
-        if now.goes_on != 0 and now.stage == stages_of(wp.static(kind.integrator)) - 1:
+        if now.goes_on != 0 and now.stage == stage_count(wp.static(kind.integrator)) - 1:
             drive = ensemble.drives[mine.drive_row]
             for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
                 tensioner = ensemble.tensioners[t]

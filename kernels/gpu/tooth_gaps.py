@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..native import load_constant, row_access
-from ..number import difference, leading
+from ..number import difference, leading_value
 from ..physics.contact import rotated_vector
 from ..physics.tooth import (
     gap_coordinates,
@@ -81,7 +81,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
         """Velocity of roller j relative to the center of sprocket s [m/s]."""
         v = rollers.velocity(shared.rows, j)
         if wp.static(moving):
-            v = v - leading(shared.poses[s].velocity)
+            v = v - leading_value(shared.poses[s].velocity)
         return v
 
     @wp.func
@@ -91,17 +91,17 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
         teeth = shared.teeth[s]
         body = shared.poses[s]
         p = difference(rollers.exact_position(shared.rows, j), body.center)
-        arm = leading(p)
+        arm = leading_value(p)
         number = int(contact.seat)
         direction = contact.direction
         if number < 0:
-            number = nearest_seat(arm, leading(body.cosine), leading(body.sine), teeth.teeth)
+            number = nearest_seat(arm, leading_value(body.cosine), leading_value(body.sine), teeth.teeth)
             direction = seat_direction(ensemble, teeth.first_seat + number)
         v = velocity_from_center(shared, j, s)
         found, e, xi, lateral = tracked_seat_from(p, number, direction, body, teeth, ensemble.seats)
         if found != contact.seat:
             whole_access.store(state.seat, at, found)
-        penetration, normal, relative = tooth_contact(arm, v, leading(body.speed), e, xi, lateral, teeth)
+        penetration, normal, relative = tooth_contact(arm, v, leading_value(body.speed), e, xi, lateral, teeth)
         return contacts.with_kinematics(contact, penetration, normal, relative), arm
 
     @wp.func
@@ -110,10 +110,12 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
         body = shared.poses[contact.partner]
         p = difference(rollers.exact_position(shared.rows, j), body.center)
         e, radial, xi, lateral = gap_coordinates(p, contact.direction, body, teeth)
-        arm = leading(p)
+        arm = leading_value(p)
         off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
         penetration, along, across, applies = straight_flank_gap(xi, lateral, teeth)
-        relative = relative_tooth_velocity(leading(body.speed), arm, velocity_from_center(shared, j, contact.partner))
+        relative = relative_tooth_velocity(
+            leading_value(body.speed), arm, velocity_from_center(shared, j, contact.partner)
+        )
         return (
             contacts.with_kinematics(contact, penetration, rotated_vector(e, along, across), relative),
             arm,

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..integrate import leapfrog_lag
 from ..native import quotient
-from ..number import counted, leading
+from ..number import exact_multiple, leading_value
 from ..physics.motion import prescribed_acceleration
 from ..physics.valve import add_geared_cam, constant_inertia_moment
 from .block_kinds import BlockKind
@@ -39,8 +39,8 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
             if motion.train == own.train:
                 cam = add_geared_cam(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
         if wp.static(not kind.has_stages):
-            kick = Real(2.0) * leapfrog_lag(now.step, leading(prescribed_motion.exact_time_step(mine)))
-        return constant_inertia_moment(moment, leading(shared.poses[b].speed), kick, cam, own)
+            kick = Real(2.0) * leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
+        return constant_inertia_moment(moment, leading_value(shared.poses[b].speed), kick, cam, own)
 
     @wp.func
     def train_moment(shared: Shared, mine: ThreadParts, now: Now, b: int):
@@ -59,13 +59,13 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
     def speed_and_acceleration_now(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, b: int):
         """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
-        speed, angular = leading(pose.speed), train_moment(shared, mine, now, b) * motion.inverse_inertia
+        speed, angular = leading_value(pose.speed), train_moment(shared, mine, now, b) * motion.inverse_inertia
         if wp.static(kind.integrator == 0):
-            lag = leapfrog_lag(now.step, leading(prescribed_motion.exact_time_step(mine)))
+            lag = leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
         if motion.prescribed == 1:
             angular = prescribed_acceleration(
-                counted(now.step, prescribed_motion.exact_time_step(mine)), motion, ensemble
+                exact_multiple(now.step, prescribed_motion.exact_time_step(mine)), motion, ensemble
             )
         return speed, angular
 

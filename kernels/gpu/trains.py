@@ -9,7 +9,7 @@ import warp as wp
 from ..integrate import stage_at
 from ..number import (
     add,  # noqa: F401
-    leading,
+    leading_value,
 )
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import (
@@ -94,7 +94,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         if wp.static(kind.has_stages):
             time = stage_at(wp.static(kind.integrator), now.stage, time, prescribed_motion.exact_time_step(mine)).time
         pose = shared.poses[mine.body]
-        load = bodies.body_load(ensemble, shared, mine, leading(time), time, pose)
+        load = bodies.body_load(ensemble, shared, mine, leading_value(time), time, pose)
         shared.poses[mine.body].load = load
         moment = wrench.moment + load + body_motor_moment(ensemble, mine, time, shared)
         if wp.static(kind.parts.hubs > 0):
@@ -120,7 +120,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         at = drive.first_shaft + mine.body_number - drive.sprockets
         pose, time = shared.poses[mine.body], bodies.step_time(mine, now)
         speed, angular = train_moments.speed_and_acceleration_now(ensemble, shared, mine, now, mine.body)
-        before, motion = leading(pose.speed), shared.motions[mine.body]
+        before, motion = leading_value(pose.speed), shared.motions[mine.body]
         load = load_moment_at_speed(bodies.rounded_step_time(mine, now), pose.load, before, speed, motion)
         motor = body_motor_moment(ensemble, mine, time, shared)
         out.sums.shaft[at] = add_shaft(out.sums.shaft[at], speed, motor, load, now.weight)

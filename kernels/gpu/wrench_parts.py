@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..native import row_access
-from ..number import difference, leading
+from ..number import difference, leading_value
 from ..physics.contact import reaction_moment
 from ..structs import GROUND
 from .block_kinds import WARP, BlockKind
@@ -87,7 +87,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         if wp.static(kind.parts.hubs > 0):
             arm = shared.hubs[s].arm
             if arm != GROUND:
-                lever = leading(difference(shared.poses[s].center, shared.poses[arm].center))
+                lever = leading_value(difference(shared.poses[s].center, shared.poses[arm].center))
                 add_wrench(shared, mine, arm, j, reaction_moment(lever, force), force, now.measures)
 
     @wp.func

@@ -21,14 +21,14 @@ from ..number import (  # noqa: F401
     Pair,
     add,
     difference,
-    leading,
+    leading_value,
     mul,
+    normalized_pair,
     number_of,
-    rounded,
-    settled,
+    rounded_value,
     sine_cosine,
     sub,
-    trimmed,
+    trimmed_value,
 )
 from ..structs import BodyState, Pose, types
 from .motion import prescribed_acceleration, prescribed_rotation
@@ -86,17 +86,17 @@ def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
     sine = turn * (1.0 - square * wp.static(1.0 / 6.0) * (1.0 - square * wp.static(1.0 / 20.0)))
     c = pose.cosine
     s = pose.sine
-    x = settled(c.high, c.low + products(less, c.high, -sine, s.high))
-    return pose_with_heading(pose, x, settled(s.high, s.low + products(less, s.high, sine, c.high)))
+    x = normalized_pair(c.high, c.low + products(less, c.high, -sine, s.high))
+    return pose_with_heading(pose, x, normalized_pair(s.high, s.low + products(less, s.high, sine, c.high)))
 
 
 @wp.func
 def aligned_pose(pose: Any):
     """A pose that heads along its angle, its coordinates and rates trimmed to what float64 can hold."""
-    pose.angle = trimmed(pose.angle)
-    pose.speed = trimmed(pose.speed)
-    pose.center = trimmed(pose.center)
-    pose.velocity = trimmed(pose.velocity)
+    pose.angle = trimmed_value(pose.angle)
+    pose.speed = trimmed_value(pose.speed)
+    pose.center = trimmed_value(pose.center)
+    pose.velocity = trimmed_value(pose.velocity)
     sine, cosine = sine_cosine(pose.angle)
     return pose_with_heading(pose, cosine, sine)
 
@@ -129,11 +129,11 @@ def plain_body(body: BodyState):
 def plain_body(body: BLOCKS.BodyState):
     """A body's state in pairs as plain float32 numbers, with the low part of its speed in `rest`."""
     plain = BLOCKS.Instant()
-    plain.angle = rounded(body.angle)
-    plain.speed = leading(body.speed)
+    plain.angle = rounded_value(body.angle)
+    plain.speed = leading_value(body.speed)
     plain.rest = body.speed.low
-    plain.center = leading(body.center)
-    plain.velocity = leading(body.velocity)
+    plain.center = leading_value(body.center)
+    plain.velocity = leading_value(body.velocity)
     return plain
 
 
@@ -242,10 +242,10 @@ def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, moti
     """
     after.angular = rates[2]
     if motion.prescribed == 1:
-        after.angular = rounded(difference(after.speed, before.speed)) * reciprocal(kick)
+        after.angular = rounded_value(difference(after.speed, before.speed)) * reciprocal(kick)
     after.straight = wp.vector(rates[0], rates[1])
     if mount.moves == PRESCRIBED:
-        after.straight = rounded(difference(after.velocity, before.velocity)) * reciprocal(kick)
+        after.straight = rounded_value(difference(after.velocity, before.velocity)) * reciprocal(kick)
     return after
 
 
@@ -346,9 +346,9 @@ def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
         pose: as contacts saw it, `lag` before that [s].
         carried: another body carries its center, which then has the center's power.
     """
-    power = wrench.moment * (now.speed - leading(pose.speed) - lag * pose.angular)
+    power = wrench.moment * (now.speed - leading_value(pose.speed) - lag * pose.angular)
     if not carried:
-        power += wp.dot(wrench.force, now.velocity - leading(pose.velocity) - lag * pose.straight)
+        power += wp.dot(wrench.force, now.velocity - leading_value(pose.velocity) - lag * pose.straight)
     return power
 
 
@@ -361,7 +361,7 @@ def is_in_box(low: Any, high: Any, p: Any):
 @wp.func
 def has_finite_rotation(angle: Any, speed: Any):
     """Whether a body's angle and angular velocity are finite."""
-    return wp.isfinite(rounded(angle)) and wp.isfinite(rounded(speed))
+    return wp.isfinite(rounded_value(angle)) and wp.isfinite(rounded_value(speed))
 
 
 @wp.func

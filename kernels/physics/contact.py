@@ -29,7 +29,7 @@ from typing import Any
 import warp as wp
 
 from ..native import larger, multiply_add, products, quotient, reciprocal, smaller
-from ..number import leading
+from ..number import leading_value
 from .friction import bristle_friction, friction_coefficient
 from .impact import contact_force, elastic_force
 
@@ -230,8 +230,8 @@ def reaction_moment(arm: Any, force: Any):
 @wp.func
 def surface_velocity(body: Any, arm: Any):
     """Velocity of a body's material point [m/s], `arm` from its center."""
-    v = leading(body.velocity)
-    omega = leading(body.speed)
+    v = leading_value(body.velocity)
+    omega = leading_value(body.speed)
     return type(arm)(v[0] - omega * arm[1], v[1] + omega * arm[0])
 
 

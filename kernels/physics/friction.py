@@ -63,7 +63,7 @@ def bristle_friction(most: Any, speed: Any, bristle: Any, spring: Any, damper: A
         bristle: force b that the bristle has held until now [N].
         spring: k h [N s/m].
         damper: c [N s/m].
-        stretch_part: part of a step over which the bristle is stretched (`integrate.stretching`).
+        stretch_part: part of a step over which the bristle is stretched (`integrate.stretched_part`).
     """
     bristle_after = smaller(larger(-most, multiply_add(stretch_part * spring, speed, bristle)), most)
     return smaller(larger(-most, multiply_add(damper, speed, bristle_after)), most), bristle_after

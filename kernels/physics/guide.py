@@ -10,7 +10,7 @@ conditions A, B, C, all surfaces offset by the roller's radius):
     C  q.t > L,  h = r - (b - Rg n), h.n > 0:  pen = Rr + Rg - |h|,  normal h / |h|
 
 q.t and q.n are taken in float64, or on blocks at float32 from pairs: q.n = q_y t_x - q_x t_y is a difference of
-products of some meters (`number.cross`).
+products of some meters (`number.cross_product`).
 
 A profile is a row of pieces, arcs of curvature k or straight. With u, w the roller's center from a piece's start, along
 the piece's tangent and normal there, and g = 2 w - k (u^2 + w^2), its height over the face and the normal are
@@ -22,8 +22,19 @@ from typing import Any
 
 import warp as wp
 
-from ..native import dot, inside, inverse_root, load_constant, multiply_add, products, root
-from ..number import PairVector, add, component, cross, difference, fused, leading, mul, sub, vector  # noqa: F401
+from ..native import dot, inverse_root, is_between, load_constant, multiply_add, products, root
+from ..number import (  # noqa: F401
+    PairVector,
+    add,
+    component,
+    cross_product,
+    difference,
+    fused_multiply_add,
+    leading_value,
+    mul,
+    sub,
+    vector,
+)
 from .contact import AWAY, rotated_vector
 
 
@@ -71,7 +82,7 @@ def line_coordinates(p: PairVector, t: PairVector):
     """Components of `p` along the direction `t` and across it [m], of pairs as float32."""
     along = dot(p.high, t.high) + (dot(p.low, t.high) + dot(p.high, t.low))
     rest = products(p.low[1], t.high[0], p.high[1], t.low[0]) - products(p.low[0], t.high[1], p.high[0], t.low[1])
-    return along, cross(p.high[1], p.high[0], t.high[1], t.high[0]) + rest
+    return along, cross_product(p.high[1], p.high[0], t.high[1], t.high[0]) + rest
 
 
 @wp.func
@@ -89,13 +100,13 @@ def coarse_coordinates(p: wp.vec2d, guide: Any):
 @wp.func
 def coarse_coordinates(p: PairVector, guide: Any):
     """Where `p`, in pairs, is along a guide's bar or chord and across it [m], within the guide's `slack`."""
-    return line_coordinates((p.high - guide.start.high) + (p.low - guide.start.low), leading(guide.direction))
+    return line_coordinates((p.high - guide.start.high) + (p.low - guide.start.low), leading_value(guide.direction))
 
 
 @wp.func
 def coarse_coordinates(p: wp.vec2f, guide: Any):
     """Where `p`, rounded to float32, is along a guide's bar or chord and across it [m]."""
-    return line_coordinates(p - leading(guide.start), leading(guide.direction))
+    return line_coordinates(p - leading_value(guide.start), leading_value(guide.direction))
 
 
 @wp.func
@@ -103,8 +114,8 @@ def is_near_bar(p: Any, guide: Any):
     """1 where a roller at `p` [m] may touch a straight guide-bar, else 0."""
     along, across = coarse_coordinates(p, guide)
     reach = guide.end_radius + guide.roller_radius + guide.law.ahead + guide.slack
-    near = inside(across, -guide.end_radius - guide.slack, guide.roller_radius + guide.law.ahead + guide.slack)
-    return near & inside(along, -reach, guide.length + reach)
+    near = is_between(across, -guide.end_radius - guide.slack, guide.roller_radius + guide.law.ahead + guide.slack)
+    return near & is_between(along, -reach, guide.length + reach)
 
 
 @wp.func
@@ -139,7 +150,7 @@ def bar_contact(p: Any, v: Any, surface: Any, guide: Any):
         surface: velocity of the body that carries the bar, where the roller is [m/s]; zero on the ground.
         guide: the guide-bar (`structs.Guide`).
     """
-    t = leading(guide.direction)
+    t = leading_value(guide.direction)
     length = guide.length
     along, across = line_coordinates(p, guide.direction)
     penetration, normal_along, normal_across = guide_gap(type(length)(along), type(length)(across), guide)
@@ -174,7 +185,7 @@ def frame_vector(q: Any, body: Any):
 @wp.func
 def coarse_frame_vector(arm: Any, body: Any):
     """A rounded vector turned into a body's own frame, exact enough to see whether a roller is near."""
-    cosine, sine = leading(body.cosine), leading(body.sine)
+    cosine, sine = leading_value(body.cosine), leading_value(body.sine)
     return type(arm)(products(arm[0], cosine, arm[1], sine), products(arm[1], cosine, -arm[0], sine))
 
 
@@ -182,7 +193,7 @@ def coarse_frame_vector(arm: Any, body: Any):
 def is_near_profile(q: Any, guide: Any):
     """1 where a roller at `q`, in the frame of the guide's body [m], is in the box about the guide's chord, else 0."""
     along, across = coarse_coordinates(q, guide)
-    return inside(along, guide.low[0], guide.high[0]) & inside(across, guide.low[1], guide.high[1])
+    return is_between(along, guide.low[0], guide.high[0]) & is_between(across, guide.low[1], guide.high[1])
 
 
 @wp.func
@@ -194,9 +205,9 @@ def is_ahead(p: wp.vec2d, t: wp.vec2d):
 @wp.func
 def is_ahead(p: PairVector, t: PairVector):
     """Whether a point `p` in pairs is ahead of the line through the origin across the direction `t`."""
-    rest = fused(p.high[0], t.low[0], p.high[1] * t.low[1])
-    rest = fused(p.low[0], t.high[0], fused(p.low[1], t.high[1], rest))
-    return fused(p.high[0], t.high[0], fused(p.high[1], t.high[1], rest)) >= 0.0
+    rest = fused_multiply_add(p.high[0], t.low[0], p.high[1] * t.low[1])
+    rest = fused_multiply_add(p.low[0], t.high[0], fused_multiply_add(p.low[1], t.high[1], rest))
+    return fused_multiply_add(p.high[0], t.high[0], fused_multiply_add(p.high[1], t.high[1], rest)) >= 0.0
 
 
 @wp.func
@@ -224,8 +235,8 @@ def piece_step(q: Any, number: int, first: int, pieces: Any):
 @wp.func
 def nearest_piece(q: Any, count: int, first: int, pieces: Any):
     """The piece of a profile that a roller at `q` is over, of the nearest face; over none, that of the nearer end."""
-    begun = wp.length(leading(difference(q, load_constant(pieces, first).start)))
-    ending = wp.length(leading(difference(q, load_constant(pieces, first + count).start)))
+    begun = wp.length(leading_value(difference(q, load_constant(pieces, first).start)))
+    ending = wp.length(leading_value(difference(q, load_constant(pieces, first + count).start)))
     nearest = wp.where(begun < ending, 0, count - 1)
     least = type(begun)(1.0e38)
     for number in range(count):
@@ -291,7 +302,7 @@ def piece_contact(q: Any, piece: Any, following: Any, guide: Any):
     penetration = guide.roller_radius - height
     if height <= -guide.end_radius or beyond != 0:
         penetration = type(length)(AWAY)
-    t = leading(piece.direction)
+    t = leading_value(piece.direction)
     x = products(type(u)(along), t[0], -type(u)(across), t[1])
     y = products(type(u)(along), t[1], type(u)(across), t[0])
     return penetration, type(t)(x, y), beyond

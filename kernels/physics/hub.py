@@ -29,7 +29,7 @@ from typing import Any
 
 import warp as wp
 
-from ..number import Pair, PairVector, add, difference, leading, mul, number_of, sub  # noqa: F401
+from ..number import Pair, PairVector, add, difference, leading_value, mul, number_of, sub  # noqa: F401
 from .friction import DAMPER, SPRING, bristle_friction
 from .guide import world_vector
 from .mount import left_normal
@@ -40,8 +40,8 @@ def carried_body(body: Any, carrier: Any, hub: Any):
     """A body with center and velocity at the point of its carrier that `hub` names (`structs.Hub` or `Arm`)."""
     lever = world_vector(hub.lever, carrier)
     body.center = carrier.center + lever
-    body.velocity = carrier.velocity + number_of(leading(carrier.speed) * left_normal(leading(lever)))
-    body.straight = carrier.straight + carrier.angular * left_normal(leading(lever))
+    body.velocity = carrier.velocity + number_of(leading_value(carrier.speed) * left_normal(leading_value(lever)))
+    body.straight = carrier.straight + carrier.angular * left_normal(leading_value(lever))
     return body
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import warp as wp
 
 from ..native import quotient
-from ..number import add, cosine_of, div, leading, mul, number_of, rounded, sine_cosine, sub  # noqa: F401
+from ..number import add, cosine_of, div, leading_value, mul, number_of, rounded_value, sine_cosine, sub  # noqa: F401
 
 CELL_VALUES = wp.constant(5)
 
@@ -27,18 +27,18 @@ CELL_VALUES = wp.constant(5)
 def table_cell(x: Any, table: Any):
     """Cell of a table at `x`, place in it from 0 to 1, cells beyond the ends, and how often the table began anew."""
     u = div(x - table.start, table.spacing)
-    place = rounded(u)
+    place = rounded_value(u)
     cells = type(place)(table.cells)
     rounds = type(place)(0.0)
     if table.repeats == 1:
         rounds = wp.floor(place / cells)
         u = u - rounds * cells
     within = u
-    if not (rounded(u) >= type(place)(0.0)):  # before it, or no number: the variant is diverging
+    if not (rounded_value(u) >= type(place)(0.0)):  # before it, or no number: the variant is diverging
         within = number_of(type(place)(0.0))
-    if rounded(u) >= cells:
+    if rounded_value(u) >= cells:
         within = number_of(cells)
-    cell = wp.min(int(rounded(within)), table.cells - 1)
+    cell = wp.min(int(rounded_value(within)), table.cells - 1)
     return cell, within - type(place)(cell), u - within, rounds
 
 
@@ -53,8 +53,8 @@ def table_value(x: Any, table: Any, values: Any):
     """Value of a table at `x`, rounded."""
     cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
-    c2, c3 = leading(values[at + 2]), leading(values[at + 3])
-    return cubic_value(rounded(place), leading(values[at]), leading(values[at + 1]), c2, c3)
+    c2, c3 = leading_value(values[at + 2]), leading_value(values[at + 3])
+    return cubic_value(rounded_value(place), leading_value(values[at]), leading_value(values[at + 1]), c2, c3)
 
 
 @wp.func
@@ -62,16 +62,16 @@ def table_slope(x: Any, table: Any, values: Any):
     """Slope of a table at `x`, rounded; 0 beyond its ends."""
     cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
-    w = rounded(place)
-    c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
-    slope = quotient(c1 + w * (2.0 * c2 + 3.0 * w * c3), rounded(table.spacing))
-    return wp.where(rounded(beyond) == type(w)(0.0), slope, type(w)(0.0))
+    w = rounded_value(place)
+    c1, c2, c3 = leading_value(values[at + 1]), leading_value(values[at + 2]), leading_value(values[at + 3])
+    slope = quotient(c1 + w * (2.0 * c2 + 3.0 * w * c3), rounded_value(table.spacing))
+    return wp.where(rounded_value(beyond) == type(w)(0.0), slope, type(w)(0.0))
 
 
 @wp.func
 def table_derivatives(x: Any, table: Any, values: Any):
     """Value of a table at `x`, a number, and its first and second derivatives, rounded; all 0 without a table."""
-    w = rounded(x)
+    w = rounded_value(x)
     value = number_of(type(w)(0.0))
     slope = type(w)(0.0)
     bend = type(w)(0.0)
@@ -79,10 +79,10 @@ def table_derivatives(x: Any, table: Any, values: Any):
         cell, place, beyond, rounds = table_cell(x, table)
         at = table.first + CELL_VALUES * cell
         value = cubic_value(place, values[at], values[at + 1], values[at + 2], values[at + 3])
-        if rounded(beyond) == type(w)(0.0):
-            w = rounded(place)
-            c1, c2, c3 = leading(values[at + 1]), leading(values[at + 2]), leading(values[at + 3])
-            spacing = rounded(table.spacing)
+        if rounded_value(beyond) == type(w)(0.0):
+            w = rounded_value(place)
+            c1, c2, c3 = leading_value(values[at + 1]), leading_value(values[at + 2]), leading_value(values[at + 3])
+            spacing = rounded_value(table.spacing)
             slope = quotient(c1 + w * (type(w)(2.0) * c2 + type(w)(3.0) * w * c3), spacing)
             bend = quotient(type(w)(2.0) * c2 + type(w)(6.0) * w * c3, spacing * spacing)
     return value, slope, bend
@@ -121,7 +121,7 @@ def ramp_slope(time: Any, duration: Any):
 @wp.func
 def ramp_integral(time: Any, duration: Any):
     """Integral of `ramp` from 0 to `time` [s]."""
-    if leading(time) >= leading(duration):
+    if leading_value(time) >= leading_value(duration):
         return time - 0.5 * duration
     u = time / duration
     return duration * u * u * u * (1.0 - 0.5 * u)
@@ -131,12 +131,12 @@ def ramp_integral(time: Any, duration: Any):
 def prescribed_course(time: Any, motion: Any, ensemble: Any):
     """phi, phi' and phi'' of a prescribed body, before its harmonics."""
     phi = motion.speed * ramp_integral(time, motion.ramp_time)
-    rate = rounded(motion.speed) * ramp(rounded(time), rounded(motion.ramp_time))
-    growth = rounded(motion.speed) * ramp_slope(rounded(time), rounded(motion.ramp_time))
+    rate = rounded_value(motion.speed) * ramp(rounded_value(time), rounded_value(motion.ramp_time))
+    growth = rounded_value(motion.speed) * ramp_slope(rounded_value(time), rounded_value(motion.ramp_time))
     if motion.drive_table.cells > 0:
         value, integral = table_integral(time, motion.drive_table, ensemble.tables)
         phi = integral
-        rate = rounded(value)
+        rate = rounded_value(value)
         growth = table_slope(time, motion.drive_table, ensemble.tables)
     return phi, rate, growth
 
@@ -165,7 +165,7 @@ def prescribed_rotation(time: Any, motion: Any, ensemble: Any):
         harmonic = ensemble.harmonics[j]
         sine, cosine = sine_cosine(harmonic[0] * phi + harmonic[2])
         angle = angle + harmonic[1] / harmonic[0] * (sine - phase_sine(harmonic))
-        factor = factor + harmonic[1] * leading(cosine)
+        factor = factor + harmonic[1] * leading_value(cosine)
     return motion.start_angle + motion.sign * angle, motion.sign * rate * factor
 
 
@@ -179,8 +179,8 @@ def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
     for j in range(rows.first, rows.first + rows.count):
         harmonic = ensemble.harmonics[j]
         sine, cosine = sine_cosine(harmonic[0] * phi + harmonic[2])
-        factor = factor + harmonic[1] * leading(cosine)
-        slope = slope - harmonic[0] * harmonic[1] * leading(sine)
+        factor = factor + harmonic[1] * leading_value(cosine)
+        slope = slope - harmonic[0] * harmonic[1] * leading_value(sine)
     return motion.sign * (growth * factor + rate * rate * slope)
 
 
@@ -220,7 +220,7 @@ def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: 
     for j in range(rows.first, rows.first + rows.count):
         harmonic = ensemble.harmonics[j]
         torque = torque + harmonic[1] * cosine_of(harmonic[0] * forward_angle(angle, motion) + harmonic[2])
-    return resisting_moment(torque, leading(speed), motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
+    return resisting_moment(torque, leading_value(speed), motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
 
 
 @wp.func
@@ -231,7 +231,7 @@ def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
         tabulated = type(load)(0.0)
         if motion.load_table.cells > 0:
             tabulated = table_value(load_table_argument(time, angle, motion), motion.load_table, ensemble.tables)
-        load = free_load_moment(leading(time), tabulated, angle, speed, motion, ensemble)
+        load = free_load_moment(leading_value(time), tabulated, angle, speed, motion, ensemble)
     return load
 
 

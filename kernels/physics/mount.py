@@ -20,7 +20,7 @@ from typing import Any
 import warp as wp
 
 from ..native import quotient
-from ..number import Pair, add, difference, leading, mul, rounded, sine_cosine, sub, vector  # noqa: F401
+from ..number import Pair, add, difference, leading_value, mul, rounded_value, sine_cosine, sub, vector  # noqa: F401
 from .motion import table_derivatives
 
 PRESCRIBED = wp.constant(1)
@@ -51,16 +51,16 @@ def prescribed_center(time: Any, mount: Any, ensemble: Any):
         return mount.home + vector(x, y), wp.vector(x_rate, y_rate), wp.vector(x_growth, y_growth)
     sine, cosine = phase_sine_cosine(mount.frequency * time + mount.phase)
     along = mount.offset + mount.amplitude * sine
-    amplitude, frequency = leading(mount.amplitude), leading(mount.frequency)
-    rate = amplitude * frequency * rounded(cosine)
-    growth = -amplitude * frequency * frequency * leading(sine)
+    amplitude, frequency = leading_value(mount.amplitude), leading_value(mount.frequency)
+    rate = amplitude * frequency * rounded_value(cosine)
+    growth = -amplitude * frequency * frequency * leading_value(sine)
     return mount.home + along * mount.direction, rate * mount.direction, growth * mount.direction
 
 
 @wp.func
 def displacement_from_home(center: Any, mount: Any):
     """A body's center from its stated center r_0 [m]."""
-    return rounded(difference(center, mount.home))
+    return rounded_value(difference(center, mount.home))
 
 
 @wp.func

@@ -82,14 +82,14 @@ from ..number import (  # noqa: F401
     add,
     component,
     difference,
-    leading,
+    leading_value,
     log_of_sum,
     logarithm,
     mul,
     number_of,
-    rounded,
+    rounded_value,
     sub,
-    trimmed,
+    trimmed_value,
 )
 from ..precision import at_float32
 from ..structs import Push, Tensioner, TensionerFlows, TensionerState, types
@@ -147,21 +147,21 @@ def plunger_extension(center: Any, arm: Any, tensioner: Any):
 @wp.func
 def extension_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
     """x' [m/s] of a body that turns at `speed` [rad/s] and whose center moves at `velocity` [m/s], eq. (1)."""
-    return wp.dot(velocity + speed * type(velocity)(-arm[1], arm[0]), leading(tensioner.direction))
+    return wp.dot(velocity + speed * type(velocity)(-arm[1], arm[0]), leading_value(tensioner.direction))
 
 
 @wp.func
 def extension_and_rate(body: Any, tensioner: Any):
     """Extension x [m] of a tensioner and its rate [m/s], from the pose of the body that it touches."""
     arm = plunger_arm(body, tensioner)
-    rate = extension_rate(leading(arm), leading(body.speed), leading(body.velocity), tensioner)
+    rate = extension_rate(leading_value(arm), leading_value(body.speed), leading_value(body.velocity), tensioner)
     return plunger_extension(body.center, arm, tensioner), rate
 
 
 @wp.func
 def chamber_volume(x: Any, tensioner: Any):
     """V [m^3] at an extension; below the bottom, what is left there."""
-    return tensioner.volume + tensioner.area * wp.max(rounded(x), tensioner.bottom)
+    return tensioner.volume + tensioner.area * wp.max(rounded_value(x), tensioner.bottom)
 
 
 @wp.func
@@ -406,7 +406,7 @@ def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
 @wp.func
 def elastic_plunger_force(x: Any, pressure: Any, tensioner: Any):
     """(P - P_0) A + f_0 - k x [N], not below 0 without oil, eq. (2), (3)."""
-    push = tensioner.preload - tensioner.stiffness * rounded(x)
+    push = tensioner.preload - tensioner.stiffness * rounded_value(x)
     if tensioner.hydraulic == 0:
         push = wp.max(push, type(pressure)(0.0))
     return push + (pressure - tensioner.ambient) * tensioner.area
@@ -426,7 +426,7 @@ def stop_place(state: Any, tensioner: Any):
 def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
     """F_s [N] of ratchet or bottom, eq. (12)."""
     force = type(rate)(0.0)
-    depth = stop_place(state, tensioner) - rounded(x)
+    depth = stop_place(state, tensioner) - rounded_value(x)
     if depth > force:
         force = wp.max(force, tensioner.stop_stiffness * depth - tensioner.stop_damping * rate)
     return force
@@ -464,14 +464,14 @@ def zero_push(tensioner: BLOCKS.Tensioner):
 def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
     """Force of a tensioner on its body and its moment there (`structs.Push`); `kept` as in `chamber_pressure`."""
     arm = plunger_arm(body, tensioner)
-    lever = leading(arm)
+    lever = leading_value(arm)
     push = zero_push(tensioner)
     push.extension = plunger_extension(body.center, arm, tensioner)
-    rate = extension_rate(lever, leading(body.speed), leading(body.velocity), tensioner)
+    rate = extension_rate(lever, leading_value(body.speed), leading_value(body.velocity), tensioner)
     force, pressure = tensioner_force(push.extension, rate, kept, remembered, tensioner)
     push.force = force
     push.pressure = pressure
-    push.thrust = force * leading(tensioner.direction)
+    push.thrust = force * leading_value(tensioner.direction)
     push.moment = lever[0] * push.thrust[1] - lever[1] * push.thrust[0]
     return push
 
@@ -491,7 +491,7 @@ def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
     if elastic < zero and pushed == zero:
         suction = -lost
         lost = zero
-    depth = wp.max(stop_place(state, tensioner) - rounded(push.extension), zero)
+    depth = wp.max(stop_place(state, tensioner) - rounded_value(push.extension), zero)
     stop = stop_force(push.extension, rate, state, tensioner)
     return lost + (tensioner.stop_stiffness * depth - stop) * rate, suction
 
@@ -530,7 +530,7 @@ def enthalpy(z: Any, tensioner: Any):
 def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
     """U [J], eq. (11); 0 at the ambient pressure."""
     energy, volume = specific_energy(pressure_root(pressure, tensioner), tensioner)
-    mass = tensioner.volume * wp.exp(rounded(state.content))
+    mass = tensioner.volume * wp.exp(rounded_value(state.content))
     vapor = chamber_volume(x, tensioner) - mass * volume
     return mass * energy - (pressure - tensioner.ambient) * vapor
 
@@ -540,11 +540,11 @@ def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
     """Energy of spring, stop and oil [J] at a pressure [Pa]; the spring's is 0 at x = 0."""
     half = type(tensioner.volume)(0.5)
     zero = type(tensioner.volume)(0.0)
-    reach = rounded(x)
+    reach = rounded_value(x)
     if tensioner.hydraulic == 0 and tensioner.stiffness > zero:
         reach = wp.min(reach, tensioner.preload / tensioner.stiffness)
     energy = reach * (half * tensioner.stiffness * reach - tensioner.preload)
-    depth = wp.max(stop_place(state, tensioner) - rounded(x), zero)
+    depth = wp.max(stop_place(state, tensioner) - rounded_value(x), zero)
     energy += half * tensioner.stop_stiffness * depth * depth
     if tensioner.hydraulic == 1:
         energy += oil_energy(x, pressure, state, tensioner)
@@ -627,7 +627,7 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
     flows.vented = h * rates[3]
     phi, slope = compression(z, tensioner)
     gain = per_volume * net_inflow(rates)
-    state.content = trimmed(state.content + log_of_sum(exponential(phi - content) * gain))
+    state.content = trimmed_value(state.content + log_of_sum(exponential(phi - content) * gain))
     state.root = z
     growth = z - before
     state.bend = growth - state.growth
@@ -656,5 +656,5 @@ def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tens
     flows = zero_flows(h)
     if tensioner.hydraulic == 1:
         state, flows = advance_oil(x, rate, h, metered, state, tensioner)
-    state.farthest = wp.max(state.farthest, rounded(x))
+    state.farthest = wp.max(state.farthest, rounded_value(x))
     return state, flows

@@ -34,7 +34,7 @@ from typing import Any
 import warp as wp
 
 from ..native import dot, inverse_root, larger, load_constant, multiply_add, products, reciprocal, root
-from ..number import Pair, PairVector, fused, leading, pair
+from ..number import Pair, PairVector, fused_multiply_add, leading_value, pair
 from .contact import rotated_vector
 
 
@@ -185,7 +185,7 @@ def grid_value(value: wp.float32, magic: wp.float32):
 def grid_product(part: Pair, radius: Pair, magic: wp.float32):
     """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_magic`) [m]."""
     high = grid_value(radius.high * part.high, magic)
-    low = fused(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
+    low = fused_multiply_add(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
     return pair(high, low)
 
 
@@ -277,7 +277,7 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
     """
     number = kept
     if number < 0:
-        number = nearest_seat(leading(p), leading(body.cosine), leading(body.sine), sprocket.teeth)
+        number = nearest_seat(leading_value(p), leading_value(body.cosine), leading_value(body.sine), sprocket.teeth)
     return tracked_seat_from(p, number, load_constant(seats, sprocket.first_seat + number), body, sprocket, seats)
 
 

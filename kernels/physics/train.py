@@ -34,7 +34,7 @@ from typing import Any
 import warp as wp
 
 from ..native import quotient
-from ..number import add, difference, leading, mul, number_of, rounded, sub  # noqa: F401
+from ..number import add, difference, leading_value, mul, number_of, rounded_value, sub  # noqa: F401
 from ..structs import GROUND
 from .motion import forward_angle, ramp, table_value
 
@@ -53,7 +53,7 @@ def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tab
         motion: of the shaft, with its sense.
         tables: values of all tables.
     """
-    forward = motion.sign * leading(speed)
+    forward = motion.sign * leading_value(speed)
     torque = motor.torque
     if motor.present == 0 or motion.prescribed == 1:
         return type(torque)(0.0)
@@ -69,7 +69,7 @@ def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tab
         torque = torque * wp.clamp(part, type(torque)(0.0), motor.most)
     if motor.power > type(torque)(0.0) and torque * forward > motor.power:
         torque = motor.power / forward
-    return motion.sign * torque * ramp(rounded(time), motor.ramp_time)
+    return motion.sign * torque * ramp(rounded_value(time), motor.ramp_time)
 
 
 @wp.func
@@ -85,7 +85,7 @@ def coupling_twist(first: Any, second: Any, coupling: Any, engaged: Any):
         angle = number_of(type(ratio)(0.0))
         speed = number_of(type(ratio)(0.0))
     twist = difference(angle - ratio * second.angle, engaged.rest)
-    rate = rounded(difference(speed, ratio * second.speed))
+    rate = rounded_value(difference(speed, ratio * second.speed))
     if ratio == type(ratio)(0.0):
         return type(ratio)(0.0), type(ratio)(0.0)
     return twist, rate
@@ -130,9 +130,9 @@ def clutch_capacity(time: Any, first: Any, second: Any, coupling: Any, tables: A
     """Moment [N m] that a clutch bears at a time, a number [s], and at the speed of its first body or its second."""
     x = time
     if coupling.engagement.over_angle == OVER_SPEED:
-        x = number_of(wp.abs(leading(first.speed)))
+        x = number_of(wp.abs(leading_value(first.speed)))
         if coupling.first == GROUND:
-            x = number_of(wp.abs(leading(second.speed)))
+            x = number_of(wp.abs(leading_value(second.speed)))
     return coupling.capacity * table_value(x, coupling.engagement, tables)
 
 
@@ -156,7 +156,7 @@ def coupling_ratio(time: Any, before: Any, coupling: Any, tables: Any):
     ratio = type(before)(before)
     for at in range(coupling.first_ratio, coupling.first_ratio + 2 * coupling.ratios, 2):
         if difference(time, tables[at]) >= type(ratio)(0.0):
-            ratio = leading(tables[at + 1])
+            ratio = leading_value(tables[at + 1])
     return ratio
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import warp as wp
 
 from ..native import quotient
-from ..number import add, leading, mul, number_of, rounded, sub  # noqa: F401
+from ..number import add, leading_value, mul, number_of, rounded_value, sub  # noqa: F401
 from .motion import table_derivatives
 
 
@@ -36,7 +36,7 @@ def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
     """Lift of a group's k-th cam and its two derivatives by the forward angle, a vector [m], rounded."""
     turned = cam_angle(angle, tables[valve.first_phase + k], valve, motion)
     lift, slope, bend = table_derivatives(turned, valve.lift, tables)
-    return wp.vector(valve.height * leading(lift), valve.height * slope, valve.height * bend)
+    return wp.vector(valve.height * leading_value(lift), valve.height * slope, valve.height * bend)
 
 
 @wp.func

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KERNELS = ROOT / "kernels"
 
 
-digest = partial(modules.digest, advance.__file__)
+digest = partial(modules.kernel_digest, advance.__file__)
 
 
 def factories():
@@ -139,7 +139,7 @@ def test_runs_are_the_same_where_warp_hashes_kernels_itself():
 
 def test_this_version_of_warp_is_known():
     # else starts are slower by half a second: see whether `_Hasher` and `_Module` still fit, and add it to `KNOWN`
-    assert wp.__version__.startswith(modules.KNOWN)
+    assert wp.__version__.startswith(modules.KNOWN_VERSIONS)
     kernel = advance.advance_kernel(wp.float64, 264, DEFAULT_FRAME, several=False)
     assert isinstance(kernel.module, modules._Module)
     kernel.module.get_module_hash(1)
@@ -164,7 +164,7 @@ def test_a_kernel_reaches_what_python_imports_for_it():
     done = subprocess.run(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True)
     for file, names in zip(KERNEL_FILES, done.stdout.splitlines()[-len(KERNEL_FILES) :], strict=True):
         found = {name.removeprefix("warpchain.kernels.") for name in names.split()}
-        reached = modules.reached(modules.HERE / file)
+        reached = modules.reached_files(modules.HERE / file)
         assert {".".join(path.relative_to(modules.HERE).with_suffix("").parts) for path in reached} == found, file
 
 
@@ -191,9 +191,9 @@ def copied(tmp_path, monkeypatch):
 )
 def test_a_change_of_a_file_tells_the_kernels_that_reach_it_apart(file, changed, copied):
     def digests():
-        modules.sources.cache_clear()
-        modules.reached.cache_clear()
-        return {of: modules.digest(str(copied / of), "name", wp.float64) for of in KERNEL_FILES}
+        modules.sources_digest.cache_clear()
+        modules.reached_files.cache_clear()
+        return {of: modules.kernel_digest(str(copied / of), "name", wp.float64) for of in KERNEL_FILES}
 
     before = digests()
     assert before == digests()

@@ -26,22 +26,22 @@ from warpchain.kernels.number import (  # noqa: F401  (the signs between pairs)
     Pair,
     add,
     component,
-    counted,
-    cross,
+    cross_product,
     difference,
     div,
-    leading,
+    exact_multiple,
+    float64_from_pair,
+    leading_value,
     log_of_sum,
     logarithm,
     mul,
     number_of,
     pair,
-    pair_of,
+    pair_from_float64,
     sine_cosine,
     sub,
-    trimmed,
+    trimmed_value,
     vector,
-    whole,
 )
 from warpchain.kernels.physics.body import (
     aligned_pose,
@@ -57,7 +57,7 @@ from warpchain.kernels.physics.motion import load_moment, prescribed_rotation, t
 from warpchain.kernels.physics.tooth import grid_magic, tooth_contact, tracked_seat
 from warpchain.kernels.precision import as_float32
 from warpchain.kernels.structs import BodyState, Ensemble, Guide, Motion, Piece, Sprocket, Tabulated
-from warpchain.kernels.sums import add_powers, gathered_powers
+from warpchain.kernels.sums import add_powers, gathered_sprocket_sums
 from warpchain.results.channels import DEFAULT_FRAME
 
 EPS = 2.0**-24
@@ -68,11 +68,11 @@ EPS = 2.0**-24
 def blocks_pose(body: BodyState, radius: wp.float64):
     """A body as blocks at float32 see it."""
     state = BLOCKS.BodyState()
-    state.angle = pair_of(body.angle)
-    state.speed = pair_of(body.speed)
-    state.center = vector(pair_of(body.center[0]), pair_of(body.center[1]))
+    state.angle = pair_from_float64(body.angle)
+    state.speed = pair_from_float64(body.speed)
+    state.center = vector(pair_from_float64(body.center[0]), pair_from_float64(body.center[1]))
     pose = BLOCKS.Pose()
-    pose.radius = pair_of(radius)
+    pose.radius = pair_from_float64(radius)
     if radius > wp.float64(0.0):
         pose.inverse_radius = 1.0 / pose.radius.high
         pose.grid = grid_magic(pose.radius.high)
@@ -82,21 +82,21 @@ def blocks_pose(body: BodyState, radius: wp.float64):
 @kernel
 def arithmetic(a: wp.array[wp.float64], b: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     i = wp.tid()
-    x = pair_of(a[i])
-    y = pair_of(b[i])
-    out[i, 0] = whole(x)
-    out[i, 1] = whole(x + y)
-    out[i, 2] = whole(x * y)
+    x = pair_from_float64(a[i])
+    y = pair_from_float64(b[i])
+    out[i, 0] = float64_from_pair(x)
+    out[i, 1] = float64_from_pair(x + y)
+    out[i, 2] = float64_from_pair(x * y)
     out[i, 3] = wp.float64(difference(x, y))
-    out[i, 4] = whole(trimmed(x))
-    out[i, 5] = whole(trimmed(pair_of(whole(trimmed(x)))))
-    out[i, 6] = wp.float64(cross(x.high, y.high, y.low, x.low))
-    out[i, 7] = whole(counted(i * 1_000_003, pair_of(b[i])))
-    out[i, 8] = whole(x - y)
-    out[i, 9] = whole(x / y)
-    out[i, 10] = whole(0.5 - x * 0.75 + y.high)
+    out[i, 4] = float64_from_pair(trimmed_value(x))
+    out[i, 5] = float64_from_pair(trimmed_value(pair_from_float64(float64_from_pair(trimmed_value(x)))))
+    out[i, 6] = wp.float64(cross_product(x.high, y.high, y.low, x.low))
+    out[i, 7] = float64_from_pair(exact_multiple(i * 1_000_003, pair_from_float64(b[i])))
+    out[i, 8] = float64_from_pair(x - y)
+    out[i, 9] = float64_from_pair(x / y)
+    out[i, 10] = float64_from_pair(0.5 - x * 0.75 + y.high)
     v = vector(x, y) - vector(y, x) * 2.0
-    out[i, 11] = whole(component(v, 1))
+    out[i, 11] = float64_from_pair(component(v, 1))
 
 
 def test_pairs_have_48_bits():
@@ -143,7 +143,7 @@ def test_literals_beside_float64_are_float64():
 @kernel
 def logarithms(values: wp.array[wp.float64], small: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     i = wp.tid()
-    out[i, 0] = whole(logarithm(pair_of(values[i])))
+    out[i, 0] = float64_from_pair(logarithm(pair_from_float64(values[i])))
     out[i, 1] = wp.float64(log_of_sum(wp.float32(small[i])))
 
 
@@ -162,9 +162,9 @@ def test_logarithms_of_pairs():
 @kernel
 def headings(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     i = wp.tid()
-    s, c = sine_cosine(pair_of(angle[i]))
-    out[i, 0] = whole(s)
-    out[i, 1] = whole(c)
+    s, c = sine_cosine(pair_from_float64(angle[i]))
+    out[i, 0] = float64_from_pair(s)
+    out[i, 1] = float64_from_pair(c)
 
 
 @pytest.mark.parametrize("largest", [0.8, 10.0, 1e3, 1e5])
@@ -198,17 +198,17 @@ def gaps(
     out: wp.array2d[wp.float64],
 ):
     i = wp.tid()
-    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    x, y = pair_from_float64(points[i][0]), pair_from_float64(points[i][1])
     body = BodyState()
     body.angle = angles[i]
     body.center = center
     pose = blocks_pose(body, exact[0].exact_radius)
-    p = wp.vec2d(whole(x), whole(y)) - center
+    p = wp.vec2d(float64_from_pair(x), float64_from_pair(y)) - center
     number, e, xi, lateral = tracked_seat(p, -1, pose_of(body), exact[0], seats)
     penetration, normal, relative = tooth_contact(p, wp.vec2d(), wp.float64(7.0), e, xi, lateral, exact[0])
     at = difference(vector(x, y), pose.center)
     found, e_found, xi_found, lateral_found = tracked_seat(at, -1, pose, gear[0], split)
-    ours, facing, moving = tooth_contact(leading(at), wp.vec2f(), 7.0, e_found, xi_found, lateral_found, gear[0])
+    ours, facing, moving = tooth_contact(leading_value(at), wp.vec2f(), 7.0, e_found, xi_found, lateral_found, gear[0])
     out[i, 0] = wp.float64(wp.abs(found - number))
     out[i, 1] = wp.float64(ours) - penetration
     out[i, 2] = wp.float64(facing[0]) - normal[0]
@@ -243,8 +243,8 @@ def test_tooth_gaps_in_pairs_are_those_of_float64():
 @kernel
 def bars(points: wp.array[wp.vec2d], exact: wp.array[Guide], bar: wp.array[BLOCKS.Guide], out: wp.array2d[wp.float64]):
     i = wp.tid()
-    x, y = pair_of(points[i][0]), pair_of(points[i][1])
-    p = wp.vec2d(whole(x), whole(y)) - exact[0].start
+    x, y = pair_from_float64(points[i][0]), pair_from_float64(points[i][1])
+    p = wp.vec2d(float64_from_pair(x), float64_from_pair(y)) - exact[0].start
     still = wp.vec2d()
     penetration, normal, relative = bar_contact(p, still, still, exact[0])
     at = difference(vector(x, y), bar[0].start)
@@ -284,10 +284,10 @@ def faces(
     out: wp.array2d[wp.float64],
 ):
     i = wp.tid()
-    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    x, y = pair_from_float64(points[i][0]), pair_from_float64(points[i][1])
     pose = pose_of(body)
     carrier = blocks_pose(body, wp.float64(0.0))
-    q = frame_vector(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
+    q = frame_vector(wp.vec2d(float64_from_pair(x), float64_from_pair(y)) - pose.center, pose)
     number = tracked_piece(q, -1, exact[0], pieces)
     penetration, normal, beyond = profile_contact(q, number, exact[0], pieces)
     p = frame_vector(difference(vector(x, y), carrier.center), carrier)
@@ -341,13 +341,19 @@ def led(
     out: wp.array2d[wp.float64],
 ):
     i = wp.tid()
-    time = counted(i * every, h)
+    time = exact_multiple(i * every, h)
     angle, speed = prescribed_rotation(time, motions[0], curves)
-    angle_found, speed_found = prescribed_rotation(counted(i * every, pair_of(h)), ours[0], rows)
-    out[i, 0] = whole(angle_found) - angle
+    angle_found, speed_found = prescribed_rotation(exact_multiple(i * every, pair_from_float64(h)), ours[0], rows)
+    out[i, 0] = float64_from_pair(angle_found) - angle
     out[i, 1] = wp.float64(speed_found) - speed
     load = load_moment(time, angle, speed, motions[1], curves)
-    found = load_moment(counted(i * every, pair_of(h)), pair_of(angle), pair_of(speed), ours[1], rows)
+    found = load_moment(
+        exact_multiple(i * every, pair_from_float64(h)),
+        pair_from_float64(angle),
+        pair_from_float64(speed),
+        ours[1],
+        rows,
+    )
     out[i, 2] = wp.float64(found) - load
 
 
@@ -381,10 +387,10 @@ def tabled(
 ):
     i = wp.tid()
     value, integral = table_integral(points[i], table[0], values)
-    found, way = table_integral(pair_of(points[i]), ours[0], pairs)
-    out[i, 0] = whole(found) - value
-    out[i, 1] = wp.float64(table_value(pair_of(points[i]), ours[0], pairs)) - value
-    out[i, 2] = whole(way) - integral
+    found, way = table_integral(pair_from_float64(points[i]), ours[0], pairs)
+    out[i, 0] = float64_from_pair(found) - value
+    out[i, 1] = wp.float64(table_value(pair_from_float64(points[i]), ours[0], pairs)) - value
+    out[i, 2] = float64_from_pair(way) - integral
 
 
 @pytest.mark.parametrize("repeats", [0, 1])
@@ -424,13 +430,13 @@ def turning(moment: wp.float64, inverse_inertia: wp.float64, h: wp.float64, step
         body.speed = pose.speed
         moved = leapfrog_body(step, step, body, rates, nowhere, motion, BLOCKS.Mount())
         pose = turned_pose(pose_with_coordinates(pose, moved), difference(moved.angle, body.angle))
-    out[0, 0] = whole(pose.angle)
-    out[0, 1] = whole(pose.speed)
-    sine, cosine = sine_cosine(whole(pose.angle))
-    out[0, 2] = whole(pose.cosine) - cosine
-    out[0, 3] = whole(pose.sine) - sine
-    out[0, 4] = whole(pose.reach_cosine) - wp.float64(0.4) * whole(pose.cosine)
-    out[0, 5] = whole(pose.reach_sine) - wp.float64(0.4) * whole(pose.sine)
+    out[0, 0] = float64_from_pair(pose.angle)
+    out[0, 1] = float64_from_pair(pose.speed)
+    sine, cosine = sine_cosine(float64_from_pair(pose.angle))
+    out[0, 2] = float64_from_pair(pose.cosine) - cosine
+    out[0, 3] = float64_from_pair(pose.sine) - sine
+    out[0, 4] = float64_from_pair(pose.reach_cosine) - wp.float64(0.4) * float64_from_pair(pose.cosine)
+    out[0, 5] = float64_from_pair(pose.reach_sine) - wp.float64(0.4) * float64_from_pair(pose.sine)
 
 
 @pytest.mark.parametrize("steps", [32, 1_000_000])
@@ -450,7 +456,7 @@ def test_a_body_that_turns_freely_keeps_its_phase(steps):
 @kernel
 def spinning(speed: wp.float64, rate: wp.float64, lag: wp.float64, inertia: wp.float64, out: wp.array2d[wp.float64]):
     body = BLOCKS.BodyState()
-    body.speed = pair_of(speed)
+    body.speed = pair_from_float64(speed)
     motion, mount = BLOCKS.Motion(), BLOCKS.Mount()
     motion.inverse_inertia = wp.float32(wp.float64(1.0) / inertia)
     rates, now = wp.vec3f(0.0, 0.0, wp.float32(rate)), number_of(float(0.0))
@@ -470,12 +476,12 @@ def power_sums(speed: wp.array[wp.float32], moment: wp.array[wp.float32], out: w
     sums = BLOCKS.SprocketSums()
     for k in range(speed.shape[0]):
         if k % 32 == 0:
-            sums = gathered_powers(sums)
+            sums = gathered_sprocket_sums(sums)
         sums = add_powers(sums, speed[k], moment[k], -moment[k], 0.0, 1.0)
-    sums = gathered_powers(sums)
-    out[0, 0] = whole(sums.moment.sum)
-    out[0, 1] = whole(sums.contact_work.sum)
-    out[0, 2] = whole(sums.load_work.sum)
+    sums = gathered_sprocket_sums(sums)
+    out[0, 0] = float64_from_pair(sums.moment.sum)
+    out[0, 1] = float64_from_pair(sums.contact_work.sum)
+    out[0, 2] = float64_from_pair(sums.load_work.sum)
 
 
 def test_moments_and_works_of_many_steps():
@@ -493,11 +499,11 @@ def twice_gathered(high: float, low: float, value: float, out: wp.array2d[wp.flo
     once, twice = BLOCKS.SprocketSums(), BLOCKS.SprocketSums()
     once.moment.sum = pair(high, low)
     twice.moment.sum = pair(high, low)
-    twice = gathered_powers(twice)
-    once = gathered_powers(add_powers(once, 1.0, value, 0.0, 0.0, 1.0))
-    twice = gathered_powers(add_powers(twice, 1.0, value, 0.0, 0.0, 1.0))
-    out[0, 0] = whole(once.moment.sum)
-    out[0, 1] = whole(twice.moment.sum)
+    twice = gathered_sprocket_sums(twice)
+    once = gathered_sprocket_sums(add_powers(once, 1.0, value, 0.0, 0.0, 1.0))
+    twice = gathered_sprocket_sums(add_powers(twice, 1.0, value, 0.0, 0.0, 1.0))
+    out[0, 0] = float64_from_pair(once.moment.sum)
+    out[0, 1] = float64_from_pair(twice.moment.sum)
 
 
 @pytest.mark.parametrize("value", [0.1, 0.7, 1.3])

@@ -7,7 +7,7 @@ from own_kernels import kernel
 from pairs import BLOCKS, both, given, launched
 from tensioner_rig import RELIEF, VENT, moved, tensioner
 
-from warpchain.kernels.number import leading, pair_of, vector, whole
+from warpchain.kernels.number import float64_from_pair, leading_value, pair_from_float64, vector
 from warpchain.kernels.physics.body import pose_of
 from warpchain.kernels.physics.tensioner import (
     advance_tensioner,
@@ -50,13 +50,13 @@ def lead(
     t = ours[0]
     rest = resting_state(places[0], exact[0])
     state = BLOCKS.TensionerState()
-    state.content = pair_of(rest.content)
+    state.content = pair_from_float64(rest.content)
     state.root = wp.float32(rest.root)
     state.farthest = wp.float32(rest.farthest)
     state.unfilled = wp.float32(rest.unfilled)
     meter = BLOCKS.TensionerFlows()
     for i in range(1, places.shape[0]):
-        x = pair_of(places[i])
+        x = pair_from_float64(places[i])
         rate = wp.float32((places[i] - places[i - 1]) / h)
         after, flows = advance_tensioner(x, rate, wp.float32(h), True, state, t)
         state = after
@@ -67,14 +67,14 @@ def lead(
             out[row, 0] = wp.float64(force)
             out[row, 1] = wp.float64(pressure)
             out[row, 2] = wp.float64(tensioner_energy(x, pressure, state, t))
-            out[row, 3] = whole(meter.leaked)
-            out[row, 4] = whole(meter.supplied)
-            out[row, 5] = whole(meter.leak_loss)
-            out[row, 6] = whole(meter.valve_loss)
-            out[row, 7] = whole(meter.supply_work)
-            out[row, 8] = whole(state.content)
-            out[row, 9] = whole(meter.relieved)
-            out[row, 10] = whole(meter.vented)
+            out[row, 3] = float64_from_pair(meter.leaked)
+            out[row, 4] = float64_from_pair(meter.supplied)
+            out[row, 5] = float64_from_pair(meter.leak_loss)
+            out[row, 6] = float64_from_pair(meter.valve_loss)
+            out[row, 7] = float64_from_pair(meter.supply_work)
+            out[row, 8] = float64_from_pair(state.content)
+            out[row, 9] = float64_from_pair(meter.relieved)
+            out[row, 10] = float64_from_pair(meter.vented)
 
 
 @pytest.mark.parametrize(("air", "outlets"), CASES)
@@ -111,12 +111,12 @@ def touch(
     pose = pose_of(body)
     arm = plunger_arm(pose, exact[0])
     found = BLOCKS.Pose()
-    found.cosine = pair_of(pose.cosine)
-    found.sine = pair_of(pose.sine)
+    found.cosine = pair_from_float64(pose.cosine)
+    found.sine = pair_from_float64(pose.sine)
     arm_found = plunger_arm(found, ours[0])
-    x = plunger_extension(vector(pair_of(center[0]), pair_of(center[1])), arm_found, ours[0])
-    out[i, 0] = whole(x) - plunger_extension(center, arm, exact[0])
-    rate = extension_rate(leading(arm_found), float(1.0), wp.vec2f(), ours[0])
+    x = plunger_extension(vector(pair_from_float64(center[0]), pair_from_float64(center[1])), arm_found, ours[0])
+    out[i, 0] = float64_from_pair(x) - plunger_extension(center, arm, exact[0])
+    rate = extension_rate(leading_value(arm_found), float(1.0), wp.vec2f(), ours[0])
     out[i, 1] = wp.float64(rate) - extension_rate(arm, wp.float64(1.0), wp.vec2d(), exact[0])
 
 

@@ -27,7 +27,7 @@ from warpchain.kernels.structs import (
     TensionerSums,
     types,
 )
-from warpchain.kernels.sums import gathered_powers
+from warpchain.kernels.sums import gathered_sprocket_sums
 
 KEPT = SprocketSums, MountSums, ArmSums, TensionerSums
 """Sums that blocks at float32 keep in pairs."""
@@ -78,7 +78,7 @@ def test_blocks_keep_every_sum_by_its_name():
 
 @kernel
 def gathering(sums: wp.array[BLOCKS.SprocketSums]):
-    sums[1] = gathered_powers(sums[0])
+    sums[1] = gathered_sprocket_sums(sums[0])
 
 
 def test_recent_terms_of_sums_are_gathered():
