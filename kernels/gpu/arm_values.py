@@ -23,7 +23,7 @@ class ArmValueFunctions:
 @cache
 def arm_value_functions(kind: BlockKind) -> ArmValueFunctions:
     """The functions that share values of arms, and read them."""
-    Real, mounted = kind.Real, kind.parts.rotors
+    Real = kind.Real
     kinds = kind.types
     Shared = kinds.Shared
     vec2 = kinds.vec2
@@ -37,12 +37,12 @@ def arm_value_functions(kind: BlockKind) -> ArmValueFunctions:
     @wp.func
     def share_value(shared: Shared, b: int, k: int, value: Real):
         """Shares value k of body b, an arm."""
-        access.store(shared.carried_arms, (b - wp.static(mounted)) * wp.static(VALUES_PER_ARM) + k, value)
+        access.store(shared.carried_arms, (b - wp.static(kind.parts.rotors)) * wp.static(VALUES_PER_ARM) + k, value)
 
     @wp.func
     def shared_value(shared: Shared, b: int, k: int):
         """Value k that body b, an arm, shares."""
-        return arm_value(shared, b - wp.static(mounted), k)
+        return arm_value(shared, b - wp.static(kind.parts.rotors), k)
 
     @wp.func
     def share_force(shared: Shared, b: int, force: vec2):

@@ -46,7 +46,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     """
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     slots = kind.shape.slots
-    measuring, staged = kind.measuring, kind.has_stages
     kinds = kind.types
     joints = joint_functions(kind)
     links = link_functions(kind)
@@ -68,11 +67,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     lengths_of = array_view(Real)  # of as many links as the block has room for, some of no roller
     pull = joints.find_link_forces if kind.friction.joints else links.find_link_forces
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
-    # what rollers may touch unless that depends on where the bodies are
-    ahead = threads > WARP
-    early = kind.finds_partners_early
-    # rollers and bodies go ways of their own between events
-    splitting = not measuring and kind.hands_over and early and not staged
+    # what rollers may touch unless that depends on where bodies are; between events both may go ways of their own
+    splitting = not kind.measuring and kind.hands_over and kind.finds_partners_early and not kind.has_stages
 
     module = own_module(__file__, "advance_block", kind, blocks, frame)
 
@@ -106,11 +102,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         mine.prescribed_index = prescribed_motion.prescribed_index(shared, mine.body)
         end = wp.min(ends[number], ensemble.drives[mine.variant].steps + 1)
         prescribed_motion.plan_steps(ensemble, shared, mine, now.step)
-        if wp.static(ahead):
+        if wp.static(not kind.shape.is_one_warp):
             tension, rate = pull(state, shared, mine, now, lengths)
         contact = contacts.Contact()
         contact.near = near_partners.remembered_partners(state, shared, mine)
-        if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
+        if wp.static(kind.finds_partners_early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
             contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
         while now.step < end and now.diverged == 0:
             warp_steps.wait_for_other_variants(now)
@@ -127,10 +123,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if now.step == now.next_event and now.stage == 0:
                     now = sampling.handle_event(ensemble, state, out, shared, mine, now)
                 now = launches.with_wanted_sums(mine, now)
-                if wp.static(ahead):
-                    if wp.static(not early):
+                if wp.static(not kind.shape.is_one_warp):
+                    if wp.static(not kind.finds_partners_early):
                         contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
-                    if wp.static(not measuring) and now.flags == 0:
+                    if wp.static(not kind.measuring) and now.flags == 0:
                         steps.add_contact_forces(ensemble, state, out, shared, mine, plain_step(now), contact)
                         steps.find_load_ahead(ensemble, shared, mine, now)
                         steps.advance_rollers_after_contacts(state, shared, mine, plain_step(now))
@@ -151,10 +147,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 else:
                     contact = warp_steps.take_step(ensemble, state, out, shared, mine, now, contact)
             taken, now = now, launches.next_stage(now)
-            if wp.static(early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
+            if wp.static(kind.finds_partners_early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
                 contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
-            if wp.static(ahead) and now.step < end and now.diverged == 0:  # joints remember only steps that are taken
-                tension, rate = pull(state, shared, mine, now, lengths)
+            if wp.static(not kind.shape.is_one_warp) and now.step < end and now.diverged == 0:
+                tension, rate = pull(state, shared, mine, now, lengths)  # joints remember only steps that are taken
             sync.barrier()
             steps.advance_oil_apart(ensemble, state, shared, mine, taken)
         launches.end_launch(ensemble, state, out, shared, mine, now)

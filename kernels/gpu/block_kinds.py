@@ -41,6 +41,11 @@ class BlockShape:
     shared_bytes: int = DECLARED
 
     @property
+    def is_one_warp(self) -> bool:
+        """Whether a variant has one warp, whose threads wait for no other."""
+        return self.threads == WARP
+
+    @property
     def body_warp(self) -> bool:
         """Whether the last warp has no rollers, but moves the bodies: where each thread of others has one."""
         return self.threads > WARP and self.rollers_per_thread == 1

@@ -29,7 +29,7 @@ from ..physics.body import (
 from ..physics.motion import free_load_moment, load_table_argument, table_value
 from ..physics.mount import displacement_from_home
 from .arm_values import arm_value_functions
-from .block_kinds import WARP, BlockKind
+from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .body_states import body_state_functions
 from .geometry import geometry_functions
@@ -55,7 +55,7 @@ class BodyFunctions:
 @cache
 def body_functions(kind: BlockKind) -> BodyFunctions:
     """The functions that take the thread's body a step, or a stage, on."""
-    Real, moving, staged = kind.Real, kind.moving, kind.has_stages
+    Real, staged = kind.Real, kind.has_stages
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Wrench = kinds.Wrench
@@ -70,16 +70,16 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     loading_ahead = (
         not staged
         and not kind.parts.tied
-        and (kind.shape.body_warp or (kind.shape.threads > WARP and not kind.is_paired))
+        and (kind.shape.body_warp or (not kind.shape.is_one_warp and not kind.is_paired))
     )
 
     @wp.func
     def body_mount(shared: Shared, b: int):
         """The mount of body b."""
         mount = kinds.Mount()
-        if wp.static(moving):
+        if wp.static(kind.moving):
             mount = shared.mounts[b]
-            if wp.static(kind.parts.tabulated == 0):
+            if wp.static(not kind.parts.tabulated):
                 mount.x_table.cells = 0  # so that the compiler knows
                 mount.y_table.cells = 0
         return mount
@@ -87,7 +87,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def displacement(pose: Pose, mount: kinds.Mount):
         """A body's center from where it is at home [m]; 0 in kernels whose bodies do not move."""
-        if wp.static(moving):
+        if wp.static(kind.moving):
             return displacement_from_home(pose.center, mount)
         else:
             return vec2()
@@ -110,12 +110,12 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         """
         motion = shared.motions[mine.body]
         tabulated = Real(0.0)
-        if wp.static(kind.parts.tabulated > 0):
+        if wp.static(kind.parts.tabulated):
             if motion.load_table.cells > 0:
                 x = load_table_argument(time, pose.angle, motion)
                 tabulated = table_value(x, motion.load_table, ensemble.tables)
         load = free_load_moment(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
-        if wp.static(kind.parts.arms > 0):
+        if wp.static(kind.parts.arms):
             if mine.arm >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
                 load = arm_own_moment(plain_body(body_states.body_from_pose(pose)), body_states.heading(pose), arm)
@@ -127,7 +127,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def wrench_in_train(shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench):
         """The wrench that moves the thread's body, with what others of its train pass on to it."""
-        if wp.static(kind.parts.tied > 0):
+        if wp.static(kind.parts.tied):
             if mine.arm < 0:
                 wrench.moment = train_moments.train_moment(shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
@@ -152,7 +152,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def with_bearing_moment(wrench: Wrench):
         """A wrench whose load has the bearings' moment."""
-        if wp.static(kind.parts.hubs > 0):
+        if wp.static(kind.parts.hubs):
             wrench.load = wrench.load + wrench.bearing
         return wrench
 
@@ -170,7 +170,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
             wrench.load = body_load(ensemble, shared, mine, rounded_step_time(mine, now), time, pose)
         body = body_states.body_from_pose(pose)
         plain = plain_body(body)
-        if wp.static(moving):
+        if wp.static(kind.moving):
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
         moved_by = wrench_in_train(shared, mine, now, with_bearing_moment(wrench))
         rates = body_accelerations(
@@ -226,7 +226,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
         Returns it with its rates at the step's instant, and `wrench` with its load.
         """
-        if wp.static(staged):
+        if wp.static(kind.has_stages):
             return take_stage(ensemble, state, shared, mine, now, pose, wrench)
         else:
             return take_leapfrog_step(ensemble, shared, mine, now, pose, wrench)

@@ -36,7 +36,7 @@ class BodyStateFunctions:
 @cache
 def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     """The functions that share bodies and their sums, and put them back into the state."""
-    sprockets, mounted, moving, measuring = kind.parts.sprockets, kind.parts.rotors, kind.moving, kind.measuring
+    sprockets = kind.parts.sprockets
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Sums = kinds.Sums
@@ -75,7 +75,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     @wp.func
     def share_hub(ensemble: Ensemble, shared: Shared, variant: int, row: int, b: int):
         """Shares the hub of body b, if that is a sprocket, of a chain in a row of the drives."""
-        if wp.static(kind.parts.hubs > 0):
+        if wp.static(kind.parts.hubs):
             if b < wp.static(sprockets):
                 hub = ensemble.hubs[ensemble.drives[variant].first_sprocket + b]
                 hub.arm = chains.body_on_block(ensemble, shared, row, row - variant, hub.arm)
@@ -84,7 +84,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     @wp.func
     def place_carried_sprocket(shared: Shared, b: int):
         """Takes body b along with the arm that carries it, where one does; after a barrier, as that may have moved."""
-        if wp.static(kind.parts.hubs > 0):
+        if wp.static(kind.parts.hubs):
             if b >= 0 and b < wp.static(sprockets):
                 hub = shared.hubs[b]
                 if hub.arm != GROUND:
@@ -100,18 +100,18 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
             geometry.share_chains_and_guides(ensemble, shared, drive, mine.variant)
         pose = pose_from_state(ensemble, state, own, mine.body_number)
         shared.motions[b] = ensemble.motions[own.first_body + mine.body_number]
-        if b < wp.static(mounted):
+        if b < wp.static(kind.parts.rotors):
             angle, speed = prescribed_motion.angle_and_speed(ensemble, shared, mine, b, step)
             pose.exact_speed = speed
-        if wp.static(moving):
+        if wp.static(kind.moving):
             shared.mounts[b] = ensemble.mounts[own.first_body + mine.body_number]
         share_hub(ensemble, shared, mine.variant, mine.drive_row, b)
         if b < wp.static(sprockets):
             at = drive.first_sprocket + b
             geometry.share_sprocket(ensemble, shared, drive, b, leading_value(pose.center))
-            if wp.static(measuring):
+            if wp.static(kind.measuring):
                 shared.sprocket_sums[b] = sums.sprocket[at]
-                if wp.static(moving):
+                if wp.static(kind.moving):
                     shared.mount_sums[b] = sums.mount[at]
         geometry.put_pose(shared, b, pose)
 
@@ -126,11 +126,11 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         body.center = trimmed_value(body.center)
         body.velocity = trimmed_value(body.velocity)
         state.bodies[ensemble.drives[mine.drive_row].first_body + mine.body_number] = body
-        if wp.static(measuring):
+        if wp.static(kind.measuring):
             if b < wp.static(sprockets):
                 at = drive.first_sprocket + b
                 sums.sprocket[at] = gathered_sprocket_sums(shared.sprocket_sums[b])
-                if wp.static(moving):
+                if wp.static(kind.moving):
                     sums.mount[at] = shared.mount_sums[b]
 
     @wp.func
@@ -138,7 +138,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         """1 where the thread's body does not turn soundly, or its center has left the drive's box."""
         pose, box = shared.poses[mine.body], 2 * (mine.drive_row - mine.variant)
         gone = int(not has_finite_rotation(pose.angle, pose.speed))
-        if wp.static(moving):
+        if wp.static(kind.moving):
             gone = wp.max(
                 gone, int(not is_in_box(shared.boxes[box], shared.boxes[box + 1], leading_value(pose.center)))
             )

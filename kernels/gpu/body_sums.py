@@ -49,7 +49,7 @@ class BodySumFunctions:
 @cache
 def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     """The functions that observe the body of a thread."""
-    Real, moving, paired = kind.Real, kind.moving, kind.is_paired
+    Real = kind.Real
     body_states = body_state_functions(kind)
     bodies = body_functions(kind)
     carried_arms = carried_arm_functions(kind)
@@ -62,7 +62,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     @wp.func
     def exact_heading(pose: Pose, seen: kinds.Instant):
         """Cosine and sine of a body's angle, at float64 anew from it."""
-        if wp.static(paired):
+        if wp.static(kind.is_paired):
             return body_states.heading(pose)
         else:
             return heading_of(seen)
@@ -83,7 +83,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         wrench = kinds.Wrench()
         wrench.moment = acting[0]
         carried = bool(True)  # or fixed
-        if wp.static(moving):
+        if wp.static(kind.moving):
             wrench.force = vec2(acting[1], acting[2])
             carried = shared.mounts[mine.body].moves == CARRIED
         return late_power(wrench, seen, before, velocity_lag(mine, now), carried)
@@ -110,7 +110,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         s = mine.sprocket
         speed, motion = leading_value(before.speed), shared.motions[s]
         whole.load = load_moment_at_speed(bodies.rounded_step_time(mine, now), whole.load, speed, seen.speed, motion)
-        if wp.static(moving):
+        if wp.static(kind.moving):
             mount = shared.mounts[s]
             if mount.active != 0:
                 off, to = bodies.displacement(before, mount), exact_heading(before, seen)
@@ -136,7 +136,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     ):
         """Power [W] of what leads the pivot of the thread's arm; arguments as of `add_sprocket_step`."""
         led = Real(0.0)
-        if wp.static(moving):
+        if wp.static(kind.moving):
             arm, motion = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm], shared.motions[mine.body]
             mount = bodies.body_mount(shared, mine.body)
             if mount.active != 0:
@@ -194,16 +194,16 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         motion, mount = shared.motions[mine.body], bodies.body_mount(shared, mine.body)
         to, at = exact_heading(before, seen), ensemble.drives[mine.drive_row].first_body + mine.body_number
         energy = body_energy(bodies.displacement(before, mount), seen, to, motion, mount)
-        if wp.static(kind.parts.arms > 0):
+        if wp.static(kind.parts.arms):
             if mine.arm >= 0:
                 if wp.static(kind.parts.jointed):
                     energy = energy + wp.float64(arm_values.arm_value(shared, mine.arm, ARM_ENERGY))
                 turned = spring_state(shared, mine, seen)
                 energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
-        if wp.static(kind.parts.tied > 0):
+        if wp.static(kind.parts.tied):
             if mine.arm < 0:
                 energy = own_body_energy(energy, speed_as_float64(seen), motion)
-                if wp.static(kind.parts.valves > 0):
+                if wp.static(kind.parts.valves):
                     energy = energy + wp.float64(cam_energy(seen.speed, shared.cams[mine.body], motion))
         tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
 

@@ -27,7 +27,7 @@ class ChainPlaceFunctions:
 @cache
 def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
     """The functions that share where chains are."""
-    chain_count, sprockets, mounted = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
+    chain_count, sprockets = kind.parts.chains, kind.parts.sprockets
     several, of_others = chain_count > 1, wp.types.vector(MOST_CHAINS - 1, int)
     kinds = kind.types
     Ensemble, Shared, ChainPlace = kinds.Ensemble, kinds.Shared, kinds.ChainPlace
@@ -59,7 +59,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
         for h in range(drive.shafts):
             shared.body_indices[wp.static(sprockets) + place.first_shaft + h] = drive.first_body + drive.sprockets + h
         for a in range(drive.arms):
-            shared.body_indices[wp.static(mounted) + place.first_arm + a] = (
+            shared.body_indices[wp.static(kind.parts.rotors) + place.first_arm + a] = (
                 drive.first_body + drive.bodies - drive.arms + a
             )
 
@@ -72,7 +72,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
             sync.barrier()
             mine.rollers = shared.chain_places[wp.static(chain_count - 1)].end_roller
             mine.sprocket = wp.where(mine.body < wp.static(sprockets), mine.body, -1)
-            mine.arm = wp.max(mine.body - wp.static(mounted), -1)
+            mine.arm = wp.max(mine.body - wp.static(kind.parts.rotors), -1)
             if mine.body >= 0:
                 place = shared.body_indices[mine.body]
                 for r in range(wp.static(chain_count)):

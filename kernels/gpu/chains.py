@@ -39,7 +39,7 @@ class ChainFunctions:
 @cache
 def chain_functions(kind: BlockKind) -> ChainFunctions:
     """The functions by which the chains of one variant on a block are kept apart."""
-    chain_count, sprockets, mounted = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
+    chain_count, sprockets = kind.parts.chains, kind.parts.sprockets
     several = chain_count > 1
     kinds = kind.types
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
@@ -148,7 +148,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
             drive = ensemble.drives[row]
             arm = b - (drive.bodies - drive.arms)
             sprocket = shared.chain_places[chain].first_sprocket + b
-            of_arm = wp.static(mounted) + shared.chain_places[chain].first_arm + arm
+            of_arm = wp.static(kind.parts.rotors) + shared.chain_places[chain].first_arm + arm
             of_shaft = wp.static(sprockets) + shared.chain_places[chain].first_shaft + b - drive.sprockets
             turning = wp.where(b < drive.sprockets, sprocket, of_shaft)
             return wp.where(b == GROUND, b, wp.where(arm >= 0, of_arm, turning))

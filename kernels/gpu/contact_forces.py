@@ -29,7 +29,6 @@ class ContactForceFunctions:
 @cache
 def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
     """The functions that evaluate the contacts of one variant on a block."""
-    gripping = kind.recalls_seats_early
     # most contacts of the usual law are worked out without branches, in kernels of one length of chain all or none, so
     # that metrics leave a variant its bits: of more links not all kernels gave the same bits (docs/performance.md)
     branchless = kind.linear_hysteretic and kind.shape.room <= 192
@@ -59,7 +58,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
         while partner_bits.has_any(by_teeth):
             j, s = partner_bits.first_pair(by_teeth, mine.thread)
             by_teeth = partner_bits.without_first_pair(by_teeth)
-            if wp.static(not gripping):
+            if wp.static(not kind.recalls_seats_early):
                 contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
             done = int(0)
             if wp.static(branchless):
@@ -67,12 +66,12 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
                     done = teeth.add_straight_flank_force(state, tallies, shared, mine, now, j, contact)
             if done == 0:
                 teeth.add_tooth_force(ensemble, state, tallies, shared, mine, now, j, contact)
-            if wp.static(gripping):
+            if wp.static(kind.recalls_seats_early):
                 if partner_bits.has_any(by_teeth):
                     contact = tooth_gaps.with_sprocket(
                         ensemble, state, shared, mine, contact, j, lowest_bit(by_teeth[0])
                     )
-        if wp.static(kind.parts.guides > 0):
+        if wp.static(kind.parts.guides):
             guides.add_guide_forces(ensemble, state, tallies, shared, mine, now, contact.near)
 
     return ContactForceFunctions(add_contact_forces=add_contact_forces)

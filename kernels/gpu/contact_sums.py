@@ -26,7 +26,7 @@ class ContactSumFunctions:
 @cache
 def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
     """The functions that add contacts to the sums of the window."""
-    Real, staged, sliding = kind.Real, kind.has_stages, kind.friction.contacts
+    Real = kind.Real
     Now = kind.types.Now
 
     @wp.func
@@ -41,7 +41,7 @@ def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
     def add_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
         """Adds the powers [W] that a closed contact's force and friction take to its sums."""
         add_to_element(tallies.dissipated, at, as_float64(now.weight * damped))
-        if wp.static(sliding):
+        if wp.static(kind.friction.contacts):
             add_to_element(tallies.friction, at, as_float64(now.weight * rubbed))
 
     @wp.func
@@ -60,7 +60,7 @@ def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
     @wp.func
     def add_stored_energy(tallies: Tallies, now: Now, at: int, energy: Real):
         """Takes what a contact stores at the window's end, and not at its start, from what it has taken."""
-        if wp.static(kind.measuring and not staged) and now.flags & ENDS != 0:
+        if wp.static(kind.measuring and not kind.has_stages) and now.flags & ENDS != 0:
             add_to_element(tallies.dissipated, at, as_float64(wp.where(now.flags & START != 0, energy, -energy)))
 
     return ContactSumFunctions(

@@ -45,7 +45,7 @@ class ContactFunctions:
 @cache
 def contact_functions(kind: BlockKind) -> ContactFunctions:
     """The functions that evaluate a contact with a tooth or a guide."""
-    Real, staged, sliding, sprockets = kind.Real, kind.has_stages, kind.friction.contacts, kind.parts.sprockets
+    Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Friction = kinds.State, kinds.Shared, kinds.Friction
     partner_bits = partner_bit_functions(kind)
@@ -93,7 +93,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
         """`contact` with what the contact at `at` has kept; loaded at once, as each load is waited for."""
         contact.impact_speed = access.load(state.impact_speed, at)
         contact.damper_speed = access.load(state.damper_speed, at)
-        if wp.static(sliding):
+        if wp.static(kind.friction.contacts):
             contact.held_friction = access.load(state.contact_hold, at)
         return contact
 
@@ -102,7 +102,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
         """Friction on a roller [N], and what the contact then holds."""
         held = wp.where(contact.impact_speed > Real(0.0), contact.held_friction, Real(0.0))
         stretched = rollers.stretch_part(now)
-        if wp.static(sliding == BY_SPEED):
+        if wp.static(kind.friction.contacts == BY_SPEED):
             return friction_force(size, normal, relative, held, what, stretched)
         else:
             return even_friction_force(size, normal, relative, held, what, stretched)
@@ -110,7 +110,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
     @wp.func
     def specialized_law(law: Any):
         """A contact law with what is known of it when the kernel is made."""
-        if wp.static(not staged):
+        if wp.static(not kind.has_stages):
             law.most_damping = Real(0.0)
         if wp.static(kind.linear_hysteretic):
             law.form = 0
@@ -120,7 +120,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
     @wp.func
     def velocity_lag(mine: ThreadParts):
         """Time that velocities are behind the forces [s]."""
-        if wp.static(staged):
+        if wp.static(kind.has_stages):
             return Real(0.0)
         else:
             return Real(0.5) * rollers.time_step(mine)
@@ -128,7 +128,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
     @wp.func
     def dissipating_force(force: vec2, damper: Real, normal: vec2):
         """The force whose power is taken from motion: a contact's, with stages the part of it that damps [N]."""
-        if wp.static(staged):
+        if wp.static(kind.has_stages):
             return damper * normal
         else:
             return force
@@ -187,7 +187,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
                 else:
                     state.extra[extra].guide_force = state.extra[extra].guide_force + size
             drag = vec2(Real(0.0), Real(0.0))
-            if wp.static(sliding):
+            if wp.static(kind.friction.contacts):
                 drag, holds = friction_and_hold(now, size, normal, relative, contact, shared.friction[p])
                 force = force + drag
                 if now.stage == 0:

@@ -60,7 +60,7 @@ def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
             at = frame_begin(drive, now)
             if mine.sprocket >= 0:
                 frame_writers.write_sprocket(frames, at, drive.rollers, mine.body_number, body, moment, force)
-            if wp.static(kind.parts.arms > 0):
+            if wp.static(kind.parts.arms):
                 if mine.arm >= 0:
                     frame_writers.write_arm(
                         frames, at, drive, mine.body_number - (drive.bodies - drive.arms), body, moment
@@ -68,7 +68,7 @@ def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
             for t in range(chains.tensioner_count(drive)):
                 if ensemble.tensioners[drive.first_tensioner + t].body == mine.body_number:
                     frame_writers.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
-            if wp.static(kind.parts.tied > 0):
+            if wp.static(kind.parts.tied):
                 if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.rotors):
                     frame_writers.write_shaft(frames, at, drive, mine.body_number - drive.sprockets, body)
 

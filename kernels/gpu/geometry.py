@@ -29,9 +29,8 @@ class GeometryFunctions:
 @cache
 def geometry_functions(kind: BlockKind) -> GeometryFunctions:
     """The functions that share and read what contacts of one variant on a block see of bodies and guides."""
-    Real, sprockets, guides, bodies = kind.Real, kind.parts.sprockets, kind.parts.guides, kind.parts.bodies
-    profiles = kind.profiles
-    kinds, moving = kind.types, kind.moving
+    Real, sprockets = kind.Real, kind.parts.sprockets
+    kinds = kind.types
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
     chains = chain_functions(kind)
     rollers = roller_functions(kind)
@@ -41,7 +40,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
     def put_pose(shared: Shared, b: int, pose: Pose):
         """Sets the pose of body b, and the center of its band."""
         shared.poses[b] = pose
-        if wp.static(moving):
+        if wp.static(kind.moving):
             if b < wp.static(sprockets):
                 center = leading_value(pose.center)
                 shared.bands[b].center = vec2(Real(center[0]), Real(center[1]))
@@ -58,16 +57,16 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         """Shares all chains and guides of a variant; `drive` is that of its first chain."""
         for r in range(wp.static(kind.parts.chains)):
             share_chain(ensemble, shared, ensemble.drives[variant + r], variant, r)
-        if wp.static(profiles):
+        if wp.static(kind.profiles):
             ground = Pose()
             ground.cosine = number_of(Real(1.0))
-            put_pose(shared, wp.static(bodies), ground)
-        for g in range(wp.static(guides)):
+            put_pose(shared, wp.static(kind.parts.bodies), ground)
+        for g in range(wp.static(kind.parts.guides)):
             bar = ensemble.guides[drive.first_guide + g]
-            if wp.static(profiles):
+            if wp.static(kind.profiles):
                 chain = chains.chain_number_of_guide(shared, g)
                 body = chains.body_on_block(ensemble, shared, variant + chain, chain, bar.body)
-                bar.body = wp.where(body == GROUND, wp.static(bodies), body)
+                bar.body = wp.where(body == GROUND, wp.static(kind.parts.bodies), body)
                 bar.first_piece = ensemble.drives[variant + chain].first_piece + bar.first_piece
             shared.guides[g] = bar
             if wp.static(kind.friction.contacts):
@@ -90,8 +89,8 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
     def guide_now(shared: Shared, g: int):
         """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
         bar = shared.guides[g]
-        if wp.static(profiles):
-            if bar.pieces == 0 and bar.body < wp.static(bodies):
+        if wp.static(kind.profiles):
+            if bar.pieces == 0 and bar.body < wp.static(kind.parts.bodies):
                 bar = carried_guide(bar, shared.poses[bar.body])
         return bar
 
@@ -106,7 +105,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         carrier = shared.poses[b]
         arm = difference(rollers.exact_position(shared.rows, j), carrier.center)
         q = arm
-        if b < wp.static(bodies):  # the ground has not turned
+        if b < wp.static(kind.parts.bodies):  # the ground has not turned
             q = frame_vector(arm, carrier)
         return arm, q
 

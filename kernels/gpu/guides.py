@@ -32,8 +32,7 @@ class GuideFunctions:
 @cache
 def guide_functions(kind: BlockKind) -> GuideFunctions:
     """The functions that evaluate the contacts of one variant's rollers on a block with its guides."""
-    Real, sprockets, bodies = kind.Real, kind.parts.sprockets, kind.parts.bodies
-    profiles = kind.profiles
+    Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Guide = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Guide
     vec2 = kinds.vec2
@@ -73,7 +72,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         """Penetration [m], normal and relative velocity [m/s] of roller j on a straight bar, as it is now."""
         p = difference(rollers.exact_position(shared.rows, j), bar.start)
         surface = vec2(Real(0.0), Real(0.0))
-        if wp.static(profiles):
+        if wp.static(kind.profiles):
             surface = surface_velocity(shared.poses[bar.body], geometry.arm_from_body(shared, j, bar.body))
         return bar_contact(p, rollers.velocity(shared.rows, j), surface, bar)
 
@@ -82,7 +81,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, j: int, g: int, bar: Guide
     ):
         """Penetration [m], normal and relative velocity [m/s] of roller j on guide g."""
-        if wp.static(profiles):
+        if wp.static(kind.profiles):
             penetration = Real(0.0)
             normal = vec2()
             relative = vec2()
@@ -117,13 +116,13 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
                 contact = contacts.with_kinematics(contact, penetration, normal, relative)
                 arm = vec2()
                 carrier = kinds.Pose()
-                if wp.static(profiles):
+                if wp.static(kind.profiles):
                     arm = geometry.arm_from_body(shared, j, bar.body)
                     carrier = shared.poses[bar.body]
                 contact.acceleration = contacts.approach_acceleration(shared, carrier, arm, j)
                 closed, force = contacts.add_normal_force(state, tallies, shared, mine, now, j, contact, bar.law)
-                if wp.static(profiles):
-                    if closed and bar.body < wp.static(bodies):
+                if wp.static(kind.profiles):
+                    if closed and bar.body < wp.static(kind.parts.bodies):
                         moment = reaction_moment(arm, force)
                         wrench_parts.add_wrench(shared, mine, bar.body, j, moment, force, now.measures)
         if not closed:

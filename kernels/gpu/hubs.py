@@ -27,7 +27,7 @@ class HubFunctions:
 @cache
 def hub_functions(kind: BlockKind) -> HubFunctions:
     """The functions of the bearings of one variant's sprockets on a block; nothing where none rubs or is on an arm."""
-    Real, sprockets, hubs = kind.Real, kind.parts.sprockets, kind.parts.hubs
+    Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
     rollers = roller_functions(kind)
@@ -39,7 +39,7 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench
     ):
         """`wrench`, of the chain on the thread's body, with the moment of bearings on it; all threads together."""
-        if wp.static(hubs > 0):
+        if wp.static(kind.parts.hubs):
             s = mine.body
             if s >= 0 and s < wp.static(sprockets):
                 hub = shared.hubs[s]
@@ -72,7 +72,7 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
         """Adds up what the bearing of the thread's sprocket takes, and takes that along with its arm; all threads
         together, once all bodies are a step or a stage on.
         """
-        if wp.static(hubs > 0):
+        if wp.static(kind.parts.hubs):
             sync.barrier()
             s = mine.sprocket
             if wp.static(kind.measuring):

@@ -12,7 +12,7 @@ from ..physics.friction import (
     joint_friction_moment,
     link_turning,
 )
-from .block_kinds import BY_SPEED, WARP, BlockKind
+from .block_kinds import BY_SPEED, BlockKind
 from .block_structs import ThreadParts
 from .chains import chain_functions
 from .links import link_functions
@@ -54,9 +54,8 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
     chains = chain_functions(kind)
     sync = sync_functions(kind)
     links = link_functions(kind)
-    alone = threads == WARP
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
-    TENSION, TURN = (row.force_x, row.force_y) if alone else (FIRST, SECOND)
+    TENSION, TURN = (row.force_x, row.force_y) if kind.shape.is_one_warp else (FIRST, SECOND)
     FRICTION = wp.constant(tally_places(kind)[1])
 
     @wp.func
@@ -115,7 +114,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
     def link_couple(state: State, shared: Shared, mine: ThreadParts, now: Now, j: int, lever: vec2):
         """Force [N] of the couple of link j's joints, and what the bristle of joint j holds if it is not shared yet."""
         next, rows = chains.next_roller(shared, j, mine.rollers), shared.rows
-        if wp.static(alone):
+        if wp.static(kind.shape.is_one_warp):
             return couple_force(access.load(rows, TURN + j), access.load(rows, TURN + next), lever), Real(0.0)
         else:
             moment, holds = joint_moment(shared, mine, now, j, held_moment(state, mine, j))
@@ -125,19 +124,19 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
     @wp.func
     def store_couple(rows: wp.array[Real], j: int, x: Real, y: Real):
         """Keeps the force [N] of the couple of link j's joints, as float32."""
-        if wp.static(Real == wp.float64):
-            access.store(rows, FIRST + j, float64_of_two(wp.float32(x), wp.float32(y)))
-        else:
+        if wp.static(kind.is_paired):
             access.store(rows, FIRST + j, x)
             access.store(rows, SECOND + j, y)
+        else:
+            access.store(rows, FIRST + j, float64_of_two(wp.float32(x), wp.float32(y)))
 
     @wp.func
     def load_couple(rows: wp.array[Real], j: int):
         """Force [N] of the couple of link j's joints, from `store_couple`."""
-        if wp.static(Real == wp.float64):
-            return two_of_float64(access.load(rows, FIRST + j))
-        else:
+        if wp.static(kind.is_paired):
             return wp.vec2f(access.load(rows, FIRST + j), access.load(rows, SECOND + j))
+        else:
+            return two_of_float64(access.load(rows, FIRST + j))
 
     @wp.func
     def find_link_forces(state: State, shared: Shared, mine: ThreadParts, now: Now, lengths: wp.array[Real]):
@@ -155,7 +154,9 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
         pull_y = of_each()
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
-            if wp.static(alone):  # each before any is stored, as the compiler does not load across a store
+            if wp.static(
+                kind.shape.is_one_warp
+            ):  # each before any is stored, as the compiler does not load across a store
                 hold[k] = held_moment(state, mine, j)
             d, w = links.link_vector_and_velocity(shared, j, n)
             tension_k, rate_k, force = links.link_load_from_vector(
@@ -171,7 +172,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             pull_x[k] = force[0]
             pull_y[k] = force[1]
         sync.barrier()
-        if wp.static(alone):
+        if wp.static(kind.shape.is_one_warp):
             share_joint_moments(state, shared, mine, now, hold)
         for k in range(wp.static(rollers_per_thread)):
             j = k * wp.static(threads) + i
@@ -181,7 +182,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             lever_y[k] = couple[1]
             pull_x[k] = pull_x[k] + couple[0]
             pull_y[k] = pull_y[k] + couple[1]
-        if wp.static(alone):
+        if wp.static(kind.shape.is_one_warp):
             sync.barrier()
         for k in range(wp.static(rollers_per_thread)):
             rollers.set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
@@ -190,7 +191,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             j = k * wp.static(threads) + i
             if wp.static(kind.measuring):
                 store_couple(rows, j, lever_x[k], lever_y[k])
-            if wp.static(not alone):  # neighbors have read it
+            if wp.static(not kind.shape.is_one_warp):  # neighbors have read it
                 keep_held_moment(state, mine, now, j, hold[k])
             force = rollers.force(shared, chains.previous_roller(shared, j, n))
             pull_x[k] = pull_x[k] - force[0]

@@ -35,7 +35,7 @@ class LaunchFunctions:
 @cache
 def launch_functions(kind: BlockKind) -> LaunchFunctions:
     """The functions by which a launch begins and ends for a variant, and its loop goes from step to step."""
-    Real, sprockets, measuring, staged = kind.Real, kind.parts.sprockets, kind.measuring, kind.has_stages
+    Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums
     ALL_SPROCKETS = wp.constant((1 << sprockets) - 1)
@@ -71,7 +71,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
     def with_wanted_sums(mine: ThreadParts, now: Now):
         """Sets which sums this evaluation adds to: metrics at a step's start, and moments of which sprockets."""
         now.measures = 0
-        if wp.static(measuring):
+        if wp.static(kind.measuring):
             now.weight = rollers.time_step(mine)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
@@ -100,10 +100,10 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
         if now.flags & END != 0:
             now.in_window = 0
         now.flags = 0
-        if wp.static(staged):
+        if wp.static(kind.has_stages):
             now.stage = now.stage + 1
         if (
-            not wp.static(staged) or now.stage == stage_count(wp.static(kind.integrator)) or now.goes_on == 0
+            not wp.static(kind.has_stages) or now.stage == stage_count(wp.static(kind.integrator)) or now.goes_on == 0
         ) and now.diverged == 0:
             now.stage = 0
             now.step = now.step + 1
@@ -114,7 +114,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
         """Shares bodies and sums, from the state."""
         if mine.body >= 0:
             body_states.share_body(ensemble, state, sums, shared, mine, step)
-        if wp.static(measuring):
+        if wp.static(kind.measuring):
             link_tallies.begin_extremes(ensemble, sums, shared, mine)
             strands.find_strands(ensemble, state, shared, mine)
 
@@ -122,12 +122,12 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
     def end_launch(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
         """Puts rollers, bodies and sums back into the state."""
         tensioners.end_oil_warp(shared, mine.thread)
-        if wp.static(measuring):
+        if wp.static(kind.measuring):
             link_tallies.merge_tallies(out.tallies, shared, mine)
         rollers.put_back(state, shared, mine)
         if mine.body >= 0:
             body_states.put_back_body(ensemble, state, out.sums, shared, mine)
-        if wp.static(measuring):
+        if wp.static(kind.measuring):
             link_tallies.merge_extremes_of_strands(ensemble, out.sums, shared, mine)
         if mine.thread == 0:
             for r in range(wp.static(kind.parts.chains)):

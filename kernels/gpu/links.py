@@ -32,7 +32,6 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
     kinds = kind.types
     Shared = kinds.Shared
     vec2 = kinds.vec2
-    compensated = Real == wp.float32
     of_each = wp.types.vector(rollers_per_thread, Real)
     chains = chain_functions(kind)
     access = row_access(Real)
@@ -48,7 +47,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
             access.load(rows, row.x + next) - access.load(rows, row.x + j),
             access.load(rows, row.y + next) - access.load(rows, row.y + j),
         )
-        if wp.static(compensated):
+        if wp.static(kind.is_paired):
             d = d + vec2(
                 access.load(rows, row.x_low + next) - access.load(rows, row.x_low + j),
                 access.load(rows, row.y_low + next) - access.load(rows, row.y_low + j),

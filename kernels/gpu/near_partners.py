@@ -27,7 +27,7 @@ class NearPartnerFunctions:
 def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
     """The functions that keep up which partners are near."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    sprockets, guides, profiles = kind.parts.sprockets, kind.parts.guides, kind.profiles
+    sprockets = kind.parts.sprockets
     partners = kind.parts.sprockets + kind.parts.guides
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Guide = kinds.State, kinds.Shared, kinds.Guide
@@ -40,7 +40,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
     @wp.func
     def has_profile(bar: Guide):
         """Whether a guide has a profile."""
-        if wp.static(profiles):
+        if wp.static(kind.profiles):
             return bar.pieces != 0
         else:
             return False
@@ -70,7 +70,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
                 found[k] = found[k] | (is_between(square, band.near_square, band.far_square) << s)
             s = s + 1
         g = int(0)
-        while g < wp.static(guides):
+        while g < wp.static(kind.parts.guides):
             bar = geometry.guide_now(shared, g)
             for k in range(wp.static(rollers_per_thread)):
                 j = k * wp.static(threads) + mine.thread

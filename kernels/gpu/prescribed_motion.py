@@ -33,7 +33,7 @@ class PrescribedMotionFunctions:
 @cache
 def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
     """The functions that work out prescribed angles and speeds of bodies for some steps ahead."""
-    mounted, threads = kind.parts.rotors, kind.shape.threads
+    threads = kind.shape.threads
     kinds = kind.types
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
 
@@ -46,7 +46,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
     def prescribed_index(shared: Shared, b: int):
         """The place of body b among those whose angle is prescribed; of any other body a place that there is."""
         place = int(0)
-        for other in range(wp.static(mounted)):
+        for other in range(wp.static(kind.parts.rotors)):
             if other < b and is_prescribed(shared, other):
                 place = place + 1
         return wp.min(place, wp.static(kind.parts.prescribed - 1))
@@ -55,7 +55,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
     def angle_and_speed(ensemble: Ensemble, shared: Shared, mine: ThreadParts, b: int, step: int):
         """Prescribed angle [rad] and speed [rad/s] of body b at a step."""
         motion = shared.motions[b]
-        if wp.static(kind.parts.tabulated == 0):
+        if wp.static(not kind.parts.tabulated):
             motion.drive_table.cells = 0  # so that the compiler knows
         return prescribed_rotation(exact_multiple(step, exact_time_step(mine)), motion, ensemble)
 
@@ -72,7 +72,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
         """Works out prescribed angles and speeds of the next `PLANNED_STEPS` steps, a step a thread."""
         i = mine.thread
         b = i // warp_lanes()
-        while b < wp.static(mounted):
+        while b < wp.static(kind.parts.rotors):
             if is_prescribed(shared, b):
                 ahead = 1 + i % warp_lanes()
                 while ahead <= wp.static(PLANNED_STEPS):

@@ -83,7 +83,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     def arm_acceleration(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, wrench: kinds.Wrench):
         """Angular acceleration of the thread's arm [rad/s^2]."""
         pose = shared.poses[mine.body]
-        if wp.static(kind.parts.tensioners > 0):
+        if wp.static(kind.parts.tensioners):
             wrench = tensioners.add_tensioner_forces(ensemble, state, mine, 0, pose, wrench)
         load = wp.float64(0.0)
         if wp.static(kind.parts.jointed):
@@ -112,7 +112,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                 size = wp.max(size, finite_size(rollers.acceleration(shared, j)))
                 most = wp.max(most, wp.abs(tension[k]))
         mass = wp.float64(chain.mass)
-        if wp.static(kind.parts.arms > 0):
+        if wp.static(kind.parts.arms):
             if mine.arm >= 0:
                 reach = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm].reach
                 inverse_inertia = shared.motions[mine.body].inverse_inertia
@@ -173,7 +173,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             contact_forces.add_contact_forces(ensemble, state, tallies, shared, mine, still, contact)
             sync.barrier()
             angular = wp.float64(0.0)
-            if wp.static(kind.parts.arms > 0):
+            if wp.static(kind.parts.arms):
                 moment = wrench_parts.chain_moment(shared, i)
                 acting = carried_arms.add_carried_wrenches(
                     ensemble, shared, mine, wrench_parts.chain_moment_and_force(shared, i, moment, 0)
@@ -190,19 +190,19 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                     stop_rollers(shared, i)
             if now.settled == 0:
                 kick_and_drift(shared, i, Real(relaxation_kick(now, restart)), Real(now.step))
-                if wp.static(kind.parts.arms > 0):
+                if wp.static(kind.parts.arms):
                     if mine.arm >= 0:
                         turn_arm(shared, mine, angular, relaxation_kick(now, restart), now.step)
                 if wp.static(kind.parts.jointed):
                     sync.barrier()
                     carried_arms.place_carried_arm(ensemble, shared, mine, 1)
-                if wp.static(kind.parts.hubs > 0):
+                if wp.static(kind.parts.hubs):
                     sync.barrier()
                     body_states.place_carried_sprocket(shared, mine.body)
                 now.steps = now.steps + 1
             sync.barrier()
         rollers.put_back(state, shared, mine)
-        if wp.static(kind.parts.arms > 0):
+        if wp.static(kind.parts.arms):
             if mine.arm >= 0 or (wp.static(kind.parts.hubs > 0) and mine.body >= 0):
                 at = ensemble.drives[mine.variant].first_body + mine.body
                 state.bodies[at] = body_states.body_from_pose(shared.poses[mine.body])

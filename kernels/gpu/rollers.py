@@ -61,7 +61,6 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
     kinds = kind.types
     State, Shared = kinds.State, kinds.Shared
     vec2 = kinds.vec2
-    compensated = Real == wp.float32
     parts = block_memory(kind).wrench_parts
     access = row_access(Real)
     chains = chain_functions(kind)
@@ -76,7 +75,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
     def exact_position(rows: wp.array[Real], j: int):
         """Position of roller j [m], at float32 a vector of pairs."""
         high = position(rows, j)
-        if wp.static(compensated):
+        if wp.static(kind.is_paired):
             return pair_vector(high, vec2(access.load(rows, row.x_low + j), access.load(rows, row.y_low + j)))
         else:
             return high
@@ -84,7 +83,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
     @wp.func
     def time_step(mine: ThreadParts):
         """The time step at the kernel's precision [s]."""
-        if wp.static(compensated):
+        if wp.static(kind.is_paired):
             return mine.step_pair.high
         else:
             return mine.step
@@ -131,7 +130,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
         rows = shared.rows
         x = access.load(rows, row.x + j)
         y = access.load(rows, row.y + j)
-        if wp.static(compensated):
+        if wp.static(kind.is_paired):
             new_x, low_x = compensated_sum(x, access.load(rows, row.x_low + j), h * v[0])
             new_y, low_y = compensated_sum(y, access.load(rows, row.y_low + j), h * v[1])
             access.store(rows, row.x + j, new_x)
@@ -153,7 +152,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
             access.store(shared.rows, row.y + j, state.rollers[at + n])
             access.store(shared.rows, row.vx + j, state.rollers[at + 2 * n])
             access.store(shared.rows, row.vy + j, state.rollers[at + 3 * n])
-            if wp.static(compensated):
+            if wp.static(kind.is_paired):
                 access.store(shared.rows, row.x_low + j, state.rollers[at + 4 * n])
                 access.store(shared.rows, row.y_low + j, state.rollers[at + 5 * n])
             set_force(shared, j, vec2())
@@ -174,7 +173,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
             state.rollers[at + n] = access.load(shared.rows, row.y + j)
             state.rollers[at + 2 * n] = access.load(shared.rows, row.vx + j)
             state.rollers[at + 3 * n] = access.load(shared.rows, row.vy + j)
-            if wp.static(compensated):
+            if wp.static(kind.is_paired):
                 state.rollers[at + 4 * n] = access.load(shared.rows, row.x_low + j)
                 state.rollers[at + 5 * n] = access.load(shared.rows, row.y_low + j)
             j = j + wp.static(threads)

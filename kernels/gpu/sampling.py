@@ -39,7 +39,6 @@ class SamplingFunctions:
 def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
     """The functions of steps with an event; frames lie as `frame` says (`kernels.frames`)."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    measuring, staged = kind.measuring, kind.has_stages
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Out = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Out
     of_each = wp.types.vector(rollers_per_thread, Real)
@@ -97,7 +96,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
         drive = ensemble.drives[mine.variant]
         now.flags = event_flags(drive, now.step)
         now.next_event = next_event(drive, now.step)
-        if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
+        if wp.static(kind.measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
             now.in_window = 1
             if now.step % MERGE_EVERY == 0:
                 merge_tallies(out.tallies, shared, mine)
@@ -125,7 +124,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
     ):
         """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
-        if wp.static(measuring) and now.measures != 0:
+        if wp.static(kind.measuring) and now.measures != 0:
             link_tallies.add_rates(shared, mine.thread, rate, now.weight)
             link_tallies.widen_extremes(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
@@ -142,7 +141,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
     def find_joint_powers(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
         """Keeps the friction powers of the thread's joints for a frame; all threads together."""
         lag = Real(0.0)
-        if wp.static(not staged):
+        if wp.static(not kind.has_stages):
             lag = wp.where(now.step == 0, Real(0.0), Real(0.5) * rollers.time_step(mine))
         j = int(mine.thread)
         while j < mine.rollers:
@@ -162,7 +161,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
         while j < mine.rollers:
             a = rollers.acceleration(shared, j)
             v = rollers.velocity(shared.rows, j)
-            if wp.static(not staged):
+            if wp.static(not kind.has_stages):
                 if now.step == 0:  # leapfrog's velocities are half a step behind from here on
                     v = v - Real(0.5) * rollers.time_step(mine) * a
                     rollers.set_velocity(shared, j, v)
@@ -173,7 +172,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
                     at = frame_output.frame_begin(ensemble.drives[chains.drive_row(shared, mine, j)], now)
                     first, n = chains.chain_span(shared, j, mine.rollers)
                     frame_writers.write_roller(out.frames, at, n, j - first, rollers.position(shared.rows, j), v, extra)
-                if wp.static(measuring) and now.flags & ENDS != 0:
+                if wp.static(kind.measuring) and now.flags & ENDS != 0:
                     energy = link_tallies.energy_of_roller(shared, j, mine.rollers, v, extra)
                     tally = out.tallies.roller[mine.first_roller + j]
                     out.tallies.roller[mine.first_roller + j] = add_energy(tally, now.flags & START != 0, energy)

@@ -59,9 +59,9 @@ def shared_rows(Real: type) -> int:
 
 def joint_rows(kind: BlockKind) -> int:
     """Rows for the friction of joints, beside `shared_rows` (`joints`)."""
-    if not kind.friction.joints or (kind.shape.threads == WARP and not kind.measuring):
+    if not kind.friction.joints or (kind.shape.is_one_warp and not kind.measuring):
         return 0
-    return 1 if kind.shape.threads == WARP and kind.Real == wp.float64 else 2
+    return 1 if kind.shape.is_one_warp and kind.Real == wp.float64 else 2
 
 
 def extreme_values(kind: BlockKind) -> int:
@@ -98,7 +98,7 @@ def parts_per_body(kind: BlockKind) -> int:
     A roller has one, or a thread: on one warp, where that is the same order, which it is not where a roller may press
     on an arm in two ways, and where the rollers are many. What has no rollers has none.
     """
-    by_threads = kind.shape.slots > LONGEST_IN_ORDER or (kind.shape.threads == WARP and not kind.parts.crowded_arms)
+    by_threads = kind.shape.slots > LONGEST_IN_ORDER or (kind.shape.is_one_warp and not kind.parts.crowded_arms)
     return kind.shape.threads if by_threads else kind.shape.room
 
 

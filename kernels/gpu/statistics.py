@@ -40,7 +40,7 @@ class StatisticsFunctions:
 @cache
 def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
     """The functions that sample one variant's chains on a block."""
-    Real, threads, moving = kind.Real, kind.shape.threads, kind.moving
+    Real, threads = kind.Real, kind.shape.threads
     links = link_functions(kind)
     chains = chain_functions(kind)
     link_tallies = link_tally_functions(kind)
@@ -98,7 +98,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
                     at = (drive.first_sprocket + s) * NOTES + k
                     out.sums.strand_notes[at] = of_strand
                     out.sums.sprocket_notes[at] = note_sprocket(SprocketNote(), shared.sprocket_sums[s])
-                    if wp.static(moving):
+                    if wp.static(kind.moving):
                         out.sums.mount_notes[at] = note_mount(MountNote(), shared.mount_sums[s])
 
     return StatisticsFunctions(

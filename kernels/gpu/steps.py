@@ -45,7 +45,6 @@ class StepFunctions:
 def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
     """The functions that move the rollers and bodies of one variant on a block, and sample them."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    measuring, staged = kind.measuring, kind.has_stages
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
@@ -64,7 +63,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
     trains = train_functions(kind, frame)
     valves = valve_functions(kind, frame)
     joints = joint_functions(kind)
-    stage_roller, ahead = roller_stage_function(kind), threads > WARP
+    stage_roller = roller_stage_function(kind)
 
     @inlined
     def add_contact_forces(
@@ -80,14 +79,14 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
 
         All threads together, once the links' forces are there.
         """
-        if wp.static(kind.parts.valves > 0):
+        if wp.static(kind.parts.valves):
             valves.share_lifts(ensemble, shared, mine)
         contact_forces.add_contact_forces(ensemble, state, out.tallies, shared, mine, now, contact)
 
     @wp.func
     def advance_rollers(state: State, shared: Shared, mine: ThreadParts, now: Now):
         """Takes the thread's rollers a step on, or a stage."""
-        if wp.static(staged):
+        if wp.static(kind.has_stages):
             j = int(mine.thread)
             while j < mine.rollers and now.goes_on != 0:
                 stage_roller(state, shared, mine, now, j)
@@ -107,7 +106,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         On one warp the rollers go on meanwhile, so that the threads do not wait for each other's sums.
         """
         moment = wrench_parts.chain_moment(shared, mine.thread)
-        if wp.static(not ahead):
+        if wp.static(kind.shape.is_one_warp):
             advance_rollers(state, shared, mine, now)
         return wrench_parts.chain_moment_and_force(shared, mine.thread, moment, now.measures)
 
@@ -128,35 +127,35 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         """
         before = shared.poses[mine.body]
         seen, whole = bodies.advance_body(ensemble, state, shared, mine, now, before, whole)
-        if wp.static(measuring) and now.measures != 0:
+        if wp.static(kind.measuring) and now.measures != 0:
             if mine.sprocket >= 0:
                 body_sums.add_sprocket_step(ensemble, shared, mine, now, before, seen, acting, whole)
                 sums = shared.sprocket_sums[mine.sprocket]
                 shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, vec2(acting[1], acting[2]), now.weight)
-            if wp.static(kind.parts.arms > 0):
+            if wp.static(kind.parts.arms):
                 if mine.arm >= 0:
                     led = body_sums.power_on_pivot(ensemble, shared, mine, now, before, seen, whole)
                     powers = vec2(led, body_sums.late_power_on_body(shared, mine, now, before, seen, acting))
                     body_sums.add_arm_step(ensemble, out.sums, shared, mine, now, seen, acting[0], powers)
             if now.flags & ENDS != 0:
                 body_sums.add_body_energy(ensemble, out.tallies, shared, mine, now, before, seen)
-            if wp.static(kind.parts.tensioners > 0):
+            if wp.static(kind.parts.tensioners):
                 tensioners.add_tensioner_step(ensemble, state, out, mine, now, before, seen)
-        if wp.static(kind.parts.hubs > 0):
+        if wp.static(kind.parts.hubs):
             shared.speeds_now[mine.body] = seen.speed
         frame_output.write_body(ensemble, state, out.frames, mine, now, seen, acting[0], vec2(acting[1], acting[2]))
 
     @wp.func
     def advance_oil(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
         """Takes the oil of the thread's body along with its step of `now`."""
-        if wp.static(kind.parts.tensioners > 0):
+        if wp.static(kind.parts.tensioners):
             if mine.body >= 0:
                 tensioners.advance_tensioners(ensemble, state, shared, mine, now)
 
     @wp.func
     def advance_oil_apart(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
         """`advance_oil` on several warps, while other threads are at the next contacts."""
-        if wp.static(ahead):
+        if wp.static(not kind.shape.is_one_warp):
             advance_oil(ensemble, state, shared, mine, now)
 
     @wp.func
@@ -166,18 +165,18 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
         tensioners.await_oil(shared)
-        if wp.static(kind.parts.tabulated_supply > 0):
+        if wp.static(kind.parts.tabulated_supply):
             if mine.body >= 0 and now.stage == 0:
                 tensioners.find_supplies(ensemble, state, shared, mine, bodies.step_time(mine, now))
             sync.barrier()
         acting = carried_arms.add_carried_wrenches(ensemble, shared, mine, find_chain_wrench(state, shared, mine, now))
         whole = hubs.add_bearing_moments(ensemble, state, shared, mine, now, wrench_parts.wrench_from_vector(acting))
-        if wp.static(kind.parts.tensioners > 0):
+        if wp.static(kind.parts.tensioners):
             if mine.body >= 0:
                 whole = tensioners.add_tensioner_forces(
                     ensemble, state, mine, now.stage, shared.poses[mine.body], whole
                 )
-        if wp.static(kind.parts.tied > 0):
+        if wp.static(kind.parts.tied):
             trains.find_train_moments(ensemble, state, out, shared, mine, now, whole)
         if wp.static(kind.parts.jointed):
             carried_arms.couple_accelerations(ensemble, shared, mine, now, whole)
@@ -212,7 +211,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         """Samples the thread's rollers, whose forces are complete, where that is due."""
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
             sampling.sample_rollers(ensemble, state, out, shared, mine, now)
-        if wp.static(kind.friction.joints and measuring) and now.measures != 0:
+        if wp.static(kind.friction.joints and kind.measuring) and now.measures != 0:
             joints.add_friction_work(shared, mine, now)
 
     return StepFunctions(

@@ -29,7 +29,7 @@ class ToothFunctions:
 @cache
 def tooth_functions(kind: BlockKind) -> ToothFunctions:
     """The functions that evaluate a roller's contact with a sprocket of one variant on a block."""
-    Real, moving, sliding = kind.Real, kind.moving, kind.friction.contacts
+    Real = kind.Real
     kinds, Now = kind.types, kind.types.Now
     State, Shared = kinds.State, kinds.Shared
     vec2 = kinds.vec2
@@ -101,7 +101,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
         closed = mean > Real(0.0)
         applies = wp.where(contact.seat < 0, 0, applies)
         drag = vec2()
-        if wp.static(sliding):
+        if wp.static(kind.friction.contacts):
             drag, holds = contacts.friction_and_hold(now, size, normal, relative, contact, shared.friction[s])
             force = force + drag
             if applies != 0 and closed and now.stage == 0:
@@ -114,7 +114,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
                 j,
                 wp.where(closed and is_moment_wanted(now, s), reaction_moment(arm, force), Real(0.0)),
             )
-            if wp.static(moving):
+            if wp.static(kind.moving):
                 if closed:
                     wrench_parts.add_reaction(shared, mine, s, j, force)
                     wrench_parts.add_wrench_on_carrier(shared, mine, now, s, j, force)
@@ -130,7 +130,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
                 if closed:
                     contact_sums.add_powers(tallies, now, at, taken, rubbed)
                     contact_sums.add_force_and_counts(tallies, now, at, before, size, True)
-                    if wp.static(not moving):
+                    if wp.static(not kind.moving):
                         wrench_parts.add_reaction(shared, mine, s, j, force)
         return applies
 

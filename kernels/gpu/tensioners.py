@@ -60,7 +60,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     def tensioner_at(ensemble: Ensemble, t: int):
         """Tensioner t of all, as the kernel knows it."""
         tensioner = ensemble.tensioners[t]
-        if wp.static(kind.parts.hydraulic == 0):
+        if wp.static(not kind.parts.hydraulic):
             tensioner.hydraulic = 0  # so that the compiler knows
         return tensioner
 
@@ -138,7 +138,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     ):
         """Takes the oil of tensioner t of all a step of `h` [s] on, after a stroke to `x` [m] at `rate` [m/s]."""
         tensioner = tensioner_at(ensemble, t)
-        if wp.static(kind.parts.tabulated_supply > 0):
+        if wp.static(kind.parts.tabulated_supply):
             if tensioner.supply_table.cells > 0:
                 tensioner.supply = state.tensioners[t].supply
         after, flows = advance_tensioner(x, rate, h, metered, state.tensioners[t], tensioner)

@@ -43,7 +43,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
     whole_access = row_access(wp.int32)
     partner_bits = partner_bit_functions(kind)
     rollers = roller_functions(kind)
-    moving, kinds = kind.moving, kind.types
+    kinds = kind.types
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
 
     @wp.func
@@ -80,7 +80,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
     def velocity_from_center(shared: Shared, j: int, s: int):
         """Velocity of roller j relative to the center of sprocket s [m/s]."""
         v = rollers.velocity(shared.rows, j)
-        if wp.static(moving):
+        if wp.static(kind.moving):
             v = v - leading_value(shared.poses[s].velocity)
         return v
 

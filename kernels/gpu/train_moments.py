@@ -51,7 +51,7 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
             if motion.train == own.train:
                 total = total + motion.ratio * shared.train_moments[other]
         moment = quotient(total, own.ratio)
-        if wp.static(kind.parts.valves > 0):
+        if wp.static(kind.parts.valves):
             moment = moment_without_valves(shared, mine, now, b, moment)
         return moment
 
@@ -60,7 +60,7 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
         """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
         speed, angular = leading_value(pose.speed), train_moment(shared, mine, now, b) * motion.inverse_inertia
-        if wp.static(kind.integrator == 0):
+        if wp.static(not kind.has_stages):
             lag = leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
         if motion.prescribed == 1:

@@ -45,7 +45,7 @@ class TrainFunctions:
 @cache
 def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     """The functions of one variant's trains on a block; frames lie as `frame` says (`kernels.frames`)."""
-    Real, sprockets, mounted, measuring = kind.Real, kind.parts.sprockets, kind.parts.rotors, kind.measuring
+    Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     Wrench = kinds.Wrench
@@ -61,7 +61,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     def body_motor_moment(ensemble: Ensemble, mine: ThreadParts, time: Any, shared: Shared):
         """Moment [N m] of the motor on the thread's body."""
         moment = Real(0.0)
-        if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
+        if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.rotors):
             drive = ensemble.drives[mine.drive_row]
             at = drive.first_shaft + mine.body_number - drive.sprockets
             pose, motion = shared.poses[mine.body], shared.motions[mine.body]
@@ -97,7 +97,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         load = bodies.body_load(ensemble, shared, mine, leading_value(time), time, pose)
         shared.poses[mine.body].load = load
         moment = wrench.moment + load + body_motor_moment(ensemble, mine, time, shared)
-        if wp.static(kind.parts.hubs > 0):
+        if wp.static(kind.parts.hubs):
             moment = moment + wrench.bearing
         drive = ensemble.drives[mine.drive_row]
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
@@ -110,7 +110,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
                 passed = coupling_moment(twist, rate, coupling, engaged)
                 moment = moment + wp.where(other == mine.body, engaged.ratio * passed, -passed)
         shared.train_moments[mine.body] = moment
-        if wp.static(kind.parts.valves > 0):
+        if wp.static(kind.parts.valves):
             valves.share_valve_cam(ensemble, shared, mine)
 
     @wp.func
@@ -142,7 +142,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         moment = coupling_moment(twist, rate, coupling, engaged)
         if now.flags & FRAME != 0:
             frame_output.write_coupling(ensemble, out.frames, mine, now, c, twist, moment)
-        if wp.static(measuring) and now.measures != 0:
+        if wp.static(kind.measuring) and now.measures != 0:
             if one != GROUND and shared.motions[one].prescribed == 1:
                 led = led - moment * first
             if shared.motions[other].prescribed == 1:
@@ -163,14 +163,14 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         own = shared.motions[mine.body]
         speed, angular = train_moments.speed_and_acceleration_now(ensemble, shared, mine, now, mine.body)
         moment = gear.inertia * angular
-        for b in range(wp.static(mounted)):
+        for b in range(wp.static(kind.parts.rotors)):
             other = shared.motions[b]
             # of the body that it turns as, of this chain or another
             number = chains.body_index(shared, first, b) + other.shaft_offset - drive.first_body
             if number >= 0 and number < drive.bodies:
                 if is_on_gear_side(gear, number):
                     moment = moment - other.ratio / own.ratio * shared.train_moments[b]
-        if wp.static(kind.parts.valves > 0):
+        if wp.static(kind.parts.valves):
             for v in range(drive.first_valve, drive.first_valve + drive.valves):
                 valve = ensemble.valves[v]
                 if is_on_gear_side(gear, valve.body):
@@ -193,8 +193,8 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
                     add_coupling_step(ensemble, state, shared, out, mine, now, c)
         if wp.static(kind.parts.valves > 0) and (now.measures != 0 or now.flags & FRAME != 0):
             valves.add_valve_step(ensemble, state, shared, out, mine, now)
-        if wp.static(measuring) and now.measures != 0:
-            if mine.body >= wp.static(sprockets) and mine.body < wp.static(mounted):
+        if wp.static(kind.measuring) and now.measures != 0:
+            if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.rotors):
                 add_shaft_step(ensemble, shared, out, mine, now)
             for g in range(drive.first_gear, drive.first_gear + drive.gears):
                 if ensemble.gears[g].body == mine.body_number:

@@ -46,7 +46,7 @@ class WarpStepFunctions:
 @cache
 def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
     """The functions that take a variant on one warp through whole steps."""
-    Real, measuring = kind.Real, kind.measuring
+    Real = kind.Real
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     joints = joint_functions(kind)
@@ -73,7 +73,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
     def is_common_step(now: Now):
         """Whether a step is neither the first nor the last, without a frame, and not at the window's ends."""
         whole = now.goes_on != 0 and now.step != 0 and now.flags & EXTRA == 0
-        if wp.static(measuring):
+        if wp.static(kind.measuring):
             return whole and now.measures != 0
         else:
             return whole
@@ -81,7 +81,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
     @wp.func
     def common_step(mine: ThreadParts, now: Now):
         """A step of which metrics are wanted in full, but neither frames nor events: the compiler leaves those out."""
-        now.measures = wp.static(int(measuring))
+        now.measures = wp.static(int(kind.measuring))
         now.weight = rollers.time_step(mine)
         now.wanted_moments = now.moved_sprockets
         return plain_step(now)

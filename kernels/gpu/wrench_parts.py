@@ -9,7 +9,7 @@ from ..native import row_access
 from ..number import difference, leading_value
 from ..physics.contact import reaction_moment
 from ..structs import GROUND
-from .block_kinds import WARP, BlockKind
+from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .shared_memory import parts_per_body
 from .sync import group_lanes, sync_functions, warp_lanes
@@ -32,7 +32,7 @@ class WrenchPartFunctions:
 @cache
 def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     """The functions that add up what the rollers of one variant on a block do to its bodies."""
-    Real, threads, bodies, moving = kind.Real, kind.shape.threads, kind.parts.bodies, kind.moving
+    Real, threads = kind.Real, kind.shape.threads
     kinds, Now = kind.types, kind.types.Now
     Shared = kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
@@ -44,7 +44,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     @wp.func
     def is_force_wanted(measured: int):
         """Whether the force on sprockets is wanted beside the moment."""
-        if wp.static(moving):
+        if wp.static(kind.moving):
             return True
         else:
             return wp.static(kind.measuring) and measured != 0
@@ -52,7 +52,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     @wp.func
     def part_index(mine: ThreadParts, k: int, s: int, j: int):
         """Where roller j's part of body s, or its thread's, lies in row k: of moments, forces in x, forces in y."""
-        first = (wp.static(bodies) * k + s) * wp.static(width)
+        first = (wp.static(kind.parts.bodies) * k + s) * wp.static(width)
         if wp.static(of_rollers):
             return first + j
         else:
@@ -84,7 +84,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     @wp.func
     def add_wrench_on_carrier(shared: Shared, mine: ThreadParts, now: Now, s: int, j: int, force: vec2):
         """Adds what roller j's force does to the arm that carries sprocket s, where one does."""
-        if wp.static(kind.parts.hubs > 0):
+        if wp.static(kind.parts.hubs):
             arm = shared.hubs[s].arm
             if arm != GROUND:
                 lever = leading_value(difference(shared.poses[s].center, shared.poses[arm].center))
@@ -97,7 +97,9 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         What is no body reads another's: so no thread waits for one that takes a branch.
         """
         value = Real(0.0)
-        first = (wp.static(bodies) * k + wp.min(s, wp.static(bodies - 1))) * wp.static(width) + i % group_lanes()
+        first = (wp.static(kind.parts.bodies) * k + wp.min(s, wp.static(kind.parts.bodies - 1))) * wp.static(
+            width
+        ) + i % group_lanes()
         for q in range(warp_lanes() // group_lanes()):
             of_lane = Real(0.0)
             for w in range(wp.static(width) // warp_lanes()):
@@ -105,7 +107,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
             value = value + of_lane
         if warp_lanes() == 1:
             value = sync.sum_of_lanes(shared.wrench_parts, first, wp.static(width))
-        if s < wp.static(bodies):
+        if s < wp.static(kind.parts.bodies):
             for w in range(wp.static(width) // group_lanes()):
                 access.store(shared.wrench_parts, first + w * group_lanes(), Real(0.0))
         return value
@@ -113,7 +115,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     @wp.func
     def moving_warps():
         """Number of warps that move bodies: all, or only the last, which has no rollers."""
-        if wp.static(kind.shape.body_warp and bodies <= 4):
+        if wp.static(kind.shape.body_warp and kind.parts.bodies <= 4):
             if warp_lanes() > 1:
                 return int(1)
         return wp.static(threads) // warp_lanes()
@@ -121,11 +123,11 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     @wp.func
     def first_body(i: int):
         """The first body of thread i's warp, one that there is not where it has none."""
-        if wp.static(threads == WARP):
+        if wp.static(kind.shape.is_one_warp):
             if warp_lanes() > 1:
                 return int(0)
         place = wp.static(threads) // warp_lanes() - 1 - i // warp_lanes()
-        return wp.where(place < moving_warps(), place, wp.static(bodies))
+        return wp.where(place < moving_warps(), place, wp.static(kind.parts.bodies))
 
     @wp.func
     def thread_body(i: int):
@@ -133,7 +135,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         s = first_body(i) + moving_warps() * (
             i % warp_lanes() // group_lanes() + warp_lanes() // group_lanes() * (i % group_lanes())
         )
-        return wp.where(s < wp.static(bodies), s, -1)
+        return wp.where(s < wp.static(kind.parts.bodies), s, -1)
 
     @wp.func
     def row_sum(shared: Shared, k: int, i: int):
@@ -144,7 +146,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         acting = Real(0.0)
         turn = int(0)
         first = first_body(i)
-        while first < wp.static(bodies):
+        while first < wp.static(kind.parts.bodies):
             value = sync.group_sum(part_sum(shared, first + moving_warps() * (i % warp_lanes() // group_lanes()), k, i))
             if i % group_lanes() == turn:
                 acting = value
@@ -172,7 +174,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         """The wrench from `chain_moment_and_force`; with the force where bodies move."""
         wrench = kinds.Wrench()
         wrench.moment = acting[0]
-        if wp.static(moving):
+        if wp.static(kind.moving):
             wrench.force = vec2(acting[1], acting[2])
         return wrench
 
