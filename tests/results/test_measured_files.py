@@ -7,6 +7,7 @@ import pytest
 from command import refused
 from command import run as command
 from drives import two_sprockets
+from scipy.io import savemat
 
 from warpchain import simulate, write_archive
 from warpchain.errors import SimulationError
@@ -63,6 +64,14 @@ def test_microseconds_of_a_date_are_kept(tmp_path):
 def test_times_since_1970_count_from_the_first(tmp_path):
     with pytest.warns(UserWarning, match=r"rig.csv: t: begins at 1766570400 s; it counts from the first instant"):
         assert read(tmp_path / "rig.csv", "t,F\n1766570400.25,1\n1766570401.5,2\n")[0].tolist() == [0.0, 1.25]
+
+
+def test_the_signal_is_the_first_column_after_the_time(tmp_path):
+    text = "No;t;F;G\n7;0;1;3\n8;1;2;4\n"
+    assert read(tmp_path / "rig.csv", text, time="t")[1].tolist() == [1.0, 2.0]
+    assert read(tmp_path / "rig.csv", "F;G;t\n1;3;0\n2;4;1\n", time="t")[1].tolist() == [1.0, 2.0]
+    savemat(tmp_path / "rig.mat", {"No": TIME + 7.0, "t": TIME, "F": 2.0 * TIME})
+    assert read(tmp_path / "rig.mat", time="t")[1] == pytest.approx(2.0 * TIME)
 
 
 def test_gaps_are_left_out_and_told(tmp_path):

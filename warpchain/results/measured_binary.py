@@ -136,7 +136,7 @@ def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[
     """Names of the variables of time and values among the vectors of a MAT file, which are not too long."""
     names = [(name, name) for name in lengths]
     at = column_index(path, names, columns.time, 0, "time")
-    of = column_index(path, names, columns.column, 1 if at == 0 else 0)
+    of = column_index(path, names, columns.column, (at + 1) % max(len(names), 2))
     wanted = [names[at][0], names[of][0]]
     for name in wanted:
         _check_value_count(path, name, lengths[name])
@@ -232,7 +232,7 @@ def _columns_from_tdms(path: str | Path, columns: MeasuredColumns) -> tuple[Meas
         channels = [channel for group in tdms.groups() for channel in group.channels()]
         names = [(channel.name, f"{channel.name} of group {channel.group_name}") for channel in channels]
         at = None if columns.time is None else column_index(path, names, columns.time, 0, "time")
-        of = column_index(path, names, columns.column, 1 if at == 0 else 0)
+        of = column_index(path, names, columns.column, 0 if at is None else (at + 1) % max(len(names), 2))
         wanted = [channels[k] for k in ([of] if at is None else [of, at])]
         for channel in wanted:
             _check_value_count(path, channel.name, len(channel))

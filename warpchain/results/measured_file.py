@@ -113,7 +113,7 @@ def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[Measur
         at = column_place(names, columns.time, 0, "time")
         if columns.time is None:
             _check_first_column(table)
-        of = column_place(names, columns.column, 1 if at == 0 else 0, "column")
+        of = column_place(names, columns.column, (at + 1) % max(len(names), 2), "column")
         unit_of_time = heads[at].unit
         if has_clock(table, at):
             time, unit_of_time = clock_seconds(table, at), "s"
