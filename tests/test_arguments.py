@@ -34,13 +34,23 @@ METHODS = [
 FUNCTIONS = [
     *filter(inspect.isfunction, PUBLIC),
     *(warpchain.ArchiveOptions, Record, warpchain.Wear),
-    *(fit.fit_angle, fit.fit_links, fit.fit_position, fit.fit_wrap, save_drive, campbell, over_a_pitch),
+    *(
+        fit.fit_angle,
+        fit.fit_links,
+        fit.fit_position,
+        fit.fit_wrap,
+        fit.fit_indentation,
+        save_drive,
+        campbell,
+        over_a_pitch,
+    ),
     *METHODS,
 ]
 CAR = example("car")
 RIGHT = {
     "amplitude": 1e-4,
     "wrap": 60.0,
+    "indentation": 0.01,
     "frequency": 10.0,
     "direction": (1, 0),
     "angle": {},

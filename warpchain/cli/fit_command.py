@@ -11,6 +11,7 @@ import numpy as np
 
 from warpchain.assembly import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fit_wrap, fitted_chain, strand_sag
+from warpchain.assembly.guide_fit import fit_indentation
 from warpchain.assembly.layout_checks import idle_arm_advice, layout_faults, strain_advice
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.chain_drives import chain_drives
@@ -34,7 +35,9 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
         DriveError: a drive that is wrong, a wish that cannot be met or a file that cannot be written.
     """
     moving = arguments.sprocket is not None
-    if not (moving or arguments.links):
+    if (arguments.guide is None) != (arguments.indentation is None):
+        raise DriveError("--guide and --indentation: give both, or none")
+    if not (moving or arguments.links or arguments.guide is not None):
         raise DriveError("nothing to fit: give --links, or --sprocket with --along and what is wanted")
     if moving != (arguments.along is not None):
         raise DriveError("--sprocket and --along: give both, or none")
@@ -59,6 +62,8 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
     if moving and chain not in (None, own := fitted_chain(before, sprocket=arguments.sprocket).name):
         raise DriveError(f'--chain {chain}: "{arguments.sprocket}" is of the chain "{own}"')
     drive = before
+    if arguments.guide is not None:
+        drive = fit_indentation(drive, arguments.guide, arguments.indentation)
     if arguments.wrap is not None:
         line = _direction_from_word(arguments.along)
         drive = fit_wrap(drive, arguments.sprocket, line, arguments.wrap, arguments.around)
@@ -151,14 +156,13 @@ def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
 
 def _fit_state_lines(drive: Drive) -> list[str]:
     """Lines on strain, preload and sags of a fitted drive's chains."""
-    if not drive.chains:
-        return _chain_fit_lines(drive)
     lines = []
     for chain in chain_drives(drive):
+        name = f"{chain.name}: " if drive.chains else ""
         try:
-            lines += [f"{chain.name}: {line}" for line in _chain_fit_lines(chain.drive)]
+            lines += [f"{name}{line}" for line in _chain_fit_lines(chain.drive)]
         except DriveError as error:
-            lines.append(f"LOOK AT {chain.name}: {error}")
+            lines.append(f"LOOK AT {name}{error}")
     return lines
 
 

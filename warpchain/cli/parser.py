@@ -201,6 +201,9 @@ def _add_fit_command(commands: Any) -> None:
     wrap = "wanted wrap of the sprocket [degrees]; with --links these are picked afterwards"
     parser.add_argument("--wrap", type=number_from_word, metavar="DEG", help=wrap)
     parser.add_argument("--around", metavar="NAME", help="which sprocket's wrap; default the one that moves")
+    parser.add_argument("--guide", metavar="NAME", help="the guide to move across its strand")
+    depth = "depth by which it presses that in, as drawn [m]; with --links these are picked afterwards"
+    parser.add_argument("--indentation", type=number_from_word, metavar="METRES", help=depth)
     parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
 
 

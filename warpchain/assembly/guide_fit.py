@@ -1,0 +1,99 @@
+"""Set-up help: where a guide must stand so that it presses a strand in by a wanted depth.
+
+A strand that touches no guide runs along the common tangent of two pitch circles, from a to b. With n across it, from
+the guide to the chain, p the points of the guide's face and h the height of rollers' centers over it, the guide presses
+the strand in by
+
+    d = max (p - a) n + h;                                                                                (a)
+
+d < 0 is how far it stays away. Moved by (d' - d) n it has d'.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.argument_checks import check_arguments
+from warpchain.assembly.fitting import paths_as_drawn
+from warpchain.drive.chain_drives import chain_drives
+from warpchain.drive.thermal import expansion_factor
+from warpchain.errors import DriveError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from warpchain.drive import Drive
+
+_SPACING = 2e-5  # between the points at which (a) is looked for [m]: 1e-10 m of an arc's top, of a radius of 0.5 m
+_DIGITS = 10
+
+
+@check_arguments(DriveError)
+def fit_indentation(drive: Drive, guide: str, indentation: float) -> Drive:
+    """Moves a guide across the strand that it stands nearest to, until it presses that in by a depth (a).
+
+    The number of links stays and need not fit then: `fit_links` chooses it. A guide on an arm moves in the arm's
+    drawing.
+
+    Args:
+        drive: its chain need not fit as it stands; arms as drawn.
+        guide: name of the guide, which is no measured profile.
+        indentation: depth [m], within half the strand's length; negative is how far it stays away.
+
+    Returns:
+        The drive with the guide moved; rounded to 1e-10 m.
+
+    Raises:
+        DriveError: an unknown name, a profile, a depth that is not allowed, or a path that cannot be drawn.
+    """
+    names = [one.name for one in drive.guides]
+    if guide not in names:
+        raise DriveError(f'guide "{guide}": no such name; allowed are {", ".join(names) or "none"}')
+    if drive.guides[names.index(guide)].profile is not None:
+        raise DriveError(f"guides.{guide}.profile: is measured; only start and end, points or arcs can be moved")
+    own = next(chain.drive for chain in chain_drives(drive) if guide in [one.name for one in chain.drive.guides])
+    depth, normal, length = _indentation(own, [one.name for one in own.guides].index(guide))
+    if not abs(indentation) <= 0.5 * length:
+        raise DriveError(f"indentation = {indentation:g}: must be within {0.5 * length:.4g} m, half of the strand")
+    way = (indentation - depth) * normal / expansion_factor(drive, "block")
+    return drive.with_values(_moved_values(drive, names.index(guide), way))
+
+
+def _indentation(drive: Drive, g: int) -> tuple[float, NDArray[np.float64], float]:
+    """d of (a) of guide g [m], n, and the length of its strand [m]."""
+    (path,) = paths_as_drawn([drive.model_copy(update={"guides": ()})])
+    if isinstance(path, DriveError):
+        raise path
+    profile = drive.profile(g)
+    points = profile.points(_SPACING, caps=False)
+    middle = points[len(points) // 2]
+    begin, along = path.strand_start, path.strand_end - path.strand_start
+    share = np.clip(((middle - begin) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+    k = int(np.argmin(np.hypot(*(begin + share[:, None] * along - middle).T)))
+    length = float(np.hypot(*along[k]))
+    normal = np.array([-along[k, 1], along[k, 0]]) / length
+    heading = points[-1] - points[0]
+    normal = normal * math.copysign(1.0, float(normal @ [-heading[1], heading[0]]))  # the chain is on the left
+    return float(((points - begin[k]) @ normal).max()) + drive.guide_offset(g), normal, length
+
+
+def _moved_values(drive: Drive, g: int, way: NDArray[np.float64]) -> dict[str, object]:
+    """The keys of guide g that say where it stands, moved by `way` [m]."""
+    guide, values = drive.as_read.guides[g], dict[str, object]()
+
+    def moved(point: tuple[float, float]) -> list[float]:
+        """A point moved, rounded."""
+        return [round(float(part + step), _DIGITS) for part, step in zip(point, way, strict=True)]
+
+    for key in ("start", "end"):
+        if (point := getattr(guide, key)) is not None:
+            values[f"guides.{g}.{key}"] = moved(point)
+    for key in ("points", "bolts"):
+        if getattr(guide, key):
+            values[f"guides.{g}.{key}"] = [moved(point) for point in getattr(guide, key)]
+    for i, arc in enumerate(guide.arcs or ()):
+        values[f"guides.{g}.arcs.{i}.center"] = moved(arc.center)
+    return values
