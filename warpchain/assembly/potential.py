@@ -147,7 +147,7 @@ class Potential:
     Attributes:
         lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
         hung: arms on arms, and what carries each.
-        carried: what arms carry along, as `Carried`.
+        carried: what arms carry along, as `CarriedPlace`.
     """
 
     def __init__(

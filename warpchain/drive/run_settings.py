@@ -58,7 +58,7 @@ class RunSettings(Part):
 
 
 class Probe(Part):
-    """A place at which the chain that passes is looked at (`results.passing`); it changes nothing of the motion.
+    """A place at which the chain that passes is looked at; it changes nothing of the motion.
 
     Attributes:
         name: unique among all parts.
