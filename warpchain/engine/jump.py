@@ -286,7 +286,8 @@ def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: flo
     """The value at which the sprocket that jumped ceases to hold at rest, by bisection; None beyond `most`."""
     name = search.sprocket
 
-    def jumps(value: float) -> bool:
+    def has_jump_at_rest(value: float) -> bool:
+        """Whether the chain jumps on that sprocket at rest, at a torque or wear of this value."""
         for chain in chain_drives(_changed_drive(search.drive, by, on, value), loaded=True):
             names = [sprocket.name for sprocket in chain.drive.sprockets]
             if name in names:
@@ -296,16 +297,16 @@ def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: flo
     begin = 0.0 if by == "torque" else own
     assert search.high is not None
     high = search.high - begin
-    if jumps(begin + high):
-        while high > LEAST_ESTIMATE * (most - begin) and jumps(begin + high / ESTIMATE_RATIO):
+    if has_jump_at_rest(begin + high):
+        while high > LEAST_ESTIMATE * (most - begin) and has_jump_at_rest(begin + high / ESTIMATE_RATIO):
             high /= ESTIMATE_RATIO
     else:
-        while not jumps(begin + high):
+        while not has_jump_at_rest(begin + high):
             if begin + high >= most:
                 return None
             high = min(ESTIMATE_RATIO * high, most - begin)
     low = high / ESTIMATE_RATIO
     for _ in range(ESTIMATE_HALVINGS):
         middle = (low * high) ** 0.5
-        low, high = (low, middle) if jumps(begin + middle) else (middle, high)
+        low, high = (low, middle) if has_jump_at_rest(begin + middle) else (middle, high)
     return begin + high

@@ -150,6 +150,7 @@ def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]])
     order = np.argsort(np.concatenate(numbers))
 
     def values_in_order(each: Sequence[Sequence[Any]]) -> list[Any]:
+        """Values of the groups' variants in the order of the run."""
         values = [value for some in each for value in some]
         return [values[v] for v in order.tolist()]
 

@@ -68,14 +68,14 @@ class PosteriorDirection:
 def log_posterior_density(model: NumbersModel, values: Array, errors: Array) -> Callable[[Array], Array]:
     """Function of u (R, D) to the log of the posterior density (R,), eq. (a)."""
 
-    def density(u: Array) -> Array:
-        """Eq. (a) at u (R, D)."""
+    def log_density(u: Array) -> Array:
+        """Log of the posterior density at u (R, D), eq. (a)."""
         mean, variance = model(u)
         whole = variance + errors**2
         misfit = ((values - mean) ** 2 / whole + np.log(whole)).sum(axis=1)
         return np.asarray(-0.5 * ((u**2).sum(axis=1) + misfit))
 
-    return density
+    return log_density
 
 
 def sample_posterior(
