@@ -84,6 +84,8 @@ class Parts:
     other_bodies: int = 0  # that are neither sprockets nor arms
     tabulated: int = 1  # 1: motions or loads have tables
     tied: int = 0  # 1: bodies are tied (`structs.Drive.tied`), or there are several chains
+    coupled: int = 0  # 1: some by couplings
+    geared: int = 0  # 1: some by gears
     hubs: int = 0  # 1: arms carry sprockets, or bearings rub; 2: arms carry arms
     crowded_arms: int = 0  # 1: an arm carries a guide beside a sprocket or another guide
     hydraulic: int = 0  # 1: tensioners have oil

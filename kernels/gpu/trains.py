@@ -21,7 +21,7 @@ from ..physics.train import (
     is_on_gear_side,
     motor_moment,
 )
-from ..structs import GROUND
+from ..structs import GROUND, Drive
 from ..sums import add_coupling, add_energy, add_gear, add_shaft
 from .block_kinds import BlockKind, inlined
 from .block_structs import ThreadParts
@@ -69,6 +69,14 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         return moment
 
     @wp.func
+    def couplings_of(drive: Drive):
+        """The number of couplings of a drive, 0 as the compiler knows where no drive of the kind has any."""
+        if wp.static(kind.parts.coupled > 0):
+            return drive.couplings
+        else:
+            return int(0)
+
+    @wp.func
     def coupling_and_bodies(ensemble: Ensemble, shared: Shared, mine: ThreadParts, c: int):
         """Coupling c of all, which is of the chain of the thread's body, and its bodies on the block, or the ground."""
         coupling, row, chain = ensemble.couplings[c], mine.drive_row, mine.drive_row - mine.variant
@@ -100,7 +108,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         if wp.static(kind.parts.hubs):
             moment = moment + wrench.bearing
         drive = ensemble.drives[mine.drive_row]
-        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+        for c in range(drive.first_coupling, drive.first_coupling + couplings_of(drive)):
             coupling, one, other = coupling_and_bodies(ensemble, shared, mine, c)
             if one == mine.body or other == mine.body:
                 engaged = state.couplings[c]
@@ -183,7 +191,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     def add_train_step(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: ThreadParts, now: Now):
         """Adds a step of the thread's shaft, couplings and gears whose second body it is; updates couplings."""
         drive = ensemble.drives[mine.drive_row]
-        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+        for c in range(drive.first_coupling, drive.first_coupling + couplings_of(drive)):
             if ensemble.couplings[c].second == mine.body_number:
                 if now.stage == 0:
                     state.couplings[c] = coupling_state_now(
@@ -196,9 +204,10 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         if wp.static(kind.measuring) and now.measures != 0:
             if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.rotors):
                 add_shaft_step(ensemble, shared, out, mine, now)
-            for g in range(drive.first_gear, drive.first_gear + drive.gears):
-                if ensemble.gears[g].body == mine.body_number:
-                    add_gear_step(ensemble, shared, out, mine, now, g)
+            if wp.static(kind.parts.geared > 0):
+                for g in range(drive.first_gear, drive.first_gear + drive.gears):
+                    if ensemble.gears[g].body == mine.body_number:
+                        add_gear_step(ensemble, shared, out, mine, now, g)
 
     @inlined
     def find_train_moments(
@@ -208,9 +217,9 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         if mine.body >= 0:
             share_train_moment(ensemble, state, shared, mine, now, wrench)
         sync.barrier()
-        couplings = ensemble.drives[mine.variant].couplings
+        couplings = couplings_of(ensemble.drives[mine.variant])
         for r in range(1, wp.static(kind.parts.chains)):
-            couplings = couplings + ensemble.drives[mine.variant + r].couplings
+            couplings = couplings + couplings_of(ensemble.drives[mine.variant + r])
         if now.measures != 0 or now.flags & FRAME != 0 or couplings > 0:
             if mine.body >= 0:
                 add_train_step(ensemble, state, shared, out, mine, now)
