@@ -89,7 +89,7 @@ def test_the_registry_has_what_recorded_variants_have():
 def test_one_name_has_one_unit_and_one_title():
     rows = [c for groups in (*ALL_METRICS, (RUN_METRICS,), RECORDED_METRICS) for group in groups for c in group.columns]
     assert all(COLUMN_BY_NAME[row.name] == row for row in rows)
-    ends = {(row.name.rsplit(".", 1)[-1], row.unit, row.dimension) for row in rows}
+    ends = {(row.name.rsplit(".", 1)[-1], row.unit, row.kind) for row in rows}
     assert len({name for name, *_ in ends}) == len(ends)
 
 
