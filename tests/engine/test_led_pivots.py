@@ -280,5 +280,5 @@ def test_tables_of_places_come_from_files(tmp_path):
     table = load_drive(tmp_path / "drive.toml").arms[0].pivot_table
     assert (table.time, table.x, table.y, table.factor) == ((0.0, 0.1), (0.0, 1e-3), (0.0, -2e-3), 0.5)
     (tmp_path / "axle.csv").write_text("time,speed\n0,0\n1,1\n")
-    with pytest.raises(Exception, match='row 1: "time,speed" is no head; the columns must be time, then x or x_mm'):
+    with pytest.raises(Exception, match='line 1: column #2, "speed", is not known; must be x or y over time; say'):
         load_drive(tmp_path / "drive.toml")
