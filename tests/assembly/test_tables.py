@@ -211,14 +211,14 @@ def test_csv_file_is_read_beside_the_drive_and_stays_with_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("", "has no rows; the first must name the columns, such as time,torque"),
-        ("0,1\n1,2\n", 'row 1: "0,1" is no head of two columns;'),
-        ("time,speed,torque\n0,1,2\n", 'row 1: "time,speed,torque" is no head of two columns;'),
-        ("time,speed\n0,1\n", "has 1 rows of numbers; must have at least 2"),
-        ("time,speed\n0,1\n# here\n1;2\n", "row 4: has 1 cells; must have 2, separated by a comma"),
-        ("time,speed\n0,1\n1,fast\n", 'row 3: "fast" is not a finite number'),
-        ("time,speed\n0,1\n1,nan\n", 'row 3: "nan" is not a finite number'),
-        ("time,speed\n0,1\n2,1\n1,1\n", "row 4: time = 1 must be above that of the row before"),
+        ("", "must have a line of names and lines of numbers below it, of two columns at least"),
+        ("0,1\n1,2\n", "line 1: numbers begin, and no line of names"),
+        ("time,speed,torque\n0,1,2\n", 'line 1: column #3, "torque", is not known; must be speed over time or angle;'),
+        ("time,speed\n0,1\n", "has 1 rows of numbers; must have 2 to 1000000"),
+        ("time,speed\n0,1\n# here\n1;2\n", 'line 4: "1;2" is not a finite number'),
+        ("time,speed\n0,1\n1,fast\n", 'line 3: "fast" is not a finite number'),
+        ("time,speed\n0,1\n1,nan\n", 'line 3: column "speed" has no number; each line must have one'),
+        ("time,speed\n0,1\n2,1\n1,1\n", "line 4: time = 1 must be above that of the row before"),
     ],
 )
 def test_bad_csv_names_file_and_row(tmp_path, text, problem):

@@ -97,7 +97,7 @@ def test_on_the_command_line_units_need_no_quotes(capsys):
 
 
 def test_every_number_of_a_drive_file_has_a_unit():
-    """But directions, factors of tables and governors, ratios, a stiffness whose unit its exponent makes, degrees C and 1/K."""
+    """But directions, factors, ratios, a stiffness whose unit its exponent makes, degrees C and 1/K."""
     keys = {key for kind in sections(Drive) for key, field in kind.model_fields.items()
             if "float" in str(field.annotation) and not unit_of_key(kind, key)}  # fmt: skip
     assert keys == {"factor", "most", "direction", "ratio", "stiffness", "temperature", "block", "wheels", "chain"}

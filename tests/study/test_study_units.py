@@ -120,7 +120,7 @@ def test_a_shift_is_in_meters_and_a_speed_may_be_in_revolutions():
         (
             LIMITS,
             '[[limits]]\nmetric = "tension_max"\nmax = "5 mm"\n',
-            r'limit on "tension_max": max = "5 mm": must be .* that fits: N, kN',
+            r'limit on "tension_max": max = "5 mm": must be .* that fits: N, mN, kN',
         ),
         (
             LIMITS,
