@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 import pytest
 import scipy.sparse
+from bit_flips import flip_each_bit
 from command import refused
 from command import run as command
 from drives import example, two_sprockets
@@ -361,11 +362,8 @@ def test_flipped_bits_of_a_mat_file_are_read_or_refused_in_one_line(tmp_path):
     time = np.linspace(0.0, 1.0, 20)
     path = tmp_path / "rig.mat"
     savemat(path, {"t": time, "force": time}, do_compression=True)
-    data, rng, told = path.read_bytes(), np.random.default_rng(1), 0
-    for bit in rng.choice(8 * len(data), 300, replace=False):
-        flipped = bytearray(data)
-        flipped[bit // 8] ^= 1 << (bit % 8)
-        path.write_bytes(flipped)
+    told = 0
+    for _ in flip_each_bit(path, np.random.default_rng(1).choice(8 * path.stat().st_size, 300, replace=False)):
         try:
             read_binary_columns_here(path, MeasuredColumns())
         except SimulationError as error:
@@ -385,11 +383,7 @@ def test_flipped_bits_that_end_a_process_are_read_or_refused_in_one_line(tmp_pat
         with asammdf.MDF(version="4.10") as mdf:
             mdf.append([asammdf.Signal(time, time, unit="N", name="force")])
             mdf.save(path, overwrite=True)
-    data = path.read_bytes()
-    for bit in bits:
-        flipped = bytearray(data)
-        flipped[bit // 8] ^= 1 << (bit % 8)
-        path.write_bytes(flipped)
+    for _ in flip_each_bit(path, bits):
         try:
             read_signal(path, "a.tension", "N")
         except SimulationError as error:

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from bit_flips import flip_each_bit
 from command import refused
 from command import run as command
 from drives import two_sprockets
@@ -237,11 +238,8 @@ def test_flipped_bits_of_a_tdms_file_are_read_or_refused_in_one_line(tmp_path):
         file.write_segment(
             [nptdms.ChannelObject("rig", "F", np.arange(5.0), {"wf_increment": 0.1, "unit_string": "N"})]
         )
-    data, told = path.read_bytes(), 0
-    for bit in range(0, 8 * len(data), 11):
-        flipped = bytearray(data)
-        flipped[bit // 8] ^= 1 << (bit % 8)
-        path.write_bytes(flipped)
+    told = 0
+    for _ in flip_each_bit(path, range(0, 8 * path.stat().st_size, 11)):
         try:
             read_binary_columns_here(path, MeasuredColumns())
         except SimulationError as error:
