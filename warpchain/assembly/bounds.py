@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -11,18 +10,9 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.drive import Drive
-from warpchain.drive.sprocket import ElasticMount, Load, Prescribed, SliderMount
-from warpchain.drive.stack_math import maximum, power, where
-from warpchain.drive.trains import (
-    TiedRatios,
-    body_speed_ratio,
-    body_ties,
-    driving_body,
-    free_body_loads,
-    inertia_of_body,
-    nearest_sprocket,
-    part_of_body,
-)
+from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
+from warpchain.drive.stack_math import power
+from warpchain.drive.trains import body_speed_ratio, free_body_loads, nearest_sprocket
 
 ESCAPE_PITCHES = 10.0
 """A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""
@@ -70,11 +60,6 @@ def _tension_with_loads(drive: Drive, tension: Any, speed: Any) -> Any:
     return tension
 
 
-def _assembled_tension(drive: Drive, assembly: Assembly) -> Any:
-    """Tension of the chain as it is assembled [N]."""
-    return np.maximum(0.0, drive.chain.stiffness * assembly.path.pitch * assembly.strain)
-
-
 def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
     """A tenth of the sum of the pulls of loads, preloads and the chain's speed [N], positive.
 
@@ -85,44 +70,6 @@ def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
         assembly: its states, (V, ...) of a stack.
     """
     chain, speed = drive.chain, drive.chain_speed
-    tension = _assembled_tension(drive, assembly) + chain.mass / chain.pitch * power(speed, 2)
+    assembled = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
+    tension = assembled + chain.mass / chain.pitch * power(speed, 2)
     return SHARE * np.maximum(_tension_with_loads(drive, tension, speed), LEAST * chain.stiffness * chain.pitch)
-
-
-def starting_tension(drive: Drive, assembly: Assembly) -> Any:
-    """Sum of the pulls of loads at rest, preloads and the acceleration of all that the chain turns at a start [N].
-
-    Args:
-        drive: one, or a stack, and
-        assembly: its states, (V, ...) of a stack.
-    """
-    return _tension_with_loads(drive, _assembled_tension(drive, assembly) + _run_up_tension(drive), 0.0)
-
-
-def _run_up_tension(drive: Drive) -> Any:
-    """Tension that accelerates what the chain turns at the largest acceleration of its driver [N]."""
-    driver, count = driving_body(drive), len(drive.sprockets)
-    groups = TiedRatios(count + len(drive.shafts))
-    for tie in body_ties(drive):
-        groups.tie(tie.a, tie.b, Fraction(1))
-    sides = [[b for b, root in enumerate(groups.root) if root == side] for side in sorted(set(groups.root[:count]))]
-    inertias = [
-        sum(power(body_speed_ratio(drive, b, driver), 2) * inertia_of_body(drive, b) for b in side) for side in sides
-    ]
-    beyond = sum(inertia for side, inertia in zip(sides, inertias, strict=True) if driver not in side)
-    growth = _largest_acceleration(part_of_body(drive, driver).prescribed)
-    for b in (b for side in sides if driver in side for b in side if b >= count):
-        motor = drive.shafts[b - count].motor
-        if motor is not None:
-            growth = growth + motor.largest_moment * body_speed_ratio(drive, b, driver) / sum(inertias)
-    return growth * beyond / (drive.pitch_radius(drive.driver) * body_speed_ratio(drive, drive.driver, driver))
-
-
-def _largest_acceleration(motion: Prescribed | None) -> Any:
-    """Largest acceleration of a motion, harmonics aside [rad/s^2]: of its ramp, or between a table's rows over time."""
-    if motion is None or (motion.table is not None and motion.table.time is None):
-        return 0.0
-    if motion.table is not None:
-        return np.abs(np.diff(motion.table.values) / np.diff(motion.table.over)).max()
-    ramp = motion.ramp_time
-    return where(np.greater(ramp, 0.0), 1.5 * motion.top_speed / maximum(ramp, LEAST), 0.0)  # of u^2 (3 - 2 u)

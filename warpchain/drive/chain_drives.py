@@ -21,7 +21,7 @@ from warpchain.drive.parts_by_chain import (
     chain_part_places,
     motion_by_own_angle,
 )
-from warpchain.drive.shafts import FIXED, SprocketShaft
+from warpchain.drive.shafts import SprocketShaft
 from warpchain.drive.sprocket import LedSprocket, Load, Prescribed, Sprocket
 from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.drive.trains import (
@@ -181,17 +181,13 @@ def _chain_drive(
     plan: _MotionPlan, name: str, found: dict[str, ChainDrive], starts: dict[str, StartMotion], loaded: bool
 ) -> ChainDrive:
     """A chain as a drive of its own, after those before it in the order of motion."""
-
-    def first_body_name(part: Any) -> str:
-        """The first of the bodies that a part is between which is not the ground."""
-        return str(next(body for body in part.between if body != FIXED))
-
     drive, count, places = plan.drive, plan.count, chain_part_places(plan.drive, name)
     mine = [b for b in range(len(plan.names)) if plan.home_chain(b) == name]
     places["shafts"] = tuple(b - count for b in mine if b >= count)
     for kind in GROUP_PARTS:
-        first = [plan.names.index(getattr(part, "on", None) or first_body_name(part)) for part in getattr(drive, kind)]
-        places[kind] = tuple(i for i, b in enumerate(first) if b in mine)
+        # of two bodies, which are of one group, the second: the first may be the ground
+        last = [plan.names.index(getattr(part, "on", None) or part.between[1]) for part in getattr(drive, kind)]
+        places[kind] = tuple(i for i, b in enumerate(last) if b in mine)
     beside = [s for s in mine if s < count and s not in places["sprockets"]]
     bodies = [*places["sprockets"], *(h + count for h in places["shafts"]), *beside]
     names = {plan.names[b] for b in bodies}

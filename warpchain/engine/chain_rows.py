@@ -48,10 +48,10 @@ class ChainRows:
         if self.one_chain_each:
             self.first_rows, self.drives, self.stacks = np.arange(len(drives) + 1), drives, stacks
             return
-        rings = [chain_drives(drive) for drive in drives]
-        self.chains: list[ChainDrive] = [ring for of in rings for ring in of]
-        self.first_rows = np.append(0, np.cumsum([len(of) for of in rings]))
-        self.drives = [ring.drive for ring in self.chains]
+        chains_of_drives = [chain_drives(drive) for drive in drives]
+        self.chains: list[ChainDrive] = [chain for of in chains_of_drives for chain in of]
+        self.first_rows = np.append(0, np.cumsum([len(of) for of in chains_of_drives]))
+        self.drives = [chain.drive for chain in self.chains]
         self.stacks = stacks_of_drives(self.drives)
 
     @cached_property
@@ -71,8 +71,8 @@ class ChainRows:
         """Faults of the variants' layouts, from those of rows."""
         if self.one_chain_each:
             return layouts
-        named = [tuple(f"{ring.name}: {line}" if ring.name else line for line in lines)
-                 for ring, lines in zip(self.chains, layouts, strict=True)]  # fmt: skip
+        named = [tuple(f"{chain.name}: {line}" if chain.name else line for line in lines)
+                 for chain, lines in zip(self.chains, layouts, strict=True)]  # fmt: skip
         return [sum(named[a:b], ()) for a, b in zip(self.first_rows[:-1], self.first_rows[1:], strict=True)]
 
     def variant_ends(self, rows: VariantEnds, schedules: Sequence[Any], stacks: Sequence[Stack]) -> VariantEnds:
@@ -128,8 +128,8 @@ class ChainRows:
         for members in trains.values():
             if len({row for row, *_ in members}) > 1:
                 _sum_contacts_over_chains(packed, members)
-        for r, ring in zip(range(a, b), chain_drives(drive, loaded=True), strict=True):
-            rows["tension_scale"][r] = tension_scale(ring.drive, packed.assemblies[r])
+        for r, chain in zip(range(a, b), chain_drives(drive, loaded=True), strict=True):
+            rows["tension_scale"][r] = tension_scale(chain.drive, packed.assemblies[r])
 
 
 ChainSprocket = tuple[int, int, int]

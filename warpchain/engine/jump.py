@@ -164,14 +164,8 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
 
 
 def _speed_ratio(drive: Drive, b: int) -> float:
-    """Speed of a body over the driver's, by the teeth of chains."""
-    s = nearest_sprocket(drive, b)
-    if drive.chains:
-        return body_speed_ratio(drive, b, drive.driver)
-    if s is None:
-        return 1.0
-    beside = 1.0 if b == s else body_speed_ratio(drive, b, s)
-    return beside * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
+    """Speed of a body over the driver's, by the teeth of chains; 1 of a body that no chain turns."""
+    return 1.0 if nearest_sprocket(drive, b) is None else body_speed_ratio(drive, b, drive.driver)
 
 
 def _chain_of_sprocket(drive: Drive, s: int) -> tuple[Any, int]:

@@ -348,7 +348,7 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
     kinds = zip(TENSIONER_FIELDS, (np.complex128, np.complex128, np.float64, np.float64), strict=True)
     pushed: dict[str, Any] = {name: np.zeros((vector.shape[1], len(drive.tensioners)), kind) for name, kind in kinds}
-    for chain, (part, own, plunger) in zip(found.rings, _chain_motions(found, vector), strict=True):
+    for chain, (part, own, plunger) in zip(found.chains, _chain_motions(found, vector), strict=True):
         shape, turned = part.at.roller_and_body_parts(own.T)
         _move_carried_bodies(part, turned)
         shapes.append(shape)
@@ -381,7 +381,7 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     for r, (part, own, plunger) in enumerate(_chain_motions(found, vector)):
         energy = (own.conj() * (part.mass @ own)).real.T
-        before = f"{found.rings[r].name}." if found.drive.chains else ""
+        before = f"{found.chains[r].name}." if found.drive.chains else ""
         for name, share in _part_energies(part, energy, plunger.kinetic, before):
             if name in parts:  # a sprocket that is a shaft beside another chain
                 shares[parts.index(name)] = shares[parts.index(name)] + share

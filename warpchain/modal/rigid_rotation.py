@@ -70,7 +70,7 @@ def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Arr
     drive, size = found.drive, found.mass.shape[0]
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
     passing = turns[len(drive.sprockets) + len(drive.shafts) :]
-    for part, tie, chain, passed in zip(found.parts, found.ties, found.rings, passing, strict=True):
+    for part, tie, chain, passed in zip(found.parts, found.ties, found.chains, passing, strict=True):
         place = part.state.position[0]
         along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
         straight = passed * part.drive.chain.pitch * along / np.hypot(*along.T)[:, None]

@@ -152,7 +152,7 @@ class DriveMotion:
     """Small motion of a drive of any number of chains.
 
     Attributes:
-        rings: the chains, each as a drive of its own.
+        chains: the chains, each as a drive of its own.
         parts: small motion of each; of what several have in common the first has the mass.
         ties: of each, (n_c, n) P_c.
         mass, damping, stiffness, travel: (n, n).
@@ -160,18 +160,13 @@ class DriveMotion:
 
     drive: Drive
     speed: float
-    rings: tuple[ChainDrive, ...]
+    chains: tuple[ChainDrive, ...]
     parts: tuple[ChainMotion, ...]
     ties: tuple[sp.csc_array, ...]
     mass: sp.csc_array
     damping: sp.csc_array
     stiffness: sp.csc_array
     travel: sp.csc_array
-
-
-def common_shafts(chains: Sequence[ChainDrive], drive: Drive) -> list[list[tuple[int, int]]]:
-    """Pairs of a shaft and a sprocket of several chains, as (chain, body), that turn as one."""
-    return [list(pair) for pair in shared_bodies(drive, chains)]
 
 
 def standing_chains(
@@ -197,7 +192,7 @@ def standing_chains(
     if start is not None:
         near = [_standing_coordinates(own, packed) for own, packed in zip(drives, start, strict=True)]
     assemblies = [packed.assemblies[0] for packed in still]
-    states = zip(*equilibrium(drives, speeds, assemblies, near, common_shafts(chains, drive)), strict=True)
+    states = zip(*equilibrium(drives, speeds, assemblies, near, shared_bodies(drive, chains)), strict=True)
     found = []
     for chain, own, packed, (potential, x) in zip(chains, speeds, still, states, strict=True):
         _lay_in_equilibrium(packed, potential, x, own)
@@ -270,7 +265,7 @@ def drive_motion(
     drive = drive.with_values({f"tensioners.{name}.chamber.drained": 0.0 for name in drained}) if drained else drive
     found = standing_chains(drive, speed, begun)
     parts = [_chain_motion(chain.drive, own, packed, tension, valve) for chain, own, packed, tension in found]
-    shafts = common_shafts([chain for chain, *_ in found], drive)
+    shafts = shared_bodies(drive, [chain for chain, *_ in found])
     parts, ties = _tie_chains(parts, shafts)
     joined = [
         _sum_over_chains(ties, [getattr(part, name) for part in parts])
