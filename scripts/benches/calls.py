@@ -17,6 +17,7 @@ from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
 
 PACKAGE = Path(str(warpchain.__file__)).resolve().parent
+TOPS = (PACKAGE, PACKAGE.parent / "kernels")
 
 
 class CallCounts:
@@ -35,9 +36,9 @@ class CallCounts:
         """Name of the package's file that a function stands in; None where it is of another package."""
         name = code.co_filename
         if name not in self._files:
-            path = Path(name)
-            known = path.is_absolute() and path.resolve().is_relative_to(PACKAGE.parent)
-            self._files[name] = str(path.resolve().relative_to(PACKAGE.parent)) if known else None
+            path = Path(name).resolve()
+            known = Path(name).is_absolute() and any(path.is_relative_to(top) for top in TOPS)
+            self._files[name] = str(path.relative_to(PACKAGE.parent)) if known else None
         return self._files[name]
 
     def _note(self, frame: FrameType, event: str, _: Any) -> None:
