@@ -1,15 +1,11 @@
-r"""Modes followed over the drive's speed (Campbell diagram) and over the variants of a study.
+r"""Campbell diagram of a drive's modes over its speed, and modes followed over the variants of a study.
 
-Modes of neighboring speeds are the same where their shapes agree best, by the modal assurance criterion |a* M b|^2 /
-(a* M a)(b* M b), one to one.
+Modes of neighboring states are matched one to one by modal assurance, |a* M b|^2 / (a* M a)(b* M b).
 
-A strand whose tension swings by the share e at the tooth frequency f_t is a Mathieu oscillator, x'' + 2 zeta omega x' +
-omega^2 (1 + e cos(2 pi f_t t)) x = 0. Near f_t = 2 f_n it runs away where
+A strand whose tension swings by the share e at the tooth frequency f_t is a Mathieu oscillator. To first order in e and
+zeta it runs away near f_t = 2 f_n where
 
-    e > 4 zeta,    |f_t / (2 f_n) - 1| < sqrt(e^2 / 16 - zeta^2)     (to first order in e and zeta).
-
-Modes of a drive at rest depend on the phase of a tooth's engagement at which it stands, those of short strands and of
-turning sprockets by some percent. A run shows the root of the mean of omega^2 (`over_a_pitch`).
+    e > 4 zeta,    |f_t / (2 f_n) - 1| < sqrt(e^2 / 16 - zeta^2).
 """
 
 from __future__ import annotations
@@ -33,18 +29,18 @@ from warpchain.modal.small_motion import DriveMotion, drive_motion
 from warpchain.progress import Progress, progress_reporter
 
 SPARE_MODES = 10
-"""Modes beyond those asked for that are found at each speed, so that all can be followed."""
+"""Modes found at each speed beyond those asked for."""
 LEAST_ASSURANCE = 0.35
-"""Least modal assurance with which a mode is followed from one speed to the next."""
+"""Least modal assurance of a mode at neighboring speeds."""
 
 MOST_PHASES, MOST_POINTS = 1000, 10_000
-"""Most phases that a diagram is a mean of, and most speeds of a diagram."""
+"""Most phases and most speeds of a Campbell diagram."""
 PhaseCount = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
 
 
 @dataclass(frozen=True)
 class OrderCrossing:
-    """A speed at which a mode's frequency crosses an order of the driver."""
+    """Crossing of a mode's frequency [Hz] and an excitation order, at a speed of the driver [rad/s]."""
 
     mode: str
     order: Order
@@ -55,7 +51,7 @@ class OrderCrossing:
 
 @dataclass(frozen=True)
 class InstabilityTongue:
-    """A speed at which the tooth frequency is twice a mode's, which is unstable there for e > 4 zeta."""
+    """Speed [rad/s] at which the tooth frequency is twice a mode's: unstable where tension swings by over 4 zeta."""
 
     mode: str
     speed: float  # of the driver [rad/s]
@@ -65,15 +61,15 @@ class InstabilityTongue:
 
 @dataclass(frozen=True)
 class Campbell:
-    """Campbell diagram: modes of a drive over its speed.
+    """Campbell diagram: frequencies and damping ratios of K modes at P speeds of a drive's driver.
 
     Attributes:
         speed: (P,) of the driver [rad/s], ascending.
         names: (K,) of the modes, as at the lowest speed.
-        frequency: (P, K) undamped natural frequencies [Hz]; NaN where a mode could not be followed.
+        frequency: (P, K) undamped [Hz]; NaN where a mode was lost.
         damping_ratio: (P, K).
         orders: what excites the drive.
-        modes: (P,) the modes at each speed.
+        modes: (P,) at each speed.
     """
 
     drive: Drive
@@ -85,7 +81,7 @@ class Campbell:
     modes: tuple[Modes, ...]
 
     def crossings(self) -> list[OrderCrossing]:
-        """Crossings of modes and orders, by speed; straight lines between the speeds."""
+        """Crossings of modes and excitation orders, by speed, interpolated between the diagram's speeds."""
         found = []
         for order in self.orders:
             for k, speed, frequency, ratio in self._crossings_of_order(order.value, 1.0):
@@ -93,8 +89,7 @@ class Campbell:
         return sorted(found, key=lambda crossing: crossing.speed)
 
     def tongues(self) -> list[InstabilityTongue]:
-        """Speeds at which the tooth frequency is twice a mode's, in order; of several chains a strand's own tooth
-        frequency."""
+        """Instability tongues by speed: those of a strand at its own chain's tooth frequency."""
         found = [
             InstabilityTongue(self.names[k], s, f, 4.0 * r)
             for chain, teeth in tooth_orders(self.drive).items()
@@ -104,7 +99,7 @@ class Campbell:
         return sorted(found, key=lambda tongue: tongue.speed)
 
     def _crossings_of_order(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
-        """Mode, speed, frequency and damping ratio where `multiple` times a frequency crosses an order."""
+        """Mode's index, speed [rad/s], frequency [Hz] and damping ratio where an order crosses scaled frequencies."""
         gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
         result = []
         for p, k in zip(*np.nonzero((gap[:-1] > 0.0) != (gap[1:] > 0.0)), strict=True):
@@ -124,16 +119,16 @@ def campbell(
     *,
     progress: Progress = False,
 ) -> Campbell:
-    """The modes of a drive over speed, as a Campbell diagram.
+    """Campbell diagram of a drive's modes over speed.
 
     Args:
-        speeds: of the driver [rad/s], at least two, ascending from 0 or more.
+        speeds: of the driver [rad/s], two or more, ascending from at least 0.
         count: modes, the lowest at the first speed.
-        progress: True shows a bar; a function is called with ("speeds", done, total).
+        progress: True shows a bar; a function gets ("speeds", done, total).
 
     Raises:
         DriveError: a chain that does not fit.
-        SimulationError: speeds that do not ascend, or a drive that does not settle at one of them; one line.
+        SimulationError: speeds do not ascend, or the drive does not settle.
     """
     if len(speeds) < 2 or not (np.diff(speeds) > 0.0).all():
         raise SimulationError("speeds: must be at least two, ascending")
@@ -165,7 +160,7 @@ def campbell(
 
 
 def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: DriveMotion) -> NDArray[np.int64]:
-    """Indices of the modes at the next speed that the modes `which` became; -1 where lost."""
+    """(K,) indices that modes of a Campbell diagram have at the next speed; -1 where lost."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
     result[kept] = matched_modes(before.chosen(which[kept]), after, at)
@@ -173,7 +168,7 @@ def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: Dr
 
 
 def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int64]:
-    """(K,) index of the mode of `those` that each of `these` is most alike to, one to one; -1 where none is."""
+    """(K,) index in `those` of the mode most alike to each of `these` by modal assurance, one to one; -1 for none."""
     alike = modal_assurance(these, those, at)
     rows, columns = linear_sum_assignment(-alike)
     result = np.full(len(these), -1)
@@ -183,7 +178,7 @@ def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int
 
 
 def modal_assurance(a: Modes, b: Modes, at: DriveMotion) -> Array:
-    """(K, L) modal assurance between the modes of two states of one drive, with the masses of `at`."""
+    """(K, L) modal assurance between modes of two states of a drive, by the mass matrix of `at`."""
     product, size = np.zeros((len(a), len(b)), dtype=np.complex128), [np.zeros(len(a)), np.zeros(len(b))]
     for part, *both in zip(at.parts, a.of_chains(), b.of_chains(), strict=True):
         first, second = (part.at.coordinate_vector(modes.shape, modes.bodies) for modes in both)
@@ -198,14 +193,14 @@ METRIC_PREFIX = "modes."
 
 @lru_cache(maxsize=4)
 def base_drive_modes(drive: Drive, count: int) -> Modes:
-    """The lowest modes at rest of a study's base drive."""
+    """Lowest modes at rest of a study's base drive."""
     return lowest_modes(drive_motion(drive), count)
 
 
 def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
-    """Metrics `modes.NAME.frequency` [Hz] and `.damping_ratio` of a variant, NAME a mode of the base drive.
+    """Metrics `modes.NAME.frequency` [Hz] and `.damping_ratio` of a study's variant, NAME a mode of the base drive.
 
-    Modes are matched by shape; with another number of links, by name. One that is not found is left out.
+    Modes not found again are left out.
     """
     try:
         found = drive_motion(drive)
@@ -233,20 +228,19 @@ def over_a_pitch(
     *,
     progress: Progress = False,
 ) -> tuple[Campbell, Array]:
-    """Modes over speed, frequencies and damping ratios averaged over a tooth pitch.
+    """Campbell diagram averaged over phases of a tooth pitch, and (phases, P, K) all frequencies [Hz], NaN if lost.
+
+    Averaged is omega^2, as in a run over many pitches.
 
     Args:
-        speeds: of the driver [rad/s], at least two, ascending from 0 or more.
+        speeds: of the driver [rad/s], two or more, ascending.
         count: modes, the lowest at the first speed.
-        phases: in equal steps; modes of the others are matched to those of phase 0 by shape.
-        progress: True shows a bar; a function is called with ("phases", done, total).
-
-    Returns:
-        The diagram, with the modes of phase 0, and (phases, P, K) all frequencies [Hz], NaN where one was not found.
+        phases: in equal steps; modes are named by phase 0.
+        progress: True shows a bar; a function gets ("phases", done, total).
 
     Raises:
         DriveError: a chain that does not fit.
-        SimulationError: as of `campbell`; one line.
+        SimulationError: as of `campbell`.
     """
     with progress_reporter(progress) as report:
         first = campbell(drive.with_values({"run.phase": 0.0}), speeds, count)

@@ -1,15 +1,10 @@
-r"""Modes of a drive: frequency, damping ratio, what takes part in each, and its shape.
+r"""Modes of a drive by the eigenvalues of its small motion: frequency, damping ratio, energy shares and shape.
 
     (s^2 M + s (C + G) + K) x = 0,    s = -zeta omega +- i omega sqrt(1 - zeta^2),
 
-K the stiffness, that of a running chain with the bending that its running takes off (`assembly.potential`, (b)), C the
-damping, and G what makes strands travel: a roller that hangs moves on to the next place f times a second, so its
-acceleration has the part 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x that is in K. With T the tension, m_l the
-mass of a length and v the speed that is a travelling string's m_l w'' + 2 v m_l D1 w' - (T - m_l v^2) D2 w at the
-chain's own spacing.
-
-Small pencils are solved whole; of large ones the eigenvalues nearest to zero, by Arnoldi's method on the inverse.
-Coordinates without mass (oil in tensioners) have an eigenvalue at infinity, which is left out.
+K the stiffness (of a running chain less what running takes off, `assembly.potential`, (b)), C the damping, G the travel
+of strands: with f rollers passing a second, 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x in K. That is a string's
+m_l w'' + 2 v m_l D1 w' - (T - m_l v^2) D2 w of tension T, mass m_l a length and speed v.
 """
 
 from __future__ import annotations
@@ -39,20 +34,20 @@ from warpchain.progress import Progress, interruptible_work, progress_reporter
 
 PartEnergy = tuple[str, Array]
 SMALL_PENCIL = 120
-"""Most coordinates of a pencil that is solved whole."""
+"""Most coordinates of a pencil whose eigenvalues are all computed."""
 EIGENVALUE_SHIFT = 1e-2
-"""Point nearest to which eigenvalues are sought, of the unit of time; not zero, which may be one of them."""
+"""Point, over the unit frequency, nearest to which eigenvalues are sought; not zero, which may be one."""
 INFINITE_EIGENVALUE = 1e-9
-"""Inverse of an eigenvalue, of the unit of time, below which rounding makes it of one at infinity."""
+"""Inverse of an eigenvalue, times the unit frequency, below which it counts as infinite."""
 
 
 def eigenpairs(
     mass: sp.csc_array, damping: sp.csc_array, stiffness: sp.csc_array, wanted: int, unit: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """The `wanted` eigenvalues of a pencil nearest to zero with Im s >= 0, (K,) [1/s], and their vectors (n, K).
+    """Eigenvalues (K,) [1/s] of a pencil nearest to zero with Im s >= 0, and eigenvectors (n, K).
 
     Args:
-        unit: a frequency of the size of those sought [rad/s]; it scales the time.
+        unit: a frequency of the size of those wanted [rad/s].
     """
     n = mass.shape[0]
     m, c, k = mass, damping / unit, stiffness / unit**2
@@ -71,12 +66,13 @@ def eigenpairs(
 
 
 def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
-    """Eigenvalues of the linearized pencil nearest to the shift, and their vectors."""
+    """Eigenvalues of a large pencil nearest to the shift, and eigenvectors, by Arnoldi's method."""
     n = m.shape[0]
     factor = splu((k + EIGENVALUE_SHIFT * c + EIGENVALUE_SHIFT**2 * m).tocsc())
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
 
     def apply(vector: Array) -> Array:
+        """Shifted inverse of the pencil times a vector (2 n,)."""
         first, second = vector[:n], m @ vector[n:]
         x = -factor.solve(second + drag @ first)
         return np.concatenate([x, first + EIGENVALUE_SHIFT * x])
@@ -88,39 +84,38 @@ def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count
 
 
 ZERO_FREQUENCY = 1e-5
-"""Frequency over sqrt(k / m) below which a mode has no restoring force but rounding."""
+"""Frequency over sqrt(k / m) below which a mode counts as without restoring force."""
 RESTORING_STIFFNESS = 1e-7
 """Stiffness of a motion over a link's above which something restores it."""
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a drive of N rollers, B bodies (sprockets, shafts, arms) and T tensioners about a steady state.
+    """Modes of a drive of N rollers, B bodies and T tensioners: frequencies, damping, energy shares, shapes.
 
     Attributes:
-        drive: the drive; rollers are those of one chain after the other.
+        drive: rollers are those of one chain after the other.
         speed: of the driver [rad/s]; 0 is at rest.
         eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
-        names: (K,) the part that moves most, and the number of the mode among its own, such as "motor->conveyor 2".
-        parts: (P,) strands, sprockets (turning, with the rollers on them and what turns as one with them), mounts
-            ("NAME.mount") that can move, other shafts, arms (without plungers), and tensioners (their plungers); of
-            several chains one after the other, "CHAIN.FROM->TO", with shafts that they share apart from sprockets.
-        participation: (K, P) shares of the kinetic energy; they sum to 1.
-        across: (K,) share of the rollers' kinetic energy that is transverse to the chain.
-        shape: (K, N, 2) complex displacement of the rollers, of unit modal mass [m], the real part the larger.
-        bodies: (K, B, 3) complex displacement of the bodies (x, y, theta).
-        stroke: (K, T) complex extension of the tensioners [m].
-        pressure: (K, T) complex pressure of their oil [Pa]; 0 without oil.
-        stored: (K, T) share of the mode's stiffness x* K x that is in a tensioner: in spring, oil and stops.
-        lost: (K, T) share of the mode's damping x* C x that is in a tensioner: in dampers and in the plunger's gap.
-        position: (N, 2) where the rollers stand [m].
-        placed: (B, 3) where the bodies stand.
-        tension: (N,) of the links there [N].
-        rotations: groups of bodies and chains that turn freely at 0 Hz; not among the K.
-        zeros: other independent motions without a restoring force; not among the K.
-        growing: (U,) growth rates of motions that run away without swinging [1/s]: the state is not a stable one.
-        creeping: (O,) decay rates of motions that come back without swinging [1/s], not all of the fast ones.
-        standing: how arms and tensioners stand, a line each.
+        names: (K,) the part that moves most, and its mode's number: "motor->conveyor 2".
+        parts: (P,) strands ("CHAIN.FROM->TO" of several chains), sprockets with their rollers, mounts ("NAME.mount"),
+            other shafts, arms, plungers of tensioners.
+        participation: (K, P) shares of the kinetic energy.
+        across: (K,) share of the rollers' kinetic energy transverse to the chain.
+        shape: (K, N, 2) complex displacement of rollers at unit modal mass [m].
+        bodies: (K, B, 3) complex displacement (x, y, theta).
+        stroke: (K, T) complex extension of tensioners [m].
+        pressure: (K, T) complex pressure of oil [Pa]; 0 without oil.
+        stored: (K, T) share of x* K x in a tensioner's spring, oil and stops.
+        lost: (K, T) share of x* C x in its dampers and gap.
+        position: (N, 2) of rollers at rest [m].
+        placed: (B, 3) of bodies at rest.
+        tension: (N,) of links at rest [N].
+        rotations: groups that turn freely at 0 Hz, not among the K.
+        zeros: other motions without restoring force, not among the K.
+        growing: (U,) growth rates of motions that run away without swinging [1/s].
+        creeping: (O,) decay rates of motions that return without swinging [1/s].
+        standing: lines on how arms and tensioners stand.
     """
 
     drive: Drive
@@ -147,12 +142,12 @@ class Modes:
 
     @property
     def frequency(self) -> Array:
-        """(K,) undamped natural frequencies omega / 2 pi [Hz]."""
+        """(K,) undamped natural frequencies omega / 2 pi of the modes [Hz]."""
         return np.abs(self.eigenvalue) / (2.0 * np.pi)
 
     @property
     def damping_ratio(self) -> Array:
-        """(K,) damping ratios zeta."""
+        """(K,) damping ratios zeta of the modes."""
         return -self.eigenvalue.real / np.abs(self.eigenvalue)
 
     def __len__(self) -> int:
@@ -160,12 +155,12 @@ class Modes:
 
     @check_arguments(SimulationError)
     def first(self, count: Count) -> Modes:
-        """The first `count` of the modes."""
+        """The lowest `count` of the modes."""
         return self.chosen(np.arange(min(count, len(self))))
 
     @check_arguments(SimulationError)
     def chosen(self, which: Sequence[Index] | NDArray[np.integer]) -> Modes:
-        """The modes of these indices.
+        """The modes at these indices.
 
         Raises:
             SimulationError: an index past the last mode.
@@ -177,7 +172,7 @@ class Modes:
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
     def of_chains(self) -> tuple[Modes, ...]:
-        """The modes of each chain, as of a drive of its own; of one chain, the modes themselves."""
+        """Modes split by chain, each as of a drive of its own."""
         if not self.drive.chains:
             return (self,)
         found, first = [], 0
@@ -192,7 +187,7 @@ class Modes:
         return tuple(found)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All arrays of the modes by name, with `frequency` and `damping_ratio`."""
+        """All arrays of the modes by field name, with `frequency` and `damping_ratio`."""
         others = ("parts", "position", "placed", "tension", "growing", "creeping")
         tensioned = MODE_FIELDS if self.drive.tensioners else MOTION_FIELDS
         result = {name: np.asarray(getattr(self, name)) for name in (*tensioned, *others)}
@@ -239,24 +234,21 @@ def modes(
     workers: Workers | None = None,
     progress: Progress = False,
 ) -> Modes | list[Modes | WarpchainError]:
-    """The lowest modes of a drive, or those of each of many drives.
+    """Lowest modes of a drive, or a list of those of many drives.
 
     Args:
-        drives: one drive, or many, which may differ in everything.
-        count: how many modes that swing, from the lowest frequency up.
-        speed: of the driver [rad/s]: 0 is at rest under the constant parts of the loads; else the chain runs steadily,
-            and loads are those at this speed.
-        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest, for motion that changes the
-            pressure by some hundred pascals at most.
-        workers: processes that take many drives, each on a core; None is all cores.
-        progress: True shows a bar; a function is called with ("modes", done, total), in drives.
+        count: modes that swing, from the lowest frequency up.
+        speed: of the driver [rad/s]; 0 is at rest under the constant parts of loads.
+        valve: check valves of tensioners "shut", or "open" as at rest, for swings of pressure below some 100 Pa.
+        workers: processes for many drives; None is one a core.
+        progress: True shows a bar; a function gets ("modes", done, total), in drives.
 
     Returns:
-        Of one drive its modes; of many a list, in their order, of the modes of each or the error below.
+        Of one drive its modes; of many, in order, the modes or the error of each.
 
     Raises:
         DriveError: a chain that does not fit.
-        SimulationError: a drive that does not settle, or an argument that is not allowed; one line.
+        SimulationError: a drive that does not settle, or an argument not allowed.
         KeyboardInterrupt: the user stopped it.
     """
     work = partial(_modes_at_speed, count=count, speed=speed, valve=valve)
@@ -273,12 +265,12 @@ def modes(
 
 
 def _modes_at_speed(drive: Drive, count: int, speed: float, valve: str) -> Modes:
-    """The lowest modes of a drive at a speed of its driver [rad/s]."""
+    """Lowest modes of a drive at a speed of its driver [rad/s]."""
     return lowest_modes(drive_motion(drive, speed, valve=valve), count)
 
 
 def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
-    """Moves arms on arms, and centers of sprockets on arms, along with these, in bodies (K, B, 3)."""
+    """Adds to mode shapes of bodies (K, B, 3) how arms and sprockets on arms move along."""
     drive, placed = found.drive, found.state.bodies[0]
     first = drive.first_arm_body
     on = {first + a: drive.parent(a) for a in range(len(drive.arms))}
@@ -290,7 +282,7 @@ def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
 
 
 def lowest_modes(found: DriveMotion, count: int) -> Modes:
-    """The `count` lowest modes of a drive's small motion."""
+    """Lowest `count` modes of a drive, from the matrices of its small motion."""
     stiff = max(float(part.packed.chains["stiffness"][0]) / part.at.mass for part in found.parts)
     unit, wanted = np.sqrt(stiff) / max(part.at.rollers for part in found.parts), count
     every, groups = found.mass.shape[0], free_rotations(found)
@@ -334,7 +326,7 @@ def lowest_modes(found: DriveMotion, count: int) -> Modes:
 def _chain_motions(
     found: DriveMotion, vector: NDArray[np.complex128]
 ) -> list[tuple[ChainMotion, NDArray[np.complex128], PlungerMotion]]:
-    """Each chain's small motion, its part of modes (n_c, K), and the motion of its plungers."""
+    """Each chain's small motion, its rows (n_c, K) of the eigenvectors, and its plungers."""
     works = (found.stiffness, found.damping)
     stiff, drag = (np.einsum("ij,ij->j", vector.conj(), matrix @ vector).real for matrix in works)
     own = [tie @ vector if len(found.parts) > 1 else vector for tie in found.ties]
@@ -342,7 +334,7 @@ def _chain_motions(
 
 
 def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str, Any]:
-    """Fields of `Modes` with motion of rollers, bodies and tensioners, from eigenvectors (n, K)."""
+    """Displacement fields of `Modes`, for rollers, bodies and tensioners, from eigenvectors (n, K)."""
     drive, shapes = found.drive, []
     placed = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
@@ -362,21 +354,21 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
 
 
 def _has_restoring_stiffness(found: DriveMotion, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """(K,) whether stiffness acts on a slow motion, so that dampers hold it."""
+    """(K,) whether stiffness acts on slow motions."""
     held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
     stiffest = max(float(part.packed.chains["stiffness"][0]) for part in found.parts)
     return np.asarray(held > RESTORING_STIFFNESS * stiffest * (np.abs(vector) ** 2).sum(axis=0))
 
 
 def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
-    """Eigenvectors of unit modal mass x* M x, in the phase whose real part is largest."""
+    """Eigenvectors (n, K) at unit modal mass x* M x, in the phase of largest real part."""
     vector = vector / np.sqrt(np.einsum("ij,ij->j", vector.conj(), mass @ vector).real)
     square = np.einsum("ij,ij->j", vector, mass @ vector)
     return vector * np.exp(-0.5j * np.angle(square))
 
 
 def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
-    """Names of the parts, their shares of each mode's kinetic energy (K, P), and the transverse share (K,)."""
+    """Names of parts, their shares (K, P) of modes' kinetic energy, and its transverse share (K,)."""
     parts, shares = list[str](), list[Array]()
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     for r, (part, own, plunger) in enumerate(_chain_motions(found, vector)):
@@ -399,12 +391,11 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
 
 
 def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: str) -> Iterator[PartEnergy]:
-    """Names of a chain's parts, and their kinetic energies in the modes (K,).
+    """Names of a chain's parts, each with its kinetic energy (K,) in the modes.
 
     Args:
-        energy: (K, n) kinetic energies of the coordinates.
-        plunger: (K, T) of the tensioners' plungers.
-        before: prefix of strands' names.
+        energy: (K, n) of the coordinates.
+        plunger: (K, T) of tensioners' plungers.
     """
     drive, at, places = found.drive, found.at, found.layout
     own = 2 * at.rollers
@@ -432,7 +423,7 @@ def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: st
 
 
 def _mode_names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:
-    """Names of modes: the part that moves most, numbered from the lowest."""
+    """Names of modes: the part with most kinetic energy, and a number."""
     most, seen, names = np.argmax(share, axis=1) if len(share) else [], dict.fromkeys(parts, 0), []
     for part in (parts[k] for k in most):
         seen[part] += 1

@@ -1,18 +1,12 @@
-r"""Matrices of a drive's small motion: its free coordinates, and mass, stiffness, damping and travel by them.
+r"""Mass, stiffness, damping and travel matrices of a drive's small motion, by its free coordinates.
 
-The oil in a tensioner's chamber is a spring, what leaks a damper in series with it (a Maxwell element), whose stroke is
-the coordinate u [m]. With p the pressure over that at rest, A the plunger's area, G the conductance of the gap, E and V
-modulus and volume of the chamber, and d x' the oil that the plunger drags through the gap,
+Oil in a tensioner is a spring in series with its leakage (a Maxwell element) of stroke u [m]. With p the pressure over
+that at rest, A the plunger's area, G the gap's conductance, E and V modulus and volume of oil, and d x' the oil dragged
+through the gap by the plunger,
 
     A p = -(E A^2 / V) (x + u),    (A^2 / G) u' = A p + (A d / G) x'                                    (a)
 
-while the valve feeds what leaks. The force on u is A p, its damping A^2 / G, and it has no mass. Leakage comes from the
-tensioner's numbers: forces do not show flows. All else is from generalized forces f(q, v), by small steps d and e,
-
-    K_ij = -(f_i(q + d e_j, 0) - f_i(q - d e_j, 0)) / 2 d,    C_ij = -(f_i(q, e e_j) - f_i(q, -e e_j)) / 2 e.
-
-A roller feels its two neighbors and the bodies only. So rollers three or more apart are moved in one copy of the state,
-and each body's coordinate in one of its own. What a moved roller does to bodies is the transpose of what they do to it.
+All else is from generalized forces f(q, v) by central differences, K = -df/dq and C = -df/dv.
 """
 
 from __future__ import annotations
@@ -32,53 +26,39 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The n = 2 N + m + w free coordinates of a drive of N rollers: m of its B bodies, and w of chambers of oil.
+    """Free coordinates of a drive's small motion: N rollers (2 N), B bodies (m), chambers of oil (w)."""
 
-    Attributes:
-        rollers: N.
-        mass: of a roller [kg].
-        basis: (3 B, m) each free coordinate of a body as a unit direction of all (x, y, theta); of a train one.
-        inertia: (m, m) mass matrix of these.
-        owner: (m,) the body of each.
-        turning: (m,) whether it is an angle.
-        chambers: (w,) the tensioners that have oil, of T.
-        area: (w,) A of their plungers [m^2].
-        content_rate: (w,) change of the logarithm of a chamber's mass of oil with u [1/m]: -A / V.
-        rest: (w,) pressures at rest [Pa].
-        strokes: (T, n) extension x of each tensioner for a unit of each coordinate [-], [m/rad].
-    """
-
-    rollers: int
-    mass: float
-    basis: Array
-    inertia: Array
-    owner: NDArray[np.int64]
-    turning: NDArray[np.bool_]
-    chambers: NDArray[np.int64]
-    area: Array
-    content_rate: Array
-    rest: Array
-    strokes: Array
+    rollers: int  # N
+    mass: float  # of a roller [kg]
+    basis: Array  # (3 B, m) free coordinates of bodies as unit directions of all (x, y, theta)
+    inertia: Array  # (m, m) mass matrix of these
+    owner: NDArray[np.int64]  # (m,) the body of each
+    turning: NDArray[np.bool_]  # (m,) whether it is an angle
+    chambers: NDArray[np.int64]  # (w,) indices of tensioners with oil
+    area: Array  # (w,) A of their plungers [m^2]
+    content_rate: Array  # (w,) -A / V, change of the logarithm of a chamber's oil mass with u [1/m]
+    rest: Array  # (w,) pressures at rest [Pa]
+    strokes: Array  # (T, n) extensions x of tensioners by the coordinates [-], [m/rad]
 
     @property
     def coordinate_count(self) -> int:
-        """Number n of all free coordinates."""
+        """Number n = 2 N + m + w of free coordinates."""
         return self.oil_start + len(self.chambers)
 
     @property
     def oil_start(self) -> int:
-        """First coordinate of oil: 2 N + m."""
+        """Index 2 N + m of the first coordinate of oil."""
         return 2 * self.rollers + len(self.owner)
 
     def turning_coordinate(self, b: int) -> tuple[int, float] | None:
-        """The coordinate that turns body b, and the body's turn by a unit of it; None where its angle is led."""
+        """Index of the coordinate that turns body b, and the body's angle per unit of it; None if led."""
         turns = np.where(self.turning, self.basis[3 * b + 2], 0.0)
         found = np.flatnonzero(turns)
         return (2 * self.rollers + int(found[0]), float(turns[found[0]])) if len(found) else None
 
     @property
     def mass_matrix(self) -> sp.csc_array:
-        """(n, n) mass matrix: block diagonal, and zero for oil."""
+        """Mass matrix (n, n): block diagonal, zero for oil."""
         own = sp.diags_array(np.full(2 * self.rollers, self.mass))
         blocks = [own, self.inertia] if len(self.owner) else [own]
         if len(self.chambers):
@@ -86,7 +66,7 @@ class Coordinates:
         return sp.csc_array(sp.block_diag(blocks))
 
     def displaced_states(self, base: ProbeStates, displacement: Array) -> ProbeStates:
-        """Copies of a state, displaced by (copies, n)."""
+        """Copies of a probe's state, coordinates displaced by (copies, n)."""
         straight, turned = self.roller_and_body_parts(displacement)
         oil = np.repeat(base.oil, len(displacement), axis=0)
         oil[:, self.chambers] += self.content_rate * displacement[:, self.oil_start :]
@@ -99,7 +79,7 @@ class Coordinates:
         )
 
     def moving_states(self, base: ProbeStates, velocity: Array) -> ProbeStates:
-        """Copies of a state with velocities changed by (copies, n)."""
+        """Copies of a probe's state, coordinates' velocities changed by (copies, n)."""
         straight, turned = self.roller_and_body_parts(velocity)
         return ProbeStates(
             np.zeros_like(straight) + base.position,
@@ -110,7 +90,7 @@ class Coordinates:
         )
 
     def generalized_forces(self, probe: ForceProbe, states: ProbeStates) -> Array:
-        """Generalized forces (copies, n) of states at rest: mass matrix times accelerations."""
+        """Generalized forces (copies, n) on states at rest: mass matrix times accelerations."""
         straight, turned, pressure = probe(states)
         copies = len(straight)
         own = (turned.reshape(copies, -1) @ self.basis) @ self.inertia
@@ -118,12 +98,12 @@ class Coordinates:
         return np.hstack([self.mass * straight.reshape(copies, -1), own, oil])
 
     def coordinate_vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
-        """Vectors (copies, n) from displacements of rollers (copies, N, 2) and bodies (copies, B, 3), 0 for oil."""
+        """Coordinate vectors (copies, n) of displaced rollers (copies, N, 2) and bodies (copies, B, 3)."""
         own = turned.reshape(len(turned), -1) @ np.linalg.pinv(self.basis).T
         return np.hstack([straight.reshape(len(straight), -1), own, np.zeros((len(own), len(self.chambers)))])
 
     def roller_and_body_parts(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Displacements of rollers (copies, N, 2) and bodies (copies, B, 3) from vectors (copies, n)."""
+        """Displacements of rollers (copies, N, 2) and bodies (copies, B, 3) from coordinate vectors (copies, n)."""
         own = 2 * self.rollers
         straight = vector[:, :own].reshape(len(vector), self.rollers, 2)
         turned = vector[:, own : self.oil_start] @ self.basis.T
@@ -131,7 +111,7 @@ class Coordinates:
 
 
 def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
-    """The free coordinates of a drive, with the bodies' inertia where they stand in `states`."""
+    """Free coordinates of a drive, with the bodies' mass matrix where they stand in `states`."""
     rows = [probe.body_freedom(b, float(states.bodies[0, b, 2])) for b in range(probe.body_count)]
     turned = [probe.train_angles(b) for b in range(probe.body_count)]
     rows = [row.without_turning() if len(turned[b]) == 0 else row for b, row in enumerate(rows)]
@@ -168,7 +148,7 @@ def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
 
 
 def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Array]:
-    """(T,) extensions of tensioners in the first state [m], and (T, 3 B) derivatives by the bodies' (x, y, theta)."""
+    """Extensions (T,) of tensioners [m] in the first state, and derivatives (T, 3 B) by (x, y, theta) of bodies."""
     of = probe.base.tensioners[: probe.tensioners]
     body = states.bodies[0, of["body"]]
     cosine, sine, point = np.cos(body[:, 2]), np.sin(body[:, 2]), of["point"]
@@ -182,20 +162,21 @@ def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Ar
 
 
 DISPLACEMENT_STEP = 1e-7
-"""Displacement over a pitch for differences: contacts stay as closed or open as they are."""
+"""Displacement over a pitch for differences, too small to open or close contacts."""
 MOST_VELOCITY_STEP = 2.0**-17
-"""Most velocity for differences [m/s] (`velocity_step`)."""
+"""Largest velocity for differences of damping forces [m/s]."""
 
 
 def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
-    """Sets of rollers of a closed chain, any two of a set at least three apart; together all once."""
+    """Sets of a closed chain's rollers by index, those of a set at least three apart."""
+    # a roller feels only its two neighbors and the bodies, so those of a set move in one copy of the state
     whole = rollers - rollers % 3
     sets = [np.arange(first, whole, 3) for first in range(3)]
     return sets + [np.array([i]) for i in range(whole, rollers)]
 
 
 def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitch: float) -> sp.csc_array:
-    """(n, n) stiffness matrix K [N/m, N/rad, N m/rad] of a drive about a state at rest."""
+    """Stiffness matrix K (n, n) [N/m, N/rad, N m/rad] of a drive about a state at rest."""
     return _force_derivative(
         probe,
         at,
@@ -207,21 +188,14 @@ def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitc
 def damping_matrix(
     probe: ForceProbe, at: Coordinates, base: ProbeStates, conductance: Array | None = None
 ) -> sp.csc_array:
-    """(n, n) damping matrix C [N s/m, ...] of a drive about a state at rest.
-
-    Contacts are taken at the floor of their impact speed; friction has none. Oil that leaks counts with `conductance`.
-    """
+    """Damping matrix C (n, n) [N s/m, ...] of a drive at rest, without friction; oil leaks by `conductance` (w,)."""
     steps = _coordinate_steps(probe, at, velocity_step(probe))
     own = _force_derivative(probe, at, steps, lambda change: at.moving_states(base, change))
     return own if conductance is None else sp.csc_array(own + leakage_matrix(probe, at, conductance))
 
 
 def velocity_step(probe: ForceProbe) -> float:
-    """Velocity for differences [m/s] at which contacts still damp linearly.
-
-    Hysteretic contacts do up to v_min, and up to v_min / d while they do not pull; half of that leaves room for fast
-    rims.
-    """
+    """Velocity for differences [m/s] at which contacts still damp linearly."""
     counts, step = probe.base.drives[0], MOST_VELOCITY_STEP
     for parts, count in ((probe.base.sprockets, counts["sprockets"]), (probe.base.guides, counts["guides"])):
         law = parts["law"][:count]
@@ -233,11 +207,7 @@ def velocity_step(probe: ForceProbe) -> float:
 
 
 def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp.csc_array:
-    """(n, n) part of C of the oil that leaves tensioners' chambers: A^2 / G, and -(A d / G) x'.
-
-    Args:
-        conductance: (w,) G of each chamber [m^3/(s Pa)].
-    """
+    """Part (n, n) of the damping matrix from oil leaking through conductances (w,) [m^3/(s Pa)]."""
     of = probe.base.tensioners[at.chambers]
     places = at.oil_start + np.arange(len(of))
     gap = np.zeros((len(of), at.coordinate_count))
@@ -248,7 +218,7 @@ def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp
 
 
 def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool_], count: int) -> sp.csc_array:
-    """(n, n) skew matrix G [N s/m] of a chain that passes `rate` rollers a second, on these links (N,)."""
+    """Skew travel matrix G (n, n) [N s/m] of a chain passing `rate` rollers a second on links (N,)."""
     i = np.flatnonzero(links)
     j = (i + 1) % rollers
     value = np.full(len(i), mass * rate)
@@ -258,10 +228,7 @@ def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool
 
 
 def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp.csc_array:
-    """(n, n) part that the centrifugal force of a chain that passes `rate` rollers a second takes from K [N/m].
-
-    A link of length L pushes its rollers apart by m f^2 L (`warpchain.assembly.potential`).
-    """
+    """Part (n, n) that the centrifugal force of a chain passing `rate` rollers a second takes from K [N/m]."""
     i = np.arange(rollers)
     j = (i + 1) % rollers
     value = np.full(rollers, mass * rate * rate)
@@ -272,7 +239,7 @@ def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp
 
 
 def _coordinate_steps(probe: ForceProbe, at: Coordinates, step: float) -> Array:
-    """(n,) steps of coordinates for differences, powers of two: at most `step`, of angles at the widest rim."""
+    """Steps (n,) of coordinates for differences, powers of two up to `step` [m] at the widest rim."""
     widest = float(probe.base.sprockets["exact_radius"].max(initial=probe.base.chains["length"][0]))
     steps = np.full(at.coordinate_count, step)
     steps[2 * at.rollers : at.oil_start][at.turning] /= widest
@@ -280,7 +247,7 @@ def _coordinate_steps(probe: ForceProbe, at: Coordinates, step: float) -> Array:
 
 
 def _force_derivative(probe, at: Coordinates, steps: Array, states) -> sp.csc_array:  # type: ignore[no-untyped-def]
-    """Minus the derivative of the forces by central differences, symmetric."""
+    """Minus the derivative (n, n) of generalized forces by central differences, symmetric."""
     own, n = 2 * at.rollers, at.coordinate_count
     sets = [2 * some + axis for some in separate_roller_sets(at.rollers) for axis in (0, 1)]
     sets += [np.array([k]) for k in range(own, n)]

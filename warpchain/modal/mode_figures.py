@@ -1,4 +1,4 @@
-"""Figures of modes: shapes on the drive, and the Campbell diagram of modes over speed."""
+"""Figures of modes: shapes drawn on the drive, and the Campbell diagram."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def closed_chain_line(rollers: Array) -> Array:
-    """Rollers (N, 2) of a chain as a closed line."""
+    """Closed line (N + 1, 2) through a chain's rollers."""
     return np.append(rollers, rollers[:1], axis=0)
 
 
@@ -37,7 +37,7 @@ def fixed_part_lines(drive: Drive) -> list[Array]:
 
 
 def _drive_parts(drive: Drive, bodies: Array) -> list[OutlinePart]:
-    """Parts of a drive as lines, where bodies (B, 3) stand."""
+    """Outlines of guides, arms and tensioners where bodies (B, 3) stand."""
     count = len(drive.sprockets)
     return guide_arm_tensioner_parts(
         drive, DrivePose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2])
@@ -45,13 +45,13 @@ def _drive_parts(drive: Drive, bodies: Array) -> list[OutlinePart]:
 
 
 SWING_SIZE = 0.06
-"""Largest displacement of a drawn mode, over the drive's size."""
+"""Largest displacement of a drawn mode shape, over the drive's size."""
 SHAPE_COLUMNS, MOST_SHAPES = 4, 12
-"""Panels in a row of the figure of mode shapes, and at most."""
+"""Panels in a row of the figure of mode shapes, and most panels."""
 
 
 def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
-    """Each chain's modes, rollers (N, 2) and bodies (B, 3) of mode k at a phase [rad], enlarged for drawings."""
+    """Each chain's modes, rollers (N, 2) and bodies (B, 3) at a phase [rad] of mode k, enlarged."""
     size = SWING_SIZE * float(np.ptp(modes.position, axis=0).max())
     scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
     turn = scale * np.exp(1j * phase)
@@ -65,7 +65,7 @@ def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[
 
 
 def mode_shapes_figure(modes: Modes) -> Figure:
-    """Figure of the first modes' shapes, each at both ends of its swing."""
+    """Figure of the first mode shapes, each at both ends of its swing."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     count = min(len(modes), MOST_SHAPES)
@@ -87,7 +87,7 @@ def mode_shapes_figure(modes: Modes) -> Figure:
 
 
 def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
-    """Draws mode k of a drive into a panel."""
+    """Draws the shape of mode k into a figure's panel."""
     chain = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
     for own in modes.of_chains():
         for line in fixed_part_lines(own.drive):
@@ -109,7 +109,7 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
 
 
 def mode_campbell_figure(found: Campbell) -> Figure:
-    """Figure of modes' frequencies over the driver's speed, with orders, crossings and instability tongues."""
+    """Figure of the Campbell diagram, with orders, crossings and instability tongues."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     figure = PlainFigure(figsize=(11.0, 7.0), layout="constrained")
@@ -145,7 +145,7 @@ def mode_campbell_figure(found: Campbell) -> Figure:
 
 
 def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Heights moved up to lie at least so far apart."""
+    """Heights of labels moved up until they lie `least` apart."""
     result = places.copy()
     rank = np.argsort(places)
     for below, above in itertools.pairwise(rank):
@@ -154,7 +154,7 @@ def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.floa
 
 
 def _draw_order_line(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
-    """Draws an order's line into a Campbell diagram, its name where the line leaves it."""
+    """Draws an excitation order's line and name into a Campbell diagram."""
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"

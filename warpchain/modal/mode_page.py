@@ -1,4 +1,4 @@
-"""Modes as lines of text, and as one HTML page."""
+"""Modes as lines of text and as an HTML page, with their Campbell diagram."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from warpchain.modal.eigenmodes import Modes
 
 LEAST_SHARE = 0.005
-"""Shares of the kinetic energy below this are not listed."""
+"""Shares of a mode's kinetic energy below this are not listed."""
 MOST_PARTS = 4
 """Most parts listed for a mode."""
 DAMPING_REMARKS = (
@@ -28,7 +28,7 @@ DAMPING_REMARKS = (
 
 
 def mode_lines(modes: Modes) -> list[str]:
-    """Lines of text of a table of modes and of remarks on their state."""
+    """Lines of text: a table of modes, and remarks on their state."""
     state = "at rest, loads at their constant parts" if modes.speed == 0.0 else f"driver at {modes.speed:g} rad/s"
     tension = modes.tension
     result = [
@@ -51,7 +51,7 @@ def mode_lines(modes: Modes) -> list[str]:
 
 
 def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
-    """Words on each tensioner's shares of mode k's stiffness and damping."""
+    """Texts on each tensioner's shares of mode k's stiffness and damping."""
     return [
         f"{tensioner.name} holds {modes.stored[k, t]:.0%}, damps {modes.lost[k, t]:.0%}"
         for t, tensioner in enumerate(modes.drive.tensioners)
@@ -60,7 +60,7 @@ def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
 
 
 def state_remarks(modes: Modes) -> list[str]:
-    """Lines on arms and tensioners at rest, on what damps, and on motions that are no modes."""
+    """Lines of text on how modes' arms and tensioners stand, what damps, and motions left out as no modes."""
     result = [*modes.standing, *DAMPING_REMARKS]
     if modes.rotations:
         many = "" if modes.rotations == 1 else f", of {modes.rotations} groups"
@@ -101,7 +101,7 @@ def campbell_lines(found: Campbell) -> list[str]:
 
 
 def modes_page(modes: Modes, found: Campbell | None = None) -> str:
-    """The HTML page of modes, with their Campbell diagram if there is one."""
+    """HTML page of modes, with their Campbell diagram if there is one."""
     drive = modes.drive
     where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm_of_speed(modes.speed):.4g} rpm"
     chains = [chain.drive for chain in chain_drives(drive)]
@@ -150,7 +150,7 @@ def _modes_table(modes: Modes) -> str:
 
 
 def _crossings_table(found: Campbell) -> str:
-    """HTML table of the crossings of orders and modes."""
+    """HTML table of the crossings of a Campbell diagram."""
     rows = [
         [c.mode, f"{rpm_of_speed(c.speed):.4g}", f"{c.speed:.4g}", f"{c.frequency:.4g}",
          f"{100.0 * c.damping_ratio:.2g} %", f"{c.order.value:.4g}", c.order.cause]
@@ -160,7 +160,7 @@ def _crossings_table(found: Campbell) -> str:
 
 
 def _tongues_table(found: Campbell) -> str:
-    """HTML table of instability tongues."""
+    """HTML table of the instability tongues of a Campbell diagram."""
     rows = [
         [t.mode, f"{rpm_of_speed(t.speed):.4g}", f"{t.speed:.4g}", f"{t.frequency:.4g}", f"{t.threshold:.2g}"]
         for t in found.tongues()

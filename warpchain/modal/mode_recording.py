@@ -1,4 +1,4 @@
-"""Modes in Rerun, each swinging in a tab of its own."""
+"""Rerun recording of modes, each swinging in a tab of its own."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 CYCLE_FRAMES = 48
-"""Frames of a cycle."""
+"""Frames of a recorded mode's cycle."""
 CYCLES = 4
 CYCLE_SECONDS = 2.0
-"""Seconds that a cycle takes, whatever the mode's frequency."""
+"""Seconds of a recorded mode's cycle, whatever its frequency."""
 CHAIN, STEEL, RUBBER, REST = (90, 160, 255), (150, 155, 165), (190, 120, 60), (90, 90, 95)
 
 
@@ -46,17 +46,17 @@ def write_mode_recording(modes: Modes, path: str | Path) -> Path:
 
 
 def mode_entity(modes: Modes, k: int) -> str:
-    """Rerun's path of mode k."""
+    """Entity path of mode k in its Rerun recording."""
     return f"modes/{k + 1:02d}"
 
 
 def mode_title(modes: Modes, k: int) -> str:
-    """Title of mode k's tab: number, frequency, name."""
+    """Title of mode k's tab in a Rerun recording: number, frequency, name."""
     return f"{k + 1}: {modes.frequency[k]:.4g} Hz {modes.names[k]}"
 
 
 def mode_blueprint(modes: Modes) -> rrb.Blueprint:
-    """Rerun's layout of modes: a tab for each."""
+    """Rerun blueprint of modes: a tab for each."""
     import rerun.blueprint as rrb
 
     low, high = flipped_points(modes.position).min(axis=0), flipped_points(modes.position).max(axis=0)
@@ -80,7 +80,7 @@ def mode_blueprint(modes: Modes) -> rrb.Blueprint:
 
 
 def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
-    """Logs the drive at rest and some cycles of each mode to Rerun."""
+    """Logs a drive at rest and a cycle of each mode to a Rerun stream."""
     import rerun as rr
 
     chains = modes.of_chains()
@@ -107,7 +107,7 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
 
 
 def _sprocket_rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
-    """Rims of a chain's sprockets with a spoke as Rerun's lines, where bodies (B, 3) stand."""
+    """Rerun lines of a chain's sprocket rims with a spoke, where a mode puts the bodies (B, 3)."""
     strips, chain = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
     for s in range(len(modes.drive.sprockets)):
         x, y, angle = bodies[s]

@@ -1,12 +1,9 @@
-"""Rigid rotation of bodies and chains that turn freely, in the ratios of their teeth, taken out of the stiffness.
+"""Rigid rotation of bodies and chains that turn freely, taken out of the stiffness matrix.
 
-Nothing restores it: over a tooth pitch its stiffness has the mean 0. At one phase of engagement the polygon of the
-chain gives it one of either sign. With r the rotation, all else at rest on it, g = K r, and w the angles of r that
-sprockets have,
+At one phase of engagement the chain's polygon gives it stiffness of either sign, over a tooth pitch 0. With r the
+rotation, g = K r, and w the angles of r that sprockets have,
 
     K' = K - (g w' + w g') / (w' r) + (g' r) w w' / (w' r)^2                                                (a)
-
-is symmetric, and K' r = 0.
 """
 
 from __future__ import annotations
@@ -25,10 +22,7 @@ from warpchain.modal.small_motion import DriveMotion
 
 
 def free_rotations(found: DriveMotion) -> list[list[float]]:
-    """Revolutions of all bodies and passing rollers of all chains, for each group that turns freely; 0 for others.
-
-    Groups with balance wheels do not turn freely.
-    """
+    """Ratios of turns of all bodies and of passing rollers of all chains, a list for each group that turns freely."""
     drive = found.drive
     tied, _ = ratios_with_chains(drive)
     held = {
@@ -43,12 +37,7 @@ def free_rotations(found: DriveMotion) -> list[list[float]]:
 
 
 def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], small: float) -> sp.csc_array:
-    """The stiffness matrix of a drive without that of rigid rotation, (a).
-
-    Args:
-        groups: of `free_rotations`.
-        small: stiffness over mass [1/s^2] that holds what nothing else does.
-    """
+    """Stiffness matrix of a drive less rigid rotation, (a); `small` [1/s^2] times mass holds what nothing else does."""
     stiffness = found.stiffness
     for turns in groups:
         r, of_sprockets = _rotation_vector(found, turns)
@@ -66,7 +55,7 @@ def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], sm
 
 
 def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Array]:
-    """(n,) rigid rotation of all coordinates, and (n,) angles in it: 1 of sprockets, -1 of other bodies, else 0."""
+    """Rigid rotation (n,) of all coordinates, and marks (n,) of angles: 1 of sprockets, -1 of others, else 0."""
     drive, size = found.drive, found.mass.shape[0]
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
     passing = turns[len(drive.sprockets) + len(drive.shafts) :]

@@ -1,10 +1,7 @@
-"""Small motion of a drive about the state in which it rests or steadily runs: the state, and its matrices.
+"""Small motion of a drive about the state in which it rests or runs steadily: that state, and its matrices.
 
-The state is that of `warpchain.assembly.statics`, packed without what hangs on time; the kernels' forces about it give
-the matrices.
-
-Each chain of several is taken as a drive of its own about the state in which all rest together. With P_c the rows of
-chain c's coordinates by those of the whole drive, M = sum P_c^T M_c P_c, and so C, G and K.
+Each of several chains is taken as a drive of its own. With P_c the rows of chain c's coordinates by the whole drive's,
+M = sum P_c^T M_c P_c, and so C, G and K.
 """
 
 from __future__ import annotations
@@ -42,21 +39,15 @@ from warpchain.results.schedule import Schedule
 
 @dataclass(frozen=True)
 class RollerPlaces:
-    """Where the N rollers of a chain lie.
+    """Sprocket or strand on which each of a chain's N rollers lies."""
 
-    Attributes:
-        arc: (N,) the sprocket on which a roller lies, from the first that touches its teeth to the last; else -1.
-        strand: (N,) the strand in which it hangs, else -1.
-        free_links: (N,) whether one of a link's ends at least hangs.
-    """
-
-    arc: NDArray[np.int64]
-    strand: NDArray[np.int64]
-    free_links: NDArray[np.bool_]
+    arc: NDArray[np.int64]  # (N,) sprocket of a roller, from the first that touches its teeth to the last; else -1
+    strand: NDArray[np.int64]  # (N,) strand in which a roller hangs; else -1
+    free_links: NDArray[np.bool_]  # (N,) whether a link has an end that hangs
 
 
 def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlaces:
-    """The sprocket or strand of each roller, from the rollers (S, N) that touch sprockets."""
+    """Sprocket or strand of each of a chain's rollers, by which of them touch sprockets (S, N)."""
     count = touching.shape[1]
     sprockets = len(assembly.strand_first)
     arc = np.full(count, -1)
@@ -81,51 +72,35 @@ def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlac
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """Small motion of a drive of one chain about a state.
-
-    Attributes:
-        packed: the drive in that state.
-        state: that state, one copy.
-        tension: (N,) of the links there [N].
-        extension: (T,) of the tensioners there [m].
-        valve: how check valves are taken, "shut" or "open".
-        at: its free coordinates.
-        layout: which rollers lie where.
-        mass, damping, stiffness: (n, n) M, C (without what travels), K.
-        travel: (n, n) G.
-    """
+    """Small motion of a drive of one chain about a state, with its matrices."""
 
     drive: Drive
     speed: float
-    packed: PackedEnsemble
-    state: ProbeStates
-    tension: Array
-    extension: Array
-    valve: str
+    packed: PackedEnsemble  # in that state
+    state: ProbeStates  # one copy
+    tension: Array  # (N,) of links [N]
+    extension: Array  # (T,) of tensioners [m]
+    valve: str  # "shut" or "open", how check valves are taken
     at: Coordinates
     layout: RollerPlaces
-    mass: sp.csc_array
-    damping: sp.csc_array
-    stiffness: sp.csc_array
-    travel: sp.csc_array
+    mass: sp.csc_array  # (n, n) M
+    damping: sp.csc_array  # (n, n) C, without what travels
+    stiffness: sp.csc_array  # (n, n) K
+    travel: sp.csc_array  # (n, n) G
 
     def without_inertia_of(self, place: int) -> ChainMotion:
-        """The small motion without the inertia of a coordinate."""
+        """Small motion of a chain without the inertia of one coordinate."""
         mass = self.mass.tolil()
         mass[place, place] = 0.0
         return replace(self, mass=sp.csc_array(mass))
 
 
 PRESSURE_STEP = 1.0
-"""Change of pressure for the slope of a valve's flow [Pa]; some hundreds shut it."""
+"""Step of pressure for the slope of a valve's flow [Pa]; some hundreds shut it."""
 
 
 def oil_conductances(drive: Drive, valve: str) -> Array:
-    """(w,) conductances G of chambers of oil about their rest [m^3/(s Pa)]: gaps, vents, relief and open check valves.
-
-    At rest a check valve is open by some micrometers and passes tens or hundreds of times what the gap does; some
-    hundred pascals shut it.
-    """
+    """Conductances G (w,) of oil chambers at rest [m^3/(s Pa)]: gaps, vents, relief, open check valves."""
     found = []
     for tensioner in drive.tensioners:
         if tensioner.hydraulic:
@@ -149,21 +124,14 @@ def oil_conductances(drive: Drive, valve: str) -> Array:
 
 @dataclass(frozen=True)
 class DriveMotion:
-    """Small motion of a drive of any number of chains.
-
-    Attributes:
-        chains: the chains, each as a drive of its own.
-        parts: small motion of each; of what several have in common the first has the mass.
-        ties: of each, (n_c, n) P_c.
-        mass, damping, stiffness, travel: (n, n).
-    """
+    """Small motion of a drive of any number of chains, with its matrices."""
 
     drive: Drive
     speed: float
-    chains: tuple[ChainDrive, ...]
-    parts: tuple[ChainMotion, ...]
-    ties: tuple[sp.csc_array, ...]
-    mass: sp.csc_array
+    chains: tuple[ChainDrive, ...]  # each as a drive of its own
+    parts: tuple[ChainMotion, ...]  # of each chain; the mass of a shared shaft is in its first
+    ties: tuple[sp.csc_array, ...]  # P_c of each chain (n_c, n)
+    mass: sp.csc_array  # (n, n) M, and so the others
     damping: sp.csc_array
     stiffness: sp.csc_array
     travel: sp.csc_array
@@ -172,18 +140,18 @@ class DriveMotion:
 def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[PackedEnsemble] | None = None
 ) -> list[tuple[ChainDrive, float, PackedEnsemble, Array]]:
-    """Each chain of a drive in static equilibrium at a speed of its driver [rad/s], and its link tensions (N,) [N].
+    """Each chain of a drive packed in static equilibrium, its driver's speed [rad/s] and link tensions (N,) [N].
 
-    Motions stand, loads have their mean, valves no springs, nothing rubs, couplings have taken up their lash,
-    freewheels are locked, brakes and backstops open, motors have the slope of their moments. A tension is what
-    stretches a link, and of a running chain what bends it around the sprockets too.
+    Loads have their mean, nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops
+    open, motors have the slope of their moments.
 
     Args:
+        speed: of the drive's driver [rad/s].
         start: the chains as they stand at a speed nearby.
 
     Raises:
         DriveError: a chain that does not fit.
-        SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
+        SimulationError: a drive that does not settle, or a chain too fast.
     """
     chains, speeds = chain_drives(drive), [speed * ratio for ratio in chain_driver_ratios(drive)]
     drives = [chain.drive for chain in chains]
@@ -201,7 +169,7 @@ def standing_chains(
 
 
 def _standing_coordinates(drive: Drive, packed: PackedEnsemble) -> Array:
-    """A standing chain's coordinates, in the order of `warpchain.assembly.potential`."""
+    """Coordinates of a packed, standing chain, in the order of `warpchain.assembly.potential`."""
     centers = packed.bodies["center"][: len(drive.sprockets)]
     hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
     angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]
@@ -209,7 +177,7 @@ def _standing_coordinates(drive: Drive, packed: PackedEnsemble) -> Array:
 
 
 def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, speed: float) -> None:
-    """Writes a chain's equilibrium into its packed arrays, without what hangs on time."""
+    """Writes a chain's static equilibrium into its packed arrays."""
     drive = potential.drive
     sprockets = len(drive.sprockets)
     position, centers, _ = potential.split(x)
@@ -250,15 +218,15 @@ def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, s
 def drive_motion(
     drive: Drive, speed: float = 0.0, start: DriveMotion | None = None, valve: str = "shut"
 ) -> DriveMotion:
-    """Small motion of a drive at a speed of its driver [rad/s], its tensioners filled.
+    """Small motion of a drive at a speed of its driver [rad/s], tensioners filled with oil.
 
     Args:
         start: that of the drive at a speed nearby.
-        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest.
+        valve: check valves "shut", or "open" as at rest.
 
     Raises:
         DriveError: a chain that does not fit.
-        SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
+        SimulationError: a drive that does not settle, or a chain too fast.
     """
     begun = None if start is None else [part.packed for part in start.parts]
     drained = [t.name for t in drive.tensioners if t.is_drained]
@@ -275,14 +243,14 @@ def drive_motion(
 
 
 def _sum_over_chains(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:
-    """A drive's matrix (n, n) from those of its chains."""
+    """Matrix (n, n) of a drive's small motion from the matrices of its chains."""
     if len(matrices) == 1:
         return matrices[0]
     return sp.csc_array(sum(tie.T @ own @ tie for tie, own in zip(ties, matrices, strict=True)))
 
 
 def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMotion], list[sp.csc_array]]:
-    """The chains' small motions, shafts' inertias in their first sprockets only, and the chains' P_c."""
+    """Chains' small motions, a shared shaft's inertia in the first only, and ties P_c."""
     counts = [part.at.coordinate_count for part in parts]
     places = [first + np.arange(n) for first, n in zip(np.cumsum([0, *counts]), counts, strict=False)]
     kept, parts, share = np.ones(sum(counts), dtype=np.bool_), list(parts), [np.ones(n) for n in counts]
@@ -303,7 +271,7 @@ def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMot
 
 
 def _chain_motion(drive: Drive, speed: float, packed: PackedEnsemble, tension: Array, valve: str) -> ChainMotion:
-    """Small motion of a chain that stands, from its packed arrays."""
+    """Small motion of a standing chain, with its matrices from packed arrays."""
     probe = ForceProbe(packed)
     try:
         state = probe.packed_state()

@@ -1,4 +1,4 @@
-"""Arms and tensioners in modes: how they stand, and tensioners' parts of a mode's stiffness and damping."""
+"""Tensioners and arms in modes: how they stand, and tensioners' shares of a mode's stiffness and damping."""
 
 from __future__ import annotations
 
@@ -13,51 +13,34 @@ if TYPE_CHECKING:
     from warpchain.modal.small_motion import ChainMotion
 
 LEAST_DAMPING = 1e-9
-"""Damping over stiffness of a mode below which it has no damping to share."""
+"""Damping over stiffness of a mode below which tensioners have no share of it."""
 
 
 @dataclass(frozen=True)
 class PlungerMotion:
-    """Motion and energy of T tensioners in K modes of unit modal mass.
+    """Motion and energy of T tensioners' plungers in K modes of unit modal mass."""
 
-    Attributes:
-        stroke: (K, T) complex extension [m].
-        pressure: (K, T) complex pressure of the oil [Pa]; 0 without oil.
-        kinetic: (K, T) kinetic energy of the plungers, of the mode's.
-        stored: (K, T) share of the mode's stiffness x* K x in spring, oil and stops.
-        lost: (K, T) share of the mode's damping x* C x in dampers and the plunger's gap.
-    """
-
-    stroke: NDArray[np.complex128]
-    pressure: NDArray[np.complex128]
-    kinetic: Array
-    stored: Array
-    lost: Array
+    stroke: NDArray[np.complex128]  # (K, T) complex extension [m]
+    pressure: NDArray[np.complex128]  # (K, T) complex pressure of the oil [Pa]; 0 without oil
+    kinetic: Array  # (K, T) share of the mode's kinetic energy
+    stored: Array  # (K, T) share of x* K x in spring, oil and stops
+    lost: Array  # (K, T) share of x* C x in dampers and the plunger's gap
 
 
 @dataclass(frozen=True)
 class TensionerElements:
-    """The linear elements of T standing tensioners.
+    """Linear springs, dampers and oil of T standing tensioners."""
 
-    Attributes:
-        force: (T,) with which each pushes [N].
-        stiffness: (T,) of spring and stops [N/m].
-        damping: (T,) [N s/m].
-        on_stop: (T,) whether the plunger stands on its ratchet or on the chamber's bottom.
-        oil: (T,) E A^2 / V [N/m]; 0 without oil.
-        gap: (T,) A^2 / G of gap and open valve [N s/m]; 0 without oil.
-    """
-
-    force: Array
-    stiffness: Array
-    damping: Array
-    on_stop: NDArray[np.bool_]
-    oil: Array
-    gap: Array
+    force: Array  # (T,) with which each pushes [N]
+    stiffness: Array  # (T,) of spring and stops [N/m]
+    damping: Array  # (T,) [N s/m]
+    on_stop: NDArray[np.bool_]  # (T,) whether the plunger stands on ratchet or chamber bottom
+    oil: Array  # (T,) E A^2 / V [N/m]; 0 without oil
+    gap: Array  # (T,) A^2 / G of gap and open valve [N s/m]; 0 without oil
 
 
 def tensioner_elements(found: ChainMotion) -> TensionerElements:
-    """The linear elements of a drive's standing tensioners."""
+    """Linear springs, dampers and oil of a chain's standing tensioners."""
     of, x = _tensioner_rows(found), found.extension
     push = of["preload"] - of["stiffness"] * x
     pressing = np.where(of["hydraulic"] == 1, push + (of["rest"] - of["ambient"]) * of["area"], push)
@@ -80,11 +63,7 @@ def tensioner_elements(found: ChainMotion) -> TensionerElements:
 
 
 def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> PlungerMotion:
-    """Motion and energy of a chain's tensioners in modes (n, K) of unit modal mass.
-
-    Args:
-        stiff, drag: (K,) x* K x and x* C x of the drive.
-    """
+    """Motion and energy of a chain's plungers in modes (n, K); `stiff`, `drag` (K,) are the drive's x* K x, x* C x."""
     at, of, linear = found.at, _tensioner_rows(found), tensioner_elements(found)
     stroke = (at.strokes @ vector).T
     leaked = np.zeros_like(stroke)
@@ -116,7 +95,7 @@ def _tensioner_rows(found: ChainMotion) -> Any:
 
 
 def standing_lines(found: ChainMotion) -> tuple[str, ...]:
-    """Lines on how a chain's arms and tensioners stand."""
+    """Lines of text on how a chain's arms and tensioners stand."""
     drive, said = found.drive, []
     for a, arm in enumerate(drive.arms):
         angles, row, carrier = found.state.bodies[0, drive.first_arm_body :, 2], found.packed.arms[a], drive.parent(a)
