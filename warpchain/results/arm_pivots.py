@@ -1,4 +1,4 @@
-"""Pivots of a drive's arms over time: as drawn, where tables lead them, or on other arms."""
+"""Pivots of a drive's arms over time: as drawn, led by tables, or on other arms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from warpchain.drive import Drive
 
 
 def arm_pivots(drive: Drive, time: ArrayLike, angle: ArrayLike | None) -> NDArray[np.float64]:
-    """Pivots (F, A, 2) [m] of a drive's arms at instants (F,) [s], with the arms turned by angles (F, A) [rad]."""
+    """Pivots (F, A, 2) [m] of a drive's arms at instants (F,) [s], for arm angles (F, A) [rad]."""
     at = np.asarray(time, dtype=float)
     found = np.empty((len(at), len(drive.arms), 2))
     for a, arm in enumerate(drive.arms):

@@ -1,4 +1,4 @@
-"""Trajectories as tables and labelled arrays (pyarrow, xarray), and tables as files."""
+"""Trajectories and metrics as pyarrow tables and xarray datasets, and tables as files."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ Array = NDArray[np.floating]
 
 
 def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
-    """Pyarrow table of a trajectory's time (F,) and channels (F, ...), one row a frame, with units.
+    """Pyarrow table of a trajectory's time (F,) and channels (F, ...), a row a frame, with units.
 
-    Channels are columns of lists of fixed size (lists of pairs for vectors), which share contiguous arrays' memory.
+    Channels are lists of fixed size (of pairs for vectors) that share contiguous arrays' memory.
     """
     import pyarrow as pa
 
@@ -40,7 +40,7 @@ def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
 
 
 def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.Table:
-    """Table of columns, with a `unit` in each field's metadata."""
+    """Pyarrow table of columns, with `unit` in each field's metadata."""
     import pyarrow as pa
 
     fields = [pa.field(name, column.type, metadata={"unit": units[name]}) for name, column in columns.items()]
@@ -48,9 +48,7 @@ def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) 
 
 
 def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
-    """Xarray dataset of a trajectory's time and channels, whose memory it shares.
-
-    Variables have `units` and `long_name`.
+    """Xarray dataset of a trajectory's time and channels, which shares their memory.
 
     Raises:
         WarpchainError: xarray is not installed.
@@ -79,13 +77,13 @@ def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive)
 
 
 def table_with_unit_heads(table: pa.Table) -> pa.Table:
-    """Table with units in its columns' names, such as `tension_max [N]`."""
+    """Pyarrow table with units in its columns' names, such as `tension_max [N]`."""
     units = ((field.name, (field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema)
     return table.rename_columns([name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in units])
 
 
 def table_without_unit_heads(table: pa.Table) -> pa.Table:
-    """Table with the units of its columns' names in the fields' metadata."""
+    """Pyarrow table with units of its columns' names moved into metadata."""
     import pyarrow as pa
 
     fields = []
@@ -96,7 +94,7 @@ def table_without_unit_heads(table: pa.Table) -> pa.Table:
 
 
 def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
-    """Table with other values, (rows,), in one column."""
+    """Pyarrow table with other values (rows,) in one column."""
     import pyarrow as pa
 
     at = table.column_names.index(name)
@@ -105,7 +103,7 @@ def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.T
 
 
 def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
-    """Writes a table as Parquet or CSV, by the file's ending, under its name only when whole; returns the path.
+    """Writes a pyarrow table as Parquet or CSV, by the path's ending, and returns the path.
 
     Raises:
         error: another ending, or a folder or disk that refuses.

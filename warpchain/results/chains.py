@@ -1,4 +1,4 @@
-"""Trajectories of drives with several chains, joined from and split into those of each chain."""
+"""Trajectories and metrics of drives with several chains, joined from and split into those of each chain."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from warpchain.results.run import Trajectory
 
 
 def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) -> list[NDArray[np.int64]]:
-    """Places of each chain's parts of a kind in the whole drive's channels."""
+    """Indices (parts,) of each chain's parts of a kind in the whole drive's channels."""
     if kind in ("roller", "link"):
         ends = np.cumsum([chain.drive.chain.links for chain in chains])
         return [np.arange(end - chain.drive.chain.links, end) for end, chain in zip(ends, chains, strict=True)]
@@ -25,7 +25,7 @@ def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) 
 
 
 def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
-    """Trajectory of a drive from those of its chains, over the same frames."""
+    """Trajectory of a drive joined from those of its chains, over the same frames."""
     chains = chain_drives(drive)
     channels: dict[str, Any] = {}
     for name in dict.fromkeys(name for part in parts for name in part.channels()):
@@ -41,7 +41,7 @@ def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajector
 
 
 def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
-    """Each chain's trajectory by its name; of a drive of one chain, the trajectory itself by ""."""
+    """Trajectory of each chain by its name; of a drive of one chain, itself by ""."""
     drive = trajectory.drive
     if not drive.chains:
         return {"": trajectory}
@@ -70,7 +70,7 @@ def _shaft_channels(trajectory: Trajectory, chain: ChainDrive, held: Mapping[str
 
 
 def chain_metrics_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Row of a chain's metrics as of a drive of its own: its columns without its name, then those of no chain."""
+    """Metrics row of one chain, without its name, followed by columns of no chain."""
     if not name:
         return dict(row)
     before = f"{name}."

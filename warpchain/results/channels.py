@@ -1,7 +1,4 @@
-"""The table of recorded channels, and what follows from it: names, units, dimensions, layout of a frame in memory.
-
-A new channel is a row of `CHANNELS` and the line of `kernels/frames.py` that writes its value.
-"""
+"""Table of recorded channels, and what follows from it: names, units, dimensions, layout of a frame in memory."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ PartKind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "c
 
 @dataclass(frozen=True)
 class PartCounts:
-    """Numbers of the parts that channels are of; as many links as rollers."""
+    """Numbers of a drive's parts that channels are of; as many links as rollers."""
 
     rollers: int
     sprockets: int
@@ -38,29 +35,20 @@ class PartCounts:
         return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, *turned)))
 
     def count_of(self, kind: PartKind) -> int:
-        """Number of parts of a kind."""
+        """Number of a drive's parts of a kind."""
         return self.rollers if kind in ("roller", "link") else int(getattr(self, f"{kind}s"))
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A quantity that is recorded.
+    """A recorded quantity: its name, unit, kind of part and components."""
 
-    Attributes:
-        name: as in `Trajectory` and `Record.channels`.
-        unit: SI unit.
-        per: kind of part that it is of; link i is the one after roller i.
-        description: what it is, in a few words.
-        components: names of a vector's components, fields in an archive; empty for a number.
-        on_request: whether frames hold it only where it is named (`Record.channels`).
-    """
-
-    name: str
-    unit: str
-    per: PartKind
+    name: str  # as in `Trajectory` and `Record.channels`
+    unit: str  # SI
+    per: PartKind  # kind of part; link i is the one after roller i
     description: str
-    components: tuple[str, ...] = ()
-    on_request: bool = False
+    components: tuple[str, ...] = ()  # of a vector, fields in an archive; empty for a number
+    on_request: bool = False  # whether frames hold it only where named
 
     @property
     def value_names(self) -> tuple[str, ...]:
@@ -112,7 +100,7 @@ CHANNELS = (
 
 CHANNEL_NAMES = tuple(channel.name for channel in CHANNELS)
 DEFAULT_CHANNELS = tuple(channel.name for channel in CHANNELS if not channel.on_request)
-"""Names of the channels that are recorded unless others are asked for."""
+"""Names of the channels recorded by default."""
 CHANNEL_BY_NAME = {channel.name: channel for channel in CHANNELS}
 ROLLER_CHANNELS = tuple(channel for channel in CHANNELS if channel.is_of_rollers)
 BODY_CHANNELS = tuple(channel for channel in CHANNELS if not channel.is_of_rollers)
@@ -122,11 +110,10 @@ AXIS_LABELS = ("x", "y")
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Layout of one frame's values in a row of memory, which kernels take as constants.
+    """Layout of a recorded frame's values in memory, a constant of kernels.
 
-    First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one after
-    the other, and likewise of arms, tensioners, shafts, couplings and valves. With N rollers and S sprockets, component
-    k of a channel is at
+    Values of rollers and links stand in rows, then those of each sprocket, arm and so on. Of N rollers and S sprockets,
+    component k of a channel is at
 
         (place + k) N + i                                         of roller or link i
         values(roller) N + values(sprocket) s + place + k         of sprocket s
@@ -137,7 +124,7 @@ class FrameLayout:
 
     @cached_property
     def _places_by_name(self) -> dict[str, int]:
-        """Place of each channel among a frame's values of its kind of part."""
+        """Place of each channel among a frame's values of its kind of part, by name."""
         places: dict[str, int] = {}
         ends = dict.fromkeys(FRAME_BLOCKS, 0)
         for channel in self.channels:
@@ -151,11 +138,11 @@ class FrameLayout:
         return name in self._places_by_name
 
     def place(self, name: str) -> int:
-        """Place of a channel in a frame: its first row of rollers, or first value of a sprocket and so on."""
+        """Place of a channel in a frame: its first row of rollers, or first value of a part."""
         return self._places_by_name[name]
 
     def values(self, kind: PartKind) -> int:
-        """Number of values in a frame per roller (with its link), sprocket, arm and so on."""
+        """Number of values in a frame for each part of a kind."""
         return sum(
             len(channel.value_names) for channel in self.channels if _frame_block(channel.per) == _frame_block(kind)
         )
@@ -165,7 +152,7 @@ class FrameLayout:
         return sum(self.values(kind) * sizes.count_of(kind) for kind in FRAME_BLOCKS)
 
     def split_frames(self, frames: NDArray[Any], sizes: PartCounts) -> dict[str, NDArray[Any]]:
-        """Channels of frames (F, `frame_width`) by name, as views: (F, N), (F, S), or (F, ..., 2) for vectors."""
+        """Channels by name as views (F, N), (F, S) or (F, ..., 2) of frames (F, `frame_width`)."""
         blocks, end = {}, 0
         for kind in FRAME_BLOCKS:
             count, values = sizes.count_of(kind), self.values(kind)
@@ -181,18 +168,18 @@ class FrameLayout:
 
 
 FRAME_BLOCKS: tuple[PartKind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
-"""Kinds whose values stand together in a frame, in order."""
+"""Kinds of parts whose values stand together in a frame, in order."""
 
 
 def _frame_block(kind: PartKind) -> PartKind:
-    """Kind of part among whose values a kind's stand in a frame."""
+    """Kind of part among whose values in a frame those of a kind stand."""
     return "roller" if kind == "link" else kind
 
 
 DEFAULT_FRAME = FrameLayout(tuple(CHANNEL_BY_NAME[name] for name in DEFAULT_CHANNELS))
 
 WHOLE_FRAME = FrameLayout(CHANNELS)
-"""Layout of frames with every channel, which the CPU's kernel writes."""
+"""Layout of frames with every channel, as the CPU's kernel writes them."""
 
 
 def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
@@ -207,6 +194,6 @@ def drive_frame_width(drive: Drive, frame: FrameLayout = DEFAULT_FRAME) -> int:
 
 
 def channels_of_drive(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
-    """Channels, of some, that a drive has parts for."""
+    """Names of channels, among some, that a drive has parts for."""
     sizes = PartCounts.of_drive(drive)
     return tuple(name for name in names if sizes.count_of(CHANNEL_BY_NAME[name].per) > 0)

@@ -1,4 +1,4 @@
-"""Engineering report of a recorded variant: metrics, and what figures are drawn from.
+"""Engineering report of a recorded variant: its metrics, and the signals that figures are drawn from.
 
 A part whose channels were not recorded raises a `SimulationError`.
 """
@@ -31,22 +31,14 @@ Array = NDArray[np.float64]
 @check_arguments(SimulationError, "wear.")
 @dataclass(frozen=True)
 class Wear:
-    """Wear law of the joints.
+    """Wear law of the chain's joints in an engineering report."""
 
-    Attributes:
-        coefficient: k of Archard's law, volume lost over force times sliding distance [m^2/N].
-        bearing_area: of a joint [m^2]; None is the size's.
-
-    Raises:
-        SimulationError: a value that is not positive.
-    """
-
-    coefficient: PositiveNumber = WEAR_COEFFICIENT
-    bearing_area: PositiveNumber | None = None
+    coefficient: PositiveNumber = WEAR_COEFFICIENT  # k of Archard's law [m^2/N]
+    bearing_area: PositiveNumber | None = None  # of a joint [m^2]; None is the size's
 
 
 def trajectory_in_window(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """Frames of a trajectory in a window [s], ends included.
+    """Trajectory of the frames in a window [s], ends included.
 
     Raises:
         SimulationError: fewer than three of them.
@@ -58,12 +50,12 @@ def trajectory_in_window(trajectory: Trajectory, start: float, end: float) -> Tr
 
 
 class EngineeringReport:
-    """Engineering report of one recorded variant.
+    """Engineering report of one recorded variant, each part computed when first asked for.
 
     Args:
         trajectory: the whole recording.
         start, end: window of means and extremes [s]; the latter half by default.
-        wear: how the joints wear.
+        wear: law of the joints' wear.
         alike: sprockets that turn as another part, of one of several chains.
 
     Attributes:
@@ -88,22 +80,22 @@ class EngineeringReport:
 
     @cached_property
     def guide_contacts(self) -> list[GuideContacts]:
-        """Rollers that press each guide, in the window."""
+        """Rollers that press each guide, in the report's window."""
         return recorded_guide_contacts(self.part)
 
     @cached_property
     def guide_loads(self) -> list[GuideLoad]:
-        """Load of each guide over its length, in the window."""
+        """Load of each guide over its length, in the report's window."""
         return guide_loads(self.part, self.guide_contacts)
 
     @cached_property
     def hub_forces(self) -> Array:
-        """Force of the chain on each sprocket (F, S, 2) [N], in the window."""
+        """Force of the chain on sprockets (F, S, 2) [N], in the report's window."""
         return hub_forces(self.part)
 
     @cached_property
     def phase_errors(self) -> dict[int, PhaseError]:
-        """Phase error of each sprocket but the driver, in the window."""
+        """Phase error of each sprocket but the driver, in the report's window."""
         inside = (self.whole.time >= self.start - 1e-12) & (self.whole.time <= self.end + 1e-12)
         others = [s for s in range(len(self.drive.sprockets)) if s != self.drive.driver]
         return {s: phase_error_in_window(self.whole, s, inside) for s in others}
@@ -115,7 +107,7 @@ class EngineeringReport:
 
     @cached_property
     def jump_margins(self) -> list[JumpMargin]:
-        """Margin to tooth jump of each sprocket, in the window."""
+        """Margin to tooth jump of each sprocket, in the report's window."""
         return [tooth_jump_margin(self.part, s) for s in range(len(self.drive.sprockets))]
 
     @cached_property
@@ -126,12 +118,12 @@ class EngineeringReport:
 
     @cached_property
     def joint_wear(self) -> JointWear | None:
-        """Sliding of the joints in the window; None without a pin radius."""
+        """Sliding of the joints in the report's window; None without a pin radius."""
         return joint_wear(self.part)
 
     @cached_property
     def joint_area(self) -> float | None:
-        """Bearing area of a joint [m^2]; None where it is unknown."""
+        """Bearing area of a joint [m^2]; None where unknown."""
         own = self.wear_law.bearing_area
         return self.drive.chain.joint_area if own is None else own
 
@@ -143,7 +135,7 @@ class EngineeringReport:
         return elongation_rate(self.drive, self.joint_wear, self.wear_law.coefficient, self.joint_area)
 
     def metrics(self) -> dict[str, float]:
-        """Metrics (`metric_columns.REPORT_METRICS`) of the report that the recorded channels allow."""
+        """Report's metrics (`metric_columns.REPORT_METRICS`) that the recorded channels allow."""
         return dict(self._finite_metrics)
 
     @cached_property
@@ -161,7 +153,7 @@ def _has_channels(report: EngineeringReport, *channels: str) -> bool:
 
 
 def _strand_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Metrics of strands in a report, by name."""
+    """Report's metrics of strands, by name."""
     if not _has_channels(report, "position", "tension"):
         return {}
     names = enumerate(report.drive.strand_names)
@@ -169,7 +161,7 @@ def _strand_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _sprocket_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Metrics of sprockets in a report, by name."""
+    """Report's metrics of sprockets, by name."""
     found: dict[str, float] = {}
     if _has_channels(report, "sprocket_angle"):
         for s, phase in report.phase_errors.items():
@@ -184,7 +176,7 @@ def _sprocket_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _guide_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Metrics of guides in a report, by name."""
+    """Report's metrics of guides, by name."""
     if not report.drive.guides or not _has_channels(report, "position", "guide_force"):
         return {}
     found: dict[str, float] = {}
@@ -200,7 +192,7 @@ def _guide_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _joint_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Metrics of joints in a report, by name."""
+    """Report's metrics of joints, by name."""
     if not _has_channels(report, "position", "tension") or report.joint_wear is None:
         return {}
     wear, seconds = report.joint_wear, report.joint_wear.seconds
@@ -213,7 +205,7 @@ def _joint_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Metrics of probes in a report, by name."""
+    """Report's metrics of probes, by name."""
     if not report.drive.probes or not _has_channels(report, "position", "velocity", "tension"):
         return {}
     inside = report.whole.time >= report.start - 1e-12
@@ -232,7 +224,7 @@ def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, float]:
-    """Window of a row of metrics [s], within the recording; the latter half where it was not reached."""
+    """Window of a metrics row [s] within the recording; the latter half if it was not reached."""
     end = float(trajectory.time[-1])
     start, stop = row.get("window_start"), row.get("window_end")
     if row.get("input_work") is None or start is None or stop is None or start >= end:
@@ -241,7 +233,7 @@ def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[floa
 
 
 def engineering_report(run: Run, variant: int | None = None, wear: Wear | None = None) -> EngineeringReport:
-    """Engineering report of a recorded variant of a run, None for the first, over its metrics' window.
+    """Engineering report of a run's recorded variant (the first by default), over its metrics' window.
 
     Raises:
         SimulationError: a variant that was not recorded.

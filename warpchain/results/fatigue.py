@@ -4,7 +4,7 @@ A link endures N cycles of the tension range D (peak less valley), and Miner's r
 
     N(D) = N_ref (D_ref / D)^m,      damage = sum over cycles n_i / N(D_i).                                   (a)
 
-Mean tension is not corrected for. Cycles are counted after ASTM E1049-85 (2011), 5.4.4, by the package rainflow.
+Mean tension is not corrected for. Cycles are counted after ASTM E1049-85 (2011), 5.4.4.
 """
 
 from __future__ import annotations
@@ -26,20 +26,11 @@ Array = NDArray[np.float64]
 @check_arguments(SimulationError, "fatigue.")
 @dataclass(frozen=True)
 class Woehler:
-    """A Woehler (S-N) curve without an endurance limit, eq. (a).
+    """Woehler (S-N) curve of a link's tension range, eq. (a), without endurance limit."""
 
-    Attributes:
-        exponent: m [-].
-        reference_range: D_ref [N].
-        reference_cycles: N_ref, cycles of D_ref to failure.
-
-    Raises:
-        SimulationError: a value that is not positive and finite.
-    """
-
-    exponent: PositiveNumber
-    reference_range: PositiveNumber
-    reference_cycles: PositiveNumber = 1e6
+    exponent: PositiveNumber  # m [-]
+    reference_range: PositiveNumber  # D_ref [N]
+    reference_cycles: PositiveNumber = 1e6  # N_ref, cycles of D_ref to failure
 
     def cycles_to_failure(self, ranges: ArrayLike) -> Array:
         """Cycles to failure at tension ranges [N], of their shape."""
@@ -48,7 +39,7 @@ class Woehler:
 
 
 def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]:
-    """Function of the package rainflow that gives a series' cycles: (range, mean, 1 or 0.5, first, last).
+    """Function of the package rainflow that yields a series' cycles: (range, mean, 1 or 0.5, first, last).
 
     Raises:
         SimulationError: the extra `rainflow` is not installed.
@@ -61,13 +52,13 @@ def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]
 
 
 def count_links(tension: ArrayLike) -> list[Array]:
-    """Rainflow cycles of each link, in the order in which they close: range [N], mean [N], and 1 or 0.5 (C, 3).
+    """Rainflow cycles (C, 3) of each link's tension: range [N], mean [N], and 1 or 0.5.
 
     Args:
-        tension: (F, L) link tensions [N].
+        tension: (F, L) of links [N].
 
     Raises:
-        SimulationError: tensions that are not finite or not (F, L), or no extra `rainflow`.
+        SimulationError: tensions not finite or not (F, L), or no extra `rainflow`.
     """
     values = np.asarray(tension, dtype=float)
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():
@@ -78,11 +69,10 @@ def count_links(tension: ArrayLike) -> list[Array]:
 
 
 def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage of each link over a recorded time, (a) (L,); 1 is failure.
+    """Miner damage (L,) of links over a recorded time, (a); 1 is failure.
 
     Args:
-        tension: (F, L) link tensions [N].
-        woehler: the Woehler curve.
+        tension: (F, L) of links [N].
         cycles: of `count_links`, where known.
 
     Raises:
@@ -95,12 +85,11 @@ def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None 
 def equivalent_range(
     tension: ArrayLike, exponent: float, counted: float, cycles: Sequence[Array] | None = None
 ) -> Array:
-    """Range of constant-amplitude cycles that do each link's damage [N] (L,): (sum n_i D_i^m / counted)^(1/m).
+    """Tension range (L,) [N] whose `counted` cycles do each link's fatigue damage, (sum n_i D_i^m / counted)^(1/m).
 
     Args:
-        tension: (F, L) link tensions [N].
+        tension: (F, L) of links [N].
         exponent: m [-].
-        counted: number of those cycles.
         cycles: of `count_links`, where known.
 
     Raises:
@@ -112,7 +101,7 @@ def equivalent_range(
 
 
 def _link_cycle_sums(cycles: Sequence[Array], reference: float, exponent: float) -> Array:
-    """Sum of n (range / reference)^m over each link's cycles (L,)."""
+    """Sum of n (range / reference)^m over each link's rainflow cycles (L,)."""
     sums = np.zeros(len(cycles))
     for link, found in enumerate(cycles):
         total = 0.0

@@ -4,8 +4,8 @@ Over F frames, in a stretch of length b of the face,
 
     p = sum of forces / (F b)  [N/m],    p v = sum of forces times sliding speeds / (F b)  [W/m]                 (a)
 
-Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]. At an instant a roller's
-force has its pitch to itself: the largest p v is max(F |v|) / pitch.
+Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]. The largest p v at an
+instant is max(F |v|) / pitch.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
 
 
 def face_tangents(face: Profile, place: Array) -> Array:
-    """Unit tangents (K, 2) of a guide's face at arc lengths (K,)."""
+    """Unit tangents (K, 2) of a guide's face at arc lengths (K,) [m]."""
     begin, heading, curvature = (
         np.array(values)
         for values in (face.places, [p.heading for p in face.pieces], [p.curvature for p in face.pieces])
@@ -45,7 +45,7 @@ def face_tangents(face: Profile, place: Array) -> Array:
 
 
 def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
-    """Rollers (K,) at frames (K,) as guide g is drawn (K, 2) [m], and its angle (K,) [rad]."""
+    """Rollers (K, 2) [m] at frames (K,) turned to where guide g is drawn, and its angle (K,) [rad]."""
     (position,) = require_channels(trajectory, "position")
     x = np.asarray(position, dtype=float)[frame, roller]
     arm = trajectory.drive.arm_of(g)
@@ -61,24 +61,17 @@ STRETCHES_A_PITCH = 4
 
 
 class GuideContacts(NamedTuple):
-    """Rollers that press one guide, frame by frame.
+    """Rollers that press one guide of a recording, frame by frame."""
 
-    Attributes:
-        frame, roller: (K,) when, and which.
-        place: (K,) arc length along the face; beyond it on the rounded ends [m].
-        force: (K,) normal force [N].
-        speed: (K,) of the chain along the face [m/s]; 0 without recorded velocities.
-    """
-
-    frame: Index
-    roller: Index
-    place: Array
-    force: Array
-    speed: Array
+    frame: Index  # (K,)
+    roller: Index  # (K,)
+    place: Array  # (K,) arc length along the face; beyond it on the rounded ends [m]
+    force: Array  # (K,) normal force [N]
+    speed: Array  # (K,) of the chain along the face [m/s]; 0 without recorded velocities
 
 
 def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
-    """Rollers of a recording that press each of the G guides.
+    """Rollers of a recording that press each guide.
 
     Raises:
         SimulationError: recorded without positions or guide forces.
@@ -107,29 +100,19 @@ def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
 
 
 class GuideLoad(NamedTuple):
-    """Load of a guide over its length, in B stretches.
+    """Load of a guide over its length, in B stretches."""
 
-    Attributes:
-        place: (B,) middles of the stretches [m].
-        mean: (B,) mean normal force per length, p [N/m] (a).
-        peak: (B,) largest force of one roller [N].
-        speed: (B,) mean sliding speed, weighted by force [m/s].
-        pv: (B,) mean of p v [W/m] (a).
-        pv_peak: (B,) largest force of a roller times its speed, over the pitch [W/m].
-        touching: share of the frames at which a roller presses.
-    """
-
-    place: Array
-    mean: Array
-    peak: Array
-    speed: Array
-    pv: Array
-    pv_peak: Array
-    touching: float
+    place: Array  # (B,) middles of the stretches [m]
+    mean: Array  # (B,) mean normal force per length, p [N/m] (a)
+    peak: Array  # (B,) largest force of one roller [N]
+    speed: Array  # (B,) mean sliding speed, weighted by force [m/s]
+    pv: Array  # (B,) mean of p v [W/m] (a)
+    pv_peak: Array  # (B,) largest force of a roller times its speed, over the pitch [W/m]
+    touching: float  # share of the frames at which a roller presses
 
 
 def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
-    """Load of a guide in the stretches between ascending `edges` (B + 1,) [m]."""
+    """Load of a guide in stretches between ascending `edges` (B + 1,) [m]."""
     count, widths = len(edges) - 1, np.diff(edges)
     inside = (contacts.place >= edges[0]) & (contacts.place <= edges[-1])
     stretch = np.minimum(np.searchsorted(edges, contacts.place[inside], side="right") - 1, count - 1)
@@ -145,7 +128,7 @@ def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pi
 
 
 def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
-    """Load of each of a recording's G guides over its length and rounded ends."""
+    """Load of each guide of a recording, over its length and rounded ends."""
     drive = trajectory.drive
     found = []
     for g, mine in enumerate(recorded_guide_contacts(trajectory) if contacts is None else contacts):

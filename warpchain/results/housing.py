@@ -1,20 +1,15 @@
 """Forces on the housing, frame by frame: at hubs, bolts of guides, pivots and springs of arms, seats of tensioners.
 
-With F what rollers, tensioners and the weight do to a body of mass m, a its center's acceleration, its bearing passes
-on to the housing
+With F what rollers, tensioners and weight do to a body of mass m and acceleration a, its bearing passes on
 
     F - m a  [N];                                                                                                 (a)
 
-a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points and e' that turned by 90 degrees. A mount
-on springs passes on what its springs and dampers have, a slider across its line what it holds. A guide on n bolts at
-r_i, r their mean, shares its force F, of the moment M about r,
+a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points. A guide on n bolts at r_i, r their mean,
+shares its force F, of the moment M about r,
 
     F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
 
-without bolts it has one place, the middle of its face. Forces of sprockets are the channel `hub_force`, or without it,
-as of guides, the contacts' normal forces. What drives the shafts is left out.
-
-An order's level is that of ISO 1683, of the effective value over 1 micronewton (1 micronewton meter):
+without bolts at the middle of its face. What drives the shafts is left out. An order's level is that of ISO 1683,
 
     L = 20 log10( (amplitude / sqrt 2) / 1e-6 )  [dB].                                                            (c)
 """
@@ -44,36 +39,29 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LEVEL_REFERENCE = 1e-6
-"""Effective value of 0 dB [N, N m] (ISO 1683)."""
+"""Effective value at 0 dB [N, N m] (ISO 1683)."""
 
 
 class HousingLoad(NamedTuple):
-    """Load on the housing at one place.
+    """Load on the housing at one place, over a recording's frames."""
 
-    Attributes:
-        name: "hub NAME", "bolt NAME N", "guide NAME", "pivot NAME" or "seat NAME".
-        place: where it is [m].
-        force: (F, 2) along x and y [N].
-        moment: (F,) about the place [N m], or None.
-    """
-
-    name: str
-    place: tuple[float, float]
-    force: Array
-    moment: Array | None = None
+    name: str  # "hub NAME", "bolt NAME N", "guide NAME", "pivot NAME" or "seat NAME"
+    place: tuple[float, float]  # [m]
+    force: Array  # (F, 2) along x and y [N]
+    moment: Array | None = None  # (F,) about the place [N m]
 
 
 def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
     """Loads on the housing at hubs, guides, pivots and seats, chain by chain.
 
     Raises:
-        SimulationError: recorded without positions, contact forces, or what bodies do.
+        SimulationError: recorded without positions, contact forces, or motion of bodies.
     """
     return [load for part in chain_trajectories(trajectory).values() for load in _chain_housing_loads(part)]
 
 
 def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
-    """Loads of one chain's parts on the housing."""
+    """Loads on the housing of one chain's parts."""
     drive = trajectory.drive
     on_hubs, guides = hub_forces(trajectory), _guide_forces_and_moments(trajectory)
     hubs = [_hub_bearing_force(trajectory, s, on_hubs[:, s]) for s in range(len(drive.sprockets))]
@@ -103,7 +91,7 @@ def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 
 
 def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
-    """Force that the bearing of sprocket s passes on (F, 2) [N], (a)."""
+    """Force (F, 2) [N] that sprocket s's bearing passes to the housing, (a)."""
     center, angle, speed = require_channels(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
     sprocket, time = trajectory.drive.sprockets[s], trajectory.time
     mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.drive.run.gravity)
@@ -129,7 +117,7 @@ def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
 
 
 def _balance_wheel_force(sprocket: Sprocket, angle: Array, speed: Array, time: Array) -> Array:
-    """Inertia force of a balance wheel about its center (F, 2) [N]."""
+    """Inertia force (F, 2) [N] of a sprocket's balance wheel about its center."""
     wheel = sprocket.balance_wheel
     assert wheel is not None
     points = np.stack([np.cos(angle + wheel.phase), np.sin(angle + wheel.phase)], axis=-1)
@@ -183,12 +171,12 @@ def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[Housi
 
 
 def _moment_about(place: Array, force: Array, moment: Array) -> Array:
-    """Moment [N m] about a place of a force, from that about the origin."""
+    """Moment (F,) [N m] of a force about a place, from that about the origin."""
     return np.asarray(moment - (place[0] * force[:, 1] - place[1] * force[:, 0]))
 
 
 def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> HousingLoad:
-    """Load of the pivot of arm a, without the arms on it and coil springs (a): those between arms are in balance."""
+    """Load of the pivot of arm a on the housing, less arms and coil springs on the arm."""
     drive, time = trajectory.drive, trajectory.time
     arm = drive.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
@@ -214,7 +202,7 @@ def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[
 
 
 def _coil_force(trajectory: Trajectory, a: int) -> Array:
-    """Force of the coil spring of arm a and its damper on the arm (F, 2) [N]; 0 without one."""
+    """Force (F, 2) [N] of coil spring and damper on arm a; 0 without one."""
     arm = trajectory.drive.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
     angle, speed = np.asarray(arm_angle[:, a], dtype=float), np.asarray(arm_speed[:, a], dtype=float)
@@ -231,13 +219,10 @@ def _coil_force(trajectory: Trajectory, a: int) -> Array:
 
 
 def order_levels(trajectory: Trajectory) -> pa.Table:
-    """Levels of the housing loads over the driver's orders [dB] (c), in the recording's latter half.
-
-    Returns:
-        A table with `order` [1] and a column for each component, "hub crank.x" and so on; -inf for none.
+    """Pyarrow table of levels [dB] of housing loads (c) by the driver's `order`, a column a component.
 
     Raises:
-        SimulationError: a driver that stops or turns back, or that turns too little.
+        SimulationError: a driver that stops, turns back or turns too little.
     """
     import pyarrow as pa
 
@@ -256,12 +241,12 @@ def order_levels(trajectory: Trajectory) -> pa.Table:
 
 
 def _component_unit(name: str) -> str:
-    """Unit of a component of a housing load, by its name."""
+    """Unit of a housing load's component, by its name."""
     return "N m" if name.endswith(".moment") else "N"
 
 
 def components(trajectory: Trajectory) -> dict[str, Array]:
-    """Components of all housing loads by name, "hub crank.x", ".y" and ".moment", (F,) each [N, N m]."""
+    """Components (F,) of all housing loads [N, N m] by name: "hub crank.x", ".y" and ".moment"."""
     found: dict[str, Array] = {}
     for load in housing_loads(trajectory):
         found |= {f"{load.name}.{axis}": load.force[:, k] for k, axis in enumerate("xy")}

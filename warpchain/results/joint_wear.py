@@ -1,11 +1,10 @@
-"""Sliding of the joints under load, and the elongation that it forecasts (Archard).
+"""Sliding of the chain's joints under load, and the elongation by wear that it forecasts (Archard).
 
-While the links at a joint turn by d(phi) against each other, the pin slides r_p |d(phi)| in its bush under the force N:
+While links turn by d(phi) against each other, the pin slides r_p |d(phi)| in its bush under the force N:
 
     s = r_p sum |d(phi)|  [m],    L = r_p sum N |d(phi)|  [N m],    sliding work W = mu kappa L                  (a)
 
-Pin and bush together lose the volume k L, over the bearing area A = d_2 b_2 the depth k L / A (docs/wear.md), so that N
-joints of a chain of N pitches p make it longer by
+Pin and bush lose the volume k L, over the bearing area A a depth (docs/wear.md), so that a chain of pitch p grows by
 
     elongation = k L / (A p),    L the mean of all joints.                                                       (b)
 """
@@ -25,23 +24,16 @@ Array = NDArray[np.float64]
 
 
 class JointWear(NamedTuple):
-    """Sliding of the joints in a window.
+    """Sliding of the chain's joints in a window of a recording."""
 
-    Attributes:
-        seconds: length of the window [s].
-        distance: (N,) sliding distance s [m] (a).
-        loaded: (N,) force times sliding distance L [N m] (a).
-        work: (N,) sliding work W [J] (a).
-    """
-
-    seconds: float
-    distance: Array
-    loaded: Array
-    work: Array
+    seconds: float  # length of the window [s]
+    distance: Array  # (N,) sliding distance s [m] (a)
+    loaded: Array  # (N,) force times sliding distance L [N m] (a)
+    work: Array  # (N,) sliding work W [J] (a)
 
 
 def joint_wear(trajectory: Trajectory) -> JointWear | None:
-    """Sliding of each joint of a recording; None without a pin radius.
+    """Sliding of each joint over a recording; None without a pin radius.
 
     Frames must come at least twice as often as links turn back and forth.
 
@@ -64,5 +56,5 @@ def joint_wear(trajectory: Trajectory) -> JointWear | None:
 
 
 def elongation_rate(drive: Drive, wear: JointWear, coefficient: float, area: float) -> float:
-    """Elongation of the chain by wear of its joints [1/s] (b), from k [m^2/N] and A [m^2]."""
+    """Elongation of the chain by joint wear [1/s] (b), from k [m^2/N] and A [m^2]."""
     return float(wear.loaded.mean()) * coefficient / (area * drive.chain.pitch * wear.seconds)

@@ -1,4 +1,4 @@
-"""Limits that a run's metrics are held against, and what each variant is judged to be.
+"""Limits that a run's metrics are held against, and the status and reason of each variant.
 
 A new limit is a row of `LIMIT_RULES` and a field of `Limits`.
 """
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
 
 WELL_KEPT_SHARE = 0.5
-"""Step that a reason asks for, of the one that just keeps a limit."""
+"""Step that a reason proposes, over the one that just keeps a limit."""
 MOST_NAMED = 6
 MOST_REASONS = 3
 
@@ -32,7 +32,7 @@ Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
 ]
 START_ENERGY_CHANGE = 0.5
-"""Change of energy over the losses beyond which a window is of a start."""
+"""Change of energy over losses beyond which a window counts as a start."""
 LimitShare = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 
 
@@ -83,26 +83,25 @@ class Limits(Part):
 NumberOfEach = Callable[..., NDArray[np.float64]]
 """Function that gives a number of each drive (V,), as `number_of_each_drive`."""
 ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
-"""Values of a column (V,), and where it is null."""
+"""Values of a metric column (V,), and where it is null."""
 
 
 @dataclass(frozen=True)
 class LimitRule:
-    """A limit's column, scale and words.
+    """Rule of a limit: its metric column, scale and words.
 
     Attributes:
         key: field of `Limits`.
-        column: metric that is held against the limit, by its own name.
+        column: metric held against the limit.
         unit: of the limit, for documents.
-        text: reason, from the name of the part ("" for the chain) and the value.
+        text: reason, from the part's name ("" for the chain) and the value.
         advice: what to change.
         part: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
         is_lower: whether the limit is a lower one.
         size: what of a value an upper limit is for.
-        scale: what a column is taken over, from numbers of the drives, columns (V,) and the column's prefix; nan for
-            none.
-        after_start: whether drives with `run.start` are not judged by it.
-        order: power of the step that the column goes by, 0 where reasons name no step.
+        scale: divisor of the column, from drives, columns (V,) and prefix.
+        after_start: whether drives with `run.start` are exempt.
+        order: power of the step that the column goes by, or 0.
     """
 
     key: str
@@ -118,7 +117,7 @@ class LimitRule:
     order: int = 0
 
     def reason_text(self, of: str, value: float, limit: float) -> str:
-        """Reason for a value beyond its limit, with a step that keeps it well and what to change."""
+        """Reason text for a value beyond its limit, with a step that keeps it and what to change."""
         step = ""
         if self.order and limit > 0.0:
             step = (
@@ -128,12 +127,12 @@ class LimitRule:
 
     @property
     def column_name(self) -> str:
-        """Name of the limit's column, for documents."""
+        """Name of the limit's metric column, for documents."""
         return f"{self.part}.{self.column}" if self.part else self.column
 
 
 def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
-    """A number of the chain that a column's prefix names, in each drive (V,); nan without one."""
+    """A number (V,) of the chain that a metric column's prefix names, in each drive; nan without one."""
     name = of.partition(".")[0]
 
     def number_of_drive(drive: Drive) -> Any:
@@ -145,28 +144,28 @@ def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain]
 
 
 def breaking_loads(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Breaking load of each drive's chain (V,) [N], nan where unknown."""
+    """Breaking load (V,) [N] of each drive's chain; nan where unknown."""
     return _number_of_prefix_chain(each, of, lambda chain: chain.breaking_load)
 
 
 LEAST_STRETCH = 1e-9
-"""Stretch of a link below which a force is none, as in settling [m]."""
+"""Stretch of a link [m] below which its force counts as none."""
 
 
 def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
-    """Least force (V,) [N] that counts as one of a link."""
+    """Least force (V,) [N] that counts as a link's."""
     return LEAST_STRETCH * _number_of_prefix_chain(each, of, lambda chain: chain.stiffness)
 
 
 def largest_link_tensions(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link tension of the window (V,) [N], at least one that counts."""
+    """Largest link tension (V,) [N] of the window, at least one that counts."""
     chain, several, _ = of.rpartition(".")
     least, name = least_link_forces(each, of), f"{chain}.tension_max" if several else "tension_max"
     return np.maximum(columns[name][0], least) if name in columns else np.full_like(least, np.nan)
 
 
 def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link force of the window (V,) [N], pulling or pushing, at least one that counts; nan for none."""
+    """Largest link force (V,) [N] of the window, pulling or pushing; nan for none."""
     names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
     ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_link_forces(each, of)
     largest = np.max(ends, axis=0) if ends else np.zeros_like(least)
@@ -174,7 +173,7 @@ def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues],
 
 
 def has_table_change(drive: Drive, begin: Any, end: Any) -> Any:
-    """Whether a table over time changes what a drive does between two times [s], or those (V,) of a stack."""
+    """Whether a table over time changes what a drive does between two times [s], of a stack (V,)."""
     changes = [_has_change_between(*table, begin, end) for table in _tables_over_time(drive)]
     return np.any(changes, axis=0) if changes else False
 
@@ -201,12 +200,12 @@ def _tables_over_time(drive: Drive) -> Iterator[tuple[Any, Any]]:
 
 
 def _attribute_or_none(part: Any, name: str) -> Any:
-    """Attribute of a part, or None."""
+    """Attribute of a drive's part, or None."""
     return getattr(part, name, None)
 
 
 def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
-    """Whether a table over time has more than one value between two times."""
+    """Whether a table over time has more than one value between two times [s]."""
     time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
     changes = np.append(0, np.cumsum(value[1:] != value[:-1]))
     first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
@@ -214,13 +213,13 @@ def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
 
 
 def _longest_ramp_time(drive: Drive) -> Any:
-    """Longest ramp of a drive's motions [s], 0 without one."""
+    """Longest ramp of a drive's motions [s]; 0 without one."""
     motions = [*(of.prescribed for of in drive.sprockets), *(of.prescribed for of in drive.shafts)]
     return maximum(0.0, *(motion.ramp_time for motion in motions if motion))
 
 
 def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Mean tension of the window (V,) [N] where it follows a ramp, and no table over time changes; else nan."""
+    """Mean tension (V,) [N] of windows after a ramp without changes by tables; else nan."""
     ramps, name = each(_longest_ramp_time), f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
         return np.full_like(ramps, np.nan)
@@ -230,7 +229,7 @@ def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnVal
 
 
 def start_window_ones(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """1 where the window (V,) is one of a start, nan elsewhere."""
+    """1 where a variant's window (V,) is of a start, else nan."""
     change, null = columns.get("energy_change_relative", (np.zeros_like(columns["diverged_time"][0]), False))
     return np.where((np.abs(change) > START_ENERGY_CHANGE) & ~np.asarray(null), 1.0, np.nan)
 
@@ -367,7 +366,7 @@ UNMEASURED_REASON = "ended before its window for metrics was over"
 
 @dataclass(frozen=True)
 class Judgement:
-    """Statuses of V variants, and why.
+    """Status and reason of V variants.
 
     Attributes:
         status: (V,) of `statuses.STATUSES`.
@@ -387,16 +386,13 @@ def judge_variants(
     causes: Sequence[str] | None = None,
     stacks: Sequence[Stack] | None = None,
 ) -> Judgement:
-    """Judges V variants by their metrics; returns status and reason of each.
+    """Judgement of V variants, status and reason each, by their metrics.
 
     Args:
-        drives: the variants.
-        columns: their metrics by name, "diverged" and "diverged_time" [s] among them; a rule without its column judges
-            none.
+        columns: metrics by name, "diverged" and "diverged_time" [s] among them.
         measured: (V,) which came to the end of their window.
-        limits: None takes the defaults.
-        layouts: (V,) what is wrong with each drive's layout; None judges none.
-        causes: (V,) which of `DIVERGENCE_CAUSES` made it diverge, "" where it did not; None takes the step.
+        layouts: (V,) faults of each drive's layout; None judges none.
+        causes: (V,) of `DIVERGENCE_CAUSES`, "" for none; None takes the step.
         stacks: the drives sorted into kinds, where known.
     """
     limits = limits or Limits()
@@ -428,7 +424,7 @@ def judge_variants(
 def _reasons_beyond_limits(
     drives: Sequence[Drive], stacks: Sequence[Stack] | None, columns: Mapping[str, ColumnValues], limits: Limits
 ) -> dict[int, list[str]]:
-    """Reasons of the variants with metrics beyond limits, by variant, in the order of rules and columns."""
+    """Reasons of variants with metrics beyond limits, by variant, in the order of rules and columns."""
     found: dict[int, list[tuple[int, str, str]]] = {}
     chains = {chain.name for drive in drives for chain in drive.chains}
     each = partial(number_of_each_drive, drives, stacks)
@@ -456,7 +452,7 @@ def _reasons_beyond_limits(
 
 
 def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
-    """Reasons (rule, column, text) in the order of rules, and of the drive's columns."""
+    """Reasons (rule, column, text) in the order of rules, and of the drive's metric columns."""
     if len({rule for rule, _, _ in reasons}) == len(reasons):
         return reasons
     places = _column_places(drive)
@@ -464,19 +460,14 @@ def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) 
 
 
 def _column_places(drive: Drive) -> dict[str, int]:
-    """Place of each metric in a drive's table."""
+    """Place of each metric in a drive's table, by name."""
     from warpchain.results.metric_columns import metric_names  # which imports what this module judges
 
     return {name: place for place, name in enumerate(metric_names(drive))}
 
 
 def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains: set[str]) -> NDArray[np.bool_]:
-    """Whether each drive's column of this prefix is held against a limit (V,).
-
-    Args:
-        of: the column's prefix; "" for a drive's only chain.
-        chains: names of the chains of all drives that have several.
-    """
+    """(V,) whether a limit's rule applies to each drive's column of this prefix; `chains` are all chains' names."""
     own: bool | NDArray[np.bool_] = of == ""
     if of in chains:
         own = np.array([any(chain.name == of for chain in drive.chains) for drive in drives])
@@ -484,7 +475,7 @@ def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains
 
 
 def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, ColumnValues]) -> dict[int, str]:
-    """First metric of each variant that is not finite, by variant."""
+    """First metric that is not finite, by variant."""
     found: dict[int, list[str]] = {}
     for name, (values, null) in columns.items():
         if values.dtype.kind == "f":
@@ -498,7 +489,7 @@ def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, Colu
 
 
 def judgement_warning(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """Warning of one line: which variants are not ok, why, and what to change; None where all are.
+    """Warning of one line on variants that are not ok, why, and what to change; None for none.
 
     Interrupted variants that are else ok are left out.
     """

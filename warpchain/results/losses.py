@@ -1,12 +1,10 @@
-"""Energy dissipated over the window by group, and friction power over time by what rubs.
+"""Energy losses of a window by group, and friction power over time by what rubs.
 
 With mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), N normal forces and v sliding speeds,
 
     joints   mu(r_p |g|) kappa r_p max(|T_i-1|, |T_i|) |g|,   g the rate at which links turn against each other  (a)
     guides   mu(v) N |v|                                                                                         (b)
     teeth    mu(v) N |v|,   v along the contact                                                                  (c)
-
-as the kernels have it, but for their bound on what a step can stop.
 """
 
 from __future__ import annotations
@@ -41,7 +39,7 @@ SLIP_LOSSES = "clutches and gear changes"
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
-    """Energy dissipated over the window by group [J], the largest first; groups without parts are left out.
+    """Energy [J] dissipated over the window by group of parts, the largest first.
 
     With `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
 
@@ -71,10 +69,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
 
 
 class Loss(NamedTuple):
-    """Energy that a group dissipates over the window [J], its power [W] and its share of the input work [-].
-
-    The share is None where no work came in.
-    """
+    """Energy that a group of parts dissipates over the window [J], power [W], and share of the input work or None."""
 
     energy: float
     power: float
@@ -82,7 +77,7 @@ class Loss(NamedTuple):
 
 
 def loss_shares(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, Loss]:
-    """`losses` with power and share of the input; empty for a run that did not come to its window."""
+    """Losses by group with power and share of the input work; empty if a run did not reach its window."""
     work = metrics.get("input_work")
     if work is None:
         return {}
@@ -97,13 +92,13 @@ Array = NDArray[np.float64]
 
 
 def friction_coefficient(rubbing: FrictionCoefficients, speed: Array) -> Array:
-    """Friction coefficient mu(v) at sliding speeds [m/s]."""
+    """Friction coefficients mu(v) at sliding speeds [m/s]."""
     part = np.asarray(speed) / rubbing.stribeck_speed
     return rubbing.dynamic + (rubbing.static - rubbing.dynamic) * np.exp(-part * part)
 
 
 def joint_turn_rates(trajectory: Trajectory) -> Array:
-    """Rate at which the links at each roller turn against each other, g (F, N) [rad/s]."""
+    """Rates g (F, N) [rad/s] at which links at each roller turn against each other."""
     position, velocity = require_channels(trajectory, "position", "velocity")
     across = np.roll(position, -1, axis=1) - position
     relative = np.roll(velocity, -1, axis=1) - velocity
@@ -113,14 +108,14 @@ def joint_turn_rates(trajectory: Trajectory) -> Array:
 
 
 def joint_loads(trajectory: Trajectory) -> Array:
-    """Force on each joint (F, N) [N]: the larger of its links' tensions."""
+    """Force (F, N) [N] on each joint: the larger of its links' tensions."""
     (tension,) = require_channels(trajectory, "tension")
     size = np.abs(np.asarray(tension, dtype=float))
     return np.maximum(size, np.roll(size, 1, axis=1))
 
 
 def total_joint_friction_power(trajectory: Trajectory) -> Array:
-    """Friction power of all joints (F,) [W]: as recorded, or else (a)."""
+    """Friction power (F,) [W] of all joints: as recorded, else (a)."""
     if trajectory.joint_friction_power is not None:
         return np.asarray(trajectory.joint_friction_power, dtype=float).sum(axis=1)
     joint, radius = trajectory.drive.chain.joint, trajectory.drive.chain.pin_radius
@@ -137,14 +132,14 @@ def total_joint_friction_power(trajectory: Trajectory) -> Array:
 
 
 def guide_friction_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Array:
-    """Friction power on guide g (F,) [W] (b)."""
+    """Friction power (F,) [W] on guide g, (b)."""
     speed = np.abs(contacts.speed)
     power = friction_coefficient(guide_friction_coefficients(trajectory.drive, g), speed) * contacts.force * speed
     return np.asarray(np.bincount(contacts.frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
 def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array:
-    """Friction power on the teeth of sprocket s (F,) [W] (c); `near` (F, N) is of `engaged_sprockets`."""
+    """Friction power (F,) [W] on sprocket s's teeth, (c); `near` (F, N) is of `engaged_sprockets`."""
     position, velocity, sprocket_force, sprocket_speed, sprocket_center = require_channels(
         trajectory, "position", "velocity", "sprocket_force", "sprocket_speed", "sprocket_center"
     )
@@ -163,7 +158,7 @@ def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp])
 
 
 def friction_power(trajectory: Trajectory) -> dict[str, Array]:
-    """Friction power (F,) [W] of "joints", guides and sprockets by name, of what rubs."""
+    """Friction power (F,) [W] of "joints", and of guides and sprockets by name."""
     drive = trajectory.drive
     found: dict[str, Array] = {}
     if drive.chain.has_friction:
@@ -180,7 +175,7 @@ def friction_power(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
-    """Friction powers added up to "joints", "guides" and "teeth"."""
+    """Friction powers (F,) [W] added up to "joints", "guides" and "teeth"."""
     groups = {
         "joints": ["joints"],
         "guides": [guide.name for guide in drive.guides],
@@ -191,10 +186,11 @@ def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[st
 
 
 def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
-    """Mean friction power of a run's ok variants by group (V,) [W], over the driver's ascending speed (V,) [rad/s].
+    """Driver speeds (V,) [rad/s] of a run's ok variants, ascending, and mean friction power (V,) [W] by group.
 
-    None with fewer than three speeds, where nothing rubs, or where variants have several chains or unlike drivers.
-    Variants must have the parts of the first.
+    None with fewer than three speeds, several chains, unlike drivers, or where nothing rubs. Variants must have the
+    parts
+    of the first.
     """
     drive, table = run.drives[0], run.metrics
     names = {f"{of.sprockets[of.driver].name}.speed_mean" for of in run.drives}

@@ -1,8 +1,6 @@
-"""A measured signal beside a run: laid over the simulated one, statistics and orders compared.
+"""A measured signal compared with a run's simulated one: laid over it, statistics and orders.
 
-Simulated values are of the recording's latter half. Orders are multiples of the driver's revolution; the rig is taken
-to turn at the run's mean speed. The amplitude of an order is the largest line of the spectrum within `LINES_WITHIN`
-lines of it.
+Simulated values are of the recording's latter half; the rig is taken to turn at the run's mean speed.
 """
 
 from __future__ import annotations
@@ -38,16 +36,16 @@ from warpchain.results.strand_passing import strand_displacement
 Array = NDArray[np.float64]
 
 LINES_WITHIN = 2
-"""Lines of a spectrum about an order that count for its amplitude."""
+"""Lines of a spectrum on either side of an order among which its amplitude is the largest."""
 
 
 class SignalSource(NamedTuple):
-    """A simulated signal to compare a measured one with.
+    """Source of a simulated signal to compare a measured one with.
 
     Attributes:
         unit: SI unit.
         group: of curves in playback.
-        values: works out the values (F,).
+        values: function that returns the values (F,).
     """
 
     unit: str
@@ -57,15 +55,15 @@ class SignalSource(NamedTuple):
 
 @dataclass(frozen=True)
 class SignalComparison:
-    """A measured signal beside the simulated one.
+    """Comparison of a measured signal with the simulated one.
 
     Attributes:
         measured: the signal.
         group: of curves in playback.
         time, simulated: (F,) of the whole recording.
-        statistics: simulated and measured value by name ("mean", "std", ...).
+        statistics: simulated and measured value by name.
         orders: cause, simulated and measured amplitude by order.
-        spectra: orders and amplitudes (2, L) of the simulated and of the measured signal, or None.
+        spectra: orders and amplitudes (2, L) of both signals, or None.
     """
 
     measured: MeasuredSignal
@@ -78,10 +76,10 @@ class SignalComparison:
 
 
 def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
-    """Signals of a run to compare measured ones with, by name.
+    """Simulated signals of a run by name, to compare measured ones with.
 
-    STRAND.tension, SPROCKET.speed, COUPLING.torque, "link 7.tension" and so on; of several chains CHAIN.STRAND.tension,
-    "CHAIN.link 7.tension".
+    STRAND.tension, SPROCKET.speed, "link 7.tension" and so on; of several chains CHAIN.STRAND.tension, "CHAIN.link
+    7.tension".
     """
     found: dict[str, SignalSource] = {}
     for chain, own in chain_trajectories(trajectory).items():
@@ -96,7 +94,7 @@ def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
 
 
 def signal_units(drive: Drive) -> dict[str, str]:
-    """SI units of a drive's `signal_sources`, by name."""
+    """SI units of a drive's simulated signals, by name."""
     units: dict[str, str] = {}
     for chain in chain_drives(drive):
         before = f"{chain.name}." if chain.name else ""
@@ -113,7 +111,7 @@ def signal_units(drive: Drive) -> dict[str, str]:
 
 
 def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, SignalSource]:
-    """Signals of a chain to compare with, by name; its strands' and links' begin with `before`."""
+    """Simulated signals of a chain by name; its strands' and links' begin with `before`."""
     drive = trajectory.drive
     found: dict[str, SignalSource] = {}
     for k, name in enumerate(drive.strand_names):
@@ -140,7 +138,7 @@ def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, Sign
 
 
 def _largest_contact_force(trajectory: Trajectory, part: int) -> Array:
-    """Largest contact force of a sprocket or guide on any roller (F,) [N]."""
+    """Largest contact force (F,) [N] of a sprocket or guide on any roller."""
     return largest_contact_forces(trajectory)[part]
 
 
@@ -151,10 +149,10 @@ def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
 
 
 def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
-    """Signal of a run that a measured one of a name is compared with.
+    """Simulated signal of a run by name, to compare a measured one with.
 
     Args:
-        option: what stands before the name where it was given, such as "--as ".
+        option: what precedes the name in errors, such as "--as ".
 
     Raises:
         SimulationError: an unknown name, or a channel that was not recorded.
@@ -173,10 +171,10 @@ def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
 
 
 def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | None = 0.0) -> SignalComparison:
-    """Comparison of a measured signal with the simulated one of a run.
+    """Comparison of a measured signal with a run's simulated one.
 
     Args:
-        offset: added to the measured time [s]; None takes the one at which both correlate best.
+        offset: added to the measured time [s]; None takes the one of best correlation.
 
     Raises:
         SimulationError: as `source`.
@@ -205,7 +203,7 @@ def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | N
 
 
 def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -> tuple[Array, Array] | None:
-    """Spectrum of the measured signal over the driver's orders; None where that stands still."""
+    """Spectrum of a measured signal over the driver's orders; None if the driver stands still."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     part = latter_half_frames(trajectory)
     angle = forward_values(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
@@ -221,7 +219,7 @@ def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -
 def _excitation_order_amplitudes(
     trajectory: Trajectory, ours: tuple[Array, Array] | None, theirs: tuple[Array, Array] | None
 ) -> dict[float, tuple[str, float, float]]:
-    """Cause and both signals' amplitudes of each order that excites the drive and that both resolve."""
+    """Cause and both signals' amplitudes by excitation order, where both resolve it."""
     if ours is None or theirs is None:
         return {}
     causes = {order.value: order.cause for order in excitation_orders(trajectory.drive)}
@@ -244,7 +242,7 @@ def _excitation_order_amplitudes(
 
 
 def _best_time_offset(time: Array, simulated: Array, measured: MeasuredSignal) -> float:
-    """Offset of the measured time at which both signals correlate best [s]."""
+    """Offset of the measured time [s] at which both signals correlate best."""
     from scipy.signal import correlate
 
     step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))

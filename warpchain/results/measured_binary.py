@@ -29,9 +29,9 @@ from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, 
 
 MOST_SIGNAL_VALUES = 2**25
 MOST_MEMORY = 2**33
-"""Address space of the reading process [bytes]."""
+"""Address space of the process that reads a measured file [bytes]."""
 MOST_READING_TIME = 300.0
-"""Time for reading a file [s]."""
+"""Time for reading a measured file [s]."""
 _MAT_NUMBER_CLASSES = (
     "int8",
     "uint8",
@@ -46,13 +46,13 @@ _MAT_NUMBER_CLASSES = (
     "logical",
 )
 _TIME_CHANNELS = ("time", "t", "Time")
-"""Channels of MDF, and variables of MAT, that are a time."""
+"""Names of channels of MDF and variables of MAT that are a time."""
 _HDF5_HEAD, _HDF5_PLACE = b"\x89HDF\r\n\x1a\n", 512
 """First bytes of the HDF5 in a MAT file of version 7.3, and where they stand."""
 
 
 def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a MAT, MDF or TDMS file, read in a process of its own where possible.
+    """Time and value columns of a MAT, MDF or TDMS file, read in a process of its own.
 
     Raises:
         SimulationError: as `read_binary_columns_here`, or a file at which that process ended.
@@ -83,10 +83,10 @@ def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[Mea
 
 
 def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a MAT, MDF or TDMS file, read in this process.
+    """Time and value columns of a MAT, MDF or TDMS file, read in this process.
 
     Raises:
-        SimulationError: a file or column that is not understood, too many values, or a missing package.
+        SimulationError: a file or column not understood, too many values, or a missing package.
     """
     time, signal = COLUMN_READERS[Path(path).suffix.lower()](path, columns)
     if len(time[2]) != len(signal[2]):
@@ -96,7 +96,7 @@ def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tupl
 
 @contextlib.contextmanager
 def _convert_file_errors(path: str | Path, words: str) -> Iterator[None]:
-    """Turns what keeps a file from being read into a SimulationError; `words` are for damage."""
+    """Context that turns errors of reading a measured file into SimulationError; `words` are for damage."""
     try:
         yield
     except SimulationError:
@@ -108,7 +108,7 @@ def _convert_file_errors(path: str | Path, words: str) -> Iterator[None]:
 
 
 def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a MAT file."""
+    """Time and value columns of a MAT file."""
     from scipy.io import loadmat, whosmat
 
     with _convert_file_errors(path, "is not a MAT file"), open(open_regular_file(path), "rb") as file:
@@ -133,7 +133,7 @@ def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[str, int]) -> list[str]:
-    """Names of the variables of time and values among the vectors of a MAT file, which are not too long."""
+    """Names of the time and value variables among a MAT file's vectors."""
     names = [(name, name) for name in lengths]
     at = column_index(path, names, columns.time, 0, "time")
     of = column_index(path, names, columns.column, (at + 1) % max(len(names), 2))
@@ -144,14 +144,14 @@ def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[
 
 
 def _column_of_variable(path: str | Path, name: str, values: np.ndarray) -> MeasuredColumn:
-    """A column of a variable's values."""
+    """Measured column of a MAT variable's values."""
     if values.dtype.kind not in "iuf":
         raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
     return name, "", require_bounded_values(path, name, values.astype(float))
 
 
 def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a MAT file of version 7.3."""
+    """Time and value columns of a MAT file of version 7.3."""
     require_extra("hdf5", f"{path}: MAT of version 7.3", SimulationError)
     import h5py
 
@@ -172,7 +172,7 @@ def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tup
 
 
 def _said_variables(path: str | Path, columns: MeasuredColumns, names: list[str]) -> MeasuredColumns:
-    """Columns by name of a file whose variables have no order: the one called as a time, and the only other one.
+    """Columns by name for a file without order: the one called as a time, and the only other.
 
     Raises:
         SimulationError: it is not clear which these are.
@@ -183,20 +183,20 @@ def _said_variables(path: str | Path, columns: MeasuredColumns, names: list[str]
 
 
 def _only_name(path: str | Path, option: str, found: list[str], names: list[str]) -> str:
-    """The name that alone was found among all; raises SimulationError where there is none, or several."""
+    """The only name found in a measured file; raises SimulationError for none or several."""
     if len(found) != 1:
         raise SimulationError(f"{path}: its variables have no order: say --{option}, one of {', '.join(names)}")
     return found[0]
 
 
 def _check_value_count(path: str | Path, name: str, count: int) -> None:
-    """Refuses more values than a signal may have, before they are read."""
+    """Raises SimulationError where a measured file's column has too many values."""
     if count > MOST_SIGNAL_VALUES:
         raise SimulationError(f"{path}: {name} has {count} values; allowed are at most {MOST_SIGNAL_VALUES}")
 
 
 def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of an MDF file of version 3 or 4."""
+    """Time and value columns of an MDF file of version 3 or 4."""
     require_extra("mdf", f"{path}: MDF", SimulationError)
     import asammdf
 
@@ -220,7 +220,7 @@ def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def _columns_from_tdms(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a TDMS file, the time a waveform's own or another channel."""
+    """Time and value columns of a TDMS file, time from a waveform or another channel."""
     require_extra("tdms", f"{path}: TDMS", SimulationError)
     import nptdms
 
@@ -251,7 +251,7 @@ def _columns_from_tdms(path: str | Path, columns: MeasuredColumns) -> tuple[Meas
 
 
 def _column_of_channel(path: str | Path, channel: Any) -> MeasuredColumn:
-    """A column of a TDMS channel's values, instants as seconds since the first."""
+    """Measured column of a TDMS channel, instants as seconds since the first."""
     values, words = np.asarray(channel[:]), channel.properties
     if values.dtype.kind == "M" and len(values):
         values = (values - values[0]) / np.timedelta64(1, "s")
@@ -268,11 +268,11 @@ COLUMN_READERS: dict[str, Callable[[str | Path, MeasuredColumns], tuple[Measured
     ".mdf": _columns_from_mdf,
     ".tdms": _columns_from_tdms,
 }
-"""What reads files of these endings; all others are text."""
+"""Functions that read measured columns, by a file's ending; others are text."""
 
 
 def answer_read_request() -> None:
-    """Reads the file that standard input names, in bounded memory, and answers on standard output."""
+    """Reads the measured file named on standard input, in bounded memory, and answers on standard output."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
@@ -289,7 +289,7 @@ def answer_read_request() -> None:
 
 
 def _limit_memory() -> None:
-    """Bounds this process's memory, and lets it leave no image."""
+    """Bounds the reading process's memory, and forbids core dumps."""
     with contextlib.suppress(ImportError, OSError, ValueError):  # a system without such bounds
         import resource
 

@@ -1,4 +1,4 @@
-"""Columns of files of measured values, by their names."""
+"""Columns of files of measured values, chosen by name."""
 
 from __future__ import annotations
 
@@ -14,19 +14,18 @@ from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
 MeasuredColumn = tuple[str, str, Array]
-"""Name, unit ("" where it is not said) and values (K,)."""
+"""Name, unit ("" if unknown) and values (K,) of a measured column."""
 
 
 @dataclass(frozen=True)
 class MeasuredColumns:
-    """Columns and units of a file of measured values.
+    """Names and units of the time and value columns of a measured file.
 
     Attributes:
-        column: of the values: name, name and unit as in the file, or number, "#2"; None is the first after the time.
-        time: of the time, likewise; None is the first. Channels of MDF and TDMS have their own.
-        unit, time_unit: None takes what the head says in brackets or parentheses, else SI.
-        decimal: "." or ",", before decimals in text; the other one is then between thousands. None takes the one that
-            all numbers have.
+        column: of the values, by name (with unit as in the file) or number, "#2"; None is the first after the time.
+        time: of the time, likewise; None is the first, or the channel's own in MDF and TDMS.
+        unit, time_unit: None takes the head's, else SI.
+        decimal: "." or "," before decimals in text; None takes the one that all numbers have.
         head: line of the names in text; None finds it above the numbers.
     """
 
@@ -41,7 +40,7 @@ class MeasuredColumns:
 def column_index(
     path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
 ) -> int:
-    """Place of a column among all; raises SimulationError where `column_place` refuses the name."""
+    """Index of a measured file's column by name; raises SimulationError for an unknown one."""
     try:
         return column_place(names, wanted, default, option)
     except TableError as error:
@@ -49,7 +48,7 @@ def column_index(
 
 
 def require_bounded_values(path: str | Path, name: str, values: Array) -> Array:
-    """Values of a measured column, NaN for gaps; raises SimulationError where one is infinite or too large."""
+    """Values of a measured column, NaN for gaps; raises SimulationError if one is infinite or too large."""
     if (np.abs(values) > HUGE).any():
         raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
     return values

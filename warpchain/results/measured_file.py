@@ -1,4 +1,4 @@
-"""Measured signals as files, with units, as rigs write them: text tables such as CSV, MAT, MDF, TDMS."""
+"""Measured signals read from files, with units: text tables such as CSV, MAT, MDF, TDMS."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ SIGNAL_STATISTICS: dict[str, Callable[[Array], float]] = {
     "largest": lambda x: float(x.max()),
 }
 LATEST_TIME = 1e9
-"""Times beyond are mistakes [s]."""
+"""Latest time of a measured signal [s]; later ones are mistakes."""
 
 
 @dataclass(frozen=True)
 class MeasuredSignal:
-    """A signal from a rig.
+    """A measured signal from a rig.
 
     Attributes:
-        name: what was measured, one of `measured.signal_sources`.
+        name: what was measured, of `measured.signal_sources`.
         unit: SI unit.
         time: (K,) ascending [s].
         values: (K,) in SI.
@@ -45,19 +45,18 @@ class MeasuredSignal:
 
 
 def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns | None = None) -> MeasuredSignal:
-    """Measured signal of a MAT (.mat), MDF (.mf4, .mdf) or TDMS (.tdms) file, else of a text table.
+    """Measured signal of a MAT (.mat), MDF (.mf4, .mdf), TDMS (.tdms) or text file, in SI.
 
-    Text is read as `warpchain.drive.text_table` says; its time may be dates and times of day, which count from the
-    first. Variables of a MAT file are vectors. Instants without a value are left out, and equal rounded times spread
-    evenly up to the next; a warning says how many.
+    Dates and times of day count from the first. Instants without a value are left out, equal rounded times spread
+    evenly;
+    a warning says how many.
 
     Args:
         name: what was measured.
         unit: SI unit that it must have.
 
     Raises:
-        SimulationError: a file, column, unit or number that is not understood, a time that falls or is missing, or a
-            missing package.
+        SimulationError: a file, column, unit or number not understood, a falling or missing time, a missing package.
     """
     columns = columns or MeasuredColumns()
     if columns.decimal not in (None, ".", ","):
@@ -89,7 +88,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
 
 
 def _without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tuple[Array, Array]:
-    """Times and values but for instants without a value, with a warning of how many these are.
+    """Times and values (K,) of a measured signal without gaps, of which a warning says the number.
 
     Raises:
         SimulationError: a value without a time.
@@ -105,7 +104,7 @@ def _without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tu
 
 
 def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Columns of time and values of a text table."""
+    """Time and value columns of a measured text table."""
     known = {"time", "t", *(word.lower() for word in (columns.column, columns.time) if word)}
     try:
         table = read_text_table(path, columns.decimal, columns.head, known)
@@ -127,7 +126,7 @@ def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[Measur
 
 
 def _check_first_column(table: TextTable) -> None:
-    """Raises TableError where the first column is no time by its name and unit, and another one is."""
+    """Raises TableError where a text table's first column is no time, but another one is."""
     is_time = [
         head.name in TIME_NAMES or quantities.unit_factor(head.unit, "s") is not None or has_clock(table, k)
         for k, head in enumerate(table.heads)
@@ -139,10 +138,10 @@ def _check_first_column(table: TextTable) -> None:
 
 
 def _unit_factor(path: str | Path, what: str, given: str, si: str, hint: str) -> float:
-    """The factor that turns values in a unit into SI.
+    """Factor that turns a measured column's unit into SI.
 
     Raises:
-        SimulationError: there is no such unit, or it is of another kind.
+        SimulationError: no such unit, or one of another kind.
     """
     found, fit = quantities.unit_factor(given, si), ", ".join(quantities.equivalent_units(si))
     if found is None and quantities.unit_of_text(given) is None:

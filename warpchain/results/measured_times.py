@@ -1,4 +1,4 @@
-"""Times of measured signals: dates and times of day as seconds, times that are equal since they were rounded."""
+"""Times of measured signals: dates and times of day as seconds, and equal, since rounded, times spread."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ _CLOCK_PARTS = re.compile(
     r"(\d+):(\d+)(?::(\d+)(?:[.,](\d+))?)?(?: ?([AaPp])[Mm])?(?: ?(Z)|([+-])(\d{2}):?(\d{2}))?", re.ASCII
 )
 _ORDERS = {"year first": (0, 1, 2), "day first": (2, 1, 0), "month first": (2, 0, 1)}
-"""Places of year, month and day in a date."""
+"""Places of year, month and day in a date, by its order."""
 
 
 def has_clock(table: TextTable, column: int) -> bool:
-    """Whether a column's first cell that is no gap is a date or a time of day."""
+    """Whether a text table's column begins with a date or a time of day."""
     first = next((cell for cell in table.cells(column) if cell.lower() not in GAPS), "")
     return bool(first and re.search("[-/.:].*[-/.:]|:", first) and _INSTANT.fullmatch(first))
 
 
 def clock_seconds(table: TextTable, column: int) -> Array:
-    """Seconds (rows,) since the first instant of a column of dates, times of day or both, NaN for gaps.
+    """Seconds (rows,) since the first instant of a column of dates or times of day, NaN for gaps.
 
-    A date beside which the next column has the time of day is one with it.
+    A date beside a column of times of day is read with it.
 
     Raises:
-        TableError: a cell that is none, a date that may mean two days.
+        TableError: a cell that is none, or a date that may mean two days.
     """
     cells = table.cells(column)
     if not any(":" in cell for cell in cells) and column + 1 < len(table.heads) and has_clock(table, column + 1):
@@ -57,10 +57,10 @@ def clock_seconds(table: TextTable, column: int) -> Array:
 
 
 def _days(dates: list[str | None], lines: list[int]) -> list[int]:
-    """Numbers of days, 0 where there is no date.
+    """Day numbers of dates, 0 for none.
 
     Raises:
-        TableError: a date that is none, or several of which it is not clear whether the day or the month is first.
+        TableError: a date that is none, or day and month that cannot be told apart.
     """
     given = {text for text in dates if text is not None}
     words = {text: [int(word) for word in re.split(r"[-/.]", text)] for text in given}
@@ -86,13 +86,13 @@ def _days(dates: list[str | None], lines: list[int]) -> list[int]:
 
 
 def _day_number(words: list[int], order: tuple[int, int, int]) -> int:
-    """The number of the day of a date; raises ValueError where there is no such day."""
+    """Number of a date's day; raises ValueError for no such day."""
     year, month, day = (words[place] for place in order)
     return date(year + 2000 if year < 100 else year, month, day).toordinal()
 
 
 def _seconds_of_day(text: str, line: int) -> float:
-    """Seconds since midnight of a time of day, of UTC where it has a zone.
+    """Seconds from midnight to a time of day, of UTC where it has a zone.
 
     Raises:
         TableError: there is no such time of day.
@@ -110,10 +110,7 @@ def _seconds_of_day(text: str, line: int) -> float:
 
 
 def spread_equal_times(time: Array) -> Array:
-    """Times (K,) that do not fall, those that are equal spread evenly up to the next one.
-
-    The last ones are spread by the step before them.
-    """
+    """Times (K,) of a measured signal, equal ones spread evenly up to the next."""
     starts = np.flatnonzero(np.append(True, np.diff(time) > 0.0))
     ends = np.append(time[starts[1:]], 0.0)
     counts = np.diff(np.append(starts, len(time)))

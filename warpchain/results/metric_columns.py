@@ -1,7 +1,7 @@
-"""The registry of metrics: every column of a table of metrics, with its unit, its title and how it is formed.
+"""Registry of metrics: every column of a metrics table, with its unit, title and formula.
 
-A new metric is a row here; one with a sum of its own, also a field in `kernels/structs.py` and the line of
-`kernels/sums.py` that adds to it.
+A new metric is a row here; one with a sum of its own, also a field in `kernels/structs.py` and a line of
+`kernels/sums.py`.
 """
 
 from __future__ import annotations
@@ -48,35 +48,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table of metrics.
+    """A column of a table of metrics: name, unit, title and formula."""
 
-    Attributes:
-        name: its own; the name of its part, and a dot, stand before it: `camshaft.speed_mean`.
-        unit: SI unit, "1" for a count, ratio or flag.
-        title: what it is, in words.
-        value: forms it from a `WindowSums`, `EnergyBalance` or `DesignInputs`, masked where there is none; or None.
-        kind: float, int, bool or str.
-        is_aside: whether studies analyze it only by name.
-    """
-
-    name: str
-    unit: str
+    name: str  # its own, after that of its part and a dot: `camshaft.speed_mean`
+    unit: str  # SI, "1" for a count, ratio or flag
     title: str
-    value: Callable[[Any], VariantValues] | None = None
+    value: Callable[[Any], VariantValues] | None = None  # masked where there is none
     kind: type = float
-    is_aside: bool = False
+    is_aside: bool = False  # whether studies analyze it only by name
 
 
 @dataclass(frozen=True)
 class MetricGroup:
-    """Columns of one kind of part that are formed alike.
+    """Metric columns of one kind of part, formed alike.
 
     Attributes:
         part: key of `PART_PREFIXES`.
-        columns: in the table's order.
-        source: field of `kernels.structs.Sums` that they are formed from.
-        weight: of its rows, from the window's length [s] and the number of rollers; 0 for no such part in the window.
-        applies_to: whether the drive's part of this index has them; None for all.
+        source: field of `kernels.structs.Sums`.
+        weight: of its rows, from the window's length [s] and number of rollers; 0 for no part in the window.
+        applies_to: whether the drive's part of this index has them.
     """
 
     part: str
@@ -87,7 +77,7 @@ class MetricGroup:
 
 
 def has_partner_friction(drive: Drive, index: int) -> bool:
-    """Whether rollers rub on a partner of a drive."""
+    """Whether rollers rub on the drive's sprocket or guide of this index."""
     sprockets = len(drive.sprockets)
     return (
         tooth_friction_coefficients(drive)
@@ -101,14 +91,14 @@ TENSION_QUANTILE_SHARES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, 
 
 @cache
 def standard_error_column(column: Column) -> Column:
-    """Column of the standard error of a mean's column."""
+    """Metric column of the standard error of a mean's column."""
     assert column.value is not None
     title = f"standard error of the {column.title}"
     return Column(f"{column.name}{ERROR_SUFFIX}", column.unit, title, standard_error_of(column.value), is_aside=True)
 
 
 def columns_with_errors(*columns: Column) -> tuple[Column, ...]:
-    """Columns of metrics, each mean followed by its standard error."""
+    """Metric columns, each mean followed by its standard error."""
     found: list[Column] = []
     for column in columns:
         found += [column, standard_error_column(column)] if column.name.endswith("_mean") else [column]
@@ -533,7 +523,7 @@ RECORDED_METRICS = (
         ),
     ),
 )
-"""Columns of recorded variants only (`results.objectives`)."""
+"""Metric columns of recorded variants only (`results.objectives`)."""
 REPORT_METRICS = (
     MetricGroup(
         "strand",
@@ -578,7 +568,7 @@ REPORT_METRICS = (
         ),
     ),
 )
-"""Columns of recorded variants by `results.engineering_report`."""
+"""Metric columns of engineering reports of recorded variants."""
 
 WINDOW_METRICS = (
     (CHAIN_TENSION_METRICS,),
@@ -593,7 +583,7 @@ WINDOW_METRICS = (
     (VALVE_METRICS,),
     (JOINT_METRICS,),
 )
-"""Columns formed of the window's sums; groups in one tuple go part by part."""
+"""Metric columns formed of a window's sums; groups in one tuple go part by part."""
 DESIGN_METRICS = (
     (MetricGroup("chain", (PEAK_FACTOR,)),),
     (FRICTION_POWER_METRICS,),
@@ -604,7 +594,7 @@ DESIGN_METRICS = (
     (MetricGroup("sprocket", (IMPACT_IMPULSE,)),),
     *((group,) for group in RESOLUTION_METRICS),
 )
-"""Columns that designs are judged by, formed from the other metrics."""
+"""Metric columns that designs are judged by, formed from other metrics."""
 
 GroupBlocks = tuple[tuple[MetricGroup, ...], ...]
 ALL_METRICS: GroupBlocks = (
@@ -620,7 +610,7 @@ MODE_METRICS = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
     Column("damping_ratio", "1", "damping ratio of that mode"),
 )
-"""Columns of modes (`modes.NAME.frequency`)."""
+"""Metric columns of modes (`modes.NAME.frequency`)."""
 COLUMN_BY_NAME = {
     c.name: c
     for groups in (REPORT_METRICS, *ALL_METRICS, (RUN_METRICS,), RECORDED_METRICS)
@@ -631,7 +621,7 @@ COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
 
 
 def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
-    """Groups of metrics that a drive has, in order: prefix of the names, the part's index, the group."""
+    """Metric groups of a drive in order, each with its names' prefix and the part's index."""
     for groups in blocks:
         for index, prefix in enumerate(PART_PREFIXES[groups[0].part](drive)):
             for group in groups:
@@ -642,13 +632,13 @@ def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator
 CHAIN_PARTS = ("chain", "strand")
 """Parts whose metrics begin with their chain's name where there are several."""
 CHAIN_BALANCE_NAMES = ("links.dissipated",)
-"""Columns of the energy balance that chains have, too."""
+"""Metric columns of the energy balance that chains have, too."""
 
 CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
 
 
 def _columns_key(drive: Drive) -> Hashable:
-    """Key of a drive's columns, its energy balance's terms and its driver."""
+    """Key by which drives have equal metric columns, energy balance and driver."""
     if drive.chains:
         return tuple((chain.name, _columns_key(chain.drive)) for chain in chain_drives(drive))
     has = (
@@ -665,7 +655,7 @@ def _columns_key(drive: Drive) -> Hashable:
 
 
 def variants_by_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:
-    """Numbers of the drives with the same columns, kind by kind, from the drives and their stacks, where known."""
+    """Numbers of drives, grouped by equal metric columns."""
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
     for stack in stacks_of_drives(drives) if stacks is None else stacks:
         kinds.setdefault(_columns_key(drives[int(stack.members[0])]), []).append(stack.members)
@@ -680,7 +670,7 @@ def metric_names(drive: Drive) -> list[str]:
 
 
 def metric_table_names(drive: Drive) -> list[str]:
-    """Names of all columns of the metrics of a drive's run, in order."""
+    """Names of all columns of a drive's metrics table, in order."""
     return [*(column.name for column in RUN_METRICS.columns), *metric_names(drive)]
 
 
@@ -696,12 +686,12 @@ def _metric_names_of_chains(drive: Drive) -> list[str]:
 
 
 def column_of_metric(name: str) -> Column | None:
-    """Registry's column of a metric's name, None for a column of other origin."""
+    """Registry's column of a metric's name; None for a column of other origin."""
     return COLUMN_BY_NAME.get(name) or COLUMN_BY_NAME.get(name.rsplit(".", 1)[-1])
 
 
 def columns_of_metrics(names: Iterable[str]) -> dict[str, Column]:
-    """Columns of metrics by name; of other origin a number without a unit."""
+    """Registry's columns of metrics by name; of other origin a number without unit."""
     return {name: column_of_metric(name) or Column(name, "1", name) for name in names}
 
 
@@ -711,7 +701,7 @@ def unit_of_metric(name: str) -> str:
 
 
 def title_of_metric(name: str) -> str:
-    """Metric in words, by its name: "camshaft: mean angular velocity"."""
+    """Title of a metric in words, by its name: "camshaft: mean angular velocity"."""
     column = column_of_metric(name)
     if column is None:
         return name

@@ -1,15 +1,15 @@
 """Formulas of metrics: from sums over the window, from the energy balance, and from one another.
 
-With E the energy that a partner's contacts dissipate in the window, n_d the driver's revolutions, n_s a sprocket's
-tooth passings, m a roller's mass:
+With E the energy that contacts dissipate in the window, n_d the driver's revolutions, n_s tooth passings of a sprocket,
+m a roller's mass:
 
     peak factor    = largest over mean tension                                                                (a)
-    contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
-    impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
-    friction power = what rubs in joints, on teeth and on guide-bars, over the window's length                (d)
-    rated use      = the driver's mean moment times its mean speed over the power that standards rate at it   (e)
+    contact energy per revolution = E / n_d, a wear index                                                     (b)
+    impact impulse = sqrt(2 m E / n_s), a proxy of noise                                                      (c)
+    friction power = friction losses over the window's length                                                 (d)
+    rated use      = the driver's mean moment times its mean speed over the rated power                       (e)
 
-Every formula takes the numbers of one variant or arrays (V,) of variants of the same columns.
+Every formula takes the numbers of one variant or arrays (V,).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ VariantValues = Any
 
 
 class LazyFields(dict[str, Any]):
-    """Arrays by name, each worked out when it is first asked for."""
+    """Arrays of metric sums by name, each computed when first asked for."""
 
     def __init__(self, value: Callable[[str], Any]) -> None:
         super().__init__()
@@ -59,20 +59,19 @@ class LazyFields(dict[str, Any]):
 
 
 def mask_absent(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
-    """Masked array of values, masked where they are not given."""
+    """Masked array of metric values, masked where not given."""
     return np.ma.MaskedArray(values, mask=np.logical_not(given))
 
 
 def number_of_each_drive(
     drives: Sequence[Drive], stacks: Sequence[Stack] | None, value: Callable[..., Any], *given: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """A number of each drive (V,), worked out for all of a stack at once.
+    """A number of each drive (V,), computed for a stack at once.
 
     Args:
-        drives: (V,) the drives.
-        stacks: them sorted into kinds, where known.
-        value: of a drive, or of a stack, and of what is given.
-        given: arrays (V, ...), of which a stack gets its members' last, (..., members).
+        stacks: the drives sorted into kinds, where known.
+        value: function of a drive, or of a stack, and of `given`.
+        given: arrays (V, ...); a stack gets (..., members).
     """
     found = np.empty(len(drives))
     for stack in stacks or [Stack(np.array([v]), drive) for v, drive in enumerate(drives)]:
@@ -81,7 +80,7 @@ def number_of_each_drive(
 
 
 def partner_names(drive: Drive) -> list[str]:
-    """Names of what rollers touch: the sprockets, then the guide-bars."""
+    """Names of the sprockets, then guides, that rollers touch."""
     return [sprocket.name for sprocket in drive.sprockets] + [guide.name for guide in drive.guides]
 
 
@@ -98,18 +97,18 @@ PART_PREFIXES: dict[str, Callable[[Drive], list[str]]] = {
     "valve": lambda drive: [f"{valves.name}." for valves in drive.valves],
     "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
-"""Prefixes of metrics' names for each part of a kind that a drive has."""
+"""Functions that give the prefixes of metrics' names for a drive's parts of a kind."""
 
 
 @dataclass(frozen=True)
 class WindowSums:
-    """Sums of one part over the window, as the kernels added them up.
+    """Sums of one part over the window, of which metrics are formed.
 
     Attributes:
         sums: rows of the group's sums.
         weight: what means divide by: samples, or the window's length [s].
-        batches: the sums batch by batch along a last axis, of nan weight where there is nothing.
-        tension: link tensions in each bin (V, bins), and the bins' edges (V, bins + 1) [N].
+        batches: sums batch by batch along a last axis; nan weights where there is nothing.
+        tension: counts (V, bins) of link tensions, and edges (V, bins + 1) [N].
     """
 
     sums: Any
@@ -119,7 +118,7 @@ class WindowSums:
 
     @cached_property
     def cumulative_tension_counts(self) -> NDArray[np.float64]:
-        """Link tensions in each bin and those before it (V, bins)."""
+        """Counts (V, bins) of link tensions in each bin and those before."""
         assert self.tension is not None
         return cumulative_counts(self.tension[0])
 
@@ -130,25 +129,25 @@ def sum_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def flow_of(*fields: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a sum of a tensioner's flows."""
+    """Formula of a metric that is a sum of a tensioner's oil flows."""
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
 def chamber_filling_time(of: WindowSums) -> VariantValues:
-    """Time until oil had filled a tensioner's chamber (V,) [s]; masked where it has not."""
+    """Time (V,) [s] until oil had filled a tensioner's chamber; masked where it has not."""
     flows = of.sums["flows"]
     return mask_absent(flows["unfilled"] == 0, flows["filling"])
 
 
 def mean_of(field: str, component: int | None = None) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a mean: a sum over its weight."""
+    """Formula of a metric that is a mean over the window."""
     if component is not None:
         return lambda of: of.sums[field][..., component] / of.weight
     return lambda of: of.sums[field] / of.weight
 
 
 def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a standard deviation."""
+    """Formula of a metric that is a standard deviation over the window."""
 
     def formula(of: WindowSums) -> VariantValues:
         center = of.sums[field] / of.weight
@@ -158,16 +157,16 @@ def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def rms_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a root mean square."""
+    """Formula of a metric that is a root mean square over the window."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
 LEAST_TURNOVER = 1e-3
-"""Least energy that a residual or a change is held against, of that stored."""
+"""Least energy that a residual or change is divided by, over that stored."""
 
 
 def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
-    """Formula of the tension that a share of links and instants is below."""
+    """Formula of the metric that a share of link tensions is below."""
 
     def formula(of: WindowSums) -> VariantValues:
         assert of.tension is not None
@@ -179,7 +178,7 @@ def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
 
 
 def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantValues]:
-    """Formula of the share of links and instants whose tension is below a value [N]."""
+    """Formula of the share of link tensions below a value [N]."""
 
     def formula(of: WindowSums) -> VariantValues:
         assert of.tension is not None
@@ -191,7 +190,7 @@ def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantVal
 
 
 def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[WindowSums], VariantValues]:
-    """Formula of the standard error of a mean, from the formula of the mean."""
+    """Formula of the standard error of a mean, from the mean's formula."""
 
     def formula(of: WindowSums) -> VariantValues:
         assert of.batches is not None
@@ -203,17 +202,11 @@ def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[
 
 @dataclass(frozen=True)
 class DriftMeans:
-    """Means of batches (V, batches) that say whether a variant is steady.
+    """Batch means (V, batches) of tension and speeds, by which a variant is judged steady."""
 
-    Attributes:
-        tension: of the chain's tension [N].
-        speeds: of each sprocket's angular velocity [rad/s].
-        waves: (V,) periods of the slowest ripple in the window, 0 for none.
-    """
-
-    tension: NDArray[np.float64]
-    speeds: Sequence[NDArray[np.float64]]
-    waves: NDArray[np.float64]
+    tension: NDArray[np.float64]  # of the chain [N]
+    speeds: Sequence[NDArray[np.float64]]  # of each sprocket [rad/s]
+    waves: NDArray[np.float64]  # (V,) periods of the slowest ripple in the window, 0 for none
 
     @property
     def tension_change(self) -> VariantValues:
@@ -223,7 +216,7 @@ class DriftMeans:
 
     @property
     def tension_change_chance(self) -> VariantValues:
-        """Probability of so large a change of the mean tension by chance (V,)."""
+        """Probability (V,) of so large a change of the mean tension by chance."""
         _, chance = window_drift(self.tension)
         return mask_absent(np.isfinite(chance), chance)
 
@@ -236,23 +229,14 @@ class DriftMeans:
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """Energy balance over the window [J].
+    """Energy balance over the window [J]."""
 
-    Attributes:
-        input: work of what prescribes angles and centers.
-        output: work against the loads.
-        links: dissipated in the links.
-        dissipated: in all parts.
-        change: of the mechanical energy.
-        stored: mechanical energy, at its larger end.
-    """
-
-    input: VariantValues
-    output: VariantValues
-    links: VariantValues
-    dissipated: VariantValues
-    change: VariantValues
-    stored: VariantValues = 0.0
+    input: VariantValues  # work of what prescribes angles and centers
+    output: VariantValues  # work against the loads
+    links: VariantValues  # dissipated in the links
+    dissipated: VariantValues  # in all parts
+    change: VariantValues  # of the mechanical energy
+    stored: VariantValues = 0.0  # mechanical energy, at its larger end
 
     @property
     def residual(self) -> VariantValues:
@@ -261,20 +245,20 @@ class EnergyBalance:
 
     @property
     def efficiency(self) -> VariantValues:
-        """Output over output and losses, masked where the loads drive or no work is done."""
+        """Output over output and losses; masked where loads drive or no work is done."""
         taken = self.output + self.dissipated
         given = (self.output >= 0.0) & (taken > 0.0)
         return mask_absent(given, self.output / np.where(given, taken, 1.0))
 
     @property
     def relative_change(self) -> VariantValues:
-        """Change of energy over the losses, or over `LEAST_TURNOVER` of the energy stored."""
+        """Change of energy over losses, or over `LEAST_TURNOVER` of the energy stored."""
         losses = np.maximum(self.dissipated, LEAST_TURNOVER * abs(self.stored))
         return np.where(losses == 0.0, 0.0, self.change / np.where(losses == 0.0, 1.0, losses))
 
     @property
     def relative_residual(self) -> VariantValues:
-        """Residual over half the sum of the terms' magnitudes, or over `LEAST_TURNOVER` of the energy stored."""
+        """Residual over half the sum of the balance's terms, or over `LEAST_TURNOVER` of the energy stored."""
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
         turnover = np.maximum(turnover, LEAST_TURNOVER * abs(self.stored))
         return np.where(turnover == 0.0, 0.0, self.residual / turnover)
@@ -282,24 +266,16 @@ class EnergyBalance:
 
 @dataclass(frozen=True)
 class DesignInputs:
-    """Other metrics of variants, from which those that designs are judged by are formed.
-
-    Attributes:
-        drives: the variants.
-        stacks: them sorted into kinds, where known.
-        metrics: their columns so far, (V,) each, masked.
-        prefix: of the part's columns, "" for the chain.
-        index: the part's.
-    """
+    """Other metrics of variants, from which design metrics are formed."""
 
     drives: Sequence[Drive]
-    stacks: Sequence[Stack] | None
-    metrics: Mapping[str, np.ma.MaskedArray[Any, Any]]
-    prefix: str
-    index: int
+    stacks: Sequence[Stack] | None  # the drives sorted into kinds, where known
+    metrics: Mapping[str, np.ma.MaskedArray[Any, Any]]  # columns so far, (V,) each, masked
+    prefix: str  # of the part's columns, "" for the chain
+    index: int  # of the part
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Another metric of the thing, nan where there is none."""
+        """Another metric of the part (V,), nan where there is none."""
         found = self.metrics.get(self.prefix + name, np.ma.masked_all(len(self.drives)))
         return np.where(np.ma.getmaskarray(found), np.nan, np.ma.getdata(found))
 
@@ -310,7 +286,7 @@ class DesignInputs:
         return ~np.any(masks, axis=0)
 
     def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[np.float64]:
-        """A number of each drive (V,), worked out for all of a stack at once."""
+        """A number of each drive (V,), computed for a stack at once."""
         return number_of_each_drive(self.drives, self.stacks, value)
 
     @property
@@ -330,19 +306,19 @@ class DesignInputs:
 
 
 def peak_factor(of: DesignInputs) -> VariantValues:
-    """Largest over mean tension of the chain or of a strand (V,), (a)."""
+    """Metric largest over mean tension of the chain or a strand (V,), (a)."""
     return mask_absent(of["tension_mean"] > 0.0, of["tension_max"] / of["tension_mean"])
 
 
 def displacement_std(of: DesignInputs) -> VariantValues:
-    """Standard deviation of a strand's displacement (V,) [m], from mean and root mean square."""
+    """Metric standard deviation of a strand's displacement (V,) [m]."""
     center, root = of["displacement_mean"], of["displacement_rms"]
     spread = np.sqrt(np.maximum(root * root - center * center, 0.0))
     return mask_absent(of.has_metrics("displacement_mean", "displacement_rms"), spread)
 
 
 def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
-    """Contact energy per revolution of one partner, or of all for the chain (V,) [J], (b)."""
+    """Metric contact energy per revolution of one partner, or of all for the chain (V,) [J], (b)."""
     drive = of.drives[0]
     revolutions = of.sprocket_turns(drive.driver)
     prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]
@@ -351,7 +327,7 @@ def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
 
 
 def total_friction_power(of: DesignInputs) -> VariantValues:
-    """Friction power of all that rubs together (V,) [W], (d)."""
+    """Metric friction power of all that rubs (V,) [W], (d)."""
     drive = of.drives[0]
     names = ["joints.friction", *(f"{name}.friction" for name in partner_names(drive))]
     rubbed = sum(np.ma.getdata(of.metrics[name]) for name in names if name in of.metrics)
@@ -360,7 +336,7 @@ def total_friction_power(of: DesignInputs) -> VariantValues:
 
 
 def rated_use(of: DesignInputs) -> VariantValues:
-    """Power of the driver over the rated one [-] (e), of a chain whose size has a rating."""
+    """Metric power of the driver over the rated power [-], (e), of a chain size with a rating."""
     first = of.drives[0]
     name = first.sprockets[first.driver].name
     moment, speed = (np.ma.getdata(of.metrics[f"{name}.{column}"]) for column in ("moment_mean", "speed_mean"))
@@ -376,6 +352,6 @@ def rated_use(of: DesignInputs) -> VariantValues:
 
 
 def impact_impulse(of: DesignInputs) -> VariantValues:
-    """Impact impulse of a sprocket (V,) [N s], (c)."""
+    """Metric impact impulse of a sprocket (V,) [N s], (c)."""
     passings = of.tooth_count(of.index) * of.sprocket_turns(of.index)
     return mask_absent(passings > 0.0, np.sqrt(2.0 * of.roller_mass * np.maximum(of["dissipated"], 0.0) / passings))

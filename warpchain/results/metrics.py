@@ -1,7 +1,6 @@
-"""The table of metrics: one row a variant, from what the kernels added up over the window.
+"""Table of metrics: one row a variant, from the kernels' sums over the window.
 
-Columns and their formulas are in the registry (`results.metric_columns`). Variants of the same columns are worked on at
-once.
+Columns and formulas are in the registry (`results.metric_columns`).
 """
 
 from __future__ import annotations
@@ -52,38 +51,25 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 MaskedColumns = dict[str, np.ma.MaskedArray[Any, Any]]
-"""Columns (V,) by name, masked where a variant has none."""
+"""Metric columns (V,) by name, masked where a variant has none."""
 ColumnBlocks = list[tuple[NDArray[np.int64], MaskedColumns]]
-"""Numbers of variants whose drives have the same columns, and these."""
+"""Numbers of variants with equal metric columns, and these columns."""
 
 
 @dataclass(frozen=True)
 class VariantEnds:
-    """Ends of V variants; what has a default may be unknown.
+    """Ends of V variants; what has a default may be unknown."""
 
-    Attributes:
-        drives: (V,) the variants.
-        schedules: (V,) when they step and are measured.
-        steps: (V,) the step that each came to.
-        diverged: (V,) whether it was stopped as diverged.
-        settled: (V,) "steps" and "residual" of its settling.
-        engaged: (V, S) share of each sprocket's wrap that is on its teeth at the end, S of the drive with the most.
-        layouts: (V,) what is wrong with the drives' layouts.
-        settle_force: (V,) largest net force that settling left on a roller [N].
-        causes: (V,) why it diverged, of `judgement.DIVERGENCE_CAUSES`, "" where it did not.
-        stacks: the drives sorted into kinds.
-    """
-
-    drives: Sequence[Drive]
-    schedules: Sequence[Schedule]
-    steps: NDArray[np.integer]
-    diverged: NDArray[np.bool_]
-    settled: NDArray[Any]
-    engaged: NDArray[np.float64] | None = None
-    layouts: Sequence[Sequence[str]] | None = None
-    settle_force: NDArray[np.float64] | None = None
-    causes: Sequence[str] | None = None
-    stacks: Sequence[Stack] | None = None
+    drives: Sequence[Drive]  # (V,)
+    schedules: Sequence[Schedule]  # (V,) when they step and are measured
+    steps: NDArray[np.integer]  # (V,) the step that each came to
+    diverged: NDArray[np.bool_]  # (V,)
+    settled: NDArray[Any]  # (V,) "steps" and "residual" of settling
+    engaged: NDArray[np.float64] | None = None  # (V, S) share of each sprocket's wrap on its teeth at the end
+    layouts: Sequence[Sequence[str]] | None = None  # (V,) faults of the drives' layouts
+    settle_force: NDArray[np.float64] | None = None  # (V,) largest net force that settling left on a roller [N]
+    causes: Sequence[str] | None = None  # (V,) of `judgement.DIVERGENCE_CAUSES`, "" for none
+    stacks: Sequence[Stack] | None = None  # the drives sorted into kinds
 
     def select_variants(self, variants: NDArray[np.intp]) -> VariantEnds:
         """Ends of some of the variants."""
@@ -102,7 +88,7 @@ class VariantEnds:
         )
 
     def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[Any]:
-        """A number of each drive (V,), worked out for all of a stack at once."""
+        """A number of each drive (V,), computed for a stack at once."""
         return number_of_each_drive(self.drives, self.stacks, value)
 
     def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack] | None:
@@ -136,17 +122,12 @@ class VariantEnds:
 
     @cached_property
     def _schedule_columns(self) -> Mapping[str, NDArray[Any]]:
-        """Each field of the variants' schedules (V,)."""
+        """Fields of the variants' schedules (V,) by name."""
         return schedule_columns(self.schedules)
 
 
 def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds:
-    """Ends of several groups of variants as those of a run, with what tables need.
-
-    Args:
-        ends: groups with `layouts`, `causes` and `stacks`.
-        numbers: of each group's variants in the run.
-    """
+    """Ends of groups of variants joined to those of a run; `numbers` are the groups' in the run."""
     order = np.argsort(np.concatenate(numbers))
 
     def values_in_order(each: Sequence[Sequence[Any]]) -> list[Any]:
@@ -171,7 +152,7 @@ def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]])
 
 
 def run_columns(ended: VariantEnds) -> MaskedColumns:
-    """Columns on whether variants diverged and on their window [s]."""
+    """Metric columns on whether variants diverged and on their window [s]."""
     step = ended.schedule_column("step")
     return {
         "diverged": np.ma.asarray(ended.diverged),
@@ -182,7 +163,7 @@ def run_columns(ended: VariantEnds) -> MaskedColumns:
 
 
 def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns:
-    """Metrics formed of the sums over the window, of variants of the same columns."""
+    """Metric columns formed of sums over the window, of variants of equal columns."""
     columns: MaskedColumns = {}
     duration = (ended.schedule_column("window_end") - ended.schedule_column("window_start")) * ended.schedule_column(
         "step"
@@ -204,10 +185,7 @@ def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns
 def _batch_window_sums(
     sums: Mapping[str, Any], group: MetricGroup, index: int, links: NDArray[np.integer], long: NDArray[np.bool_]
 ) -> WindowSums | None:
-    """Sums of a group's part batch by batch; None where they are not noted so.
-
-    Weights are nan where the window is short, or where there is nothing of the part.
-    """
+    """Sums of a metric group's part batch by batch, weights nan where there is nothing; or None."""
     noted, durations = sums["batches"]
     if group.source not in noted:
         return None
@@ -220,7 +198,7 @@ def _batch_window_sums(
 def _tension_counts(
     sums: Mapping[str, Any], group: MetricGroup, index: int
 ) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
-    """Counts of a part's tensions in each bin, and the bins' edges; None without any."""
+    """Counts of a part's link tensions in bins, and the bins' edges; or None."""
     counts, edges = sums["tension"]
     if group.part == "chain":
         return counts.sum(axis=1), edges
@@ -228,7 +206,7 @@ def _tension_counts(
 
 
 def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
-    """Means of the window's parts, by which variants are found steady or not."""
+    """Batch means of tension and speeds over the window, by which variants are judged steady."""
     noted, durations = sums["parts"]
     links = ended.number_of_each(lambda drive: drive.chain.links)[:, None]
     weight = noted["chain"]["samples"] * links
@@ -242,7 +220,7 @@ def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
 
 
 def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
-    """Work done and energy gone over the window, (V,) each, of variants of the same columns.
+    """Energy balance (V,) over the window [J], of variants of equal columns.
 
     What prescribes angles and centers, and what supplies oil, does the input work.
     """
@@ -278,7 +256,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
 def design_metric_columns(
     drives: Sequence[Drive], metrics: MaskedColumns, stacks: Sequence[Stack] | None = None
 ) -> MaskedColumns:
-    """Metrics that designs are judged by, from the other metrics; masked where sprockets that must turn stand still."""
+    """Metric columns that designs are judged by, masked where sprockets that must turn stand still."""
     columns: MaskedColumns = {}
     with np.errstate(all="ignore"):
         for prefix, index, group in groups_of_drive(drives[0], DESIGN_METRICS):
@@ -288,7 +266,7 @@ def design_metric_columns(
 
 
 def engaged_columns(ended: VariantEnds) -> MaskedColumns:
-    """Share of each sprocket's wrap that is on its teeth at the end (V,)."""
+    """Metric columns of the share of sprockets' wraps on teeth at the end (V,)."""
     if ended.engaged is None:
         return {}
     groups = groups_of_drive(ended.drives[0], ((ENGAGED_METRICS,),))
@@ -296,13 +274,13 @@ def engaged_columns(ended: VariantEnds) -> MaskedColumns:
 
 
 def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns:
-    """Metrics of V variants whose drives have the same columns.
+    """Metric columns of V variants of equal columns.
 
     Args:
-        sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm" (V, A),
-            "tensioner" (V, T); "batches" and "parts", those of the first four by field with the batches or parts last,
-            and how long each is (V, batches) [s]; "tension", counts in bins (V, S + 1, bins), those of links on no
-            strand last, and the bins' edges (V, bins + 1) [N].
+        sums: "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A),
+            "tensioner"
+            (V, T); "batches" and "parts" by field, with (V, batches) durations [s]; "tension", counts (V, S + 1, bins),
+            links on no strand last, and edges (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):
@@ -328,7 +306,7 @@ ChainEnds = tuple[VariantEnds, Mapping[str, Any]]
 
 
 def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> MaskedColumns:
-    """Metrics of V variants of the same columns, from those of their chains, whose names they begin with."""
+    """Metric columns of V variants of several chains, by those of their chains."""
     columns: MaskedColumns = {}
     balances, measured = [], parts[0][0].is_measured
     for chain, (ended, sums) in zip(drives[0].chains, parts, strict=True):
@@ -348,11 +326,7 @@ def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> Ma
 
 
 def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]) -> ColumnBlocks:
-    """Metrics of all variants, block by block of the same columns.
-
-    Args:
-        parts_of: gives the chains of variants by their numbers.
-    """
+    """Metric columns of all variants, in blocks of equal columns; `parts_of` gives variants' chains."""
     found: ColumnBlocks = []
     for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
         parts, drives = parts_of(variants), [ended.drives[v] for v in variants]
@@ -361,12 +335,7 @@ def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Seq
 
 
 def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
-    """Metrics table of all variants; columns stand where the first variant with them has them.
-
-    Args:
-        blocks: of all variants, in any order.
-        limits: what the variants are judged by; None takes the defaults.
-    """
+    """Metrics table of all variants from blocks of columns, judged by limits."""
     count = len(ended.drives)
     known = {"variant": np.ma.arange(count), "status": np.ma.zeros(count), "reason": np.ma.zeros(count)}
     known |= run_columns(ended)
@@ -391,13 +360,13 @@ def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | Non
 
 
 def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
-    """Variants of a kind, at most `LARGEST` at a time."""
+    """Variants of a kind, at most `LARGEST_STACK` at a time."""
     for variants in kinds:
         yield from np.split(variants, range(LARGEST_STACK, len(variants), LARGEST_STACK))
 
 
 def table_from_rows(rows: Sequence[Row]) -> pa.Table:
-    """Pyarrow table of rows of metrics with units; null where a row lacks a column."""
+    """Pyarrow metrics table of rows, with units; null where a row lacks a column."""
     names = dict.fromkeys(name for row in dict.fromkeys(map(tuple, rows)) for name in row)  # many have the same
     names.pop("variant", None)
     columns = {name: ([row.get(name) for row in rows], None) for name in names}
@@ -405,9 +374,9 @@ def table_from_rows(rows: Sequence[Row]) -> pa.Table:
 
 
 def select_metrics(table: pa.Table, rows: Sequence[int | None], wanted: Callable[[str], bool]) -> pa.Table:
-    """Some columns of some rows of a table of metrics, null for no row; empty columns are left out.
+    """Some columns of some rows of a metrics table, null for no row, without empty columns.
 
-    Columns stand in the order in which the rows come that have one first.
+    Columns stand in the order of the first rows that have them.
     """
     import pyarrow as pa
 
@@ -422,7 +391,7 @@ def select_metrics(table: pa.Table, rows: Sequence[int | None], wanted: Callable
 
 
 def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Array:
-    """Values of a kind as an Arrow column, null where missing; `pyarrow.array` would load pandas."""
+    """Arrow column of values of a kind, null where missing."""
     import pyarrow as pa
 
     arrow = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}[kind]
@@ -439,7 +408,7 @@ def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) ->
 
 
 def _table_of_columns(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Table:
-    """Table of columns by name, each with where it is null."""
+    """Pyarrow metrics table of columns by name, each with where it is null."""
     known = columns_of_metrics(columns)
     arrays = {name: _arrow_column(known[name].kind, values, mask) for name, (values, mask) in columns.items()}
     return table_with_units(arrays, {name: column.unit for name, column in known.items()})

@@ -1,4 +1,4 @@
-"""Sprocket or guide that each roller of a recording is nearest to, and the direction of its contact force."""
+"""Sprocket or guide nearest to each roller of a recording, and direction of its contact force."""
 
 from __future__ import annotations
 
@@ -16,20 +16,15 @@ Index = NDArray[np.intp]
 
 
 class ContactForces(NamedTuple):
-    """Contact forces on K rollers, in order of frames.
+    """Contact forces on K rollers of a recording, in order of frames."""
 
-    Attributes:
-        frame, roller: (K,) when and where.
-        force: (K, 2) the forces [N].
-    """
-
-    frame: Index
-    roller: Index
-    force: Array
+    frame: Index  # (K,)
+    roller: Index  # (K,)
+    force: Array  # (K, 2) [N]
 
 
 def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[ContactForces, ContactForces]:
-    """Contact forces on rollers that are above `least` [N]: of sprockets, of guide-bars."""
+    """Contact forces of sprockets and of guides on rollers, above `least` [N]."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     frame, roller = np.nonzero(sprocket_force > least)
     near, _ = nearest_sprockets_of_rollers(trajectory, frame, roller)
@@ -45,7 +40,7 @@ def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[C
 
 
 def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Sprocket whose pitch circle each of K rollers is nearest to (K,), and the distance from that [m]."""
+    """Sprocket (K,) whose pitch circle is nearest to each roller, and distance from it (K,) [m]."""
     position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     x = np.asarray(position, dtype=float)[frame, roller]
     near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
@@ -58,15 +53,9 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
 
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
-    """Direction of sprocket s's contact force on rollers, as of the nearest gap's surface.
+    """Unit vectors (K, 2), or (F, N, 2) of all, of sprocket s's contact force on rollers at frames (K,).
 
-    Args:
-        trajectory: with positions, sprocket angles and sprocket centers.
-        s: the sprocket.
-        frame, roller: (K,) which frames and rollers; None is all of them.
-
-    Returns:
-        (K, 2) unit vectors, or (F, N, 2) of all.
+    The direction is that of the nearest gap's surface.
     """
     drive, tooth = trajectory.drive, trajectory.drive.tooth(s)
     position, sprocket_center, sprocket_angle = require_channels(
@@ -87,7 +76,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
 
 
 def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Guide whose face each of K rollers is nearest to (K,), and the face's normal there (K, 2); 0 beyond all faces."""
+    """Guide (K,) whose face is nearest to each roller, and its normal there (K, 2); 0 beyond all faces."""
     count = len(frame)
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.drive.guides)):
@@ -103,7 +92,7 @@ def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Inde
 
 
 def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> Index:
-    """Sprocket whose pitch circle each roller, of some (N,) or all, is nearest to (F, N); -1 for none."""
+    """Sprocket (F, N) that each roller, of some (N,) or all, engages; -1 for none."""
     drive = trajectory.drive
     which = np.arange(drive.chain.links) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
@@ -113,7 +102,7 @@ def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> I
 
 
 def contact_force_vectors(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Contact forces on all rollers as vectors (F, N, 2) [N]: of sprockets, of guide-bars."""
+    """Contact forces (F, N, 2) [N] of sprockets and of guides on all rollers."""
     (position,) = require_channels(trajectory, "position")
     both = []
     for arrows in roller_contact_forces(trajectory):

@@ -1,11 +1,11 @@
-"""Objectives that take a recorded trajectory: transmission error, impact of engagement, fatigue.
+"""Objectives that need a recorded trajectory: transmission error, impact of engagement, fatigue.
 
-With the ideal angle of a driven sprocket z_d theta_d / z_s forward, K the contact's stiffness, m a roller's mass:
+With theta the angles of driven sprocket s and driver d, z teeth, K the contact's stiffness, m a roller's mass:
 
     transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
     engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
 
-(b) asks for several samples in 2 pi sqrt(m / K), or for many passings.
+(b) needs several samples in 2 pi sqrt(m / K), or many passings.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Row = dict[str, float]
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulse of each roller's first touch with sprocket s, one a tooth passing (P,) [N s] (b).
+    """Impulses (P,) [N s] of rollers' first touch with sprocket s, one a tooth passing, (b).
 
     Args:
         start: time from which touches count [s].
@@ -59,10 +59,10 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
 
 
 def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
-    """Objectives of a recorded window [s] by name, as far as its channels allow: (a), (b), fatigue.
+    """Objectives of a recorded window [s] by name, as far as channels allow: (a), (b), fatigue.
 
     Args:
-        woehler: Woehler curve of a link; None leaves fatigue out.
+        woehler: curve of a link; None leaves fatigue out.
 
     Raises:
         SimulationError: fewer than three frames in the window.
@@ -92,7 +92,7 @@ def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woeh
 
 
 def _objectives_of_chains(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
-    """Objectives of a recording of several chains; fatigue begins with the chain's name."""
+    """Objectives of a recording of several chains, by name."""
     row: Row = {}
     for name, chain in chain_trajectories(trajectory).items():
         parts = {sprocket.name for sprocket in chain.drive.sprockets}
@@ -102,7 +102,7 @@ def _objectives_of_chains(trajectory: Trajectory, start: float, end: float, woeh
 
 
 def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
-    """Damage of the worst and the mean link an hour, and the range that does it."""
+    """Objectives of fatigue by name: damage an hour of links, and the tension range that does it."""
     (tension,) = require_channels(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
     cycles = count_links(tension)
@@ -122,10 +122,10 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """Metrics of a run with the objectives of its recorded, ok variants as further columns.
+    """Metrics table of a run, with objectives of its recorded, ok variants as further columns.
 
     Args:
-        woehler: Woehler curve of a link; None leaves fatigue out.
+        woehler: curve of a link; None leaves fatigue out.
     """
     from warpchain.results.metrics import table_from_rows
 

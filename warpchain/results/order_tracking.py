@@ -1,12 +1,10 @@
-"""Signals over the angle of the driver: order tracking by resampling, amplitudes of orders, averages over the cycle.
+"""Order tracking: signals over the driver's angle, amplitudes of orders, averages over the working cycle.
 
-An order is a number of oscillations per revolution of the driver. Samples are put at even angles by a cubic spline.
-Over a whole number of periods
+An order is a number of oscillations per revolution of the driver. Over whole periods of evenly resampled angles
 
     a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions                               (a)
 
-is the amplitude of order o, free of all other orders of the same period. In a run-up, the same is taken in blocks with
-a Hann window, its weights in place of 1/K, less the straight line through the block.
+is the amplitude of order o. In a run-up, blocks less their straight line have a Hann window's weights for 1/K.
 """
 
 from __future__ import annotations
@@ -25,14 +23,14 @@ Array = NDArray[np.float64]
 CYCLE_TURNS = 2.0
 """Revolutions of the driver in a four-stroke working cycle."""
 LEAST_SAMPLES_A_TURN = 256
-"""Samples of a revolution after resampling, at least."""
+"""Least samples of a revolution after resampling."""
 CYCLE_POINTS = 720
 BLOCK_TURNS = 8.0
 """Revolutions of a block of a run-up, which resolves orders half an order apart."""
 
 
 def driver_turns(trajectory: Trajectory) -> Array:
-    """Forward revolutions of the driver since the recording began (F,)."""
+    """Forward revolutions (F,) of the driver since the recording began."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     angle = forward_values(trajectory.drive, sprocket_angle, trajectory.drive.driver)
     return (angle - angle[0]) / (2.0 * np.pi)
@@ -45,7 +43,7 @@ def last_rising_frames(turns: Array) -> slice:
 
 
 def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
-    """Samples at revolutions `at` (K,), by a spline through those at `turns` (F,), ascending."""
+    """Samples (K,) of a signal at revolutions `at`, by a cubic spline through those at `turns` (F,)."""
     from scipy.interpolate import CubicSpline
 
     finite = np.isfinite(values)
@@ -55,18 +53,12 @@ def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
 
 
 def _samples_a_turn(turns: Array) -> int:
-    """Samples of a revolution, for the slowest to keep all of its frames."""
+    """Samples of a revolution, so that the slowest keeps all its frames."""
     return max(LEAST_SAMPLES_A_TURN, int(np.ceil(1.0 / float(np.diff(turns).max()))))
 
 
 def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Array | None:
-    """Amplitudes of orders over the last whole cycles (a), (O,); None without one.
-
-    Args:
-        turns: (F,) revolutions, ascending.
-        values: (F,) the signal.
-        orders: multiples of a half.
-    """
+    """Amplitudes (O,) of a signal's orders, multiples of a half, over the last whole cycles (a); or None."""
     cycles = int((turns[-1] - turns[0]) / CYCLE_TURNS * (1.0 + 1e-9))
     if cycles < 1 or not np.isfinite(values).all():
         return None
@@ -77,28 +69,19 @@ def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Ar
 
 
 class OrderCuts(NamedTuple):
-    """Amplitudes of orders over the driver's speed.
+    """Amplitudes of orders over the driver's speed in a run-up."""
 
-    Attributes:
-        speed: (B,) mean speed of each block [rad/s].
-        time: (B,) its middle [s].
-        orders: (O,) the orders.
-        amplitude: (B, O) amplitudes in the signal's unit.
-    """
-
-    speed: Array
-    time: Array
-    orders: Array
-    amplitude: Array
+    speed: Array  # (B,) mean of each block [rad/s]
+    time: Array  # (B,) middle of each block [s]
+    orders: Array  # (O,)
+    amplitude: Array  # (B, O) in the signal's unit
 
 
 def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]) -> OrderCuts:
-    """Amplitudes of orders by blocks of `BLOCK_TURNS` revolutions, each with three quarters of the one before.
+    """Amplitudes of a signal's orders in overlapping blocks of `BLOCK_TURNS` revolutions, over speed.
 
     Args:
-        time, turns: (F,) of the samples [s], revolutions ascending.
-        values: (F,) the signal.
-        orders: of any value.
+        time, turns: (F,) [s], ascending revolutions.
     """
     wanted = np.asarray(orders, dtype=float)
     rate = _samples_a_turn(turns)
@@ -121,19 +104,13 @@ def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]
 
 
 class CycleAverage(NamedTuple):
-    """A signal over the angle of the working cycle.
+    """Average of a signal over the angle of the working cycle."""
 
-    Attributes:
-        angle: (A,) of the driver from where the recording began [rad].
-        mean, low, high: (A,) of all cycles at that angle.
-        cycles: how many there are.
-    """
-
-    angle: Array
-    mean: Array
+    angle: Array  # (A,) of the driver from where the recording began [rad]
+    mean: Array  # (A,) of all cycles at that angle
     low: Array
     high: Array
-    cycles: int
+    cycles: int  # number
 
 
 def cycle_average(turns: Array, values: Array) -> CycleAverage | None:

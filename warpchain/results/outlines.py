@@ -1,4 +1,4 @@
-"""Outlines of a drive's parts for pictures: teeth, guides, arms, tensioners and the chain, where they stand."""
+"""Outlines of a drive's parts for pictures: teeth, guides, arms, tensioners and chain, where they stand."""
 
 from __future__ import annotations
 
@@ -20,39 +20,25 @@ Array = NDArray[np.float64]
 
 
 class DrivePose(NamedTuple):
-    """Places of a drive's bodies at an instant.
+    """Pose of a drive's bodies at an instant, for outlines."""
 
-    Attributes:
-        center: (S, 2) of the sprockets [m].
-        angle: (S,) of the sprockets [rad].
-        arm: (A,) angles of the arms [rad].
-        pivot: (A, 2) of the arms [m]; None is as drawn.
-    """
-
-    center: Array
-    angle: Array
-    arm: Array
-    pivot: Array | None = None
+    center: Array  # (S, 2) of the sprockets [m]
+    angle: Array  # (S,) of the sprockets [rad]
+    arm: Array  # (A,) angles of the arms [rad]
+    pivot: Array | None = None  # (A, 2) of the arms [m]; None is as drawn
 
 
 class OutlinePart(NamedTuple):
-    """A line of a picture of a drive.
+    """Outline of a drive's part for a picture."""
 
-    Attributes:
-        kind: "teeth", "guide", "arm", "spring", "housing" or "plunger".
-        name: of the sprocket, guide, arm or tensioner; of a spring that of its arm.
-        points: (P, 2) [m].
-        carried: whether an arm or a tensioned sprocket carries it.
-    """
-
-    kind: str
-    name: str
-    points: Array
-    carried: bool = False
+    kind: str  # "teeth", "guide", "arm", "spring", "housing" or "plunger"
+    name: str  # of the sprocket, guide, arm or tensioner; of a spring that of its arm
+    points: Array  # (P, 2) [m]
+    carried: bool = False  # whether an arm or a tensioned sprocket carries it
 
 
 def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
-    """Pose of a drive's bodies around the unloaded chain's path, None works it out; sprockets at angle zero.
+    """Pose of a drive's bodies around the unloaded chain's path, sprockets at angle zero.
 
     Raises:
         DriveError: as `chain_path`.
@@ -65,7 +51,7 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
 
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
-    """Pose of a drive's bodies at a frame; unrecorded ones are as at the start."""
+    """Pose of a drive's bodies at a recording's frame; unrecorded ones as at the start."""
     values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
     start = pose_at_start(trajectory.drive)[:3]
     center, angle, arm = (
@@ -99,13 +85,13 @@ def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[Outl
 
 
 def points_on_arm(drive: Drive, pose: DrivePose, a: int, points: Array) -> Array:
-    """Points (..., 2) [m] of arm a where it stands, from those drawn."""
+    """Points (..., 2) [m] on arm a moved from the drawing to a pose."""
     drawn = drive.arms[a].pivot
     return turn_points(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
 
 
 def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart]:
-    """Outlines of guides, arms and tensioners, where the bodies stand."""
+    """Outlines of guides, arms and tensioners in a pose."""
     parts = []
     for g, guide in enumerate(drive.guides):
         outline, a = guide_outline(drive, g), drive.arm_of(g)
@@ -137,12 +123,12 @@ def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart
 
 
 def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
-    """Closed outline of sprocket s's teeth at angle zero about its center (P, 2) [m]."""
+    """Closed outline (P, 2) [m] of sprocket s's teeth at angle zero about its center."""
     return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
 
 
 def guide_outline(drive: Drive, g: int) -> Array:
-    """Outline of guide g (P, 2) [m] as drawn: its face and both rounded ends."""
+    """Outline (P, 2) [m] of guide g as drawn: face and rounded ends."""
     if not drive.guides[g].straight:
         return drive.profile(g).points(drive.chain.pitch / 12)
     bar = drive.guides[g].bar
@@ -157,7 +143,7 @@ def guide_outline(drive: Drive, g: int) -> Array:
 
 
 def arm_outline(drive: Drive, a: int) -> list[Array]:
-    """Lines (2, 2) [m] of arm a as drawn, from its pivot to guides' ends, sprockets and tensioners."""
+    """Lines (2, 2) [m] of arm a as drawn, from its pivot to what it carries."""
     arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
     ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
@@ -180,7 +166,7 @@ def coil_outline(begin: Array, end: Array) -> Array:
 
 
 def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
-    """Outlines of housing and plunger (5, 2) [m] of tensioner k as drawn."""
+    """Outlines (5, 2) [m] of housing and plunger of tensioner k as drawn."""
     tensioner = drive.tensioners[k]
     plunger = tensioner.plunger
     wide = drive.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter

@@ -1,4 +1,4 @@
-"""Metrics of copies of a drive that differ only in how they begin: mean, standard error and number.
+"""Metrics of copies (replicates) of a drive that differ only in how they begin: mean, standard error, number.
 
 Of n copies with values y_k,
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DRIVE_COLUMN, COPY_COLUMN = "drive", "replicate"
-"""Columns of a run's metrics: number of the drive that a variant is a copy of, and of the copy."""
+"""Metric columns that number a copy's drive, and the copy."""
 COUNT_COLUMN = "n"
-"""Column of a summary: number of copies that means are of."""
+"""Column of a summary: number of copies in means."""
 ROLE_OF_ERRORS = "error"
-"""Role of standard errors between copies, in the fields' metadata."""
+"""Role of standard errors between copies, in fields' metadata."""
 UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
-"""Columns on the run of a copy: taken from the first copy that has a value."""
+"""Metric columns taken from the first copy that has a value."""
 
 
 def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
-    """Metrics of copies, `count` of each drive in turn, with columns that number them."""
+    """Metrics table of copies, `count` of each drive in turn, with columns that number them."""
     import pyarrow as pa
 
     if count == 1:
@@ -42,15 +42,14 @@ def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
 
 
 def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
-    """Table with a row a drive of a table of copies: status, reason, n, mean and standard error of each metric.
+    """Table of a row a drive from a row a copy: worst status, reason, n, mean and standard error of metrics.
 
-    A drive has the status of its worst copy. Means are over the copies that are ok; where none is, over all that did
-    not diverge.
+    Means are over copies that are ok; where none is, over all that did not diverge.
 
     Args:
-        table: a row a copy, with `status`, `reason` and, of several copies, `replicate`.
-        key: the column that says which drive a copy is of.
-        first: further columns that are taken from a drive's first copy that has a value.
+        table: with `status`, `reason` and, of several copies, `replicate`.
+        key: column that says which drive a copy is of.
+        first: columns taken from a drive's first copy with a value.
     """
     import pyarrow as pa
 
@@ -60,7 +59,7 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
     fields, columns = [table.schema.field(key)], [pa.array(keys)]
 
     def add_column(field: pa.Field, values: Any, name: str = "", **facts: str) -> None:
-        """Adds a column with its field and further metadata."""
+        """Adds a column with its field and further metadata to the summary."""
         known = {k.decode(): v.decode() for k, v in (field.metadata or {}).items()}
         fields.append(pa.field(name or field.name, values.type, metadata=known | facts or None))
         columns.append(values)
@@ -85,7 +84,7 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
 
 
 def _first_rows_with_value(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row of each drive's first copy (D,), one with a value if there is any."""
+    """Row (D,) of each drive's first copy with a value, else of its first."""
     there = np.append(~np.asarray(column.is_null().to_numpy(), dtype=bool), False)[at]
     return at[np.arange(len(at)), np.where(there.any(axis=1), there.argmax(axis=1), (at >= 0).argmax(axis=1))]
 
@@ -107,7 +106,7 @@ def _copy_numbers(table: pa.Table) -> NDArray[np.int64]:
 
 
 def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> NDArray[np.int64]:
-    """Rows of each drive's copies (D, most copies), -1 where there is none."""
+    """Rows (D, most copies) of each drive's copies, -1 for none."""
     order = np.lexsort((number, place))
     counts = np.bincount(place, minlength=drives)
     within = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -117,7 +116,7 @@ def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: 
 
 
 def _is_in_mean(status: Sequence[str], at: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether means are over each copy (D, most copies)."""
+    """Whether each copy counts in means (D, most copies)."""
     words = np.array([*status, ""], dtype=object)[at]  # the last one stands for -1, a copy that is not there
     ok = words == OK
     ran = ~np.isin(words, ("", "infeasible", DIVERGED))
@@ -150,7 +149,7 @@ def _column_values(table: pa.Table, name: str) -> NDArray[np.float64]:
 def _mean_and_error(
     values: NDArray[np.float64], at: NDArray[np.int64], chosen: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard error of each drive's copies (D,), whose bits do not hang on other drives."""
+    """Mean and standard error of each drive's copies (D,), whose bits do not depend on other drives."""
     each = np.where(chosen, values[at], np.nan)
     there = np.isfinite(each)
     count = there.sum(axis=1)

@@ -1,4 +1,4 @@
-"""The slowest ripple of the mean tension that a drive's own motions, loads and valves cause."""
+"""Slowest ripple of the mean tension that a drive's own motions, loads and valves cause."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ if TYPE_CHECKING:
 
 
 def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
-    """Periods in a window of the slowest ripple that a drive's motions, loads and valves cause; 0 for none.
+    """Periods in a window of the slowest tension ripple of a drive, or of a stack (V,); 0 for none.
 
     Args:
-        drive: one, or a stack.
         turns: of each sprocket in the window, (S,) or (S, V).
-        seconds: duration of the window [s], of a stack (V,).
+        seconds: duration of the window [s].
     """
     count = len(turns)
 
@@ -43,7 +42,7 @@ def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: An
 
 
 def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
-    """Bodies, and periods per revolution of the ripples that their angles cause."""
+    """Indices of bodies, and periods per revolution of the tension ripples that they cause."""
     names: list[Any] = []
     acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in drive.sprockets]
     acting += [(of.load, of.prescribed, of.motor) for of in drive.shafts]

@@ -1,4 +1,4 @@
-"""Recording options and results of a run: trajectories of chosen variants and one row of metrics a variant."""
+"""Recording options and results of a run: trajectories of chosen variants and a row of metrics a variant."""
 
 from __future__ import annotations
 
@@ -24,11 +24,7 @@ if TYPE_CHECKING:
 
 
 def check_channel_names(what: str, names: Iterable[str]) -> None:
-    """Refuses names that are no channel's; `what` says whose they are.
-
-    Raises:
-        SimulationError: an unknown name.
-    """
+    """Raises SimulationError for names that are no channel's; `what` says whose they are."""
     for name in names:
         if name not in CHANNEL_NAMES:
             raise SimulationError(f"{what}: {name!r} is unknown; allowed are {', '.join(CHANNEL_NAMES)}")
@@ -40,10 +36,9 @@ class Record:
     """Recording options: variants and channels kept as trajectories; metrics are kept of all variants.
 
     Attributes:
-        variants: "all", "none", or the indices of the variants to record.
-        rate: samples a second of simulated time [Hz], rounded to whole steps; None takes each drive's own
-            `run.sample_rate`.
-        channels: which of `results.channels.CHANNEL_NAMES` to keep; by default those that are not on request.
+        variants: "all", "none", or indices of variants.
+        rate: samples a second [Hz], rounded to whole steps; None takes each drive's `run.sample_rate`.
+        channels: of `results.channels.CHANNEL_NAMES`.
 
     Raises:
         SimulationError: an unknown channel or word, or a rate that is not positive.
@@ -79,36 +74,36 @@ def _add_channel_fields(kind: type) -> type:
 @dataclass(frozen=True)
 @_add_channel_fields
 class Trajectory:
-    """The recorded motion of one variant; F frames, N rollers and links, S sprockets. A channel not recorded is None.
+    """Recorded motion of one variant: F frames of N rollers and links, S sprockets. Unrecorded channels are None.
 
     Attributes:
-        drive: the drive that was simulated.
-        time: (F,) simulated time [s]; frame 0 is t = 0.
+        drive: the simulated drive.
+        time: (F,) [s]; frame 0 is t = 0.
         position: (F, N, 2) roller centers [m].
         velocity: (F, N, 2) roller velocities [m/s].
-        tension: (F, N) link tensions [N], positive in tension; link i joins rollers i and i + 1 (2).
-        sprocket_force: (F, N) magnitude of the sprocket contact force on each roller [N] (15).
-        guide_force: (F, N) magnitude of the guide-bar contact force on each roller [N] (15), (23).
-        sprocket_angle: (F, S) sprocket angles, counter-clockwise [rad].
-        sprocket_speed: (F, S) sprocket angular velocities, counter-clockwise [rad/s].
-        sprocket_moment: (F, S) moment of the contact forces on each sprocket, counter-clockwise [N m] (16).
-        sprocket_center: (F, S, 2) sprocket centers [m].
-        joint_friction_power: (F, N) power that the joint at each roller dissipates [W]; with leapfrog at mean
-            velocities, so that it can be a little below 0. On request.
-        arm_angle: (F, A) angles of the arms from the drawing, counter-clockwise [rad].
-        arm_speed: (F, A) angular velocities of the arms [rad/s].
-        arm_moment: (F, A) moments of the contact forces about the arms' pivots, counter-clockwise [N m].
-        tensioner_extension: (F, T) extensions of the tensioners from the drawing [m].
-        tensioner_force: (F, T) forces on the bodies that they push [N].
-        chamber_pressure: (F, T) absolute pressures in their chambers [Pa]; without oil the ambient one.
-        shaft_angle: (F, H) angles of the shafts since the start, counter-clockwise [rad].
-        shaft_speed: (F, H) angular velocities of the shafts, counter-clockwise [rad/s].
-        coupling_twist: (F, C) twists of the couplings since the start [rad].
-        coupling_torque: (F, C) moments that they pass on to their second shafts [N m].
-        hub_force: (F, S, 2) forces of the chain on the sprockets, friction and all [N]. On request.
-        valve_torque: (F, V) torques of the groups of valves against forward rotation [N m].
-        valve_force: (F, V) least force of a cam of each group on its follower [N].
-        window: of the metrics, (from, to) [s]; None where they are not at hand.
+        tension: (F, N) of links [N]; link i joins rollers i and i + 1 (2).
+        sprocket_force: (F, N) sprocket contact force on each roller [N] (15).
+        guide_force: (F, N) guide contact force on each roller [N] (15), (23).
+        sprocket_angle: (F, S) counter-clockwise [rad].
+        sprocket_speed: (F, S) counter-clockwise [rad/s].
+        sprocket_moment: (F, S) of contact forces, counter-clockwise [N m] (16).
+        sprocket_center: (F, S, 2) [m].
+        joint_friction_power: (F, N) dissipated by the joint at each roller [W]; with leapfrog it can be a little below
+            0. On request.
+        arm_angle: (F, A) from the drawing, counter-clockwise [rad].
+        arm_speed: (F, A) [rad/s].
+        arm_moment: (F, A) of contact forces about pivots, counter-clockwise [N m].
+        tensioner_extension: (F, T) from the drawing [m].
+        tensioner_force: (F, T) on the bodies that they push [N].
+        chamber_pressure: (F, T) absolute [Pa]; without oil the ambient one.
+        shaft_angle: (F, H) since the start, counter-clockwise [rad].
+        shaft_speed: (F, H) counter-clockwise [rad/s].
+        coupling_twist: (F, C) since the start [rad].
+        coupling_torque: (F, C) on second shafts [N m].
+        hub_force: (F, S, 2) of the chain on sprockets, with friction [N]. On request.
+        valve_torque: (F, V) of groups of valves against forward rotation [N m].
+        valve_force: (F, V) least of a group's cams on followers [N].
+        window: of the metrics, (from, to) [s]; or None.
     """
 
     drive: Drive
@@ -139,12 +134,12 @@ class Trajectory:
     window: Any = None  # of any type to mypy, so that channels may be given as **mapping
 
     def __repr__(self) -> str:
-        """One line: frames, time, channels."""
+        """Text of one line: frames, time, channels."""
         end = f"{self.time[0]:g} to {self.time[-1]:g} s" if len(self.time) else "none"
         return f"Trajectory({len(self.time)} frames, {end}: {', '.join(self.channels())})"
 
     def _repr_html_(self) -> str:
-        """HTML for notebooks."""
+        """HTML of the trajectory for notebooks."""
         return rendered_html(self)
 
     def channels(self) -> dict[str, NDArray[np.floating]]:
@@ -154,7 +149,7 @@ class Trajectory:
 
     @check_arguments(SimulationError)
     def at(self, frames: slice | Sequence[int] | NDArray[Any]) -> Trajectory:
-        """Trajectory at some of its frames: a slice, their numbers, or whether each is one (F,).
+        """Trajectory at some of its frames: a slice, numbers, or whether each is one (F,).
 
         Raises:
             SimulationError: a frame that there is not.
@@ -167,7 +162,7 @@ class Trajectory:
         return Trajectory(self.drive, self.time[frames], **held, window=self.window)
 
     def to_arrow(self) -> pa.Table:
-        """Pyarrow table of the trajectory, one row a frame, units in the fields' metadata."""
+        """Pyarrow table of the trajectory, a row a frame, units in the fields' metadata."""
         from warpchain.results.arrow_tables import trajectory_table
 
         return trajectory_table(self.time, self.channels())
@@ -182,7 +177,7 @@ class Trajectory:
 def require_channels(
     trajectory: Trajectory, *channels: str, name: str = "the variant"
 ) -> tuple[NDArray[np.floating], ...]:
-    """Channels of a trajectory by name, in order; `name` is what the error calls it.
+    """Channels of a trajectory by name, in order.
 
     Raises:
         SimulationError: naming those that are missing.
@@ -195,18 +190,18 @@ def require_channels(
 
 @dataclass(frozen=True)
 class RunInfo:
-    """Provenance of a run.
+    """Provenance of a run: version, device, precision, time.
 
     Attributes:
-        version: warpchain's version.
-        device: the Warp device, such as "cpu".
+        version: warpchain's.
+        device: of Warp, such as "cpu".
         precision: "float64" or "float32".
-        ended: "complete", or "interrupted" when the user stopped it.
-        wall_time: seconds the run took.
+        ended: "complete", or "interrupted" by the user.
+        wall_time: [s].
         created: UTC time of the start, ISO 8601.
-        step: time step [s]; None where the variants' steps differ.
-        seed: of the design whose variants these are.
-        choice: why it ran on that device, where there was a choice.
+        step: [s]; None where variants differ.
+        seed: of the variants' design.
+        choice: why it ran on that device.
     """
 
     version: str
@@ -222,13 +217,12 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Run(Mapping[int, Trajectory]):
-    """The result of one call of `simulate`: `run[i]` is variant i's trajectory, `run.metrics` a row a variant.
+    """Result of `simulate`: `run[i]` is variant i's trajectory, `run.metrics` a row a variant.
 
     Attributes:
         drives: the drives simulated, in order.
-        metrics: pyarrow table, one row a variant; `unit` in the fields' metadata; null for a quantity that a variant
-            lacks.
-        trajectories: the recorded variants.
+        metrics: pyarrow table, `unit` in the fields' metadata; null for a quantity that a variant lacks.
+        trajectories: of recorded variants.
         info: how the run was made.
     """
 
@@ -238,12 +232,12 @@ class Run(Mapping[int, Trajectory]):
     info: RunInfo
 
     def __repr__(self) -> str:
-        """One line: how many variants, how many of them recorded, how they were run."""
+        """Text of one line: variants, recorded ones, how they were run."""
         shape = f"{len(self.drives)} variants, {len(self)} recorded, {self.metrics.num_columns} metrics"
         return f"{type(self).__name__}({shape}, {self.info.device}, {self.info.precision}, {self.info.ended})"
 
     def _repr_html_(self) -> str:
-        """HTML for notebooks."""
+        """HTML of the run for notebooks."""
         return rendered_html(self)
 
     @property
@@ -272,17 +266,16 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def replicates(self) -> int:
-        """Copies of each drive in the run."""
+        """Number of copies of each drive in the run."""
         if COPY_COLUMN not in self.metrics.column_names or not self.metrics.num_rows:
             return 1
         return 1 + max(self.metrics[COPY_COLUMN].to_pylist())
 
     @property
     def summary(self) -> pa.Table:
-        """Table with a row for each drive that was asked for: status, mean and error of each metric.
+        """Pyarrow table with a row a drive: worst status of its copies, mean and standard error of metrics.
 
-        The status is the worst of its copies, errors are `METRIC_se`, the number of copies is `n`
-        (`results.replicate_metrics`).
+        Errors are `METRIC_se`, the number of copies is `n` (`results.replicate_metrics`).
         """
         import pyarrow as pa
 

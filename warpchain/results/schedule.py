@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 
 LOOK_EVERY = 32
-"""Fewest steps between two samples of the chain for sums: as many as kernels gather."""
+"""Fewest steps between two samples for sums: as many as kernels gather."""
 
 MOST_STEPS = 2**31 - 2
-"""Steps of a run at most, which kernels count in 32 bits."""
+"""Most steps of a run, which kernels count in 32 bits."""
 
 
 def whole_steps(what: str, count: float) -> int:
-    """Number of a schedule's steps, rounded.
-
-    Args:
-        what: where it comes from, for the error.
+    """Rounded number of a schedule's steps; `what` names it in errors.
 
     Raises:
         SimulationError: it is more than can be counted.
@@ -34,7 +31,7 @@ def whole_steps(what: str, count: float) -> int:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Schedule of a variant in steps of `step` seconds: its end, window for metrics, samples."""
+    """Schedule of a variant in steps of `step` seconds: end, window for metrics, samples."""
 
     step: float
     steps: int
@@ -50,12 +47,12 @@ class Schedule:
 
     @property
     def frames(self) -> int:
-        """Number of frames of the whole run, the one at t = 0 among them."""
+        """Number of frames of the whole run, that at t = 0 among them."""
         return self.steps // self.frame_interval + 1 if self.frame_interval else 0
 
 
 def schedule_columns(schedules: Sequence[Schedule]) -> dict[str, NDArray[np.float64 | np.int64]]:
-    """Each field of schedules as an array (V,)."""
+    """Fields of schedules as arrays (V,), by name."""
     known = {id(schedule): schedule for schedule in schedules}
     places = {key: place for place, key in enumerate(known)}
     which = np.array([places[id(schedule)] for schedule in schedules], dtype=np.int64)

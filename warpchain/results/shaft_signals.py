@@ -1,4 +1,4 @@
-"""Force of the chain on every shaft, and phase error of driven shafts, from recorded frames.
+"""Signals of shafts from recorded frames: force of the chain on hubs, and phase error of driven shafts.
 
     e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def hub_forces(trajectory: Trajectory) -> Array:
-    """Force of the chain on each sprocket (F, S, 2) [N]: as recorded, else the contacts' normal forces.
+    """Force (F, S, 2) [N] of the chain on sprockets' hubs: as recorded, else contacts' normal forces.
 
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.
@@ -48,7 +48,7 @@ ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
 
 
 def phase_error(trajectory: Trajectory, s: int) -> Array:
-    """Phase error of sprocket s (a), (F,) [rad of the driver].
+    """Phase error (F,) [rad of the driver] of sprocket s, (a).
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -59,26 +59,19 @@ def phase_error(trajectory: Trajectory, s: int) -> Array:
 
 
 class PhaseError(NamedTuple):
-    """Phase error of a shaft over a window.
+    """Phase error of a shaft over a window [rad of the driver]."""
 
-    Attributes:
-        shift: its mean [rad of the driver].
-        low, high: smallest and largest.
-        amplitude: (O,) by `orders` of the driver; None without a whole cycle.
-        orders: (O,).
-    """
-
-    shift: float
-    low: float
-    high: float
-    amplitude: Array | None
+    shift: float  # mean
+    low: float  # smallest
+    high: float  # largest
+    amplitude: Array | None  # (O,) of `orders` of the driver; None without a whole cycle
     orders: tuple[float, ...]
 
 
 def phase_error_in_window(
     trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
 ) -> PhaseError:
-    """Mean shift, extremes and engine orders of the phase error of sprocket s, in a window of frames."""
+    """Mean, extremes and engine orders of sprocket s's phase error, in a window of frames."""
     error, turns = phase_error(trajectory, s)[window], driver_turns(trajectory)[window]
     part = last_rising_frames(turns)
     found = order_amplitudes(turns[part], error[part], orders) if len(turns[part]) > 8 else None

@@ -1,6 +1,6 @@
-"""Features of a signal: its statistics, amplitudes of orders, root mean squares of frequency bands.
+"""Features of a signal: statistics, amplitudes of orders, root mean squares of frequency bands.
 
-Signals of rig and run are reduced alike, not compared instant by instant: impacts make runs chaotic.
+Signals of rig and run are reduced alike, as impacts make runs chaotic.
 """
 
 from __future__ import annotations
@@ -20,17 +20,11 @@ ERROR_PARTS = 8
 
 @dataclass(frozen=True)
 class SignalFeatures:
-    """Features that a signal is reduced to.
+    """Choice of features that a signal is reduced to."""
 
-    Attributes:
-        statistics: of `measured_file.SIGNAL_STATISTICS`.
-        orders: of the driver's revolution, whose amplitudes are taken.
-        bands: [low, high] frequencies [Hz], between which the root mean square is taken.
-    """
-
-    statistics: tuple[str, ...] = ()
-    orders: tuple[float, ...] = ()
-    bands: tuple[tuple[float, float], ...] = ()
+    statistics: tuple[str, ...] = ()  # of `measured_file.SIGNAL_STATISTICS`
+    orders: tuple[float, ...] = ()  # of the driver's revolution, whose amplitudes are taken
+    bands: tuple[tuple[float, float], ...] = ()  # [low, high] [Hz], of root mean squares
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -39,7 +33,7 @@ class SignalFeatures:
         return (*self.statistics, *of_orders, *(f"{low:g} to {high:g} Hz" for low, high in self.bands))
 
     def values_of_signal(self, time: Array, values: Array, turns: float) -> Array:
-        """Features (N,) of a signal (K,) at times (K,) [s]; nan where it is too short or too coarse.
+        """Features (N,) of a signal (K,) at times [s]; nan where it is too short or too coarse.
 
         Args:
             turns: mean speed of the driver [1/s].

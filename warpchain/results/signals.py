@@ -1,7 +1,4 @@
-"""Signals that engineers read off a recorded drive: of strands, shafts, arms and tensioners, and of probes.
-
-A probe sees the link that comes nearest to its place, within its radius.
-"""
+"""Signals that engineers read off a recorded drive: of strands, shafts, arms, tensioners and probes."""
 
 from __future__ import annotations
 
@@ -20,7 +17,7 @@ from warpchain.results.strand_passing import FRAMES_AT_ONCE, PassingLink, passin
 Array = NDArray[np.float64]
 
 FEWEST_TEETH = 16
-"""Teeth that must pass for an order spectrum to resolve the tooth-passing orders."""
+"""Teeth that must pass for an order spectrum to resolve tooth-passing orders."""
 
 TOOTH_PASSINGS = 4
 SPECTRUM_FLOOR = 1e-4
@@ -43,7 +40,7 @@ PART_SIGNALS = (
 
 
 def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
-    """Name of the part, signal, channel, group and column in the channel of a drive's `PART_SIGNALS`."""
+    """Part's name, signal, channel, group and column in the channel, of a drive's `PART_SIGNALS`."""
     for parts, signal, channel, group in PART_SIGNALS:
         for i, part in enumerate(getattr(drive, parts)):
             if signal != "pressure" or part.hydraulic:
@@ -51,7 +48,7 @@ def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
 
 
 def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float] | None:
-    """Mean forward speed of the driver in the window [rad/s], and the window [s], else the latter half; or None."""
+    """Mean forward speed of the driver in the window [rad/s], and the window [s]; or None."""
     time, angle, drive = trajectory.time, trajectory.sprocket_angle, trajectory.drive
     start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
     start, end = max(start, float(time[0])), min(end, float(time[-1]))
@@ -62,12 +59,12 @@ def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float
 
 
 def latter_half_frames(trajectory: Trajectory) -> slice:
-    """Frames of the second half of a recording, which the start's transients have left."""
+    """Frames of the second half of a recording, after transients of the start."""
     return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)
 
 
 def last_round_frames(trajectory: Trajectory) -> slice:
-    """Frames of the chain's last round in a recording; all where it goes round less than once."""
+    """Frames of the chain's last round in a recording; all where it makes less than one."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive = trajectory.drive
     angle = forward_values(drive, sprocket_angle, drive.driver)
@@ -77,16 +74,12 @@ def last_round_frames(trajectory: Trajectory) -> slice:
 
 
 def forward_values(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
-    """Angles or speeds of sprocket s (F,), positive in the direction of travel, from all sprockets' (F, S)."""
+    """Angles or speeds (F,) of sprocket s, positive in the direction of travel."""
     return np.asarray(values[:, s], dtype=float) * drive.sprockets[s].sign
 
 
 def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | None = None) -> Array:
-    """Tension of the link that passes the middle of a strand (F,) [N].
-
-    Args:
-        passing: which link that is, if known.
-    """
+    """Tension (F,) [N] of the link that passes the middle of a strand."""
     (tension,) = require_channels(trajectory, "tension")
     link = (passing or passing_link(trajectory, strand)).link
     values = np.asarray(tension, dtype=float)[np.arange(len(link)), np.maximum(link, 0)]
@@ -94,7 +87,7 @@ def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | N
 
 
 def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
-    """Speed of sprocket s over the driver's, as a part of the teeth's ratio (F,); 1 without error."""
+    """Speed of sprocket s over the driver's, by the teeth's ratio (F,); 1 without error."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     drive = trajectory.drive
     own, driver = (forward_values(drive, sprocket_speed, k) for k in (s, drive.driver))
@@ -104,7 +97,7 @@ def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
-    """Angle of sprocket s ahead of the driver's by the teeth (F,) [rad], 0 at the first frame.
+    """Angle (F,) [rad] of sprocket s ahead of the driver's by the teeth, 0 at the first frame.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -117,7 +110,7 @@ def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """Angle of sprocket s ahead of the driver's by the teeth, less its mean (F,) [rad].
+    """Transmission error (F,) [rad]: angle of sprocket s ahead of the driver's by the teeth, less its mean.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -127,7 +120,7 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
 
 
 def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
-    """First transverse frequency of a moving strand at its mean tension [Hz], over the latter half.
+    """First transverse frequency [Hz] of a moving strand at its mean tension, over the latter half.
 
     Raises:
         SimulationError: recorded without sprocket speeds.
@@ -143,7 +136,7 @@ def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
 
 
 def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Force of each guide-bar on the chain (F,) [N], and its number of pressed rollers (F,)."""
+    """Force (F,) [N] of each guide on the chain, and its number of pressed rollers (F,)."""
     (guide_force,) = require_channels(trajectory, "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
@@ -157,7 +150,7 @@ def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]
 
 
 def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
-    """Largest contact force of each sprocket, then of each guide-bar, on any roller (F,) [N]."""
+    """Largest contact force (F,) [N] of each sprocket, then of each guide, on any roller."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     drive, count = trajectory.drive, len(trajectory.time)
     largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
@@ -173,13 +166,13 @@ def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
 
 
 class ContactAngles(NamedTuple):
-    """Contact of all rollers with one sprocket.
+    """Contact forces of all rollers with one sprocket, over the angle of contact.
 
     Attributes:
-        angle: (K,) of the roller past where the chain reaches the sprocket, in the direction of travel [rad].
-        force: (K,) contact force [N].
+        angle: (K,) of the roller past the chain's arrival, in the direction of travel [rad].
+        force: (K,) [N].
         wrap: wrapped angle [rad].
-        pitch: pitch angle of the teeth [rad].
+        pitch: of the teeth [rad].
     """
 
     angle: Array
@@ -206,13 +199,12 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
 
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
-    """Frequencies and amplitudes (K // 2 + 1,) of evenly spaced samples, mean removed, Hann window.
+    """Frequencies and amplitudes (K // 2 + 1,) of evenly spaced samples, by a Hann window.
 
     A sine of amplitude a on a line of the spectrum shows a.
 
     Args:
-        values: (K,) samples.
-        interval: between them, in seconds, or in revolutions for orders.
+        interval: between samples, in seconds, or in revolutions for orders.
     """
     values = np.asarray(values, dtype=float)
     window = np.hanning(len(values) + 1)[:-1]
@@ -221,10 +213,9 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
-    """Orders and amplitudes of a signal over the driver's revolution, from a recording's latter half.
+    """Orders and amplitudes of a signal over the driver's revolution, from the latter half.
 
-    None where the driver stops or turns back, where fewer than `FEWEST_TEETH` of its teeth pass, or where values are
-    not finite.
+    None where the driver stops or turns back, fewer than `FEWEST_TEETH` pass, or values are not finite.
     """
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive, part = trajectory.drive, latter_half_frames(trajectory)
@@ -240,12 +231,12 @@ def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array]
 
 
 class OrderSpectrum(NamedTuple):
-    """An order spectrum as it is drawn.
+    """Order spectrum of a signal, as drawn.
 
     Attributes:
-        name: the strand or sprocket that it is of.
-        orders: (K,) of the driver's revolution, ascending, from above 0.
-        amplitude: (K,) in the unit of what it is of.
+        name: of the strand or sprocket.
+        orders: (K,) of the driver's revolution, ascending from above 0.
+        amplitude: (K,) in the signal's unit.
     """
 
     name: str
@@ -254,7 +245,7 @@ class OrderSpectrum(NamedTuple):
 
 
 def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
-    """Order spectra of strand tensions and transmission errors by title; {} where none can be."""
+    """Order spectra of strand tensions and transmission errors, by title."""
     drive = trajectory.drive
     signals = [(STRAND_TENSION_TITLE, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
     signals += [
@@ -274,7 +265,7 @@ def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
 
 
 def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
-    """Frames to draw of a series: the smallest and the largest value of each of `buckets` equal spells."""
+    """Frames to draw of a series: of the smallest and largest value in each of `buckets` equal spells."""
     count = len(values)
     if count <= 2 * buckets:
         return np.arange(count)
@@ -289,7 +280,7 @@ def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
 
 
 def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """First frames of at most `buckets` equal spells, and the largest values over each (spells, ...)."""
+    """First frames of at most `buckets` equal spells of a series, and largest values (spells, ...)."""
     count = len(values)
     if count <= buckets:
         return np.arange(count), values
@@ -303,11 +294,11 @@ def _spell_starts(count: int, buckets: int) -> NDArray[np.intp]:
 
 
 class QuantityRange(NamedTuple):
-    """Range and path of a quantity, such as an extension or a pressure.
+    """Range and path of a signal, such as an extension or a pressure.
 
     Attributes:
         low, mean, high: smallest, mean, largest.
-        path: way back and forth in a second, sum of |dx| over the time.
+        path: way back and forth in a second.
     """
 
     low: float
@@ -317,18 +308,18 @@ class QuantityRange(NamedTuple):
 
     @property
     def range_width(self) -> float:
-        """Difference of a quantity's largest and smallest value."""
+        """Difference of a signal's largest and smallest value."""
         return self.high - self.low
 
 
 class OpeningEvents(NamedTuple):
-    """Openings of a valve or a contact over a window.
+    """Openings of a valve or contact over a window.
 
     Attributes:
-        openings: samples above the threshold after one that is not.
-        rate: of them [1/s].
+        openings: number.
+        rate: of openings [1/s].
         share: of the time that it is open.
-        longest: it stays open [s].
+        longest: time open [s].
     """
 
     openings: int
@@ -338,14 +329,14 @@ class OpeningEvents(NamedTuple):
 
 
 def range_and_path(time: Array, values: Array) -> QuantityRange:
-    """Range and path of samples (F,) at times (F,) [s]."""
+    """Range and path of a signal's samples (F,) at times (F,) [s]."""
     seconds = float(time[-1] - time[0])
     path = float(np.abs(np.diff(values)).sum()) / seconds if seconds > 0.0 else 0.0
     return QuantityRange(float(values.min()), float(values.mean()), float(values.max()), path)
 
 
 def opening_events(time: Array, values: Array, threshold: float = 0.0) -> OpeningEvents:
-    """Openings of samples (F,) at even times (F,) [s] above a threshold."""
+    """Openings above a threshold of samples (F,) at even times [s]."""
     open_ = np.concatenate([[False], np.asarray(values) > threshold, [False]])
     begins, ends = np.flatnonzero(open_[1:] & ~open_[:-1]), np.flatnonzero(~open_[1:] & open_[:-1])
     step = float(time[-1] - time[0]) / max(len(time) - 1, 1)
@@ -358,14 +349,14 @@ def opening_events(time: Array, values: Array, threshold: float = 0.0) -> Openin
 
 
 class ProbeSignals(NamedTuple):
-    """Signals of a probe; nan at frames at which the chain is not within its radius.
+    """Signals of a probe; nan at frames at which no chain is within its radius.
 
     Attributes:
         link: (F,) that passes, -1 for none.
         tension: (F,) of that link [N].
         speed: (F,) of the chain along itself [m/s].
         displacement: (F,) of the chain from the probe's place, left positive [m].
-        normal_speed: (F,) of the chain to the left [m/s].
+        normal_speed: (F,) to the left [m/s].
     """
 
     link: NDArray[np.intp]
@@ -376,7 +367,7 @@ class ProbeSignals(NamedTuple):
 
 
 def probe_signals(trajectory: Trajectory, at: tuple[float, float], radius: float) -> ProbeSignals:
-    """Signals of a probe at a place [m], of the chain within a radius [m].
+    """Signals of a probe at a place [m], of the nearest link within a radius [m].
 
     Raises:
         SimulationError: recorded without positions, velocities or tensions.

@@ -1,4 +1,4 @@
-"""Words for how a variant ended, and the reasons of many variants gathered into few."""
+"""Statuses in which variants end, and their reasons gathered into few."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int]]:
-    """Status, reason and number of variants of reasons alike but for numbers, the most frequent first."""
+    """Status, reason and number of variants, of reasons alike but for numbers, most frequent first."""
     return sort_by_frequency(merge_alike_reasons((status, reason, 1) for status, reason in found))
 
 
 def reason_of_count(count: int, reason: str) -> str:
-    """Text of a count of variants and the reason of the first of them."""
+    """Text of a number of variants and the reason of the first."""
     return f"1 variant: {reason}" if count == 1 else f"{count} variants, e.g. {reason}"
 
 
 def sort_by_frequency(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
-    """Status, reason and count, the most frequent first."""
+    """Statuses, reasons and counts, the most frequent first."""
     return sorted(found, key=lambda each: -each[2])
 
 
 def merge_alike_reasons(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
-    """Status, reason and count with reasons that differ only in numbers as one."""
+    """Statuses, reasons and counts, reasons that differ only in numbers merged."""
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}
     for status, reason, count in found:

@@ -1,20 +1,18 @@
-"""Errors of the step in friction and ramps, which the drive's limit of stability does not cover.
+"""Step resolution: errors of the time step in friction and ramps, which the limit of stability does not cover.
 
-Friction that sticks is held by a bristle that is no stiffer than the step can follow (`kernels.physics.friction`). With
-mu the larger coefficient, N the largest normal force of a partner, m a roller's mass, T the tension that 99.9 % of
-links and instants are below, z the fewest teeth and I = m p^2 / 6, friction moves
+Friction that sticks is held by a bristle no stiffer than the step can follow (`kernels.physics.friction`). With mu the
+larger coefficient, N a partner's largest normal force, m a roller's mass, T the 99.9 % quantile of tension, z the
+fewest teeth, I = m p^2 / 6, friction moves
 
     a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
     a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
 
-A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I), T the mean tension of its strand. The n joints of
-a strand that swings by the amplitude a let its middle give by n^2 p phi / 8, which pays out pi^2 a / (2 n p) times as
-much of the chain. n links of the stiffness k answer with the tension
+A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I), T its strand's mean tension. n joints of a strand
+that swings by a pay out pi^2 a / (2 n p) times n^2 p phi / 8, and n links of stiffness k answer with the tension
 
-    (pi^2 / 16) k a phi,                                                                                      (c)
+    (pi^2 / 16) k a phi.                                                                                      (c)
 
-and sprockets pass it on to slack strands. The energy balance tells of none of these (docs/steps.md; `python
-scripts/bench.py resolution`, `gives`).
+The energy balance shows none of these (docs/steps.md).
 """
 
 from __future__ import annotations
@@ -41,12 +39,12 @@ BRISTLE_STIFFNESS = 0.12
 
 
 def joint_resolution(of: DesignInputs) -> VariantValues:
-    """Steps in which friction bends a joint by a tooth (V,), (b) over the step."""
+    """Number of steps (V,) in which friction bends a joint by a tooth, (b)."""
     return _steps_of_force(of, of.number_of_each(_tooth_bend_inertia), _joint_friction_moment(of, of["tension_q999"]))
 
 
 def joint_give(of: DesignInputs) -> VariantValues:
-    """Tension error of joints that give way where they stick, over a strand's `tension_q999` (V,), (c)."""
+    """Tension error (V,) of sticking joints that give way, over a strand's `tension_q999`, (c)."""
     step = np.ma.getdata(of.metrics[STEP_KEY])
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
@@ -62,7 +60,7 @@ def joint_give(of: DesignInputs) -> VariantValues:
 
 
 def partner_resolution(of: DesignInputs) -> VariantValues:
-    """Steps in which friction moves a roller by a pitch (V,), (a) over the step, or in a shorter ramp."""
+    """Number of steps (V,) in which friction moves a roller by a pitch, (a), or in a shorter ramp."""
     ways = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch)
     steps = _steps_of_force(
         of, ways, of.number_of_each(lambda drive: _partner_friction_coefficient(drive, of.index)) * of["force_max"]
@@ -79,14 +77,14 @@ def is_ramped(drive: Drive, index: int) -> bool:
 
 
 def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> np.ma.MaskedArray:
-    """Steps in which a force moves by a way times the mass; masked for none."""
+    """Number of steps in which a force moves a mass; masked for none."""
     with np.errstate(all="ignore"):
         steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP_KEY])
     return mask_absent(np.isfinite(steps) & (force > 0.0), steps)
 
 
 def _joint_friction_moment(of: DesignInputs, tension: VariantValues) -> VariantValues:
-    """Largest moment of friction in a joint at a tension [N] (V,), mu kappa r_p T [N m]."""
+    """Largest friction moment (V,) [N m] in a joint at a tension [N], mu kappa r_p T."""
     return of.number_of_each(_joint_friction_arm) * tension
 
 

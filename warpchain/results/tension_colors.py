@@ -1,4 +1,4 @@
-"""The color scale of link tension, the same in archives, playback and figures."""
+"""Color scale of link tension, for archives, playback and figures."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ SCALE_PERCENTILE = 99.9
 
 
 def tension_scale_end(tension: NDArray[np.floating]) -> float:
-    """Tension where the color scale of link tensions (...) ends, at least 1 [N]."""
+    """Tension [N] where the color scale of link tensions (...) ends, at least 1."""
     finite = tension[np.isfinite(tension)]
     return max(float(np.percentile(finite, SCALE_PERCENTILE)), 1.0) if finite.size else 1.0
 
 
 def tension_colors(tension: NDArray[np.floating], full_scale: float) -> NDArray[np.uint8]:
-    """Colors (..., 4) of link tensions: red, green, blue, alpha.
+    """Colors (..., 4) of link tensions (...) [N]: red, green, blue, alpha.
 
     Args:
-        tension: (...) link tensions [N].
-        full_scale: tension at the scale's red end [N]; its blue end is 0 N.
+        full_scale: tension at the scale's red end [N]; its blue end is 0.
     """
     share = np.clip(np.asarray(tension, dtype=np.float64) / full_scale, 0.0, 1.0) * (len(COLOR_ANCHORS) - 1)
     known = np.isfinite(share)

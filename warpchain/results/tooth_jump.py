@@ -1,12 +1,11 @@
-"""Margin to tooth jump: how far rollers in a sprocket's wrap stand below where the tips of the teeth let them go.
+"""Margin to tooth jump: how far rollers in a sprocket's wrap stand below where teeth let them go.
 
-A roller that is drawn out of its seat leaves the flank at the tip, at the distance rho_top from the sprocket's center.
-With rho that of a roller,
+A roller leaves the flank at the tip, at rho_top from the sprocket's center. With rho that of a roller,
 
     margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R)                        (a)
 
-1 in the seat, 0 where the chain jumps. Only rollers inside the wrap count, half a tooth from its ends, or within half a
-tooth of its middle where that is more.
+1 in the seat, 0 where the chain jumps. Rollers count half a tooth inside the wrap, or within half a tooth of its
+middle where that is more.
 """
 
 from __future__ import annotations
@@ -24,17 +23,11 @@ Array = NDArray[np.float64]
 
 
 class JumpMargin(NamedTuple):
-    """Margin of the chain to jumping over a sprocket; nan where no roller is inside the wrap.
+    """Margin of the chain to jumping over a sprocket; nan where no roller is inside the wrap."""
 
-    Attributes:
-        margin: (F,) the least of all rollers (a) [m].
-        angle: (F,) where that roller is, past where the chain reaches the sprocket [rad].
-        height: from seat to tip, rho_top - R [m].
-    """
-
-    margin: Array
-    angle: Array
-    height: float
+    margin: Array  # (F,) least of all rollers (a) [m]
+    angle: Array  # (F,) of that roller past the chain's arrival [rad]
+    height: float  # from seat to tip, rho_top - R [m]
 
 
 def tooth_jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:

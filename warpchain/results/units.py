@@ -24,11 +24,11 @@ DISPLAY_UNITS: dict[str, tuple[tuple[float, str, float], ...]] = {
     "Pa": ((0.0, "Pa", 1.0), (1e3, "kPa", KILO), (1e6, "MPa", MEGA), (1e9, "GPa", GIGA)),
     "Hz": ((0.0, "Hz", 1.0), (1e3, "kHz", KILO)),
 }
-"""Units that an SI unit is shown in: from which largest value on, the unit, its factor."""
+"""Display units of an SI unit: from which largest value on, unit, factor."""
 
 
 def display_unit(unit: str, *values: Any) -> tuple[str, float]:
-    """Unit that values [SI] are shown in together, by the largest, and the factor to it."""
+    """Display unit of values [SI], by the largest, and the factor to it."""
     whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
     largest = float(np.abs(whole[np.isfinite(whole)]).max(initial=0.0))
     held = [(word, factor) for least, word, factor in DISPLAY_UNITS.get(unit, ()) if largest >= least]
@@ -36,13 +36,13 @@ def display_unit(unit: str, *values: Any) -> tuple[str, float]:
 
 
 def display_unit_word(unit: str, *values: Any) -> tuple[str, float]:
-    """Unit to show values in, "" for a count or ratio, and the factor to it."""
+    """Display unit of values, "" for a count or ratio, and the factor to it."""
     word, factor = display_unit(unit, *values)
     return "" if word == "1" else word, factor
 
 
 def distinguishing_decimals(values: Any, digits: int = 4) -> int:
-    """Decimals that show values with so many digits of their range."""
+    """Number of decimals that show values with so many digits of their range."""
     held = np.asarray(values, dtype=float)
     held = held[np.isfinite(held)]
     largest, spread = float(np.abs(held).max(initial=0.0)), float(np.ptp(held)) if held.size else 0.0

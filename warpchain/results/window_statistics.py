@@ -1,21 +1,16 @@
 """Statistics over a window of chaotic motion: quantiles from counts, standard error of a mean, drift of a mean.
 
-With B batches of about equal length, y_k their sums less what the window's mean gives them, over their usual weight,
-and X_j = sum y_k exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is the spectrum S(w_j) times an
+With B batches of about equal length, y_k their sums less the window's mean, over their usual weight, and
+X_j = sum y_k exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is the spectrum S(w_j) times an
 exponential variate, and the variance of the mean is S(0) (Heidelberger and Welch 1981):
 
     log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0))              (a)
 
-by least squares; c makes the median error that of independent batches. The mean plus and minus `INTERVAL_ERRORS` errors
-holds the long-run mean in 95 of 100 windows.
+by least squares; c makes the median error that of independent batches. Where one sine of less than `SLOW_PERIODS`
+periods leaves less than `DETERMINATE_SHARE` of the ordinates (a start, a swing), the error is unknown.
 
-A ripple of amplitude A and frequency w leaves up to A / (w T) in the mean of a window of length T, and as much in each
-low ordinate: (a) is that deviation itself. Where one sine of less than `SLOW_PERIODS` periods leaves less than
-`DETERMINATE_SHARE` of the ordinates (a start, a swing), the error is unknown.
-
-A drift is the slope of the line through the means of P parts by least squares, times P. Its variance is that of
-independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below 0; drift over error is
-Student's t with P - 2 degrees of freedom.
+A drift is the slope of the line through the means of P parts, times P. Its variance is that of independent residuals,
+times (1 + r) / (1 - r), r >= 0 their lag correlation; drift over error is Student's t with P - 2 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -36,13 +31,13 @@ MEDIAN_ERROR_RATIO = 1.075
 """Median of sqrt(exp(b_0)) over the true root, of independent batches: 1 / c of (a)."""
 
 LEAST_ERROR_SHARE = 0.5
-"""Least error, of what the geometric mean of the ordinates gives.
+"""Least error, over what the geometric mean of the ordinates gives.
 
-With more no spectrum falls towards zero; with less one window in fifty has an error short by a factor of three.
+With less, one window in fifty has an error short by a factor of three.
 """
 
 INTERVAL_ERRORS = 3.5
-"""Errors on either side of a mean that hold the long-run mean with 95 %."""
+"""Standard errors on either side of a mean that hold the long-run mean with 95 %."""
 
 SLOW_PERIODS = 7.5
 """Periods in the window of a sine that may be a start, a swing or chance."""
@@ -51,7 +46,7 @@ DETERMINATE_SHARE = 0.2
 SINE_COUNT = 37
 
 LEAST_CHAIN_TURNS = 3.95
-"""Turns of the chain in a window whose means have an error, a little fewer than the 4 that are asked."""
+"""Least turns of the chain in a window whose means have an error."""
 
 LOG_BIAS = -0.577
 """Mean of the logarithm of an exponential variate of mean 1."""
@@ -61,14 +56,14 @@ MOST_CORRELATION = 0.9
 """Most that r counts for: 1 / (1 - r) has no bound."""
 
 LEAST_PARTS_A_PERIOD = 2.2
-"""Parts of a window in a period of a ripple that a sine can be fitted to."""
+"""Least parts of a window in a period of a ripple that a sine is fitted to."""
 
 SIGNIFICANT_CHANCE = 0.01
 LARGE_DRIFT_SHARE = 0.01
 
 
 def cumulative_counts(counts: NDArray[np.integer]) -> Array:
-    """Counts added up over the bins (V, bins), each with those before it; nan where a bin has overflowed."""
+    """Cumulative counts over bins (V, bins); nan where a bin has overflowed."""
     below = np.cumsum(counts, axis=1, dtype=np.float64)
     below[counts.min(axis=1) < 0] = np.nan
     return below
@@ -77,12 +72,12 @@ def cumulative_counts(counts: NDArray[np.integer]) -> Array:
 def histogram_quantile(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, share: float, below: Array | None = None
 ) -> Array:
-    """Value that a share of what was counted in bins lies below (V,); nan where nothing was counted.
+    """Quantile (V,) of values counted in bins; nan where nothing was counted.
 
     Args:
-        counts: (V, bins) in each bin, within which values count as evenly spread.
+        counts: (V, bins).
         edges: (V, bins + 1) ascending.
-        low, high: (V,) the smallest and the largest value.
+        low, high: (V,) smallest and largest value.
         share: from 0 to 1.
         below: (V, bins) `cumulative_counts`, where known.
     """
@@ -102,7 +97,7 @@ def histogram_quantile(
 def histogram_share_below(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
 ) -> Array:
-    """Share of what was counted in bins that lies below a value (V,); arguments as of `histogram_quantile`."""
+    """Share (V,) of values counted in bins that lies below a value; arguments as of `histogram_quantile`."""
     below = cumulative_counts(counts) if below is None else below
     least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     last = counts.shape[1] - 1
@@ -120,7 +115,7 @@ def histogram_share_below(
 
 
 def lag_correlation(values: Array) -> Array:
-    """Correlation of values with the next ones along the last axis, from 0 to `MOST_CORRELATION`."""
+    """Correlation of values with the next along the last axis, from 0 to `MOST_CORRELATION`."""
     apart = values - values.mean(axis=-1, keepdims=True)
     square = (apart * apart).sum(axis=-1)
     lagged = (apart[..., 1:] * apart[..., :-1]).sum(axis=-1)
@@ -149,10 +144,7 @@ def mean_standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
 
 
 def _sine_explained_power(found: NDArray[np.complex128], count: int) -> NDArray[np.float32]:
-    """Most that one sine explains of the lowest ordinates of `count` batches, whose mean is 1.
-
-    About the window's middle a cosine has real coefficients, and a sine imaginary ones.
-    """
+    """Largest power of the lowest ordinates of `count` batches that one sine explains."""
     middle = found * np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST_ORDINATES + 1))
     cosines, sines = (np.moveaxis(part, -1, 0).astype(np.float32) for part in (middle.real, middle.imag))
     along = np.zeros((2, SINE_COUNT, *found.shape[:-1]), dtype=np.float32)
@@ -167,10 +159,7 @@ def _sine_explained_power(found: NDArray[np.complex128], count: int) -> NDArray[
 
 @cache
 def _sine_bases(count: int) -> NDArray[np.float32]:
-    """Ordinates (`LOWEST_ORDINATES`, 2, `SINE_COUNT`) of slow cosines and sines about the window's middle.
-
-    Each has unit length over the ordinates.
-    """
+    """Ordinates (`LOWEST_ORDINATES`, 2, `SINE_COUNT`) of slow cosines and sines, of unit length."""
     angle = 2.0 * np.pi * np.linspace(0.3, SLOW_PERIODS, SINE_COUNT)[:, None] * ((np.arange(count) + 0.5) / count - 0.5)
     found = np.fft.rfft(np.stack([np.cos(angle), np.sin(angle)], axis=1))[..., 1 : LOWEST_ORDINATES + 1]
     found *= np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST_ORDINATES + 1))
@@ -186,7 +175,7 @@ def _extrapolation_weights() -> Array:
 
 
 def window_drift(means: Array) -> tuple[Array, Array]:
-    """Change over the window of means along the last axis, and the chance of so large a one."""
+    """Drift over the window of means along the last axis, and the chance of so large a one."""
     count = means.shape[-1]
     place = np.arange(count) - 0.5 * (count - 1)
     square = float((place * place).sum())
@@ -204,10 +193,9 @@ def window_drift(means: Array) -> tuple[Array, Array]:
 
 
 def window_change(means: Array, waves: Array) -> Array:
-    """Change over the window (V,) of means of its parts (V, P), without the slope of a ripple.
+    """Change (V,) over the window of means of its parts (V, P), without the slope of a ripple.
 
-    A window that cuts a ripple of amplitude A after n periods has up to 6 A / (pi n) in its slope. Where it holds a
-    period or more, line and sine are fitted together.
+    Where the window holds a period or more of the ripple, line and sine are fitted together.
 
     Args:
         waves: (V,) periods of the ripple in the window, 0 for none.
