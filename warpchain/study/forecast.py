@@ -1,7 +1,7 @@
 """Forecast of a study before it runs: rows and runs, share of infeasible ones, cost, expected precision.
 
-Some rows, evenly spread over the design, are built and assembled. The rate comes from two short runs of different
-length, each variant's overhead from what the shorter one takes beyond that, scatter from an earlier study.
+Some rows are built and assembled. The rate comes from two short runs of different length, scatter from an earlier
+study.
 """
 
 from __future__ import annotations
@@ -31,69 +31,53 @@ from warpchain.study.spec import Study
 
 MOST_BUILT_ROWS = 200
 PROBES_PER_CORE = 4
-"""Variants a core in a measurement of the rate; on a GPU a thousand times as many in all."""
+"""Variants a core that measure the rate; on a GPU a thousand times as many."""
 PROBE_SECONDS = 0.7
-"""Time that the longer run of the measurement should take [s]."""
+"""Time of the longer run that measures the rate [s]."""
 MOST_REASONS = 3
 
 
 @dataclass(frozen=True)
 class RunCost:
-    """Cost of a study's runs.
+    """Cost of a study's runs."""
 
-    Attributes:
-        work: roller-steps of all runs.
-        each: overhead of a run [s]: its part of packing and settling.
-        measured: whether the rate was measured here; else it is a stored one.
-    """
-
-    work: float
+    work: float  # roller-steps of all runs
     rate: float
-    each: float
+    each: float  # overhead of a run [s], for packing and settling
     seconds: float
-    measured: bool
+    measured: bool  # whether the rate was measured here
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Forecast of a study.
-
-    Attributes:
-        ruled_out: number of rows that constraints rule out, or that have no value.
-        built: number of other rows that were built.
-        refused: number of built rows that cannot be assembled or stepped.
-        reasons: the most frequent (reason, number).
-        recorded: number of rows that are recorded, without the worst.
-        precision: scatter of the metrics in an earlier study; the noisiest first.
-        window: length of that study's window [s], None if unknown.
-    """
+    """Forecast of a study: rows, cost, precision."""
 
     rows: int
     copies: int
-    ruled_out: int
-    built: int
-    refused: int
-    reasons: tuple[tuple[str, int], ...]
+    ruled_out: int  # rows without a value or against constraints
+    built: int  # other rows that were built
+    refused: int  # built rows that cannot be assembled or stepped
+    reasons: tuple[tuple[str, int], ...]  # the most frequent, with numbers
     cost: RunCost
     shards: int
-    recorded: int
-    precision: tuple[PureError, ...] = ()
-    window: float | None = None
+    recorded: int  # rows that are recorded, without the worst
+    precision: tuple[PureError, ...] = ()  # scatter of metrics in an earlier study, the noisiest first
+    window: float | None = None  # of that study [s]
 
     @property
     def run_count(self) -> int:
-        """Number of runs, including rows that turn out to be infeasible."""
+        """Number of a study's runs, infeasible ones among them."""
         return self.rows * self.copies
 
     @property
     def infeasible_share(self) -> float:
-        """Expected share of rows that are infeasible."""
+        """Expected share of infeasible rows."""
         part = self.refused / self.built if self.built else 0.0
         return (self.ruled_out + part * (self.rows - self.ruled_out)) / max(self.rows, 1)
 
     @property
     def infeasible_interval(self) -> tuple[float, float]:
-        """95 % interval of the share of infeasible rows (Clopper and Pearson 1934)."""
+        """Interval, 95 %, of the share of infeasible rows (Clopper and Pearson 1934)."""
         from scipy.special import betaincinv
 
         others, n, k = self.rows - self.ruled_out, self.built, self.refused
@@ -105,7 +89,7 @@ class Forecast:
 
     @property
     def relative_precision(self) -> float | None:
-        """Half width of a row's 95 % interval over one run's standard deviation; None of one run."""
+        """Half width of a row's 95 % interval over one run's deviation; None of one run."""
         if self.copies < 2:
             return None
         rows = max(1.0, (1.0 - self.infeasible_share) * self.rows)
@@ -121,11 +105,11 @@ def forecast_study(
     workers: int | None = None,
     memory: int = MEMORY,
 ) -> Forecast:
-    """Forecasts a study: rows, runs, cost, precision.
+    """Forecast of a study: rows, runs, cost, precision.
 
     Args:
         like: table of an earlier study with replicates, whose metrics scatter alike.
-        metrics: those whose precision is wanted; none takes all, the noisiest first.
+        metrics: whose precision is wanted; none takes all.
         calibrate: measure the rate by short runs; else take stored rates.
     """
     study, drive, design = read_study(source)
@@ -158,7 +142,7 @@ def forecast_study(
 
 
 def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
-    """Drives of some rows, evenly spread, and the reasons of those that give none."""
+    """Drives of some rows, evenly spread, and the reasons of those without one."""
     chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), MOST_BUILT_ROWS)).tolist()})
     variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
@@ -169,7 +153,7 @@ def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> 
 
 
 def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> RunCost:
-    """Cost of `count` runs of such drives, with measured or stored rates."""
+    """Cost of `count` runs of a study's drives, at measured or stored rates."""
     gpus = gpu_count(study.run.device)
     if not drives:
         return RunCost(0.0, 0.0, 0.0, 0.0, False)
@@ -185,11 +169,7 @@ def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, c
 
 
 def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
-    """Measured roller-steps a second, and overhead of a variant [s], from short runs.
-
-    Args:
-        most: steps of the shortest run of the study.
-    """
+    """Measured roller-steps a second, and overhead of a variant [s], from short runs."""
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
@@ -198,7 +178,7 @@ def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: floa
     rollers = sum(drive.links * finest / resolve_step(drive, study.run.step) for drive in chosen)
 
     def run_seconds(steps: int) -> float:
-        """Time that the chosen variants take to run for a number of steps [s]."""
+        """Wall time [s] of the chosen variants for a number of steps."""
         begin = time.perf_counter()
         simulate(
             chosen,
@@ -229,7 +209,7 @@ def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: floa
 def _earlier_scatter(
     like: str | os.PathLike[str] | None, metrics: Sequence[str]
 ) -> tuple[tuple[PureError, ...], float | None]:
-    """Scatter of the metrics in an earlier study, and the length of its window [s]."""
+    """Scatter of metrics in an earlier study, and its window's length [s]."""
     if like is None:
         return (), None
     path = Path(like)
@@ -241,7 +221,7 @@ def _earlier_scatter(
 
 
 def _window_length(results: Results) -> float | None:
-    """Median length of the metrics' window in results [s]; None if the table does not say."""
+    """Median length [s] of the metrics' window in results; None if unknown."""
     try:
         lengths = results.values("window_end") - results.values("window_start")
     except WarpchainError:
@@ -250,10 +230,10 @@ def _window_length(results: Results) -> float | None:
 
 
 def forecast_lines(forecast: Forecast, wanted: Mapping[str, float] | None = None) -> list[str]:
-    """Lines of text that say a forecast.
+    """Lines of text of a forecast.
 
     Args:
-        wanted: wanted half width of the 95 % interval by metric.
+        wanted: half width of the 95 % interval by metric.
     """
     lines = [f"rows: {forecast.rows}, each run {forecast.copies} times: {forecast.run_count} runs in "
              f"{forecast.shards} shards"
@@ -292,7 +272,7 @@ def _scatter_line(forecast: Forecast, error: PureError) -> str:
 
 
 def _replicates_line(forecast: Forecast, metric: str, half: float) -> str:
-    """Line of a forecast on the replicates, or window, that a wanted precision takes."""
+    """Line of a forecast on replicates, or the window, for a wanted precision."""
     found = next((error for error in forecast.precision if error.metric == metric), None)
     if found is None:
         raise StudyError(f"--precision {metric}: the earlier study (--like) tells no scatter of it")

@@ -1,7 +1,4 @@
-"""Grows a study, doubling it, until its main effects are known precisely enough.
-
-Each doubling is a growth of the folder (`run.prepare`), which can be killed and resumed.
-"""
+"""Growth of a study by doubling, until its main effects are known precisely enough."""
 
 from __future__ import annotations
 
@@ -32,21 +29,15 @@ _CONDITION_HELP = (
 
 @dataclass(frozen=True)
 class Until:
-    """A condition on the standard errors of main effects, which ends a study's growth.
+    """Condition on the standard errors of main effects, which ends a study's growth."""
 
-    Attributes:
-        metric: which; None is those that the study's objectives and limits name, or else the most telling ones.
-        most: largest error that is allowed, in the metric's unit, or as a part of its mean [-].
-        relative: whether it is a part of the mean.
-    """
-
-    metric: str | None
-    most: float
-    relative: bool
+    metric: str | None  # None is those of objectives and limits, or the most telling ones
+    most: float  # largest error, in the metric's unit or over its mean [-]
+    relative: bool  # whether over the mean
 
     @classmethod
     def of(cls, text: str) -> Until:
-        """The condition that a text states, such as "se(main effects) < 1 %".
+        """Growth condition that a text states, such as "se(main effects) < 1 %".
 
         Raises:
             StudyError: it states none.
@@ -63,7 +54,7 @@ class Until:
         return cls(found[1], value / 100.0 if found[3] else value, bool(found[3]))
 
     def error_text(self, error: float) -> str:
-        """A standard error as text, in percent of the mean if the condition is relative."""
+        """Text of a standard error, in percent of the mean if relative."""
         if math.isinf(error):
             return "unknown"
         return f"{100.0 * error:.3g} %" if self.relative else f"{error:.4g}"
@@ -71,24 +62,18 @@ class Until:
 
 @dataclass(frozen=True)
 class GrowthState:
-    """State of a growing study after a run.
-
-    Attributes:
-        error: largest standard error of a group's mean; infinite if a group is too small to tell.
-        metric, factor: those of this error.
-        done: whether the condition is met.
-    """
+    """State of a growing study after a run."""
 
     rows: int
-    error: float
+    error: float  # largest standard error of a group's mean; infinite if a group is too small
     metric: str
     factor: str
     count: int
-    done: bool
+    done: bool  # whether the condition is met
 
 
 def largest_effect_error(results: Results, metrics: tuple[str, ...], relative: bool) -> tuple[float, str, str]:
-    """The largest standard error of a group's mean, with its metric and factor."""
+    """Largest standard error of a main effect's group mean, with metric and factor."""
     if not results.ok.any():
         raise StudyError("no variant is ok: there are no main effects to know")
     results, worst = results.sampled_rows(), (0.0, "", "")
@@ -116,11 +101,11 @@ def grow_until(
     progress: Progress = False,
     report: Callable[[GrowthState], object] | None = None,
 ) -> GrowthState:
-    """Grows a study's folder until a condition is met, or until the next doubling would exceed `most` rows.
+    """Grows a study's folder until a condition is met, or beyond `most` rows; returns its state.
 
     Args:
-        out: the folder of a study whose design is sampled.
-        workers, memory, progress: see `run_study`.
+        out: folder of a study whose design is sampled.
+        workers, memory, progress: as `run_study`.
         report: called after each growth, and at the beginning.
 
     Raises:
@@ -152,7 +137,7 @@ def grow_until(
 
 
 def _judged_metrics(folder: StudyFolder, results: Results) -> tuple[str, ...]:
-    """Metrics that the study's objectives and limits name, or else the most telling ones."""
+    """Metrics of the study's objectives and limits, or else the most telling ones."""
     from warpchain.study.report.study_page import telling_metrics
 
     named = tuple(name for name in folder.study.named_metrics if name in results.metrics)

@@ -2,13 +2,11 @@
 
 A factor with G groups that takes up the part E of a metric's variance among R rows has
 
-    F = E / (1 - E) (R - G) / (G - 1).                                                                        (a)
+    F = E / (1 - E) (R - G) / (G - 1),                                                                        (a)
 
-Where rows come at random as far as this factor goes, F is noncentral F-distributed with the noncentrality
-R E' / (1 - E'), E' the part that it would take up of infinitely many rows; the interval of E' is where F lies between
-the 2.5 % and 97.5 % points (Steiger 2004). The interval of a median needs no distribution (Conover 1999, 3.2): of n
-sorted values, it is between the k-th from either end, k the most for which a binomial of n and 1/2 has at most 2.5 %
-below k.
+noncentral F-distributed with the noncentrality R E' / (1 - E'), E' the part of infinitely many random rows; its
+interval is where F lies between the 2.5 % and 97.5 % points (Steiger 2004). The interval of a median is between the
+k-th values from either end, k by a binomial of 1/2 (Conover 1999, 3.2).
 """
 
 from __future__ import annotations
@@ -25,23 +23,23 @@ from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student_
 from warpchain.study.results import Array, Results, is_varying
 
 MOST_GROUPS = 8
-"""Most groups that a factor of many values is cut into, with equally many variants each."""
+"""Most groups of equally many variants that a factor of many values is cut into."""
 FEWEST_GROUP_ROWS = 5
 TRANSFORMS = ("rank", "log")
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Main effect of a factor on a metric: its mean in each group of the factor's values.
+    """Main effect of a factor on a metric: its mean in G groups of the factor's values.
 
     Attributes:
-        labels: name of each group (G,).
-        centers: mean factor value of each group (G,); counts from 0 if the factor holds words.
-        means: mean of the metric in each group (G,).
-        errors: standard error of each mean (G,); NaN if a group has one variant.
-        counts: number of variants in each group (G,).
-        explained: part of the metric's variance that lies between the groups [-] (the correlation ratio).
-        scatter: standard error of each mean from scatter between equal runs alone (G,); None without replicates.
+        labels: (G,) names of groups.
+        centers: (G,) mean factor values; counts from 0 of words.
+        means: (G,) of the metric.
+        errors: (G,) standard errors; NaN for one variant.
+        counts: (G,) variants.
+        explained: part of the metric's variance between groups [-].
+        scatter: (G,) standard errors from scatter between equal runs alone; None without replicates.
     """
 
     factor: str
@@ -55,18 +53,18 @@ class Effect:
 
     @property
     def row_count(self) -> int:
-        """Number of variants in all groups."""
+        """Number of variants in all groups of a main effect."""
         return int(self.counts.sum())
 
     @property
     def intervals(self) -> Array:
-        """Half widths of the means' 95 % intervals (G,), by Student's t; NaN for one variant."""
+        """Half widths (G,) of the means' 95 % intervals by Student's t; NaN for one variant."""
         t = np.array([student_quantile(count - 1) if count > 1 else np.nan for count in self.counts.tolist()])
         return np.asarray(t * self.errors)
 
     @property
     def chance(self) -> float:
-        """Probability that chance alone explains as much; NaN without degrees of freedom."""
+        """Probability that chance alone explains as much as the factor; NaN without degrees of freedom."""
         from scipy.special import fdtrc
 
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
@@ -76,13 +74,13 @@ class Effect:
 
     @property
     def adjusted(self) -> float:
-        """Part explained less what as many groups take up by chance (Ezekiel 1930); NaN if unknown."""
+        """Part explained by the factor less what chance takes up (Ezekiel 1930); NaN if unknown."""
         freedom = self.row_count - len(self.counts)
         return max(0.0, 1.0 - (1.0 - self.explained) * (self.row_count - 1) / freedom) if freedom > 0 else float("nan")
 
     @property
     def explained_interval(self) -> tuple[float, float]:
-        """95 % interval of the part explained of infinitely many variants; (0, 1) if unknown."""
+        """Interval, 95 %, of the part explained by the factor; (0, 1) if unknown."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         if between < 1 or within < 1:
             return 0.0, 1.0
@@ -93,22 +91,21 @@ class Effect:
         return low, high
 
     def _f_ratio(self) -> float:
-        """F of a factor's effect, eq. (a)."""
+        """F ratio of a factor's effect, eq. (a)."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         left = 1.0 - self.explained
         return self.explained / left * within / between if left > 0.0 else float("inf")
 
     @property
     def mean_span(self) -> float:
-        """Difference of the largest and the smallest mean, in the metric's unit."""
+        """Difference of the largest and smallest group mean, in the metric's unit."""
         return float(np.ptp(self.means))
 
 
 def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> list[Effect]:
     """Main effects of the factors on a metric, the largest span first.
 
-    Tied factors are left out unless asked for. Numeric factors of at most `MOST_GROUPS` values are grouped by value,
-    others by quantiles.
+    Tied factors are left out unless asked for.
 
     Raises:
         StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
@@ -137,7 +134,7 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
 def factor_groups(
     results: Results, factor: str, rows: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
-    """Group of each row by a factor's value (R,), with the groups' labels and centers (G,)."""
+    """Group (R,) of each row by a factor's value, and the groups' labels and centers (G,)."""
     if not results.is_numeric(factor):
         words = [word for word, row in zip(results.text_values(factor), rows, strict=True) if row]
         labels, group = np.unique(words, return_inverse=True)
@@ -155,7 +152,7 @@ def factor_groups(
 
 
 def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray[np.intp], y: Array) -> Effect:
-    """Main effect of a factor whose rows are in groups, on the values y of a metric."""
+    """Main effect of a factor on metric values y (R,), by groups of rows (R,)."""
     counts = np.bincount(group)
     means = np.bincount(group, y) / counts
     inside = np.bincount(group, (y - means[group]) ** 2)
@@ -190,12 +187,12 @@ def _noncentrality_of_share(between: int, within: int, ratio: float, share: floa
 
 @dataclass(frozen=True)
 class Correlation:
-    """Correlation of numeric factors with metrics.
+    """Correlation coefficients of A numeric factors with B metrics.
 
     Attributes:
-        pearson: (A, B) linear correlation coefficients.
-        spearman: (A, B) rank correlation coefficients.
-        counts: (B,) number of variants behind each metric's coefficients.
+        pearson: (A, B) linear.
+        spearman: (A, B) of ranks.
+        counts: (B,) variants.
     """
 
     factors: tuple[str, ...]
@@ -205,7 +202,7 @@ class Correlation:
     counts: NDArray[np.int64]
 
     def noise_level(self) -> float:
-        """Size of a coefficient that chance exceeds in 5 % of cases: 1.96 / sqrt(n - 1)."""
+        """Size of a correlation coefficient that chance exceeds in 5 %: 1.96 / sqrt(n - 1)."""
         least = int(self.counts.min()) if len(self.counts) else 0
         return float(min(1.0, 1.96 / np.sqrt(max(least - 1, 1))))
 
@@ -243,20 +240,20 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
 
 
 def _pearson_coefficient(x: Array, y: Array) -> float:
-    """Linear correlation coefficient of x and y; NaN if one is constant."""
+    """Linear correlation coefficient of x and y (R,); NaN if one is constant."""
     x, y = x - x.mean(), y - y.mean()
     size = float(np.sqrt((x @ x) * (y @ y)))
     return float(x @ y) / size if size > 0.0 else float("nan")
 
 
 def transformed(results: Results, metric: str, how: str) -> Results:
-    """Results in which a metric is replaced by its rank or logarithm, without a unit.
+    """Results with a metric replaced by its rank or logarithm, without a unit.
 
     Args:
-        how: "rank" (of the ok variants, 1 the lowest, ties share their mean; empty elsewhere, without errors) or "log".
+        how: "rank" (of the ok variants, 1 the lowest, ties share their mean) or "log".
 
     Raises:
-        StudyError: another word, or values that have no logarithm.
+        StudyError: another word, or values without a logarithm.
     """
     import pyarrow as pa
     from scipy.stats import rankdata
@@ -286,12 +283,12 @@ def transformed(results: Results, metric: str, how: str) -> Results:
 
 @dataclass(frozen=True)
 class MedianEffect:
-    """Medians of a metric in each group of a factor's values.
+    """Medians of a metric in G groups of a factor's values.
 
     Attributes:
-        labels: name of each group (G,).
-        centers: mean factor value of each group (G,); counts from 0 if the factor holds words.
-        low, high: (G,) 95 % interval of each median; infinite if a group has fewer than 6 variants.
+        labels: (G,) names of groups.
+        centers: (G,) mean factor values; counts from 0 of words.
+        low, high: (G,) 95 % intervals of medians; infinite for fewer than 6 variants.
     """
 
     factor: str
@@ -304,12 +301,12 @@ class MedianEffect:
 
     @property
     def median_span(self) -> float:
-        """Difference of the largest and the smallest median, in the metric's unit."""
+        """Difference of the largest and smallest group median, in the metric's unit."""
         return float(np.ptp(self.medians))
 
 
 def median_interval(values: Array) -> tuple[float, float]:
-    """95 % interval of a median; infinite for fewer than 6 values."""
+    """Interval, 95 %, of a median; infinite for fewer than 6 values."""
     from scipy.stats import binom
 
     n = len(values)

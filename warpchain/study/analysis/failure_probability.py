@@ -1,19 +1,17 @@
-"""Small probabilities of failure by subset simulation, and the likeliest ways to fail.
+"""Probability of failure by subset simulation, and the likeliest ways to fail.
 
-What is uncertain is u, standard normal (D,); it fails where g(u) <= 0. Subset simulation (Au and Beck 2001) goes
-through thresholds b_1 > b_2 > ... > 0. Of the samples beyond one, the part p_j is at or beyond the next, a tenth, or
-more where g has steps and many are equal:
+What is uncertain is u, standard normal (D,); it fails where g(u) <= 0. Of samples beyond a threshold, the part p_j (a
+tenth, or more where g has steps) is beyond the next lower one (Au and Beck 2001):
 
     P = p_1 p_2 ... p_(m-1) (n_f / n),                                                                       (a)
 
-n_f of n samples of the last level failing. Samples of a level are chains from those beyond its threshold; while all of
-these have the same g, more are drawn. Their steps v = r u + sqrt(1 - r^2) x, x standard normal, are accepted where
-g(v) <= b, r such that 44 % are (Papaioannou et al. 2015). R independent repetitions are log-normal; P is their mean,
-and with m and s the mean and deviation of their logarithms (Cox's interval, Olsson 2005)
+n_f of n samples of the last level failing. Samples of a level are chains from those beyond its threshold, of steps
+v = r u + sqrt(1 - r^2) x, accepted where g(v) <= b, r such that 44 % are (Papaioannou et al. 2015). R repetitions are
+log-normal; with m and s mean and deviation of their logarithms (Olsson 2005),
 
-    log P = m + s^2 / 2 +- t sqrt(s^2 / R + s^4 / (2 (R - 1))),      t Student's of R - 1.                   (b)
+    log P = m + s^2 / 2 +- t sqrt(s^2 / R + s^4 / (2 (R - 1))),      t Student's of R - 1, 98 %.             (b)
 
-t is of 98 %, as deviations of few repetitions are uncertain; this covers 95 % on closed forms.
+This covers 95 % on closed forms.
 """
 
 from __future__ import annotations
@@ -28,9 +26,9 @@ from warpchain.errors import StudyError
 from warpchain.study.results import Array
 
 Margin = Callable[[Array], Array]
-"""Margin g of points (N, D), (N,): above 0 where limits are kept."""
+"""Margin g (N,) of points (N, D): above 0 where limits are kept."""
 LEVEL_SHARE = 0.1
-"""Share of a level's samples that are beyond the next threshold, p_j."""
+"""Share p_j of a level's samples beyond the next threshold."""
 ACCEPTANCE_RATE = 0.44
 MOST_LEVELS = 12
 """Levels after which a probability counts as too small to find."""
@@ -49,37 +47,30 @@ MOST_DESIGN_POINTS = 8
 DESIGN_POINT_STEPS = 4
 """Most steps towards a design point."""
 LEAST_GAIN = 0.001
-"""Part of its distance by which a step must be nearer for another one."""
+"""Least gain of a step towards a design point, over its distance."""
 
 
 @dataclass(frozen=True)
 class FailureEstimate:
-    """A probability of failure, with its interval.
-
-    Attributes:
-        low, high: 95 % interval of P.
-        evaluations: number of evaluations of g.
-        failed: points that failed (F, D), of each repetition that came to failure.
-    """
+    """Probability of failure with its interval."""
 
     probability: float
-    low: float
+    low: float  # of the 95 % interval
     high: float
-    evaluations: int
-    failed: tuple[Array, ...]
+    evaluations: int  # of g
+    failed: tuple[Array, ...]  # points that failed (F, D) of each repetition
 
 
 def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int, seed: int) -> FailureEstimate:
     """Probability of failure by subset simulation, eq. (a) and (b).
 
     Args:
-        margin: g; called with batches of up to repeats * count points.
-        count: samples of a level and repetition; a multiple of 10.
+        margin: g, called with up to repeats * count points.
+        count: samples of a level and repetition, a multiple of 10.
         repeats: R, at least 3.
 
     Raises:
-        StudyError: a repetition does not come to failure within `MOST_LEVELS` levels, or all samples of `MOST_BATCHES`
-            have the same g.
+        StudyError: no failure within `MOST_LEVELS` levels, or all samples of `MOST_BATCHES` have the same g.
     """
     rng, seeds = np.random.default_rng(seed), round(LEVEL_SHARE * count)
     u = rng.standard_normal((repeats, count, dimensions))
@@ -118,7 +109,7 @@ def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int,
 
 
 def _next_thresholds(g: Array, seeds: int) -> Array:
-    """Next threshold of samples with g (R, n), (R,): what `seeds` reach, or the next lower g."""
+    """Next thresholds (R,) of samples with g (R, n): what `seeds` reach, or the next lower g."""
     ordered = np.sort(g, axis=1)
     limit = ordered[:, seeds - 1]
     same = limit == ordered[:, -1]
@@ -127,14 +118,14 @@ def _next_thresholds(g: Array, seeds: int) -> Array:
 
 
 def _chosen_seeds(places: NDArray[np.intp], count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """A number of places chosen by chance, each once if there are enough."""
+    """Random choice of `count` places, each once if there are enough."""
     return rng.choice(places, count, replace=len(places) < count)
 
 
 def _level_samples(
     margin: Margin, start: tuple[Array, Array], limit: Array, length: int, rng: np.random.Generator
 ) -> tuple[Array, Array, int]:
-    """Samples of the next level (R, seeds * length, D), their g, and the number of evaluations of g.
+    """Samples of the next level of subset simulation, their g, and the number of evaluations.
 
     Args:
         start: first sample of each chain (R, seeds, D), and g there.
@@ -157,7 +148,7 @@ def _level_samples(
 
 
 def _lognormal_interval(logs: Array) -> tuple[float, float]:
-    """Interval of P from its logarithms in repetitions, eq. (b)."""
+    """Interval of a failure probability from its logarithms in repetitions, eq. (b)."""
     from scipy.stats import t
 
     count, variance = len(logs), float(logs.var(ddof=1))
@@ -167,10 +158,9 @@ def _lognormal_interval(logs: Array) -> tuple[float, float]:
 
 
 def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
-    """Likeliest failures in different directions (K, D), nearest first, and the evaluations of g.
+    """Likeliest failures (K, D) in different directions, nearest first, and the evaluations of g.
 
-    From the nearest failed point of each direction, steps of the method of Hasofer, Lind, Rackwitz and Fiessler, with
-    slopes by differences, all in one batch; a step counts where it fails nearer to the origin.
+    Each comes from the nearest failed point by steps of Hasofer, Lind, Rackwitz and Fiessler.
     """
     points, evaluations = nearest_by_direction(failed), 0
     for _ in range(DESIGN_POINT_STEPS):
@@ -186,7 +176,7 @@ def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
 
 
 def nearest_by_direction(points: Array) -> Array:
-    """The points (N, D) that are nearest to the origin in each direction, nearest first."""
+    """Points, of failed ones (N, D), nearest to the origin in each direction, nearest first."""
     sizes = np.linalg.norm(points, axis=1)
     left = np.argsort(sizes, kind="stable")
     left = left[sizes[left] <= sizes.min() + FARTHEST_BEYOND]

@@ -1,19 +1,16 @@
 """Probability of failure by importance sampling from a mixture that is fitted to failures.
 
-u is standard normal (D,) with density phi; failures are those of independent repetitions of a subset simulation, with
-density phi / P where g(u) <= 0. Samples are drawn from
+u is standard normal (D,) with density phi; failures are those of repetitions of a subset simulation. Samples are from
 
     q(u) = a phi(u) [|u| > r] / P(|u| > r) + (1 - a) sum_k s_k N(u; m_k, C_k),                               (a)
 
 and P = mean(w(u), failing), w = phi / q (Kurtz and Song 2013). The first part, r just below the nearest failure
-(Harbitz 1986), bounds the weights of failures in any direction. m_k and C_k are mean and covariance of the failures in
-a direction, eigenvalues not below 1, which would make the weights grow outwards. How far C_k is drawn towards a
-multiple of the unit matrix, how many directions, and a are chosen so that
+(Harbitz 1986), bounds weights. m_k and C_k are mean and covariance of the failures in a direction, eigenvalues at
+least 1. Shrinkage of C_k, number of directions, and a make
 
     E_q[w^2, failing] = P E[w | failure]                                                                     (b)
 
-is least over failures that the mixture was not fitted to: each repetition's are weighted by a fit to the others. The
-variance of w is the larger one of the samples' and that of eq. (b); the interval is that of the mean's logarithm.
+least over failures of repetitions that the mixture was not fitted to.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ from warpchain.study.analysis.failure_probability import FailureEstimate, Margin
 from warpchain.study.results import Array
 
 RADIUS_SHARE = 0.95
-"""Radius r of eq. (a), in parts of the nearest failure's distance."""
+"""Radius r of eq. (a), over the nearest failure's distance."""
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
 """Tried shares a of eq. (a) beyond the radius."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
@@ -54,31 +51,23 @@ class _FailureGroup:
     variances: Array
 
     def axis_deviations(self, shrinkage: float) -> Array:
-        """Deviations along the axes of the group's normal distribution (D,), for a shrinkage."""
+        """Deviations (D,) along the axes of a failure group's normal distribution, for a shrinkage."""
         return np.sqrt(np.maximum((1.0 - shrinkage) * self.variances + shrinkage * self.variances.mean(), 1.0))
 
 
 @dataclass(frozen=True)
 class FailureMixture:
-    """Sampling density q of eq. (a).
+    """Mixture of normal densities fitted to failures, q of eq. (a)."""
 
-    Attributes:
-        radius: r.
-        beyond: P(|u| > r).
-        shrinkage: how far covariances are drawn towards a multiple of the unit matrix, 0 to 1.
-        outside: a.
-        held_out: weights w of failures that the mixture was not fitted to, eq. (b).
-    """
-
-    radius: float
-    beyond: float
+    radius: float  # r
+    beyond: float  # P(|u| > r)
     parts: tuple[_FailureGroup, ...]
-    shrinkage: float = 1.0
-    outside: float = 0.5
-    held_out: Array = field(default_factory=lambda: np.array([np.inf]))
+    shrinkage: float = 1.0  # of covariances towards a multiple of the unit matrix, 0 to 1
+    outside: float = 0.5  # a
+    held_out: Array = field(default_factory=lambda: np.array([np.inf]))  # weights w of failures outside the fit, (b)
 
     def draw_samples(self, count: int, rng: np.random.Generator) -> Array:
-        """Draws samples (count, D) from the mixture."""
+        """Random samples (count, D) of the failure mixture."""
         from scipy.stats import chi2
 
         shares = [self.outside, *((1.0 - self.outside) * part.share for part in self.parts)]
@@ -92,7 +81,7 @@ class FailureMixture:
         return u
 
     def importance_weights(self, u: Array) -> Array:
-        """Weights w of points (N, D)."""
+        """Importance weights w (N,) of points (N, D)."""
         size = (u**2).sum(axis=1)
         logs = [np.where(size > self.radius**2, np.log(self.outside / self.beyond) - 0.5 * size, -np.inf)]
         for part in self.parts:
@@ -103,7 +92,7 @@ class FailureMixture:
 
 
 def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
-    """Fits a mixture to the failures (F, D) of each of at least two independent repetitions."""
+    """Mixture fitted to the failures (F, D) of each of two or more repetitions."""
     every, count = np.vstack(failed), min(FOLDS, len(failed))
     folds = [np.vstack(failed[k::count]) for k in range(count)]
     others = [np.vstack([fold for j, fold in enumerate(folds) if j != k]) for k in range(count)]
@@ -131,12 +120,12 @@ def _group_directions(failed: Array) -> list[Array]:
 
 
 def _unit_vector(vector: Array) -> Array:
-    """The vector scaled to length 1."""
+    """Vector scaled to length 1."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
 
 
 def _mixture_of_groups(failed: Array, directions: Array) -> FailureMixture:
-    """Mixture for failures (F, D) that are grouped by directions (K, D)."""
+    """Mixture for failures (F, D) grouped by directions (K, D)."""
     from scipy.stats import chi2
 
     count, dimensions = failed.shape
@@ -151,10 +140,10 @@ def _mixture_of_groups(failed: Array, directions: Array) -> FailureMixture:
 
 
 def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, seed: int) -> FailureEstimate:
-    """Probability of failure by `count` samples of a mixture, in one batch.
+    """Probability of failure by `count` samples of a mixture.
 
     Raises:
-        StudyError: no sample failed, or few that failed have nearly all the weight.
+        StudyError: no sample failed, or few have nearly all the weight.
     """
     from scipy.stats import norm
 
@@ -176,9 +165,9 @@ def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, see
 
 
 def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
-    """Estimate to state of subset simulation and importance sampling, or the reason for none.
+    """Failure estimate of subset simulation and importance sampling, or the reason for none.
 
-    It is that of importance sampling if it has one; none if their intervals do not overlap.
+    None is given if their intervals do not overlap.
     """
     if isinstance(sampled, str):
         return subset

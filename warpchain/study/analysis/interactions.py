@@ -1,12 +1,11 @@
 """Interactions of factors: the part of a metric that the product of two takes up beyond each alone.
 
-To a fit of each factor alone, by its value and its square or by its words, the products of two factors' values are
-added. Of R rows, with q products, p terms in all and residual squares S_0 and S_1,
+To a fit of each factor alone the products of two factors' values are added. Of R rows, with q products, p terms in all,
+squares S about the mean and residual squares S_0 and S_1 (Montgomery 2017, 10.4),
 
-    E = (S_0 - S_1) / S,      F = (S_0 - S_1) / q / (S_1 / (R - p)),                                          (a)
+    E = (S_0 - S_1) / S,      F = (S_0 - S_1) / q / (S_1 / (R - p)).                                          (a)
 
-S the squares about the mean: E is the part of the variance, and F has q and R - p degrees of freedom by chance
-(Montgomery 2017, 10.4). Chances are multiplied by the number of pairs (Bonferroni).
+Chances are multiplied by the number of pairs (Bonferroni).
 """
 
 from __future__ import annotations
@@ -23,18 +22,12 @@ from warpchain.study.results import Array, Results
 
 @dataclass(frozen=True)
 class Interaction:
-    """Interaction of two factors in a metric.
-
-    Attributes:
-        first, second: names of the factors.
-        explained: part of the metric's variance that their products take up [-], E of (a).
-        chance: probability that chance alone explains so large a part in one of all pairs.
-    """
+    """Interaction of two factors in a metric."""
 
     first: str
     second: str
-    explained: float
-    chance: float
+    explained: float  # part of the metric's variance [-], E of (a)
+    chance: float  # probability of so large a part in one of all pairs
 
     @property
     def is_sure(self) -> bool:
@@ -46,7 +39,7 @@ class Interaction:
 
 
 def interactions(results: Results, metric: str) -> list[Interaction]:
-    """Interactions of all pairs of factors, the largest first; none if rows are too few.
+    """Interactions of all pairs of factors in a metric, the largest first.
 
     Raises:
         StudyError: an unknown metric, or rows that are no sample of the noise.
@@ -94,7 +87,7 @@ def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> 
 
 
 def _terms_with_square(terms: Array) -> Array:
-    """Terms of a factor, with the square if there is one term."""
+    """Terms of a factor (R, p), with the square of a single one."""
     return np.hstack([terms, terms**2]) if terms.shape[1] == 1 else terms
 
 

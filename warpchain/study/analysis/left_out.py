@@ -1,14 +1,12 @@
-"""Rows that an analysis leaves out, and the parts of the factors' ranges that are lost with them.
+"""Rows that an analysis leaves out, and parts of the factors' ranges that are lost with them.
 
-A suspect or diverged row is left out by its own result, so that the rest is no fair sample of what was varied: factors
-are not ranked by a metric if more than `MOST_LEFT_OUT` of the rows that ran are left out, or if the loss goes along
-with a factor or with the metric. This is tested by the statistic of Kolmogorov and Smirnov, with F the distributions
-among rows that are left out and rows that are not,
+Suspect and diverged rows are left out by their own results. Factors are not ranked if more than `MOST_LEFT_OUT` of the
+rows that ran are, or if the loss goes along with a factor or the metric by the statistic of Kolmogorov and Smirnov,
 
     D = max |F_out(x) - F_in(x)|,                                                                             (a)
 
-and of words by chi-square; chances are multiplied by the number of tests (Bonferroni). The lost part of a range lies on
-the side of the x of (a) where rows were left out more often. An infeasible row has no result that could select it.
+for words by chi-square; chances are multiplied by the number of tests. The lost part is the side of the x of (a) where
+rows were left out more often.
 """
 
 from __future__ import annotations
@@ -25,33 +23,26 @@ from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import Array, Results
 
 MOST_LEFT_OUT = 0.05
-"""Most rows that ran and are left out, as a share, for factors to be ranked."""
+"""Most rows left out, over those that ran, for factors to be ranked."""
 MOST_EXACT_PAIRS = 250_000
-"""Most pairs of rows for which the chance of (a) is found exactly."""
+"""Most pairs of rows for which the chance of (a) is exact."""
 
 
 @dataclass(frozen=True)
 class LostPart:
-    """The part of a factor's range, or the word, at which rows were left out most.
-
-    Attributes:
-        part: the part in words, with its unit.
-        lost, rows: number of rows there that were left out, and of all rows there.
-        lost_elsewhere, rows_elsewhere: these numbers for the rest of the range.
-        chance: probability that chance alone loses rows as unevenly, for one of all factors.
-    """
+    """Part of a factor's range, or word, at which rows were left out most."""
 
     factor: str
-    part: str
-    lost: int
-    rows: int
+    part: str  # in words, with its unit
+    lost: int  # rows there that were left out
+    rows: int  # all rows there
     lost_elsewhere: int
     rows_elsewhere: int
-    chance: float
+    chance: float  # of losing rows as unevenly, for one of all factors
 
     @property
     def is_sure(self) -> bool:
-        """Whether the loss goes along with the factor beyond chance."""
+        """Whether the loss of rows goes along with the factor beyond chance."""
         return self.chance < 1.0 - CONFIDENCE
 
     def __str__(self) -> str:
@@ -67,17 +58,17 @@ class LeftOut:
 
     @cached_property
     def left_out_rows(self) -> NDArray[np.bool_]:
-        """Whether each row ran but is left out by its own result (R,)."""
+        """(R,) whether each row ran but is left out by its own result."""
         return np.isin(self.results.status, (SUSPECT, DIVERGED))
 
     @cached_property
     def unbuilt_rows(self) -> NDArray[np.bool_]:
-        """Whether each row has no drive (R,)."""
+        """(R,) whether each row has no drive."""
         return ~(self.results.ok | self.left_out_rows)
 
     @cached_property
     def lost_parts(self) -> list[LostPart]:
-        """Parts of the factors' ranges at which results left rows out, the surest first."""
+        """Parts of the factors' ranges lost by rows' results, the surest first."""
         return _lost_parts(self.results, self.left_out_rows, self.results.ok)
 
     @cached_property
@@ -86,7 +77,7 @@ class LeftOut:
         return _lost_parts(self.results, self.unbuilt_rows, ~self.unbuilt_rows)
 
     def selects(self, metric: str) -> bool:
-        """Whether rows were left out by their results so that a metric ranks no factor."""
+        """Whether rows were left out so that a metric ranks no factor."""
         lost, kept = self.left_out_rows, self.results.ok
         if not lost.any() or not kept.any():
             return False
@@ -97,7 +88,7 @@ class LeftOut:
         return bool(_distribution_chance(*known) * (len(self.lost_parts) + 1) < 1.0 - CONFIDENCE)
 
     def lines(self) -> list[str]:
-        """Lines on how many rows are left out, why, and which parts of factors' ranges are lost."""
+        """Lines of text on left-out rows, why, and lost parts of factors' ranges."""
         found, count = [], len(self.results.status)
         if self.left_out_rows.any():
             status, reason, often = self._reasons_of_rows(self.left_out_rows)[0]
@@ -116,7 +107,7 @@ class LeftOut:
         return f"Statistics of metrics cover only the {int(self.results.ok.sum())} variants that are left"
 
     def _reasons_of_rows(self, rows: NDArray[np.bool_]) -> list[tuple[str, str, int]]:
-        """(status, reason, number) of some rows, the most frequent first."""
+        """Status, reason and number of left-out rows, the most frequent first."""
         held = self.results.table.filter(rows)
         return Results(held, self.results.factors, self.results.metrics).reason_counts()
 
@@ -128,7 +119,7 @@ def _lost_parts_text(parts: list[LostPart]) -> str:
 
 
 def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bool_]) -> list[LostPart]:
-    """The part of each factor's range at which rows were left out most, the surest first."""
+    """Part of each factor's range at which rows were left out most, the surest first."""
     if not lost.any():
         return []
     words = [
@@ -144,7 +135,7 @@ def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bo
 def _lost_range(
     results: Results, name: str, lost: NDArray[np.bool_], others: NDArray[np.bool_], tests: int
 ) -> LostPart:
-    """The part of a numeric factor's range at which rows were left out most."""
+    """Part of a numeric factor's range at which rows were left out most."""
     values, unit = results.values(name), results.column_unit(name)
     known = np.isfinite(values)
     out, rest = np.sort(values[lost & known]), np.sort(values[others & known])
@@ -161,7 +152,7 @@ def _lost_range(
 
 
 def _lost_word(results: Results, name: str, lost: NDArray[np.bool_], others: NDArray[np.bool_], tests: int) -> LostPart:
-    """The word of a factor at which rows were left out most."""
+    """Word of a factor at which rows were left out most."""
     from scipy.stats import chi2_contingency
 
     words = np.array(results.text_values(name))
@@ -174,13 +165,13 @@ def _lost_word(results: Results, name: str, lost: NDArray[np.bool_], others: NDA
 
 
 def _lost_part(name: str, part: str, within: list[int], totals: list[int], chance: float) -> LostPart:
-    """A lost part from numbers (left out, not) of the rows in it and of all rows."""
+    """Lost part from numbers (left out, not) of its rows and of all rows."""
     rest = [total - inside for total, inside in zip(totals, within, strict=True)]
     return LostPart(name, part, within[0], sum(within), rest[0], sum(rest), chance)
 
 
 def _distribution_chance(out: Array, rest: Array) -> float:
-    """Probability that two samples of one distribution lie as far apart as these, by (a)."""
+    """Probability that two samples of one distribution lie so far apart, by (a)."""
     from scipy.stats import ks_2samp
 
     if not len(out) or not len(rest):

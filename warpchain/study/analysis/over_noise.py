@@ -1,18 +1,15 @@
-"""Designs compared over noise: a row for each design with means, deviations and quantiles of its runs.
+"""Designs compared over noise: a row a design with means, deviations and quantiles of its runs.
 
-Quantiles are weighted sums of the sorted runs (Harrell and Davis 1982). What each run contributes to a statistic T is
-its jackknife pseudo-value (Efron 1982), with T_k the statistic without run k,
+Quantiles are weighted sums of sorted runs (Harrell and Davis 1982). A run's contribution to a statistic T is its
+jackknife pseudo-value (Efron 1982), with T_k the statistic without run k,
 
-    J_k = T + (n - 1) (mean(T_1 .. T_n) - T_k),                                                               (a)
+    J_k = T + (n - 1) (mean(T_1 .. T_n) - T_k);                                                               (a)
 
-which for a mean is the run itself. The standard error of T is the deviation of T_k times sqrt(n - 1). Two designs that
-were run over the same rows of noise are compared by the differences of their J, row by row (`analysis.paired`). The
-part of a design's spread that comes of a noise factor i is (Li et al. 2010), for an additive fit y = sum f_i(z_i) of
-straight lines and parabolas to its runs,
+T's standard error is the deviation of T_k times sqrt(n - 1). Two designs over the same noise are compared by the
+differences of their J (`analysis.paired`). The part of a spread that comes of noise factor i is (Li et al. 2010), for
+an additive fit y = sum f_i(z_i) of p_i terms each and scatter s^2,
 
-    S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)),                                                 (b)
-
-also where factors are correlated; the second term is what p_i terms take up of mere scatter s^2.
+    S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)).                                                 (b)
 """
 
 from __future__ import annotations
@@ -42,20 +39,14 @@ FEWEST_RUNS = 4
 
 @dataclass(frozen=True)
 class Designs(Results):
-    """Designs over noise, a row each, with statistics of their runs as metrics.
+    """Designs over noise, a row each, with statistics of their runs as metrics."""
 
-    Attributes:
-        runs: results of all runs.
-        rows: rows of `runs` of each design.
-        bounds: limits that each run is held to.
-    """
-
-    runs: Results
-    rows: tuple[NDArray[np.intp], ...]
-    bounds: tuple[Bound, ...]
+    runs: Results  # results of all runs
+    rows: tuple[NDArray[np.intp], ...]  # of `runs`, for each design
+    bounds: tuple[Bound, ...]  # limits that each run is held to
 
     def kept_counts(self, design: int) -> tuple[int, int]:
-        """Number of a design's runs that are ok and keep the limits, and of all its runs."""
+        """Number of a design's runs that keep the limits, and of all its runs."""
         held = np.zeros(len(self.runs.status), dtype=bool)
         held[self.rows[design]] = True
         kept = Goals((), self.bounds).goal_values(self.runs).limits_kept if self.bounds else self.runs.ok
@@ -74,29 +65,30 @@ class Designs(Results):
 
     @cached_property
     def _rows_by_noise(self) -> list[dict[tuple[Any, ...], int]]:
-        """Row of `runs` of each design by the values of the noise factors."""
+        """Row of `runs` by the values of noise factors, for each design."""
         columns = [self.runs.table[name].to_pylist() for name in self.runs.free_noise_factors]
         return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
 
     def paired_values(self, first: int, second: int, metric: str) -> Array:
-        """Values (n, 2) of a metric in ok runs of two designs with the same noise."""
+        """Metric values (n, 2) in ok runs of two designs with the same noise."""
         one, other = self._rows_by_noise[first], self._rows_by_noise[second]
         rows = np.array([(row, other[key]) for key, row in one.items() if key in other], dtype=np.intp).reshape(-1, 2)
         values = _ok_values(self.runs, metric)[rows]
         return values[np.isfinite(values).all(axis=1)]
 
     def statistic_difference(self, first: int, second: int, statistic: Statistic) -> MeanDifference:
-        """Statistic of the second design less that of the first, over the same noise, eq. (a)."""
+        """Statistic of the second design less that of the first, over the same noise, (a)."""
         before, after = (
             _jackknife_pseudo_values(of, statistic) for of in self.paired_values(first, second, statistic.metric).T
         )
         return mean_difference(after - before, CONFIDENCE)
 
     def sure_sign(self, first: int, second: int, name: str) -> int | None:
-        """1 if a statistic of the second design is surely above the first's, -1 if below, else 0.
+        """Sign, 1, -1 or 0, in which the second design's statistic is surely above the first's.
 
         None for a design factor, or with too few pairs. Sure is what 95 % intervals show, and of means and quantiles
-        what all pairs agree in.
+        what all
+        pairs agree in.
         """
         statistic = statistic_from_name(name)
         if statistic is None:
@@ -112,24 +104,19 @@ class Designs(Results):
 
 @dataclass(frozen=True)
 class NoiseSpread:
-    """Spread of a metric of one design over the noise.
-
-    Attributes:
-        statistics: value and standard error by word of `SHOWN_STATISTICS`.
-        parts: part of the variance by noise factor [-], eq. (b); empty if runs are too few.
-    """
+    """Spread of a metric of one design over the noise."""
 
     metric: str
-    statistics: dict[str, tuple[float, float]]
-    parts: dict[str, float]
+    statistics: dict[str, tuple[float, float]]  # value and standard error, of `SHOWN_STATISTICS`
+    parts: dict[str, float]  # of the variance by noise factor [-], (b); empty if runs are too few
 
     @property
     def unexplained_part(self) -> float:
-        """Part of the variance that no noise factor explains alone [-]."""
+        """Part of the metric's variance that no noise factor explains alone [-]."""
         return max(0.0, 1.0 - sum(self.parts.values()))
 
     def parts_text(self) -> str:
-        """Noise factors with their parts of a spread, as text."""
+        """Text of noise factors with their parts of a spread."""
         if not self.parts:
             return "too few runs to tell" if self.statistics["std"][0] > 0.0 else "it does not spread"
         ordered = sorted(self.parts.items(), key=lambda part: -part[1])
@@ -160,7 +147,7 @@ def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
 
 
 def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = None) -> tuple[Results, Goals]:
-    """Results as designs over their noise, and the goals of designs; both unchanged without noise.
+    """Designs over their noise from results of runs, and their goals; unchanged without noise.
 
     Args:
         noise: names of the noise factors; None takes those that the table marks.
@@ -205,7 +192,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
 
 
 def spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
-    """Spread of a metric of a design over the noise, with the part that each noise factor causes."""
+    """Spread of a metric of a design over the noise, with each noise factor's part."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}
     for word in SHOWN_STATISTICS:
@@ -224,7 +211,7 @@ def _design_rows(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.in
 
 
 def _worst_run(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
-    """Row of the run that stands for a design: the worst status, or else the worst in the first goal."""
+    """Row of the run that stands for a design: of the worst status, else of the first goal."""
     grave = [
         STATUS_SEVERITY.index(results.status[row]) if results.status[row] in STATUS_SEVERITY else 1
         for row in rows.tolist()
@@ -248,21 +235,21 @@ def _statistic_of_word(word: str, metric: str) -> Statistic:
 
 
 def _statistics_of_goals(goals: Goals) -> list[Statistic]:
-    """Statistics that goals name, and those that are shown of their metrics, each once."""
+    """Statistics that goals name, and those shown of their metrics, each once."""
     named = [found for name in goals.named_metrics if (found := statistic_from_name(name)) is not None]
     shown = [_statistic_of_word(word, of.metric) for of in named for word in SHOWN_STATISTICS]
     return list(dict.fromkeys([*named, *shown]))
 
 
 def _ok_values(results: Results, metric: str) -> Array:
-    """Values of a metric of all runs (R,), NaN if they are not ok."""
+    """Metric values (R,) of all runs, NaN if not ok."""
     if metric not in results.table.column_names and not results.ok.any():
         return np.full(len(results.status), np.nan)  # nothing ran: no metric has a column yet
     return np.where(results.ok, results.values(metric), np.nan)
 
 
 def _statistic_with_error(values: Array, statistic: Statistic) -> tuple[float, float]:
-    """Statistic of the ok runs with its standard error; NaN with fewer than `FEWEST_RUNS`."""
+    """Statistic of ok runs with its standard error; NaN of fewer than `FEWEST_RUNS`."""
     values = values[np.isfinite(values)]
     if len(values) < FEWEST_RUNS:
         return float("nan"), float("nan")
@@ -271,13 +258,13 @@ def _statistic_with_error(values: Array, statistic: Statistic) -> tuple[float, f
 
 
 def _jackknife_pseudo_values(values: Array, statistic: Statistic) -> Array:
-    """Contributions (n,) of values (n,) to a statistic, eq. (a)."""
+    """Jackknife pseudo-values (n,) of values (n,), eq. (a)."""
     whole, without = _leave_one_out_statistics(values, statistic)
     return np.asarray(whole + (len(values) - 1) * (without.mean() - without))
 
 
 def _leave_one_out_statistics(values: Array, statistic: Statistic) -> tuple[float, Array]:
-    """Statistic of values (n,), and the statistics without each of them in turn (n,)."""
+    """Statistic of values (n,), and statistics (n,) without each in turn."""
     n, mean = len(values), float(values.mean())
     if np.ptp(values) == 0.0:
         return (0.0 if statistic.word == "std" else float(values[0])), np.zeros(n)
@@ -304,7 +291,7 @@ def _harrell_davis_weights(count: int, level: float) -> Array:
 
 
 def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
-    """Part of a metric's variance over runs of one design by noise factor, eq. (b)."""
+    """Part of a metric's variance over a design's runs by noise factor, (b)."""
     terms = {name: of for name in results.free_noise_factors if (of := _noise_terms(results, rows, name)).shape[1]}
     y = results.values(metric)[rows]
     y = y - y.mean() if len(y) else y
@@ -325,7 +312,7 @@ def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> di
 
 
 def _noise_terms(results: Results, rows: NDArray[np.intp], name: str) -> Array:
-    """Terms (n, p) of a noise factor, of mean 0: value and square, or one for each word but one."""
+    """Terms (n, p) of a noise factor, of mean 0: value and square, or words."""
     if not results.is_numeric(name):
         words = np.array(results.text_values(name))[rows]
         of = np.array([words == word for word in np.unique(words)[1:]], dtype=float).reshape(-1, len(rows))

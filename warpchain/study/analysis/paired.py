@@ -1,9 +1,8 @@
 """Mean of paired differences with an interval that may be looked at after every pair.
 
-The interval after n pairs is that of a confidence sequence: all intervals together hold the mean with the level
-1 - alpha, so that one may stop at any of them. With mean m and deviation s of n differences, and the effect mu / sigma
-normal with variance 1 / L beforehand, the likelihood of a mean mu against all others is a martingale of the statistic
-t = (m - mu) sqrt(n) / s alone (Lai 1976; Wang and Ramdas 2024, arXiv:2310.03722),
+The intervals after n pairs are a confidence sequence: all together hold the mean with the level 1 - alpha. With mean m
+and deviation s of n differences, and the effect mu / sigma normal with variance 1 / L beforehand, the likelihood of mu
+against all others is a martingale of t = (m - mu) sqrt(n) / s (Lai 1976; Wang and Ramdas 2024, arXiv:2310.03722),
 
     B = sqrt(k) ((1 + k x) / (1 + x))^(-n/2),   k = L / (L + n),   x = t^2 / (n - 1),                         (a)
 
@@ -11,15 +10,13 @@ which reaches 1 / alpha with a probability of alpha at most (Ville 1939). Solved
 
     mean = m +- s / sqrt(n) sqrt((n - 1) (1 - r) / (r - k)),   r = (alpha^2 k)^(1/n).                         (b)
 
-It is exact for normal differences and asymptotic for others. Below n = 25 G^2, G the skewness (Cochran 1977, sec.
-2.15), it is wider by 25 G^2 / n. An event of probability p is missing from all n pairs with (1 - p)^n; with 1 - alpha,
-none is missing that is likelier than
+It is exact for normal differences, asymptotic for others, and wider by 25 G^2 / n below n = 25 G^2, G the skewness
+(Cochran 1977, sec. 2.15). With 1 - alpha, no event is missing from n pairs that is likelier than
 
-    q = 1 - alpha^(1/n),                                                                                     (c)
+    q = 1 - alpha^(1/n)                                                                                      (c)
 
-near 3 / n at alpha = 0.05 (Hanley and Lippman-Hand 1983). If rare events change a difference by e at most, those that
-are missing shift the mean by q e at most. So the sign is sure where abs(m) is more than the half width of (b) and q e
-together, each at alpha / 2; e is no less than the largest deviation of a difference from m.
+(Hanley and Lippman-Hand 1983). If rare events change a difference by e at most, they shift the mean by q e at most; the
+sign is sure where abs(m) exceeds the half width of (b) and q e together, each at alpha / 2.
 """
 
 from __future__ import annotations
@@ -33,11 +30,11 @@ from warpchain.study.results import Array
 
 PRIOR_PRECISION = 1.0
 FEWEST_PAIRS = 16
-"""Fewest pairs that tell a sign, since few do not show how differences are distributed."""
+"""Fewest pairs that tell a sign, as few do not show how differences are distributed."""
 SKEWNESS_PAIRS = 25.0
 """Pairs for a squared skewness of 1 from which on the interval is not wider."""
 EVENT_DEVIATIONS = 20.0
-"""Deviations of the differences by which rare events are assumed to change one by default."""
+"""Change of a difference by rare events, in its deviations, by default."""
 HEAVY_TAIL_PAIRS = 16
 """Pairs of which fewer than one makes up half of the scatter if tails are heavy."""
 MOST_FORECAST_PAIRS = 100_000
@@ -45,29 +42,17 @@ MOST_FORECAST_PAIRS = 100_000
 
 @dataclass(frozen=True)
 class MeanDifference:
-    """Mean of paired differences, with its interval and how sure its sign is.
+    """Mean of paired differences, with its interval and how sure its sign is."""
 
-    Attributes:
-        pairs: number of pairs n.
-        mean: m.
-        deviation: s.
-        skewness: G.
-        half: half width of the interval; infinite if n is too small.
-        level: 1 - alpha.
-        largest: largest deviation of a difference from the mean.
-        carriers: fewest pairs that make up half of the sum of squared deviations.
-        reckoned: change of a difference by rare events that a sure sign allows for, e; at least `largest`.
-    """
-
-    pairs: int
-    mean: float
-    deviation: float
-    skewness: float
-    half: float
-    level: float
-    largest: float
-    carriers: int
-    reckoned: float
+    pairs: int  # n
+    mean: float  # m
+    deviation: float  # s
+    skewness: float  # G
+    half: float  # half width of the interval; infinite if n is too small
+    level: float  # 1 - alpha
+    largest: float  # deviation of a difference from the mean
+    carriers: int  # fewest pairs that make up half of the squared deviations
+    reckoned: float  # change e by rare events that a sure sign allows for, at least `largest`
 
     @property
     def interval_low(self) -> float:
@@ -81,17 +66,17 @@ class MeanDifference:
 
     @property
     def shown_sign(self) -> int:
-        """Sign of the mean that the pairs show, -1 or 1; 0 if they show none."""
+        """Sign of the mean difference that pairs show, -1 or 1; 0 for none."""
         return self._sign_beyond(self.largest, self.level)
 
     @property
     def sure_sign(self) -> int:
-        """Sign of the mean if sure although rare events may be missing, -1 or 1; else 0."""
+        """Sign of the mean difference, -1 or 1, sure though rare events may be missing; else 0."""
         return self._sign_beyond(self.reckoned, _level_of_half(self.level))
 
     @property
     def missed_probability(self) -> float:
-        """Probability of the likeliest event that the pairs may have missed, q of eq. (c)."""
+        """Probability of the likeliest event that pairs may have missed, q of (c)."""
         return float(missed_event_probability(self.pairs, _level_of_half(self.level)))
 
     @property
@@ -103,12 +88,12 @@ class MeanDifference:
         )
 
     def _sign_beyond(self, event: float, level: float) -> int:
-        """Sign of the mean if it is beyond the margin for events of a size, else 0."""
+        """Sign of the mean difference beyond the margin for missed events, else 0."""
         beyond = abs(self.mean) > self._sure_margin(self.pairs, event, level)
         return int(np.sign(self.mean)) if self.pairs >= FEWEST_PAIRS and beyond else 0
 
     def _sure_margin(self, count: Any, event: float, level: float) -> Array:
-        """Least size of a mean of `count` pairs with a sure sign, for missed events of a size."""
+        """Least size of a mean of `count` pairs with a sure sign, for missed events."""
         return (
             interval_half_width(count, self.deviation, self.skewness, level)
             + missed_event_probability(count, level) * event
@@ -131,9 +116,8 @@ def mean_difference(differences: Array, level: float, event: float | None = None
     """Mean of paired differences (n,), n >= 2, with its interval.
 
     Args:
-        level: level of the interval, eq. (b), and of the sign.
-        event: change of a difference by rare events that a sure sign allows for; None takes `EVENT_DEVIATIONS`
-            deviations.
+        level: of the interval, eq. (b), and of the sign.
+        event: change of a difference by rare events; None takes `EVENT_DEVIATIONS`.
     """
     n, mean, deviation = len(differences), float(differences.mean()), float(differences.std(ddof=1))
     off = differences - mean

@@ -1,4 +1,4 @@
-"""Objectives and limits: costs of rows, the probability of keeping limits, and the Pareto front."""
+"""Pareto front of objectives and limits: costs of rows, and the probability of keeping limits."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from warpchain.study.spec.noise_table import Noise
 from warpchain.study.spec.study_tables import Bound, Objective
 
 SENSE_SIGNS = {"min": 1.0, "max": -1.0}
-"""Factors that make objectives costs, by sense."""
+"""Signs that make objectives costs, by sense."""
 FRONT_DRAWS = 400
 HOPELESS_ERRORS = 4.0
-"""Standard errors by which a row must lose to have no chance of the front."""
+"""Standard errors by which a row must lose to have no chance of the Pareto front."""
 
 
 def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether each row of costs (R, M) is on the Pareto front (R,)."""
+    """(R,) whether each row of costs (R, M) is on the Pareto front."""
     left = np.lexsort(costs.T[::-1])  # a row is never dominated by a later one in this order
     front = np.zeros(len(costs), dtype=bool)
     while len(left):
@@ -37,16 +37,14 @@ def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np.float64]:
-    """Probability that each row is on the Pareto front (R,), from the scatter between equal runs.
-
-    Metrics are drawn about their means with the pooled scatter of one run; a row that does not compete has 0.
+    """Probability (R,) that each row is on the Pareto front, from scatter between equal runs.
 
     Args:
         results: of a study with replicates.
-        objectives: see `pareto_front`.
+        objectives: "min" or "max" by metric.
 
     Raises:
-        StudyError: see `pareto_front`.
+        StudyError: as `pareto_front`.
     """
     rows, costs = _competing_costs(results, objectives)
     errors = np.zeros_like(costs)
@@ -66,10 +64,10 @@ def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np
 
 
 def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.intp]:
-    """Rows of the table on the Pareto front, by the first objective from best to worst (P,).
+    """Row indices (P,) of results on the Pareto front, the best in the first objective first.
 
     Args:
-        results: the study's results; only variants that are ok and have all the metrics compete.
+        results: only variants that are ok and have all metrics compete.
         objectives: "min" or "max" by metric.
 
     Raises:
@@ -81,7 +79,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
 
 
 def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows that compete for the front, and their costs (P, M), all to be small."""
+    """Rows (P,) that compete for the Pareto front, and their costs (P, M)."""
     if not objectives:
         raise StudyError("objectives: none given, a front needs at least one")
     check_senses(objectives)
@@ -93,7 +91,7 @@ def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[N
 
 
 def check_senses(objectives: Mapping[str, str]) -> None:
-    """Refuses an objective that is neither "min" nor "max"."""
+    """Raises StudyError for an objective that is neither "min" nor "max"."""
     for metric, sense in objectives.items():
         if sense not in SENSE_SIGNS:
             raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
@@ -113,21 +111,21 @@ class Goals:
 
     @property
     def named_metrics(self) -> tuple[str, ...]:
-        """Metrics and factors that the goals name, each once."""
+        """Metrics and factors that objectives and limits name, each once."""
         return tuple(dict.fromkeys([*(o.metric for o in self.objectives), *(b.metric for b in self.bounds)]))
 
     @property
     def objective_senses(self) -> dict[str, str]:
-        """ "min" or "max" by objective."""
+        """Sense, "min" or "max", by objective."""
         return {objective.metric: objective.sense for objective in self.objectives}
 
     @property
     def cost_signs(self) -> Array:
-        """Factors that make objectives costs: 1, or -1 of one that should be large (M,)."""
+        """Signs (M,) that make objectives costs: -1 of one to maximize."""
         return np.array([SENSE_SIGNS[objective.sense] for objective in self.objectives])
 
     def goal_values(self, results: Results) -> GoalValues:
-        """Values of the goals in a table of results."""
+        """Values of the objectives and limits in a table of results."""
         columns, errors = {}, {}
         for name in self.named_metrics:
             if name not in results.table.column_names and not results.ok.any():
@@ -143,12 +141,12 @@ class Goals:
 
 @dataclass(frozen=True)
 class GoalValues:
-    """Values of goals in rows that were run.
+    """Values of objectives and limits in R rows of results.
 
     Attributes:
-        columns: values (R,) by metric.
-        errors: standard errors (R,) by metric, of those that have them.
-        ok: whether each row is ok and has all values (R,).
+        columns: (R,) by metric.
+        errors: (R,) standard errors by metric.
+        ok: (R,) whether a row is ok and has all values.
     """
 
     goals: Goals
@@ -158,12 +156,12 @@ class GoalValues:
 
     @property
     def costs(self) -> Array:
-        """Objectives of each row as costs, all to be small (R, M)."""
+        """Costs (R, M) of objectives, all to be small."""
         return np.stack([self.columns[o.metric] for o in self.goals.objectives], axis=1) * self.goals.cost_signs
 
     @property
     def limit_excess(self) -> Array:
-        """Excess over each limit, in the metric's spread; not above 0 if it is kept (R, B)."""
+        """Excess (R, B) over each limit, in the metric's spread; above 0 if broken."""
         parts = []
         for bound in self.goals.bounds:
             values = self.columns[bound.metric]
@@ -177,7 +175,7 @@ class GoalValues:
 
     @property
     def limits_kept(self) -> NDArray[np.bool_]:
-        """Whether each row is ok and keeps all limits (R,)."""
+        """(R,) whether each row is ok and keeps all limits."""
         return self.ok & (self.limit_excess <= 0.0).all(axis=1)
 
 
@@ -192,7 +190,7 @@ def keeping_probability(bound: Bound, mean: Array, deviation: Array) -> Array:
 
 
 def goals_of_study(study: Study) -> Goals:
-    """Goals of a study file."""
+    """Goals of a study file: its objectives and limits."""
     if not study.objectives:
         raise StudyError("objectives: none; a study that is optimized needs at least one [[objectives]]")
     return Goals(study.objectives, study.bounds, (study.noise or Noise()).keep)

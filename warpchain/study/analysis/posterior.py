@@ -1,13 +1,12 @@
 """Posterior of unknowns given measurements: samples, directions that are not identified, residuals.
 
-A priori the unknowns are D independent standard normals u. A model has numbers j = 1 .. J with mean m_j(u) and
-variance s_j^2(u); measured were y_j, with standard deviation e_j. Then
+A priori the unknowns are D independent standard normals u. A model has J numbers with mean m_j(u) and variance
+s_j^2(u); measured were y_j, with standard deviation e_j. Then
 
     log p(u | y) = -|u|^2 / 2 - 1/2 sum_j [ (y_j - m_j)^2 / v_j + log v_j ] + const,    v_j = s_j^2 + e_j^2.       (a)
 
-With C the covariance of the samples, an eigenvector w of C of value l is a combination of unknowns whose standard
-deviation the measurements leave at sqrt(l) of the prior's: near 1, it is not identified. emcee's ensemble moves by
-differences of its members (ter Braak 2006; Foreman-Mackey et al. 2013); other libraries: docs/calibration.md.
+An eigenvector of the samples' covariance, of value l, combines unknowns whose deviation is left at sqrt(l) of the
+prior's: near 1, it is not identified. emcee moves an ensemble by differences of its members (ter Braak 2006).
 """
 
 from __future__ import annotations
@@ -23,53 +22,43 @@ from warpchain.progress import raise_if_stopped
 from warpchain.study.results import Array
 
 NumbersModel = Callable[[Array], tuple[Array, Array]]
-"""A model from u (R, D) to mean and variance (R, J) of the numbers."""
+"""Model from unknowns u (R, D) to mean and variance (R, J) of numbers."""
 WALKERS, CHUNK_STEPS, MOST_STEPS = 64, 50, 10_000
-"""Members of the ensemble, steps between checks of how many are enough, most steps."""
+"""Members of the ensemble, steps between checks, most steps."""
 WARM_UP = 5.0
 """First steps that are dropped, in autocorrelation times."""
 ENOUGH_SAMPLES = 1000
 PRIOR_DRAWS = 2048
 UNIDENTIFIED_SHARE = 0.7
-"""Part of its prior standard deviation from which on a direction is not identified."""
+"""Part of its prior deviation from which on a direction is not identified."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Samples of unknowns from their posterior.
+    """Posterior samples of unknowns."""
 
-    Attributes:
-        u: (S, D) samples, standard normals a priori.
-        independent: number of independent samples that they are worth.
-    """
-
-    u: Array
-    independent: float
+    u: Array  # (S, D), standard normals a priori
+    independent: float  # number of independent samples that they are worth
 
     @property
     def sample_mean(self) -> Array:
-        """Mean of the samples (D,)."""
+        """Mean (D,) of the posterior samples."""
         return np.asarray(self.u.mean(axis=0))
 
 
 @dataclass(frozen=True)
 class PosteriorDirection:
-    """A combination of unknowns and its posterior deviation.
+    """Combination of unknowns and its posterior deviation."""
 
-    Attributes:
-        weights: (D,) share of each unknown, of length 1.
-        left: posterior standard deviation in parts of the prior's.
-    """
-
-    weights: Array
-    left: float
+    weights: Array  # (D,) of length 1
+    left: float  # posterior deviation over the prior's
 
 
 def log_posterior_density(model: NumbersModel, values: Array, errors: Array) -> Callable[[Array], Array]:
-    """Function of u (R, D) to the log of the posterior density (R,), eq. (a)."""
+    """Function from unknowns u (R, D) to the log posterior density (R,), eq. (a)."""
 
     def log_density(u: Array) -> Array:
-        """Log of the posterior density at u (R, D), eq. (a)."""
+        """Log posterior density (R,) at u (R, D), eq. (a)."""
         mean, variance = model(u)
         whole = variance + errors**2
         misfit = ((values - mean) ** 2 / whole + np.log(whole)).sum(axis=1)
@@ -81,11 +70,10 @@ def log_posterior_density(model: NumbersModel, values: Array, errors: Array) -> 
 def sample_posterior(
     model: NumbersModel, values: Array, errors: Array, dimensions: int, seed: int = 0, enough: float = ENOUGH_SAMPLES
 ) -> Posterior:
-    """Draws samples from the posterior of unknowns.
+    """Random samples from the posterior of unknowns.
 
     Args:
-        model: mean and variance of the numbers.
-        values, errors: (J,) measured values and their standard deviations.
+        values, errors: (J,) measured values and standard deviations.
 
     Raises:
         StudyError: emcee is not installed, or the posterior is nowhere a number.
@@ -126,7 +114,7 @@ def posterior_directions(u: Array) -> list[PosteriorDirection]:
 
 
 def standardized_residuals(model: NumbersModel, values: Array, errors: Array, u: Array) -> Array:
-    """Measured less expected values at samples u (S, D), in standard deviations (J,)."""
+    """Residuals (J,) measured less expected at posterior samples u (S, D), in standard deviations."""
     mean, variance = model(u)
     whole = variance.mean(axis=0) + mean.var(axis=0) + errors**2
     return np.asarray((values - mean.mean(axis=0)) / np.sqrt(whole))

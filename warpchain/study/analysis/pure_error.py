@@ -1,22 +1,20 @@
 """Pure error: scatter of a metric between equal runs, its share of the variance, and the precision of means.
 
-Row i of R is the mean of n_i runs with the standard error e_i; N = sum n_i runs in all. One run of a row scatters with
+Row i of R is the mean of n_i runs with the standard error e_i; N = sum n_i. One run of a row scatters with
 
     s^2 = sum (n_i - 1) n_i e_i^2 / nu,    nu = sum (n_i - 1) = N - R degrees of freedom.                       (a)
 
-Of the metric's variance, as of single runs, scatter is the part s^2 / (s^2 + b^2), with b^2 that between rows, from an
-analysis of variance in one way (Searle 1971, chapter 9):
+Of the variance of single runs, scatter is the part s^2 / (s^2 + b^2), b^2 that between rows (Searle 1971, chapter 9):
 
     b^2 = (B - s^2) / n_0,   B = sum n_i (y_i - y)^2 / (R - 1),   n_0 = (N - sum n_i^2 / N) / (R - 1).          (b)
 
-B / s^2 is F-distributed with R - 1 and nu degrees of freedom times 1 + n_0 b^2 / s^2, which gives the part's interval.
-The mean of n runs is known to t s / sqrt(n), t Student's for 95 %. A row's own standard error from few runs is known
-badly: with d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all rows say (Smyth 2004),
+B / s^2 is F-distributed with R - 1 and nu degrees of freedom times 1 + n_0 b^2 / s^2. The mean of n runs is known to
+t s / sqrt(n), t Student's for 95 %. With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all rows say
+(Smyth 2004), d_0 and s_0^2 by the moments of log s_i^2:
 
-    s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i),                                                             (c)
+    s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i).                                                             (c)
 
-d_0 and s_0^2 by the moments of log s_i^2. Rows are weighted by 1 / (t^2 + e_i^2), t^2 the variance of what a fit misses
-beyond the errors.
+Rows are weighted by 1 / (t^2 + e_i^2), t^2 the variance of what a fit misses beyond the errors.
 """
 
 from __future__ import annotations
@@ -37,34 +35,25 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class PureError:
-    """Scatter of one metric between equal runs.
-
-    Attributes:
-        rows: number of rows R.
-        runs: number of runs N.
-        deviation: standard deviation s of one run, in the metric's unit (a).
-        freedom: degrees of freedom nu.
-        share: part of the metric's variance that is scatter [-] (b).
-        share_low, share_high: 95 % interval of the share.
-    """
+    """Pure error of one metric: its scatter between equal runs."""
 
     metric: str
-    rows: int
-    runs: int
-    deviation: float
-    freedom: int
-    share: float
-    share_low: float
+    rows: int  # R
+    runs: int  # N
+    deviation: float  # s of one run, in the metric's unit (a)
+    freedom: int  # degrees of freedom nu
+    share: float  # part of the metric's variance that is scatter [-] (b)
+    share_low: float  # of its 95 % interval
     share_high: float
 
     @property
     def low(self) -> float:
-        """Lower end of the deviation's 95 % interval."""
+        """Lower end of the pure error deviation's 95 % interval."""
         return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 + 0.5 * CONFIDENCE, self.freedom))
 
     @property
     def high(self) -> float:
-        """Upper end of the deviation's 95 % interval."""
+        """Upper end of the pure error deviation's 95 % interval."""
         return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 - 0.5 * CONFIDENCE, self.freedom))
 
     def interval(self, count: int = 1) -> float:
@@ -72,7 +61,7 @@ class PureError:
         return student_quantile(self.freedom) * self.deviation / math.sqrt(count)
 
     def replicates_for(self, precision: float) -> int:
-        """Least number of runs whose mean is known to plus or minus `precision`, with 95 % confidence.
+        """Least number of runs whose mean is known to +- `precision`, with 95 % confidence.
 
         Raises:
             StudyError: a precision that is not positive.
@@ -81,10 +70,10 @@ class PureError:
         return max(1, math.ceil((self.interval() / precision) ** 2 * (1.0 - 1e-12)))
 
     def window_for(self, precision: float, window: float, count: int = 1) -> float:
-        """Length of the window [s] at which the mean of `count` runs is known to plus or minus `precision`.
+        """Length of the window [s] at which a mean of `count` runs is known to +- `precision`.
 
         Args:
-            window: length of the window that the runs had [s], longer than what means fluctuate with.
+            window: of the runs [s], longer than what means fluctuate with.
 
         Raises:
             StudyError: a precision that is not positive.
@@ -100,7 +89,7 @@ class PureError:
 
 
 def _check_precision(precision: float) -> None:
-    """Refuses a precision that is not a positive number."""
+    """Raises StudyError for a precision that is not a positive number."""
     if not (math.isfinite(precision) and precision > 0.0):
         raise StudyError(f"precision = {number_text(precision)}: must be a positive number")
 
@@ -120,11 +109,11 @@ def _chi_square_quantile(share: float, freedom: int) -> float:
 
 
 def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = None) -> PureError:
-    """Scatter of a metric between equal runs.
+    """Pure error of a metric, its scatter between equal runs.
 
     Args:
-        results: of a study with replicates; or a table with several rows of equal factors.
-        rows: rows to use (R,); None takes those that are ok and have a value.
+        results: of a study with replicates, or with several rows of equal factors.
+        rows: (R,) rows to use; None takes those that are ok.
 
     Raises:
         StudyError: no row has several runs, all runs of a row are the same, or the rows are no sample of the noise.
@@ -150,7 +139,7 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
 
 
 def _share_of_ratio(ratio: float, weight: float) -> float:
-    """Share s^2 / (s^2 + b^2) from the ratio B / s^2 (b)."""
+    """Share s^2 / (s^2 + b^2) of scatter from the ratio B / s^2 (b)."""
     return 1.0 / (1.0 + max(ratio - 1.0, 0.0) / weight)
 
 
@@ -175,7 +164,7 @@ def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tupl
 
 
 def pure_errors(results: Results) -> list[PureError]:
-    """Scatter between equal runs of every metric that scatters, the noisiest first."""
+    """Pure errors of all metrics that scatter between equal runs, the noisiest first."""
     found = []
     for metric in results.metrics:
         try:
@@ -186,7 +175,7 @@ def pure_errors(results: Results) -> list[PureError]:
 
 
 def row_standard_errors(results: Results, metric: str) -> Array | None:
-    """Standard error of each row's metric (R,), of replicates by eq. (c); NaN or None if unknown."""
+    """Standard errors (R,) of rows' metric, of replicates by eq. (c); NaN or None if unknown."""
     name = metric + ERROR_SUFFIX
     if not (name in results.table.column_names and results.is_numeric(name)):
         return None
@@ -199,7 +188,7 @@ def row_standard_errors(results: Results, metric: str) -> Array | None:
 
 
 def _moderated_errors(errors: Array, counts: Array) -> Array:
-    """Standard errors (R,) of means of `counts` runs by eq. (c); of single runs from the other rows."""
+    """Standard errors (R,) of means of `counts` runs by eq. (c); of single runs from other rows."""
     from scipy.optimize import brentq
     from scipy.special import digamma, polygamma
 
@@ -223,12 +212,12 @@ def _moderated_errors(errors: Array, counts: Array) -> Array:
 
 
 def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
-    """Weights of rows in a fit (R,), of mean 1: 1 / (t^2 + e^2), with the likeliest t^2.
+    """Weights (R,) of rows in a fit, of mean 1: 1 / (t^2 + e^2), with the likeliest t^2.
 
     Args:
         errors: (R,) standard errors; None, or a NaN among them, weighs all rows alike.
         missed: (R,) residuals of the fit.
-        left: part of a row's variance that is in its residual, 1 less its leverage.
+        left: part of a row's variance in its residual, 1 less its leverage.
     """
     from scipy.optimize import brentq
 
@@ -253,7 +242,7 @@ def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) 
 
 
 def has_equal_rows(results: Results) -> bool:
-    """Whether rows are means of several runs, or some rows have equal factors."""
+    """Whether rows are means of several runs, or some have equal factors."""
     if results.has_replicates:
         return True
     group = np.zeros(len(results.status), dtype=np.intp)

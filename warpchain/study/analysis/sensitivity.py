@@ -1,14 +1,12 @@
 """Sobol' indices: the part of a metric's variance that each factor causes, alone and with its interactions.
 
-A Saltelli design (`saltelli_table`, run as a study whose design is a table) gives them without a model, by SALib's
-estimators (Saltelli et al. 2010). Any other design gives those of a Gaussian process (`study.surrogate.indices`), or of
-its response surface, exactly: with independent factors, m_i the mean of x_i and v_i its variance,
+A Saltelli design (`saltelli_table`) gives them without a model (Saltelli et al. 2010). Any other design gives those of
+a Gaussian process (`study.surrogate.indices`) or its response surface: with independent factors of mean m_i and
+variance v_i,
 
     V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   V_ij = b_ij^2 v_i v_j,                     (a)
 
-which add up to V: S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Distributions are the study's own if its table has them,
-else uniform over what was run. If rows are means of several runs, scatter is in V and T_i of a Saltelli design, but in
-no factor: with s^2 the mean of the squared standard errors,
+S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Scatter s^2 of rows that are means of several runs is taken out,
 
     S_i = V S_i / (V - s^2),    T_i = (V T_i - s^2) / (V - s^2).                                               (b)
 """
@@ -46,15 +44,14 @@ SALIB_DISTRIBUTIONS = {
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Sobol' indices of one metric.
+    """Sobol' indices of one metric for A factors.
 
     Attributes:
         first: (A,) part of the variance by each factor alone.
-        total: (A,) part of the variance by each factor with its interactions.
-        first_error: (A,) half width of the 95 % confidence interval of `first`.
-        total_error: (A,) half width of the 95 % confidence interval of `total`.
-        rows: number of variants behind them.
-        dropped: variants left out because one of their block did not end well; zero from a surface.
+        total: (A,) part with its interactions.
+        first_error, total_error: (A,) half widths of 95 % intervals.
+        rows: number of variants.
+        dropped: variants left out with a block that did not end well.
     """
 
     metric: str
@@ -68,7 +65,7 @@ class SobolIndices:
 
 
 def problem_of(results: Results) -> SobolProblem:
-    """SALib's problem dictionary of a study's numeric factors, uniform over the range that was run."""
+    """SALib problem of a study's numeric factors, uniform over the range that was run."""
     names = list(results.independent_factors())
     columns = [results.values(name) for name in names]
     bounds = [[float(np.nanmin(x)), float(np.nanmax(x))] for x in columns]
@@ -76,7 +73,7 @@ def problem_of(results: Results) -> SobolProblem:
 
 
 def problem_of_factors(factors: Iterable[Any]) -> SobolProblem:
-    """SALib's problem dictionary of a study file's factors, without those that have expressions.
+    """SALib problem of a study file's factors, without those that have expressions.
 
     Raises:
         StudyError: a factor of levels or choices, which SALib cannot state.
@@ -99,11 +96,11 @@ def problem_of_factors(factors: Iterable[Any]) -> SobolProblem:
 
 
 def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """Factors of a study file, as tables, from SALib's problem dictionary.
+    """Factors of a study file, as tables, from a SALib problem.
 
     Args:
         problem: names and bounds, and dists if they are not uniform.
-        paths: key path into the drive by name; names are paths if none is given.
+        paths: key path into the drive by name; None are the names.
 
     Raises:
         StudyError: a problem with groups, or a distribution that studies do not have.
@@ -128,12 +125,12 @@ def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | No
 
 
 def _problem_distributions(problem: Mapping[str, Any]) -> list[str]:
-    """SALib's names of the distributions in a problem dictionary."""
+    """SALib's names of the distributions in a problem."""
     return list(problem.get("dists") or ["unif"] * len(problem["names"]))
 
 
 def _check_problem(problem: Mapping[str, Any]) -> None:
-    """Refuses a problem dictionary that lacks keys, has groups, or lists of different lengths."""
+    """Raises StudyError for a SALib problem that lacks keys, has groups, or unequal lists."""
     for key in ("names", "bounds"):
         if key not in problem:
             raise StudyError(f"problem: {key!r} is missing; SALib's problem has names and bounds")
@@ -145,11 +142,11 @@ def _check_problem(problem: Mapping[str, Any]) -> None:
 
 
 def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_order: bool = False) -> pa.Table:
-    """Table of a Saltelli design: base * (A + 2) rows, or base * (2 A + 2) with second order.
+    """Pyarrow table of a Saltelli design: base * (A + 2) rows, or base * (2 A + 2) with second order.
 
     Args:
         base: a power of two.
-        second_order: also with the rows that SALib's second-order indices take.
+        second_order: also with the rows of second-order indices.
 
     Raises:
         StudyError: no SALib, a base that is no power of two, or a problem that SALib refuses.
@@ -172,7 +169,7 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
 
 
 def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
-    """Rows of a block of a Saltelli design of these factors, A + 2 or 2 A + 2; 0 of another.
+    """Rows of a block of a Saltelli design, A + 2 or 2 A + 2; 0 of another design.
 
     A block is a row of A, then A with each factor in turn from B (in the longer one also the reverse), and B's row.
     """
@@ -198,8 +195,8 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
     A variant that did not end well takes its whole block out.
 
     Args:
-        results: the study's results, of all rows of the design.
-        problem: SALib's problem dictionary; None takes all independent factors.
+        results: of all rows of the design.
+        problem: SALib's; None takes all independent factors.
 
     Raises:
         StudyError: no SALib, another design, or fewer than two whole blocks.
@@ -272,7 +269,7 @@ def _scaled_moments(surface: Surface, a: int, results: Results | None) -> tuple[
 
 
 def _variance_shares(surface: Surface, coefficients: Array, moments: Array) -> tuple[Array, Array]:
-    """First and total indices (D, A) of D surfaces that differ in their coefficients (D, T)."""
+    """First and total Sobol' indices (D, A) of D surfaces of coefficients (D, T)."""
     powers, count = surface.powers, len(surface.factors)
     linear, square = (np.zeros((len(coefficients), count)) for _ in range(2))
     both = np.zeros((len(coefficients), count, count))

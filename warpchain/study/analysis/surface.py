@@ -1,17 +1,16 @@
-"""A quadratic response surface of a metric over the factors, by least squares.
+"""Response surface, quadratic, of a metric over the factors, by least squares.
 
 With factors scaled to -1 .. 1 over the range that was run (x),
 
     y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
 
-A factor of two values has no square. R2 is the part of the variance that the surface takes up; the predicted R2, from
-predictions of each variant with that one left out (PRESS), the part that it would take up of new ones. Rows that are
-means of several runs are weighted (`pure_error.row_weights`). With m rows, T terms and residuals e, the covariance of
-the coefficients is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T). If equal runs scatter with the variance s^2,
+A factor of two values has no square. Predicted R2 is from each variant left out once (PRESS). Rows that are means of
+several runs are weighted (`pure_error.row_weights`). With m rows, T terms and residuals e, the coefficients' covariance
+is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T). If equal runs scatter with the variance s^2,
 
     F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
 
-is F-distributed with m - T and nu degrees of freedom if the form of the surface is right.
+tests the form of the surface with m - T and nu degrees of freedom.
 """
 
 from __future__ import annotations
@@ -29,23 +28,22 @@ from warpchain.study.results import Array, Results
 WEIGHTING_ROUNDS = 4
 """Fits whose residuals say how the next one weights its rows."""
 TRUSTED_R2 = 0.8
-"""Predicted R2 from which a surface is good enough to replace the metric."""
+"""Predicted R2 from which a response surface may replace the metric."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A fitted response surface of a metric.
+    """Response surface of a metric, fitted to A factors.
 
     Attributes:
-        low: (A,) smallest value of each factor.
-        high: (A,) largest value of each factor.
+        low, high: (A,) smallest and largest value of factors.
         powers: (T, A) exponent of each scaled factor in each term.
         coefficients: (T,) b of eq. (a), in the metric's unit.
-        r2: part of the variance that the surface takes up [-].
-        r2_predicted: part of the variance of variants left out one at a time [-]; can be negative.
-        weights: (N,) their weights.
+        r2: part of the variance taken up [-].
+        r2_predicted: part of variants left out one at a time [-]; can be negative.
+        weights: (N,) of variants.
         covariance: (T, T) of the coefficients.
-        freedom: degrees of freedom, 0 if there are as many terms as variants.
+        freedom: degrees of freedom; 0 for as many terms as variants.
     """
 
     metric: str
@@ -63,18 +61,18 @@ class Surface:
 
     @property
     def coefficient_errors(self) -> Array:
-        """Standard errors of the coefficients (T,); NaN without degrees of freedom."""
+        """Standard errors (T,) of the surface's coefficients; NaN without degrees of freedom."""
         if self.covariance is None or not self.freedom:
             return np.full(len(self.coefficients), np.nan)
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def coefficient_intervals(self) -> Array:
-        """Half widths of the coefficients' 95 % intervals (T,), by Student's t."""
+        """Half widths (T,) of the coefficients' 95 % intervals, by Student's t."""
         return np.asarray(student_quantile(max(self.freedom, 1)) * self.coefficient_errors)
 
     def factor_effects(self) -> list[tuple[str, float, float]]:
-        """(factor, change of the metric over its range, half width of the interval) by size."""
+        """Factor, change of the metric over its range, and half width of the interval, by size."""
         halves = self.coefficient_intervals
         found = []
         for a, factor in enumerate(self.factors):
@@ -88,13 +86,13 @@ class Surface:
         return self.r2_predicted >= TRUSTED_R2
 
     def predict(self, values: Array) -> Array:
-        """Metric at factor values (..., A)."""
+        """Metric on the surface at factor values (..., A)."""
         x = scaled_values(np.asarray(values, dtype=float), self.low, self.high)
         flat = polynomial_terms(x.reshape(-1, len(self.factors)), self.powers) @ self.coefficients
         return flat.reshape(x.shape[:-1])
 
     def factor_slice(self, factor: str, points: int = 41) -> tuple[Array, Array]:
-        """Values of one factor (P,) and the metric there (P,), the others midway between their ends."""
+        """Values (P,) of one factor and the metric there (P,), other factors in the middle."""
         a = self.factors.index(factor)
         values = np.tile(0.5 * (self.low + self.high), (points, 1))
         values[:, a] = np.linspace(self.low[a], self.high[a], points)
@@ -102,12 +100,12 @@ class Surface:
 
 
 def scaled_values(values: Array, low: Array, high: Array) -> Array:
-    """Values scaled to -1 .. 1 between low and high."""
+    """Factor values scaled to -1 .. 1 between low and high."""
     return (2.0 * values - low - high) / (high - low)
 
 
 def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
-    """Terms of eq. (a) at scaled values (R, A), (R, T)."""
+    """Polynomial terms (R, T) of eq. (a) at scaled values (R, A)."""
     terms = np.ones((len(x), len(powers)))
     for t, row in enumerate(powers):
         for a in np.flatnonzero(row):
@@ -116,7 +114,7 @@ def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
 
 
 def _polynomial_powers(levels: list[int], order: int) -> NDArray[np.int64]:
-    """Exponents of the terms of a polynomial of order 1 or 2 (T, A)."""
+    """Exponents (T, A) of a polynomial's terms, of order 1 or 2."""
     unit = np.eye(len(levels), dtype=np.int64)
     rows = [np.zeros(len(levels), dtype=np.int64), *unit]
     if order == 2:
@@ -126,7 +124,7 @@ def _polynomial_powers(levels: list[int], order: int) -> NDArray[np.int64]:
 
 
 def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> Surface:
-    """Fits a quadratic response surface to a metric, or a plane if variants are too few.
+    """Response surface fitted to a metric, quadratic or, of few variants, a plane.
 
     Args:
         factors: numeric factors; None takes all that vary independently.
@@ -191,12 +189,12 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Test of whether a surface misses more than equal runs scatter.
+    """Lack of fit of a response surface: whether it misses more than equal runs scatter.
 
     Attributes:
         ratio: F of (b).
-        chance: probability of so large a ratio if the surface has the right form.
-        freedom: degrees of freedom of the residuals and of the scatter.
+        chance: probability of so large a ratio.
+        freedom: degrees of freedom of residuals and scatter.
     """
 
     ratio: float
@@ -205,7 +203,7 @@ class LackOfFit:
 
 
 def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
-    """Test of a surface's residuals against the scatter between equal runs, by F of (b).
+    """Lack of fit of a response surface against the scatter between equal runs, by F of (b).
 
     Raises:
         StudyError: no replicates, or as many terms as rows.

@@ -1,8 +1,7 @@
 """Designs of experiments: the table of a study's rows, before anything is simulated.
 
-Latin hypercube, Sobol' and Halton points come from `scipy.stats.qmc`, scrambled by the study's seed. A central
-composite design has 2^k corners, 2 k axial points and center points (Box and Wilson 1951); Plackett-Burman designs
-(1946) take orthogonal columns of a Hadamard matrix.
+Latin hypercube, Sobol' and Halton points are scrambled by the study's seed. A central composite design has 2^k corners,
+2 k axial points and center points (Box and Wilson 1951).
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
 
 
 def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Design table of rows given by factor, with tied factors and checked constraints.
+    """Design table of rows by factor, with tied factors and checked constraints.
 
     Rows may also have a value of `TODAY_COLUMN`.
     """
@@ -75,7 +74,7 @@ def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.
 
 
 def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
-    """Design table of rows without tied factors, which are filled in."""
+    """Design table of rows, tied factors filled in."""
     import pyarrow as pa
 
     order = tied_factors(study)
@@ -94,7 +93,7 @@ def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
 
 
 def _factor_columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
-    """Values by factor of the design factors without expression, and of noise in a table."""
+    """Design values by factor, without expressions, and noise of a table."""
     if study.design.kind == NOISE:
         return {}
     whole, study = study, study.design_study
@@ -124,13 +123,13 @@ def _factor_columns(study: Study, source: str | Path, before: Sequence[int] = ()
 
 
 def _check_row_count(rows: int, source: str | Path) -> None:
-    """Refuses a design of more than `MOST_ROWS` rows."""
+    """Raises StudyError for a design of more than `MOST_ROWS` rows."""
     if rows > MOST_ROWS:
         raise StudyError(f"{source}: design: {rows} rows; allowed are at most {MOST_ROWS}")
 
 
 def _factorial_columns(axes: Iterable[DesignDimension], source: str | Path) -> dict[str, list[Any]]:
-    """Values by factor of every combination of grid points; the last factor varies fastest."""
+    """Values by factor of a factorial design; the last factor varies fastest."""
     axes = tuple(axes)
     sizes = [axis.grid_size or 1 for axis in axes]
     _check_row_count(math.prod(sizes), source)
@@ -143,7 +142,7 @@ def _factorial_columns(axes: Iterable[DesignDimension], source: str | Path) -> d
 
 
 def _sampled_points(study: Study, count: int, source: str | Path, before: Sequence[int] = ()) -> Array:
-    """Points of a sampled design in the unit cube (rows, dimensions)."""
+    """Points (rows, dimensions) of a sampled design in the unit cube."""
     from scipy.stats import qmc
 
     design = study.design
@@ -169,7 +168,7 @@ def _sampled_points(study: Study, count: int, source: str | Path, before: Sequen
 
 
 def extended_latin_hypercube(points: Array, count: int, seed: int, source: str | Path) -> Array:
-    """A Latin hypercube (n, dimensions) grown to `count` points, a multiple of n."""
+    """Latin hypercube (n, dimensions) grown to `count` points, a multiple of n."""
     if count % len(points):
         raise StudyError(
             f"{source}: design.count = {count}: a Latin hypercube of {len(points)} points grows to multiples of that"
@@ -183,7 +182,7 @@ def extended_latin_hypercube(points: Array, count: int, seed: int, source: str |
 
 
 def central_composite_points(count: int, axial: str, center: int) -> Array:
-    """Corners, axial and center points of a central composite design in coded units (rows, count)."""
+    """Corners, axial and center points (rows, count) of a central composite design, coded."""
     if count > 20:
         raise StudyError(f'design.kind = "central-composite": 2^{count} corners; allowed are at most 20 factors')
     reach = 2.0 ** (0.25 * count)
@@ -194,7 +193,7 @@ def central_composite_points(count: int, axial: str, center: int) -> Array:
 
 
 def plackett_burman_points(count: int) -> Array:
-    """Points of a Plackett-Burman design in coded units (rows, count), with orthogonal columns."""
+    """Points (rows, count) of a Plackett-Burman design, coded, with orthogonal columns."""
     size = 4 * (count // 4 + 1)
     matrix = hadamard_matrix(size)
     while matrix is None and size < 4 * count + 64:
@@ -206,7 +205,7 @@ def plackett_burman_points(count: int) -> Array:
 
 
 def hadamard_matrix(size: int) -> Array | None:
-    """Hadamard matrix with a first column of ones, by Paley or by doubling; None if neither.
+    """Hadamard matrix with a first column of ones, by Paley or by doubling; or None.
 
     For a prime q = size - 1 with q = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal, -1 on it.
     """
@@ -274,7 +273,7 @@ def _is_factor_value(factor: Factor, value: Any) -> bool:
 
 
 def distribution_metadata(factor: Factor) -> dict[str, str]:
-    """A factor's distribution as metadata of its column; empty for ranges and levels."""
+    """Distribution of a factor as metadata of its design column; empty for ranges and levels."""
     if factor.distribution in (None, "uniform"):
         return {}
     keys = ("distribution", "range", "mean", "std", "sample", "integer")
@@ -283,7 +282,7 @@ def distribution_metadata(factor: Factor) -> dict[str, str]:
 
 
 def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
-    """Design table from values by factor and the reasons of infeasible rows."""
+    """Design table from values by factor and reasons of infeasible rows."""
     import pyarrow as pa
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]
@@ -311,7 +310,7 @@ def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str 
 
 
 def _arrow_type(column: list[Any]) -> Any:
-    """Arrow type of a column's values, refused if they are of several kinds."""
+    """Arrow type of a design column; raises TypeError for several kinds."""
     import pyarrow as pa
 
     types = {type(value) for value in column if value is not None}

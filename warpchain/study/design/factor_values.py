@@ -1,7 +1,7 @@
 """Values of factors from the unit interval and back, from coded units, a grid or expressions; quadrature nodes.
 
-Coded units are -1 and +1 at the ends of a range, in the logarithm for a log-uniform factor, at mean - std and
-mean + std of a normal factor, at the 16 and 84 % quantiles of an empirical one.
+Coded units are -1 and +1 at the ends of a range, logarithmic for log-uniform factors, at mean +- std of a normal, at
+the 16 and 84 % quantiles of an empirical one.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 QUADRATURE_NODES = 80
 """Nodes of Gauss-Hermite and Gauss-Legendre quadrature."""
 MOST_WHOLE_NODES = 100_000
-"""Whole numbers that are nodes one by one; a wider range counts as continuous."""
+"""Most whole numbers that are nodes one by one, not continuous."""
 FARTHEST_DEVIATIONS = 12.0
-"""Standard deviations from the mean beyond which a truncated normal distribution is cut off."""
+"""Standard deviations at which a truncated normal distribution is cut off."""
 BISECTIONS = 60
 
 
@@ -40,13 +40,13 @@ class DesignDimension:
 
     @property
     def grid_size(self) -> int | None:
-        """Number of grid points; None for a distribution without points."""
+        """Number of the dimension's grid points; None for a distribution without points."""
         first = self.factors[0]
         return len(first.listed_values) if first.listed_values is not None else first.points
 
 
 def design_dimensions(study: Study) -> tuple[DesignDimension, ...]:
-    """The dimensions of a study's design, in the order of its factors."""
+    """Dimensions of a study's design, in the order of its factors."""
     groups: dict[str, list[Factor]] = {}
     for factor in study.factors:
         if factor.value_source != "expression":
@@ -86,7 +86,7 @@ def values_from_probabilities(factor: Factor, u: Array) -> list[Any]:
 
 
 def values_from_coded(factor: Factor, x: Array) -> list[Any]:
-    """Values of a factor at coded units x (R,); of two levels or choices, the first below 0."""
+    """Values of a factor at coded units x (R,); of two choices, the first below 0."""
     if factor.listed_values is not None:
         return [factor.listed_values[int(place >= 0.0)] for place in x]
     if factor.value_source == "empirical":
@@ -108,7 +108,7 @@ def values_from_coded(factor: Factor, x: Array) -> list[Any]:
 
 
 def _empirical_sample(factor: Factor) -> Array:
-    """The sample of an empirical factor (N,)."""
+    """Sample (N,) of an empirical factor."""
     if factor.sample is None:
         raise StudyError(f"factors.{factor.name}.file: not read; load the study from its file")
     return np.array(factor.sample, dtype=float)
@@ -130,12 +130,12 @@ def lognormal_moments(factor: Factor) -> tuple[float, float]:
 
 
 def _rounded_values(factor: Factor, values: Array) -> list[Any]:
-    """Values as a list, rounded if the factor takes whole numbers."""
+    """Factor values as a list, rounded if whole numbers."""
     return [round(value) for value in values.tolist()] if factor.integer else values.tolist()
 
 
 def tied_factors(study: Study) -> tuple[Factor, ...]:
-    """The factors with an expression, each behind those that it needs."""
+    """Factors with an expression, each behind those that it needs."""
     waiting = {factor.name: factor for factor in study.factors if factor.value_source == "expression"}
     ordered: list[Factor] = []
     while waiting:
@@ -147,7 +147,7 @@ def tied_factors(study: Study) -> tuple[Factor, ...]:
 
 
 def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str | None:
-    """Fills tied factors into a row; returns why the row is infeasible, or None."""
+    """Fills tied factors into a design row; returns why the row is infeasible, or None."""
     reason = None
     for factor in order:
         try:
@@ -166,12 +166,12 @@ def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any])
 
 
 def evaluate_expression(text: str, row: Mapping[str, Any]) -> Any:
-    """Value of an expression's text in a row."""
+    """Value of an expression's text in a design row."""
     return parse_expression(text).evaluate(row)
 
 
 def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
-    """Value of a tied factor in a row, refused if it is not finite."""
+    """Value of a tied factor in a design row; raises StudyError if not finite."""
     assert factor.expression is not None  # its kind
     missing = [name for name in parse_expression(factor.expression).names if row.get(name) is None]
     if missing:
@@ -183,7 +183,7 @@ def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
 
 
 def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
-    """Values and weights of a factor's distribution (Q,), (Q,), sum 1; None of no numbers."""
+    """Values and weights (Q,) of a factor's distribution, of sum 1; None of words."""
     if factor.listed_values is not None:
         if any(isinstance(value, (str, bool)) for value in factor.listed_values):
             return None
@@ -226,7 +226,7 @@ def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
 
 
 class DesignCube:
-    """The unit cube of a study's dimensions, a coordinate a factor or group."""
+    """Unit cube of a study's design dimensions, a coordinate a factor or group."""
 
     def __init__(self, study: Study) -> None:
         self.study = study
@@ -238,7 +238,7 @@ class DesignCube:
             raise StudyError("factors: all are expressions; at least one must vary by itself")
 
     def rows_of_points(self, points: Array) -> list[dict[str, Any]]:
-        """Values by factor of points (R, D) in [0, 1), a mapping a row."""
+        """Design rows, values by factor, of points (R, D) in [0, 1)."""
         inner = np.clip(points, 0.0, 1.0 - 1e-12)
         columns = {
             f.name: values_from_probabilities(f, inner[:, k]) for k, axis in enumerate(self.axes) for f in axis.factors
@@ -246,7 +246,7 @@ class DesignCube:
         return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
     def points_of_rows(self, rows: Sequence[Mapping[str, Any]]) -> Array:
-        """Points (R, D) of rows; of a whole number or a choice, the middle of its part."""
+        """Points (R, D) of design rows; of a whole number or choice, its middle."""
         return np.stack(
             [
                 _probabilities_of_values(axis.factors[0], [row[axis.factors[0].name] for row in rows])
@@ -256,7 +256,7 @@ class DesignCube:
         )
 
     def snapped_points(self, points: Array) -> Array:
-        """Points (R, D) moved to the values that the factors can take."""
+        """Points (R, D) moved to values that the factors can take."""
         found = np.clip(points, 0.0, 1.0 - 1e-12)
         for k, axis in enumerate(self.axes):
             factor = axis.factors[0]
@@ -277,7 +277,7 @@ class DesignCube:
         return np.hstack(parts)
 
     def is_feasible(self, points: Array) -> np.ndarray:
-        """Whether points satisfy the study's constraints (R,)."""
+        """(R,) whether points satisfy the study's constraints."""
         if not self.study.constraints and not tied_factors(self.study):
             return np.ones(len(points), dtype=bool)
         order = tied_factors(self.study)
@@ -287,7 +287,7 @@ class DesignCube:
 
 
 def _probabilities_of_values(factor: Factor, values: Sequence[Any]) -> Array:
-    """Places of a factor's values in the unit interval (R,)."""
+    """Places (R,) of a factor's values in the unit interval."""
     if factor.listed_values is not None:
         count = len(factor.listed_values)
         return np.array([(factor.listed_values.index(value) + 0.5) / count for value in values])

@@ -1,18 +1,15 @@
-"""Rows of noise, the same for every design, and designs crossed with them.
+"""Noise rows, the same for every design, and designs crossed with them.
 
-Noise is a Latin hypercube of the noise factors. If there are rows enough, its columns are reordered so that they do
-not correlate by chance (Iman and Conover 1982). With scores S (n, d), normal quantiles of ranks in random order, and T
-their correlation,
+Noise is a Latin hypercube whose columns are reordered so that they do not correlate by chance (Iman and Conover 1982).
+With scores S (n, d), normal quantiles of ranks in random order, and T their correlation, values take the order of
 
     R = S chol(T)^-T,                                                                                        (a)
 
-whose columns do not correlate; each factor's values take the order of its column of R. As ranks of R do, a little, this
-is repeated. Factors whose ranks shall correlate as r are tied by a Gaussian copula: of points u of the unit cube,
+repeatedly. Factors whose ranks correlate as r are tied by a Gaussian copula: of points u of the unit cube,
 
     v = Phi(chol(C) Phi^-1(u)),   C = 2 sin(pi r / 6),                                                       (b)
 
-is uniform in each coordinate, with ranks that correlate as r (Pearson 1907). The first of these factors keeps its
-strata of the hypercube, the others have none.
+is uniform, with ranks that correlate as r (Pearson 1907).
 """
 
 from __future__ import annotations
@@ -43,7 +40,7 @@ LEAST_PROBABILITY = 1e-12
 
 
 def noise_points(study: Study, count: int, seed: int) -> Array:
-    """Points (count, D) of the unit cube of a study's noise, with its rank correlations."""
+    """Points (count, D) of a study's noise in the unit cube, with its rank correlations."""
     from scipy.stats import qmc
 
     rng, size = np.random.default_rng(seed), noise_dimensions(study)
@@ -52,19 +49,19 @@ def noise_points(study: Study, count: int, seed: int) -> Array:
 
 
 def noise_dimensions(study: Study) -> int:
-    """Number of independent dimensions of a study's noise, D."""
+    """Number D of independent dimensions of a study's noise."""
     return len(design_dimensions(study.noise_study))
 
 
 def noise_rows_of_normals(study: Study, u: Array) -> list[dict[str, Any]]:
-    """Values of the noise factors at standard normals u (R, D), a mapping a row."""
+    """Noise rows, values by factor, at standard normals u (R, D)."""
     from scipy.stats import norm
 
     return noise_rows_of_points(study, np.asarray(norm.cdf(u @ noise_mixing(study).T)))
 
 
 def noise_mixing(study: Study) -> Array:
-    """Matrix (D, D) from independent standard normals to the noise's normal scores, eq. (b)."""
+    """Matrix (D, D) from independent standard normals to the noise's normal scores, (b)."""
     places, root = _copula_factor(study)
     mixing = np.eye(noise_dimensions(study))
     mixing[np.ix_(places, places)] = root
@@ -72,7 +69,7 @@ def noise_mixing(study: Study) -> Array:
 
 
 def _copula_factor(study: Study) -> tuple[list[int], Array]:
-    """Correlated dimensions of a study's noise (K,), and chol(C) of eq. (b) (K, K)."""
+    """Correlated dimensions (K,) of a study's noise, and chol(C) (K, K) of eq. (b)."""
     noise = study.noise or Noise()
     names = [axis.factors[0].group or axis.name for axis in design_dimensions(study.noise_study)]
     places = [names.index(name) for name in noise.correlated]
@@ -81,7 +78,7 @@ def _copula_factor(study: Study) -> tuple[list[int], Array]:
 
 
 def _correlated_points(study: Study, points: Array) -> Array:
-    """Points (n, D) with the rank correlations that the study states, eq. (b)."""
+    """Points (n, D) of noise with the study's rank correlations, eq. (b)."""
     from scipy.stats import norm
 
     places, root = _copula_factor(study)
@@ -92,7 +89,7 @@ def _correlated_points(study: Study, points: Array) -> Array:
 
 
 def _decorrelated_points(points: Array, rng: np.random.Generator) -> Array:
-    """Points (n, d) with columns reordered so that ranks do not correlate, eq. (a)."""
+    """Points (n, d) of noise, columns reordered so that ranks do not correlate, (a)."""
     from scipy.stats import norm, rankdata
 
     n, d = points.shape
@@ -111,7 +108,7 @@ def _decorrelated_points(points: Array, rng: np.random.Generator) -> Array:
 
 
 def noise_rows(study: Study) -> list[dict[str, Any]]:
-    """Rows of noise that each design is run with, values by factor; one empty row without noise."""
+    """Noise rows that each design is run with, values by factor; one empty without noise."""
     noise = study.noise or Noise()
     axes = design_dimensions(study.noise_study)
     if not axes:
@@ -120,7 +117,7 @@ def noise_rows(study: Study) -> list[dict[str, Any]]:
 
 
 def noise_rows_of_points(study: Study, points: Array) -> list[dict[str, Any]]:
-    """Values of the noise factors at points (R, D) of the unit cube, a mapping a row."""
+    """Noise rows, values by factor, at points (R, D) of the unit cube."""
     inner = np.clip(points, 0.0, 1.0 - 1e-12)
     columns = {
         factor.name: values_from_probabilities(factor, inner[:, k])
@@ -136,14 +133,14 @@ def crossed_rows(designs: Sequence[Row], noise: Sequence[Row]) -> list[dict[str,
 
 
 def nominal_row(study: Study, drive: Drive, design: Row) -> dict[str, Any]:
-    """A design's row with each noise factor at the base drive's value, or at its median."""
+    """Design row with each noise factor at the base drive's value, or its median."""
     row = dict(design) | {factor.name: nominal_value(factor, drive) for factor in study.noise_study.factors}
     fill_tied_values(study, tied_factors(study), row)
     return row
 
 
 def nominal_value(factor: Factor, drive: Drive) -> Any:
-    """Value of a factor that leaves the base drive as it is, else its median."""
+    """Value of a noise factor that leaves the base drive as it is, else its median."""
     if factor.relative:
         return 1.0
     if factor.offset or factor.shift is not None:
