@@ -1,8 +1,7 @@
-"""Structs handed by reference to the functions of the C++ that Warp generates, which hands them on by value.
+"""Structs taken by reference in the C++ that Warp generates, in place of by value.
 
-A function that is inlined copies each struct that it takes by value, one field after the other, and an optimizer spends
-most of its time on these copies. A function that only reads a struct can read the caller's. By reference go the kinds
-of struct that no function writes to once it has taken one: none of them then sees a change.
+Inlined functions copy each struct that they take by value, on which the compiler spends most of its time. By reference
+go the kinds of struct that no function writes to once it has taken one.
 """
 
 import re
@@ -22,11 +21,11 @@ LOAD = re.compile(r"(var_\w+) = wp::load\(var_\w+\);")
 COPY = re.compile(r"(?:return |(ret_\w+|var_[\w.]+) = )(var_\w+);")
 CALL = re.compile(r"(?:return |(var_[\w.]+) = )?([\w:]+)\(([\w, ]*)\);")
 READING = {"wp::where", "wp::copy", "wp::array_store"}
-"""Functions of Warp that leave what they take as it is. Elements of an array are elsewhere than the struct it is in."""
+"""Warp functions that do not write to their arguments."""
 
 
 def with_structs_by_reference(source: str) -> str:
-    """Generated C++ with structs taken by reference, of the kinds that no function writes to."""
+    """Warp's generated C++ with structs taken by reference, of the kinds that no function writes to."""
     pieces = [piece.partition(BODY) for piece in PIECE.split(source)]
     functions = [(found[1], head, body) for head, _, body in pieces if (found := FUNCTION.match(head))]
     reading = READING | {name for name, _, _ in functions}
@@ -43,7 +42,7 @@ def with_structs_by_reference(source: str) -> str:
 
 
 def _written_variables(body: str, reading: set[str]) -> set[str]:
-    """Variables that a function's statements may write to: all but those that are only seen to be read."""
+    """Variables of generated C++ that a function's statements may write to: all but those only read."""
     changed: set[str] = set()
     handed: set[str] = set()
     pointers: dict[str, set[str]] = {}

@@ -1,9 +1,7 @@
-"""Where the values of a frame are written: once, for the CPU's kernel and the GPU's alike.
+"""Where the values of a frame are written, for the CPU's kernel and the GPU's alike.
 
-Which channels a frame holds and how they lie is not known here: it comes as `frame`, an object with `place(name)`,
-`holds(name)` for those on request and `values(kind)` (the package's `results.channels.FrameLayout`), whose numbers the
-compiler sees as constants. A new channel is a row of that table and
-one line here.
+`frame` says which channels a frame holds and where (the package's `results.channels.FrameLayout`): `place(name)`,
+`holds(name)` of those on request and `values(kind)`, which the compiler sees as constants.
 """
 
 from dataclasses import dataclass
@@ -18,7 +16,7 @@ from .structs import Drive, types
 
 @dataclass(frozen=True)
 class FrameWriterFunctions:
-    """Functions that write parts of a drive into its frame."""
+    """Warp functions that write parts of a drive into its frame."""
 
     drive_width: wp.Function
     write_roller: wp.Function
@@ -32,14 +30,14 @@ class FrameWriterFunctions:
 
 @cache
 def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
-    """The functions that write frames of type `Real` that lie as `frame` says."""
+    """Warp functions that write frames of type `Real` with the channels of `frame`."""
     kinds = types(Real)
     vec2 = kinds.vec2
     place = frame.place
 
     @wp.func
     def width(n: int, sprockets: int, arms: int, tensioners: int, shafts: int, couplings: int, valves: int):
-        """Number of values of n rollers and a number of sprockets, arms, tensioners, shafts, couplings and valves."""
+        """Number of values in a frame of a drive with so many rollers, sprockets and other parts."""
         of_bodies = wp.static(frame.values("arm")) * arms + wp.static(frame.values("tensioner")) * tensioners
         of_bodies += wp.static(frame.values("shaft")) * shafts + wp.static(frame.values("coupling")) * couplings
         of_bodies += wp.static(frame.values("valve")) * valves
@@ -47,13 +45,13 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def drive_width(drive: Drive):
-        """Number of values of a drive's frame."""
+        """Number of values in a drive's frame."""
         return width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings,
                      drive.valves)  # fmt: skip
 
     @wp.func
     def put_vector(frames: wp.array[Real], at: int, n: int, value: vec2):
-        """A roller's vector: its first component at `at`, the second in the row of n values after that."""
+        """Writes a roller's vector into a frame: x at `at`, y in the row of `n` values after that."""
         frames[at] = value[0]
         frames[at + n] = value[1]
 
@@ -61,7 +59,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     def write_roller(
         frames: wp.array[Real], at: int, n: int, i: int, position: vec2, velocity: vec2, seen: kinds.Extra
     ):
-        """Roller i and the link after it, in a frame of n rollers whose first value is at `at`."""
+        """Writes roller `i` and the link after it into a frame of `n` rollers that begins at `at`."""
         mine = at + i
         put_vector(frames, mine + wp.static(place("position")) * n, n, position)
         put_vector(frames, mine + wp.static(place("velocity")) * n, n, velocity)
@@ -73,9 +71,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: Any, moment: Any, force: Any):
-        """Sprocket s at the frame's instant, the contacts' moment [N m] and force [N] on it, in a frame of n rollers at
-        `at`.
-        """
+        """Writes sprocket `s`, the contacts' moment [N m] and force [N] on it into a frame of `n` rollers."""
         mine = at + width(n, s, 0, 0, 0, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
@@ -88,7 +84,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: Any, moment: Any):
-        """Arm a at the frame's instant and the contacts' moment on it [N m], in a frame at `at`."""
+        """Writes arm `a` and the contacts' moment [N m] on it into a frame at `at`."""
         mine = at + width(drive.rollers, drive.sprockets, a, 0, 0, 0, 0)
         frames[mine + wp.static(place("arm_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("arm_speed"))] = Real(body.speed)
@@ -96,7 +92,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Any):
-        """Tensioner t at the frame's instant, in a frame at `at`."""
+        """Writes tensioner `t` into a frame at `at`."""
         mine = at + width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0, 0)
         frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded_value(push.extension))
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
@@ -104,21 +100,21 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_shaft(frames: wp.array[Real], at: int, drive: Drive, h: int, body: Any):
-        """Shaft h at the frame's instant, in a frame at `at`."""
+        """Writes shaft `h` into a frame at `at`."""
         mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, h, 0, 0)
         frames[mine + wp.static(place("shaft_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("shaft_speed"))] = Real(body.speed)
 
     @wp.func
     def write_coupling(frames: wp.array[Real], at: int, drive: Drive, c: int, twist: Any, moment: Any):
-        """Coupling c at the frame's instant, in a frame at `at`."""
+        """Writes coupling `c` into a frame at `at`."""
         mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, c, 0)
         frames[mine + wp.static(place("coupling_twist"))] = Real(twist)
         frames[mine + wp.static(place("coupling_torque"))] = Real(moment)
 
     @wp.func
     def write_valve(frames: wp.array[Real], at: int, drive: Drive, v: int, torque: Any, force: Any):
-        """Group v of valves at the frame's instant, in a frame at `at`."""
+        """Writes valve group `v` into a frame at `at`."""
         counts = width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings, v)
         frames[at + counts + wp.static(place("valve_torque"))] = Real(torque)
         frames[at + counts + wp.static(place("valve_force"))] = Real(force)

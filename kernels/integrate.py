@@ -1,4 +1,4 @@
-"""The integrators' numbers, for whatever is moved: rollers and bodies, on the CPU and on the GPU.
+"""Integrators' kicks, stages and weights, for rollers and bodies on the CPU and the GPU.
 
 Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step; damping
 reads v(n - 1/2). What is observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2.
@@ -31,10 +31,10 @@ class Scheme:
 
 
 SCHEMES = {"rk4": Scheme(weights=((1, 6), (1, 3), (1, 3), (1, 6)), reaches=((1, 2), (1, 2), (1, 1)))}
-"""The schemes by the names that drive files know."""
+"""Runge-Kutta schemes by their names in drive files."""
 
 INTEGRATORS = {name: number for number, name in enumerate(("leapfrog", *SCHEMES))}
-"""Numbers of the integrators, as `structs.Drive.integrator` has them."""
+"""Numbers of the integrators by name, as in `structs.Drive.integrator`."""
 
 MOST_STAGES = max(len(scheme.weights) for scheme in SCHEMES.values())
 STAGE_COUNTS = wp.constant(
@@ -43,7 +43,7 @@ STAGE_COUNTS = wp.constant(
 
 
 def _fraction_table(rows: Any, part: int, otherwise: int) -> Any:
-    """Numerators or denominators of the schemes' fractions, a row each; none for leapfrog."""
+    """Table (integrator, stage) of numerators or denominators of Runge-Kutta fractions; `otherwise` for leapfrog."""
     full = [[0] * MOST_STAGES, *([row[part] for row in of] + [otherwise] * (MOST_STAGES - len(of)) for of in rows)]
     return wp.constant(wp.types.matrix((len(full), MOST_STAGES), wp.int32)(full))
 
@@ -54,31 +54,31 @@ REACH, REACH_OVER = (_fraction_table([of.reaches for of in SCHEMES.values()], pa
 
 @wp.func
 def leapfrog_kick(step: int, h: Any):
-    """Time over which the velocities of `step` are accelerated [s]."""
+    """Time [s] over which the integrator accelerates the velocities of `step`, half a step at first."""
     return wp.where(step == 0, type(h)(0.5) * h, h)
 
 
 @wp.func
 def leapfrog_lag(step: int, h: Any):
-    """Time that the velocities of `step` are behind the positions [s]."""
+    """Time [s] that leapfrog's velocities of `step` are behind the positions."""
     return wp.where(step == 0, type(h)(0.0), type(h)(0.5) * h)
 
 
 @wp.func
 def stage_count(integrator: int):
-    """The number of force evaluations of an integrator in a step."""
+    """Number of force evaluations of an integrator in a step."""
     return STAGE_COUNTS[integrator]
 
 
 @wp.func
 def stage_weight(integrator: int, stage: int, h: Any):
-    """Weight of a stage in the sum of slopes, b_k h [s]."""
+    """Weight b_k h [s] of a Runge-Kutta stage in the sum of slopes."""
     return h * type(h)(WEIGHT[integrator, stage]) / type(h)(WEIGHT_OVER[integrator, stage])
 
 
 @wp.func
 def stage_reach(integrator: int, stage: int, h: Any):
-    """Time from the step's start to the stage after `stage` [s], after the last to the step's end."""
+    """Time [s] from the step's start to the Runge-Kutta stage after `stage`, after the last to the step's end."""
     if stage == stage_count(integrator) - 1:
         return h
     return h * type(h)(REACH[integrator, stage]) / type(h)(REACH_OVER[integrator, stage])
@@ -86,7 +86,7 @@ def stage_reach(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stage_instant(integrator: int, stage: int, h: Any):
-    """Time from the step's start to a stage [s]."""
+    """Time [s] from the step's start to a Runge-Kutta stage."""
     if stage == 0:
         return type(h)(0.0)
     return stage_reach(integrator, stage - 1, h)
@@ -94,10 +94,7 @@ def stage_instant(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stretched_part(integrator: int, stage: int, one: Any):
-    """Part of a step over which friction's bristles are stretched at a stage (`physics.friction`).
-
-    At a step's start over the step before, which they then keep; later from there on.
-    """
+    """Part of a step over which friction's bristles are stretched at an integrator's stage (`physics.friction`)."""
     if stage == 0:
         return one
     return stage_instant(integrator, stage, one)
@@ -105,7 +102,7 @@ def stretched_part(integrator: int, stage: int, one: Any):
 
 @wp.struct
 class Stage:
-    """One stage of a step."""
+    """One Runge-Kutta stage of a step, or leapfrog's only one."""
 
     number: wp.int32  # from 0
     last: wp.int32  # 1: it ends the step
@@ -116,12 +113,12 @@ class Stage:
 
 
 BlockStage = at_float32(Stage, {}, pairs=("time", "after"))
-"""One stage of a step, on blocks at float32."""
+"""`Stage` on blocks at float32."""
 
 
 @wp.func
 def stage_at(integrator: int, number: int, step_time: wp.float64, h: wp.float64):
-    """Stage `number` of the step that begins at `step_time`."""
+    """Integrator's stage `number` of the step that begins at `step_time` [s], in float64."""
     stage = Stage()
     stage.number = number
     stage.last = wp.where(number == stage_count(integrator) - 1, 1, 0)
@@ -134,7 +131,7 @@ def stage_at(integrator: int, number: int, step_time: wp.float64, h: wp.float64)
 
 @wp.func
 def stage_at(integrator: int, number: int, step_time: Pair, h: Pair):
-    """Stage `number` of the step that begins at `step_time`, on blocks at float32."""
+    """Integrator's stage `number` of the step that begins at `step_time` [s], in pairs."""
     stage = BlockStage()
     stage.number = number
     stage.last = wp.where(number == stage_count(integrator) - 1, 1, 0)

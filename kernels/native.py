@@ -1,8 +1,7 @@
-"""Native code that kernels on the CPU and on GPUs share: rows of values, one a roller, read and written; roots and
-reciprocals; comparisons in which the lanes of a warp do not part.
+"""Native code for CPU and GPUs: rows of values a roller, roots and reciprocals, sums of products, comparisons.
 
-Square roots and reciprocals come on CUDA from the hardware's estimate, whose error of 2^-20 one third-order correction
-takes below round-off, where a root and a division would be subroutines; elsewhere as written.
+On CUDA, roots and reciprocals come from the hardware's estimate, whose error of 2^-20 one third-order correction takes
+below round-off.
 """
 
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import warp as wp
 
 
 def code_by_device(cuda: str, elsewhere: str) -> str:
-    """The code of a native function: that for CUDA, and that for the CPU."""
+    """Source of a native function with one code for CUDA and one for the CPU."""
     return f"#if defined(__CUDA_ARCH__)\n{cuda}\n#else\n{elsewhere}\n#endif\n"
 
 
@@ -23,7 +22,7 @@ INVERSE_ROOT = """
     const double e = fma(-square * y, y, 1.0);
     y = fma(y * e, fma(0.375, e, 0.5), y);
 """
-"""y = 1 / sqrt(square), as float64."""
+"""Native code of y = 1 / sqrt(square), as float64."""
 
 RECIPROCAL = """
     double y;
@@ -31,20 +30,20 @@ RECIPROCAL = """
     const double e = fma(-value, y, 1.0);
     y = fma(y * e, fma(e, e, 1.0 + e), y);
 """
-"""y = 1 / value, as float64."""
+"""Native code of y = 1 / value, as float64."""
 
 STATE_ROWS = wp.constant(6)
 """A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
 
 LANES = {wp.float64: 4, wp.float32: 8}
-"""Rollers that the CPU's loops over rows take at a time; what lies beyond the chain's end is worked out, not read."""
+"""Rollers that the CPU's vectorized loops take at a time, by type; a row may be read beyond the chain's end."""
 
 
 @dataclass(frozen=True)
 class RowAccess:
-    """Access to contiguous arrays of one type, such as rows of rollers, without a stride.
+    """Native access to contiguous arrays of one type, such as rows of rollers.
 
-    In Warp's debug build an index out of bounds ends the process, as it does for Warp's own arrays.
+    In Warp's debug build an index out of bounds ends the process.
     """
 
     load: wp.Function
@@ -55,16 +54,16 @@ class RowAccess:
 
 @cache
 def row_access(Real: type) -> RowAccess:
-    """Access to arrays of `Real`; `find_unlike` and `round_up` are for the CPU only."""
+    """Native access to arrays of `Real`; `find_unlike` and `round_up` are for the CPU only."""
     lanes = LANES.get(Real, 1)
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
     def load(a: wp.array[Real], i: int) -> Real:
-        """Value i."""
+        """Value `i` of an array, read natively."""
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
     def store(a: wp.array[Real], i: int, value: Real):
-        """Sets value i."""
+        """Sets value `i` of an array natively."""
 
     @wp.func_native("""
         typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
@@ -88,11 +87,11 @@ def row_access(Real: type) -> RowAccess:
         return bits;
     """)
     def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
-        """The values from `first` on, of up to 64, that are not `value`, as bits."""
+        """Bits of the values, `count` (up to 64) from `first` on, that are not `value`."""
 
     @wp.func
     def round_up(n: int):
-        """`n` rounded up to a multiple of the lanes of `Real`."""
+        """`n` rounded up to a multiple of the vector lanes of `Real`."""
         return (n + wp.static(lanes - 1)) & wp.static(-lanes)
 
     return RowAccess(load=load, store=store, find_unlike=find_unlike, round_up=round_up)
@@ -100,7 +99,7 @@ def row_access(Real: type) -> RowAccess:
 
 @cache
 def aligned_rows(kind: Any) -> wp.Function:
-    """The function that tells the compiler of an array of structs of whole rows of 16 bytes, which it reads at once."""
+    """Native function that has the compiler read an array of structs in whole rows of 16 bytes."""
 
     @wp.func_native("""
         auto view = rows;
@@ -108,20 +107,20 @@ def aligned_rows(kind: Any) -> wp.Function:
         return view;
     """)
     def aligned(rows: wp.array[kind]) -> wp.array[kind]:
-        """The array, as the compiler is to read it."""
+        """The array, read by the compiler in whole rows of 16 bytes."""
 
     return aligned
 
 
 @wp.func
 def load_constant(rows: Any, i: int):
-    """Row i of a table that does not change."""
+    """Row `i` of a table that does not change, read natively."""
     return rows[i]
 
 
 @wp.func_native("assert(i >= 0 && i < rows.shape[0]); return rows.data[i];")
 def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
-    """Row i of a table of vectors that does not change, such as the directions of seats."""
+    """Row `i` of a constant table of vectors, such as directions of seats."""
 
 
 @wp.func_native("""
@@ -134,32 +133,32 @@ def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
 #endif
 """)
 def load_constant(rows: wp.array[wp.vec4f], i: int) -> wp.vec4f:
-    """Row i of a table of four values that does not change, such as high and low parts of a direction (x, y)."""
+    """Row `i` of a constant table of four values, such as high and low parts of a direction (x, y)."""
 
 
 @wp.func_native(code_by_device(INVERSE_ROOT + "return y;", "return 1.0 / sqrt(square);"))
 def inverse_root(square: wp.float64) -> wp.float64:
-    """1 / sqrt(square), square > 0."""
+    """Native 1 / sqrt(square) at float64, square > 0."""
 
 
 @wp.func_native(code_by_device("return rsqrtf(square);", "return 1.0f / sqrtf(square);"))
 def inverse_root(square: wp.float32) -> wp.float32:
-    """1 / sqrt(square), square > 0."""
+    """Native 1 / sqrt(square) at float32, square > 0."""
 
 
 @wp.func_native(code_by_device(INVERSE_ROOT + "return square * y;", "return sqrt(square);"))
 def root(square: wp.float64) -> wp.float64:
-    """sqrt(square), square > 0."""
+    """Native sqrt(square) at float64, square > 0."""
 
 
 @wp.func_native(code_by_device("return square * rsqrtf(square);", "return sqrtf(square);"))
 def root(square: wp.float32) -> wp.float32:
-    """sqrt(square), square > 0."""
+    """Native sqrt(square) at float32, square > 0."""
 
 
 @wp.func_native(code_by_device(RECIPROCAL + "return y;", "return 1.0 / value;"))
 def reciprocal(value: wp.float64) -> wp.float64:
-    """1 / value, which is of ordinary size, to round-off."""
+    """Native 1 / value at float64, of ordinary size, to round-off."""
 
 
 @wp.func_native("""
@@ -172,17 +171,17 @@ def reciprocal(value: wp.float64) -> wp.float64:
 #endif
 """)
 def reciprocal(value: wp.float32) -> wp.float32:
-    """1 / value, which is of ordinary size, to round-off."""
+    """Native 1 / value at float32, of ordinary size, to round-off."""
 
 
 @wp.func_native(code_by_device(RECIPROCAL.replace("value", "by") + "return value * y;", "return value / by;"))
 def quotient(value: wp.float64, by: wp.float64) -> wp.float64:
-    """`value` / `by`, which is of ordinary size; on CUDA to round-off."""
+    """Native `value` / `by` at float64, of ordinary size; on CUDA to round-off."""
 
 
 @wp.func_native(code_by_device("return __fdividef(value, by);", "return value / by;"))
 def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
-    """`value` / `by`, which is of ordinary size, to two units of the last place."""
+    """Native `value` / `by` at float32, of ordinary size, to two units of the last place."""
 
 
 MULTIPLY_ADD = code_by_device("return fma(a, b, c);", "const auto product = a * b; return product + c;")
@@ -194,12 +193,12 @@ ALONG = code_by_device(
     "return {fma(s, b[0], a[0]), fma(s, b[1], a[1])};",
     "const auto x = s * b[0], y = s * b[1]; return {a[0] + x, a[1] + y};",
 )
-"""Sums of products, which kernels on CUDA take together where it is written so only (`modules.without_contraction`)."""
+"""Native code of a + s b for vectors; on CUDA a product is fused only where it is written so."""
 
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float64, b: wp.float64, c: wp.float64) -> wp.float64:
-    """a b + c; on CUDA rounded once."""
+    """a b + c at float64; on CUDA rounded once."""
 
 
 @wp.func_native(MULTIPLY_ADD)
@@ -209,7 +208,7 @@ def multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
-    """a b + c d; on CUDA a b is not rounded by itself."""
+    """a b + c d at float64; on CUDA a b is not rounded by itself."""
 
 
 @wp.func_native(PRODUCTS)
@@ -219,45 +218,45 @@ def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.f
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2d, b: wp.vec2d) -> wp.float64:
-    """a . b; on CUDA the second product is not rounded by itself."""
+    """a . b of vectors at float64; on CUDA the second product is not rounded by itself."""
 
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2f, b: wp.vec2f) -> wp.float32:
-    """a . b at float32; on CUDA the second product is not rounded by itself."""
+    """a . b of vectors at float32; on CUDA the second product is not rounded by itself."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2d, s: wp.float64, b: wp.vec2d) -> wp.vec2d:
-    """a + s b; on CUDA rounded once."""
+    """Vector a + s b at float64; on CUDA rounded once."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
-    """a + s b at float32; on CUDA rounded once."""
+    """Vector a + s b at float32; on CUDA rounded once."""
 
 
 @wp.func_native("return b < a ? b : a;")
 def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
-    """The smaller of two, without the instructions that keep it a number where one of them is none."""
+    """The smaller of two float64, without instructions for NaN."""
 
 
 @wp.func_native(code_by_device("return wp::min(a, b);", "return b < a ? b : a;"))
 def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The smaller of two; on CUDA an instruction that keeps it a number."""
+    """The smaller of two float32; on CUDA one instruction, which passes over NaN."""
 
 
 @wp.func_native("return a < b ? b : a;")
 def larger(a: wp.float64, b: wp.float64) -> wp.float64:
-    """The larger of two, as `smaller`."""
+    """The larger of two float64, without instructions for NaN."""
 
 
 @wp.func_native(code_by_device("return wp::max(a, b);", "return a < b ? b : a;"))
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The larger of two, as `smaller`."""
+    """The larger of two float32; on CUDA one instruction, which passes over NaN."""
 
 
 @wp.func
 def is_between(value: Any, low: Any, high: Any):
-    """1 where low < `value` < high, else 0; `and` would be a branch."""
+    """1 where `low` < `value` < `high`, else 0, without a branch."""
     return int(value > low) & int(value < high)

@@ -1,26 +1,20 @@
-r"""One number at two precisions: float64, and a pair of float32 where that is without float64.
+"""One number at two precisions: float64, or a pair of float32 on blocks without float64.
 
-A pair is a value and what it rounds off: 48 bits without float64, whose rate on workstation GPUs is 1/64. A sum of two
-floats is exactly a float and its error (Knuth's two-sum), a product is one too (an fma gives the error):
+A pair is a value and what it rounds off: 48 bits. A sum of two floats is exactly a float and its error (Knuth's
+two-sum), and so is a product (an fma gives the error):
 
     s = fl(a + b), t = s - a, e = (a - (s - t)) + (b - t);        p = fl(a b), e = fma(a, b, -p).
 
-No compiler may draw a product into these sums (`modules.without_contraction`). The rest of a kernel takes low parts as
-plain float32.
+No compiler may fuse a product into these sums (`modules.without_contraction`). A module that imports `add`, `sub`,
+`mul` and `div` has the usual signs between pairs, and between a number and a literal, which must be exact in float32
+(0.5, not 0.1). Quotients of literals are `wp.static`: within a kernel Warp divides them in float32.
 
-Physics is written once for both, in the usual signs: a module that imports `add`, `sub`, `mul` and `div` from here has
-them between pairs, and between a number and a literal, which must be exact in float32 (0.5, not 0.1). What needs no low
-part takes a number's `leading_value` or its `rounded_value` value, which of a float64 is that itself.
-
-Sine and cosine are the same on every device, without the subroutine for huge angles: angle = k pi/2 + r, |r| <= pi/4,
-pi/2 in three parts so that k times the first two is exact up to k = 2^20; then the series of sin r and cos r to r^17
-and r^16, whose next terms are below 1e-19; then the quadrant k mod 4.
+Sine and cosine are the same on every device: angle = k pi/2 + r, |r| <= pi/4, pi/2 in three parts so that k times the
+first two is exact up to k = 2^20; then the series of sin r and cos r to r^17 and r^16, whose next terms are below
+1e-19.
 
 The logarithm of a pair is ln r = e ln 2 + ln m, ln m = 2 artanh s = 2 s (1 + s^2/3 + s^4/5 + ...), s = (m - 1)/(m + 1),
-with m within a factor sqrt 2 of one: |s| < 0.172, and the terms from s^14 on are below 2e-12 of the first. The first
-term is a pair, what comes after it float32, a hundredth of it.
-
-Quotients of literals are `wp.static`: within a kernel Warp divides them in float32.
+with m within a factor sqrt 2 of one; terms from s^14 on are below 2e-12 of the first, which alone is a pair.
 """
 
 import math
@@ -33,7 +27,7 @@ from .native import code_by_device, multiply_add, products, quotient
 
 
 def high_and_low_parts(value: float) -> tuple[float, float]:
-    """High and low part of a number, for constants of kernels."""
+    """High and low float32 part of a number, for constants of kernels."""
     high = float(np.float32(value))
     return high, float(np.float32(value - high))
 
@@ -56,7 +50,7 @@ class PairVector:
 
 @wp.struct
 class RecentSum:
-    """A sum that much is added to: what a few additions have added since it was gathered is in plain float32."""
+    """A pair's sum with its latest additions in plain float32."""
 
     sum: Pair
     recent: wp.float32
@@ -64,7 +58,7 @@ class RecentSum:
 
 @wp.func
 def two_sum(a: wp.float32, b: wp.float32):
-    """a + b, rounded, and the error of that."""
+    """a + b of float32, rounded, and its rounding error."""
     s = a + b
     t = s - a
     return wp.vec2f(s, (a - (s - t)) + (b - t))
@@ -72,7 +66,7 @@ def two_sum(a: wp.float32, b: wp.float32):
 
 @wp.func
 def two_difference(a: wp.float32, b: wp.float32):
-    """a - b, rounded, and the error of that."""
+    """a - b of float32, rounded, and its rounding error."""
     s = a - b
     t = s - a
     return wp.vec2f(s, (a - (s - t)) - (b + t))
@@ -88,7 +82,7 @@ def two_difference(a: wp.float32, b: wp.float32):
 #endif
 """)
 def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
-    """a b, rounded, and the error of that."""
+    """a b of float32, rounded, and its rounding error."""
 
 
 @wp.func_native("""
@@ -100,17 +94,17 @@ def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
 #endif
 """)
 def cross_product(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
-    """a d - b c to round-off of itself, however much of the products cancels (Kahan)."""
+    """a d - b c of float32 to round-off of itself, however much cancels (Kahan)."""
 
 
 @wp.func_native(code_by_device("return fma(a, b, c);", "return (float)((double)a * (double)b + (double)c);"))
 def fused_multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
-    """a b + c, rounded once."""
+    """a b + c of float32, rounded once."""
 
 
 @wp.func
 def pair(high: wp.float32, low: wp.float32):
-    """`high` + `low`."""
+    """The pair `high` + `low`."""
     made = Pair()
     made.high = high
     made.low = low
@@ -119,14 +113,14 @@ def pair(high: wp.float32, low: wp.float32):
 
 @wp.func
 def pair_from_float64(value: wp.float64):
-    """A float64, rounded to 48 bits."""
+    """The pair of a float64, rounded to 48 bits."""
     high = wp.float32(value)
     return pair(high, wp.float32(value - wp.float64(high)))
 
 
 @wp.func
 def pair_vector(high: wp.vec2f, low: wp.vec2f):
-    """`high` + `low`."""
+    """The vector of pairs `high` + `low`."""
     made = PairVector()
     made.high = high
     made.low = low
@@ -135,160 +129,160 @@ def pair_vector(high: wp.vec2f, low: wp.vec2f):
 
 @wp.func
 def number_of(value: wp.float32):
-    """A number that is this value."""
+    """The pair of a float32."""
     return pair(value, 0.0)
 
 
 @wp.func
 def number_of(value: wp.vec2f):
-    """A vector of pairs that is this value."""
+    """The vector of pairs of a float32 vector."""
     return pair_vector(value, wp.vec2f())
 
 
 @wp.func
 def number_of(value: Any):
-    """A float64, unchanged."""
+    """A float64 as a number: unchanged."""
     return value
 
 
 @wp.func
 def float64_from_pair(a: Pair):
-    """A pair as float64."""
+    """The float64 of a pair."""
     return wp.float64(a.high) + wp.float64(a.low)
 
 
 @wp.func
 def vector(x: Pair, y: Pair):
-    """The vector (x, y)."""
+    """The vector (x, y) of two pairs."""
     return pair_vector(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low))
 
 
 @wp.func
 def vector(x: wp.float64, y: wp.float64):
-    """The vector (x, y)."""
+    """The vector (x, y) of two float64."""
     return wp.vec2d(x, y)
 
 
 @wp.func
 def component(v: PairVector, k: int):
-    """Component k of a vector."""
+    """Component `k` of a vector of pairs."""
     return pair(v.high[k], v.low[k])
 
 
 @wp.func
 def component(v: wp.vec2d, k: int):
-    """Component k of a vector."""
+    """Component `k` of a float64 vector."""
     return v[k]
 
 
 @wp.func
 def exact_sum(a: wp.float32, b: wp.float32):
-    """a + b."""
+    """a + b of two float32 as a pair, exactly."""
     sum = two_sum(a, b)
     return pair(sum[0], sum[1])
 
 
 @wp.func
 def exact_product(a: wp.float32, b: wp.float32):
-    """a b."""
+    """a b of two float32 as a pair, exactly."""
     product = two_product(a, b)
     return pair(product[0], product[1])
 
 
 @wp.func
 def normalized_pair(high: wp.float32, low: wp.float32):
-    """A pair whose `low` may have grown, but is smaller than `high` (fast two-sum)."""
+    """The pair of `high` and a `low` that may have grown but is smaller (fast two-sum)."""
     sum = high + low
     return pair(sum, low - (sum - high))
 
 
 @wp.func
 def add(a: Pair, b: Pair):
-    """a + b."""
+    """a + b of pairs."""
     s = exact_sum(a.high, b.high)
     return normalized_pair(s.high, s.low + (a.low + b.low))
 
 
 @wp.func
 def add(a: Pair, b: wp.float32):
-    """a + b."""
+    """a + b of a pair and a float32."""
     s = exact_sum(a.high, b)
     return normalized_pair(s.high, s.low + a.low)
 
 
 @wp.func
 def add(a: wp.float32, b: Pair):
-    """a + b."""
+    """a + b of a float32 and a pair."""
     return add(b, a)
 
 
 @wp.func
 def add(a: wp.float32, b: wp.float64):
-    """a + b, a literal."""
+    """a + b of a literal and a float64."""
     return wp.float64(a) + b
 
 
 @wp.func
 def sub(a: Pair, b: Pair):
-    """a - b."""
+    """a - b of pairs."""
     s = two_difference(a.high, b.high)
     return normalized_pair(s[0], s[1] + (a.low - b.low))
 
 
 @wp.func
 def sub(a: Pair, b: wp.float32):
-    """a - b."""
+    """a - b of a pair and a float32."""
     return add(a, -b)
 
 
 @wp.func
 def sub(a: wp.float32, b: Pair):
-    """a - b."""
+    """a - b of a float32 and a pair."""
     s = two_difference(a, b.high)
     return normalized_pair(s[0], s[1] - b.low)
 
 
 @wp.func
 def sub(a: wp.float32, b: wp.float64):
-    """a - b, a literal."""
+    """a - b of a literal and a float64."""
     return wp.float64(a) - b
 
 
 @wp.func
 def mul(a: Pair, b: Pair):
-    """a b."""
+    """a b of pairs."""
     p = exact_product(a.high, b.high)
     return normalized_pair(p.high, p.low + products(a.high, b.low, a.low, b.high))
 
 
 @wp.func
 def mul(a: Pair, b: wp.float32):
-    """a b."""
+    """a b of a pair and a float32."""
     p = exact_product(a.high, b)
     return normalized_pair(p.high, fused_multiply_add(a.low, b, p.low))
 
 
 @wp.func
 def mul(a: wp.float32, b: Pair):
-    """a b."""
+    """a b of a float32 and a pair."""
     return mul(b, a)
 
 
 @wp.func
 def mul(a: wp.float64, b: wp.float32):
-    """a b, b a literal."""
+    """a b of a float64 and a literal."""
     return a * wp.float64(b)
 
 
 @wp.func
 def mul(a: wp.float32, b: wp.float64):
-    """a b, a literal."""
+    """a b of a literal and a float64."""
     return wp.float64(a) * b
 
 
 @wp.func
 def div(a: Pair, b: Pair):
-    """a / b."""
+    """a / b of pairs."""
     q = quotient(a.high, b.high)
     p = exact_product(q, b.high)
     return normalized_pair(q, quotient(((a.high - p.high) - p.low) + fused_multiply_add(-q, b.low, a.low), b.high))
@@ -296,68 +290,68 @@ def div(a: Pair, b: Pair):
 
 @wp.func
 def div(a: Pair, b: wp.float32):
-    """a / b."""
+    """a / b of a pair and a float32."""
     return div(a, pair(b, 0.0))
 
 
 @wp.func
 def div(a: wp.float64, b: wp.float64):
-    """a / b."""
+    """a / b of float64."""
     return quotient(a, b)
 
 
 @wp.func
 def div(a: wp.float64, b: wp.float32):
-    """a / b, b a literal."""
+    """a / b of a float64 and a literal."""
     return a / wp.float64(b)
 
 
 @wp.func
 def add(a: PairVector, b: PairVector):
-    """a + b."""
+    """a + b of vectors of pairs."""
     return vector(add(component(a, 0), component(b, 0)), add(component(a, 1), component(b, 1)))
 
 
 @wp.func
 def add(a: PairVector, b: wp.vec2f):
-    """a + b."""
+    """a + b of a vector of pairs and a float32 vector."""
     return vector(add(component(a, 0), b[0]), add(component(a, 1), b[1]))
 
 
 @wp.func
 def sub(a: PairVector, b: PairVector):
-    """a - b."""
+    """a - b of vectors of pairs."""
     return vector(sub(component(a, 0), component(b, 0)), sub(component(a, 1), component(b, 1)))
 
 
 @wp.func
 def mul(a: wp.float32, b: PairVector):
-    """a b."""
+    """a b of a float32 and a vector of pairs."""
     return vector(mul(a, component(b, 0)), mul(a, component(b, 1)))
 
 
 @wp.func
 def mul(a: PairVector, b: wp.float32):
-    """a b."""
+    """a b of a vector of pairs and a float32."""
     return mul(b, a)
 
 
 @wp.func
 def mul(a: Pair, b: wp.vec2f):
-    """a b."""
+    """a b of a pair and a float32 vector, as pairs."""
     return vector(mul(a, b[0]), mul(a, b[1]))
 
 
 @wp.func
 def difference(a: Pair, b: Pair):
-    """a - b, rounded once."""
+    """a - b of pairs as a float32, rounded once."""
     d = two_difference(a.high, b.high)
     return d[0] + (d[1] + (a.low - b.low))
 
 
 @wp.func
 def difference(a: PairVector, b: PairVector):
-    """a - b as a vector of pairs, whose low parts are not settled."""
+    """a - b as a vector of pairs, whose low parts are not normalized."""
     x = two_difference(a.high[0], b.high[0])
     y = two_difference(a.high[1], b.high[1])
     return pair_vector(wp.vec2f(x[0], y[0]), wp.vec2f(x[1] + (a.low[0] - b.low[0]), y[1] + (a.low[1] - b.low[1])))
@@ -365,70 +359,70 @@ def difference(a: PairVector, b: PairVector):
 
 @wp.func
 def difference(a: Any, b: Any):
-    """a - b."""
+    """a - b of float64."""
     return a - b
 
 
 @wp.func
 def leading_value(a: Pair):
-    """A number without what float32 rounds off."""
+    """High part of a pair."""
     return a.high
 
 
 @wp.func
 def leading_value(a: PairVector):
-    """A vector without what float32 rounds off."""
+    """High parts of a vector of pairs."""
     return a.high
 
 
 @wp.func
 def leading_value(a: Any):
-    """A float64, unchanged."""
+    """A float64 as its own leading value."""
     return a
 
 
 @wp.func
 def rounded_value(a: Pair):
-    """A number as one float32."""
+    """A pair rounded to float32."""
     return a.high + a.low
 
 
 @wp.func
 def rounded_value(a: PairVector):
-    """A vector of float32."""
+    """A vector of pairs rounded to float32."""
     return a.high + a.low
 
 
 @wp.func
 def rounded_value(a: Any):
-    """A float64, unchanged."""
+    """A float64 as its own rounded value."""
     return a
 
 
 @wp.func
 def trimmed_value(a: Pair):
-    """A number to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
+    """A pair to 2^-48 of itself, which float64 holds exactly; trimmed again it stays."""
     anchor = a.high * wp.static(1.5 / 2.0**25)
     return pair(a.high, (a.low + anchor) - anchor)
 
 
 @wp.func
 def trimmed_value(a: PairVector):
-    """A vector, each component to 2^-48 of itself."""
+    """A vector of pairs, each component to 2^-48 of itself."""
     return vector(trimmed_value(component(a, 0)), trimmed_value(component(a, 1)))
 
 
 @wp.func
 def trimmed_value(a: Any):
-    """A float64, unchanged."""
+    """A float64 as its own trimmed value."""
     return a
 
 
 @wp.func
 def sum_with(sum: Pair, value: wp.float32):
-    """A sum and a value that is small beside it, or the first; float64 holds it exactly.
+    """A sum in a pair with a value added that is small beside it, or the first; float64 holds it exactly.
 
-    With 0 added the sum keeps its bits, also where `low` is half a unit of `high`, which is rounded to even else.
+    Added 0 keeps all bits.
     """
     more = trimmed_value(normalized_pair(sum.high, sum.low + value))
     return pair(wp.where(value == 0.0, sum.high, more.high), wp.where(value == 0.0, sum.low, more.low))
@@ -436,26 +430,26 @@ def sum_with(sum: Pair, value: wp.float32):
 
 @wp.func
 def sum_with(sum: PairVector, value: wp.vec2f):
-    """A sum of vectors and a vector that is small beside it."""
+    """A sum of vectors in pairs with a small vector added."""
     return vector(sum_with(component(sum, 0), value[0]), sum_with(component(sum, 1), value[1]))
 
 
 @wp.func
 def sum_with(sum: RecentSum, value: wp.float32):
-    """A sum and a value, added in float32 until the sum is gathered."""
+    """A `RecentSum` with a value added in float32."""
     sum.recent = sum.recent + value
     return sum
 
 
 @wp.func
 def sum_with(sum: Any, value: Any):
-    """A sum and a value, at float64."""
+    """A float64 sum with a value added."""
     return sum + value
 
 
 @wp.func
 def gathered_sum(a: RecentSum):
-    """A sum with nothing left in plain float32."""
+    """A `RecentSum` with its latest additions gathered into its pair."""
     a.sum = sum_with(a.sum, a.recent)
     a.recent = 0.0
     return a
@@ -463,20 +457,20 @@ def gathered_sum(a: RecentSum):
 
 @wp.func
 def gathered_sum(a: Any):
-    """A float64, unchanged: it has nothing to gather."""
+    """A float64 sum, which has nothing to gather."""
     return a
 
 
 @wp.func
 def exact_multiple(count: int, unit: Pair):
-    """`count` times `unit`, exact in the count up to 2^36."""
+    """`count` times a pair, exact in the count up to 2^36."""
     thousands = count // 4096
     return 4096.0 * float(thousands) * unit + float(count - 4096 * thousands) * unit
 
 
 @wp.func
 def exact_multiple(count: int, unit: wp.float64):
-    """`count` times `unit`."""
+    """`count` times a float64."""
     return wp.float64(count) * unit
 
 
@@ -488,7 +482,7 @@ HALF_PI_3 = wp.constant(wp.float64(2.0222662487959506e-21))
 
 @wp.func
 def sine_cosine(angle: wp.float64):
-    """sin(angle), cos(angle), to 2e-16; angle in radians, up to 1.6e6 in size."""
+    """sin and cos of a float64 angle [rad], to 2e-16, up to 1.6e6 in size."""
     one = wp.float64(1.0)
     k = wp.rint(angle * TWO_OVER_PI)
     r = multiply_add(-k, HALF_PI_3, multiply_add(-k, HALF_PI_2, multiply_add(-k, HALF_PI_1, angle)))
@@ -517,21 +511,18 @@ def sine_cosine(angle: wp.float64):
 
 HALF_PI = high_and_low_parts(math.pi / 2)
 SPLIT = {n: high_and_low_parts(1.0 / n) for n in (6, 12, 20, 30, 42, 56)}
-"""pi/2 and some reciprocals as high and low parts of pairs."""
+"""1 / n as high and low parts of pairs, for the series of sine and cosine."""
 
 
 @wp.func
 def series_term(q: Pair, rest: Pair, high: wp.float32, low: wp.float32):
-    """1 - c q `rest`, c given as high and low part."""
+    """1 - c q `rest` in pairs, a term of the series of sine and cosine, c = `high` + `low`."""
     return 1.0 - q * rest * pair(high, low)
 
 
 @wp.func
 def sine_cosine(angle: Pair):
-    """sin(angle), cos(angle) as pairs, to 5e-12 and what the angle itself rounds off; up to 4e6 in size.
-
-    By the series that float64 has, too; of its terms, what is below 1e-3 of the result needs no low part.
-    """
+    """sin and cos of an angle [rad] as pairs, to 5e-12 and the angle's rounding, up to 4e6 in size."""
     k = wp.rint(angle.high * wp.static(float(TWO_OVER_PI)))
     r = angle - k * pair(wp.static(HALF_PI[0]), wp.static(HALF_PI[1]))
     q = r * r
@@ -556,19 +547,19 @@ def sine_cosine(angle: Pair):
 
 @wp.func_native(code_by_device("return __cosf(angle);", "return wp::cos(angle);"))
 def quick_cosine(angle: wp.float32) -> wp.float32:
-    """cos(angle) to 5e-7, for angles of at most half a turn."""
+    """cos of a float32 angle [rad] to 5e-7, for at most half a turn."""
 
 
 @wp.func
 def cosine_of(angle: Pair):
-    """cos(angle) to 5e-7, whole turns taken off before it is rounded."""
+    """cos of a pair's angle [rad] as float32, to 5e-7."""
     turns = wp.rint(angle.high * wp.static(0.5 / math.pi))
     return quick_cosine(rounded_value(angle - turns * pair(wp.static(4.0 * HALF_PI[0]), wp.static(4.0 * HALF_PI[1]))))
 
 
 @wp.func
 def cosine_of(angle: wp.float64):
-    """cos(angle), as `sine_cosine` has it."""
+    """cos of a float64 angle [rad], with the bits of `sine_cosine`."""
     _, cosine = sine_cosine(angle)
     return cosine
 
@@ -578,12 +569,12 @@ LN_2 = high_and_low_parts(math.log(2.0))
 
 @wp.func_native("union { int whole; float value; } of; of.whole = (127 + e) << 23; return of.value;")
 def power_of_two(e: int) -> wp.float32:
-    """2^e, of ordinary size."""
+    """2^e as float32, of ordinary size."""
 
 
 @wp.func
 def logarithm(r: Pair):
-    """ln(r) as a pair, r > 0, to 2e-9."""
+    """ln(r) of a pair r > 0 as a pair, to 2e-9."""
     e = wp.rint(wp.log2(r.high))
     scale = power_of_two(-int(e))
     m = pair(r.high * scale, r.low * scale)
@@ -596,7 +587,7 @@ def logarithm(r: Pair):
 
 @wp.func
 def log_of_sum(u: wp.float32):
-    """ln(1 + u) to round-off of itself, u > -1: what 1 + u rounds off is made good (Kahan)."""
+    """ln(1 + u) of a float32 u > -1, to round-off of itself (Kahan)."""
     w = 1.0 + u
     kept = w - 1.0
     value = u
@@ -607,7 +598,7 @@ def log_of_sum(u: wp.float32):
 
 @wp.func
 def log_of_sum(u: wp.float64):
-    """ln(1 + u) at float64, u > -1: where u is small by a series to 1e-16."""
+    """ln(1 + u) of a float64 u > -1, by a series where u is small."""
     value = u
     if wp.abs(u) < wp.float64(0.03):
         s = quotient(u, wp.float64(2.0) + u)

@@ -1,8 +1,7 @@
-"""Structs of float64 as blocks at float32 keep them, made from their fields; and rows of them, there and back.
+"""Structs at float32 made from those at float64, and rows of them converted there and back.
 
-A field is a number of float32, or where that is too little a pair; the host converts rows as it copies them to a GPU
-and back (`as_float32`, `as_float64`), so that kernels at float32 meet no other form, and the host no other than
-float64. A new field of a struct needs nothing here.
+A field becomes a float32 or, where that is too little, a pair. The host converts rows as it copies them to a GPU and
+back (`as_float32`, `as_float64`). A new field of a struct needs nothing here.
 """
 
 from collections.abc import Collection, Mapping
@@ -30,16 +29,15 @@ def at_float32(
     rows: bool = False,
     **other: Any,
 ) -> Any:
-    """A struct with float32 in place of float64, also in its arrays.
+    """A Warp struct with float32 in place of float64, also in its arrays.
 
     Args:
-        full: with float64.
-        nested: what becomes of structs in it; others stay as they are.
-        pairs: fields that float32 is too little for.
+        nested: structs in place of structs in it.
+        pairs: fields that become pairs.
         recent: sums that every step adds to (`number.RecentSum`).
         kept: fields that stay as they are.
-        rows: fills it up to whole rows of `ROW` bytes, for arrays that `native.aligned` reads.
-        other: types of fields that become something else, or that come beside them.
+        rows: fills up to whole rows of `ROW` bytes, for arrays that `native.aligned_rows` reads.
+        other: types of further fields.
     """
 
     def kind_of(name: str, kind: Any) -> Any:
@@ -60,19 +58,19 @@ def at_float32(
 
 
 def _struct(full: Any, kinds: Mapping[str, Any]) -> Any:
-    """A struct in the place of another."""
+    """A Warp struct named and placed as `full`, with fields `kinds`."""
     body = {"__annotations__": kinds, "__doc__": full.__doc__, "__module__": full.cls.__module__}
     return wp.struct(type(full.key, (), body))
 
 
 def sums_at_float32(full: Any, nested: Mapping[Any, Any], recent: Collection[str] = ()) -> Any:
-    """A struct of sums as blocks at float32 keep it: in pairs, but for extremes, which are as they are found."""
+    """A struct of sums at float32: in pairs, but for extremes."""
     added = [name for name, var in full.vars.items() if var.type in PAIRED and not name.endswith(("_min", "_max"))]
     return at_float32(full, nested, pairs=[name for name in added if name not in recent], recent=recent)
 
 
 def as_float32(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Rows of float64 as rows of such a struct, or of pairs where `kind` is that of `Pair`."""
+    """Rows of float64 as a numpy array of the float32 dtype `kind`, or of pairs."""
     names = kind.names or ()
     if not names:
         return rows.astype(kind)
@@ -90,7 +88,7 @@ def as_float32(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
 
 
 def as_float64(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Rows of such a struct as rows of float64, exactly."""
+    """Rows of float32 or pairs as a numpy array of the float64 dtype `kind`, exactly."""
     names = rows.dtype.names or ()
     if kind.names:
         made = np.zeros(rows.shape, dtype=kind)

@@ -1,8 +1,8 @@
-"""The window cut into batches of about equal length, at whose ends sums are noted.
+"""The window's batches, at whose ends sums are noted, the histogram of tension, and teeth that the chain jumps.
 
-With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
-the drive's `sample_interval` and at least a + k W / BATCHES, before that step is added. The window's end gives the last
-batch.
+With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of the
+drive's `sample_interval` and at least a + k W / BATCHES, before that step is added. The last batch ends with the
+window.
 """
 
 from typing import Any
@@ -13,12 +13,12 @@ from .structs import Drive, SlipSums, Strand
 
 BATCHES = wp.constant(80)
 NOTES = wp.constant(79)
-"""Notes that are taken in a window."""
+"""Notes of batches taken in a window."""
 
 
 @wp.func
 def batches_ended(drive: Drive, step: int):
-    """Batches that have ended at `step`, of those at whose ends notes are taken."""
+    """Number of the window's batches that have ended at `step`, of those with notes."""
     since = wp.max(step - drive.window_start, 0)
     window = wp.max(drive.window_end - drive.window_start, 1)
     batches = wp.int64(BATCHES)  # once: of two casts of a constant Warp may take one before the constant is set
@@ -34,25 +34,25 @@ def batches_ended(drive: Drive, step: int):
 
 @wp.func
 def notes_due(drive: Drive, step: int):
-    """The first note to take at `step`, a sample in the window, and the one after the last."""
+    """First batch note to take at `step`, a sample in the window, and the one after the last."""
     return batches_ended(drive, step - drive.sample_interval), batches_ended(drive, step)
 
 
 BINS = wp.constant(256)
 ZERO = wp.constant(96)
-"""The bin that begins at no tension: -23 s to 301 s are told apart."""
+"""Tension histogram's bin that begins at no tension: bins go from -23 s to 301 s."""
 STEP = 0.04
 
 
 @wp.func
 def bins_per_force(scale: wp.float64):
-    """1 / s of a scale [N], as `tension_bin` wants it."""
+    """1 / s [1/N] of the tension histogram, from its scale [N]."""
     return wp.float32(wp.float64(1.0) / wp.max(scale, wp.float64(1.0e-9)))
 
 
 @wp.func
 def tension_bin(tension: Any, per_force: wp.float32):
-    """Bin of a tension [N] for 1 / s [1/N]; an outermost one of what is not finite."""
+    """Histogram bin of a tension [N] for 1 / s [1/N]; an outermost one where it is not finite."""
     ratio = wp.float32(tension) * per_force
     size = wp.abs(ratio)
     size = wp.log(size + wp.sqrt(size * size + wp.float32(1.0))) * wp.static(wp.float32(1.0 / STEP))
@@ -68,21 +68,21 @@ def count_tension(counts: wp.array[wp.int32], first: int, tension: Any, per_forc
 
 @wp.func
 def modulo(a: int, n: int):
-    """Remainder from 0 to n - 1."""
+    """Remainder of `a` by `n`, from 0 to n - 1."""
     rest = a % n
     return wp.where(rest < 0, rest + n, rest)
 
 
 @wp.func
 def mid_wrap_roller(before: Strand, after: Strand, n: int):
-    """The roller in the middle of those between two strands."""
+    """Roller in the middle of those between two strands, which is in mid-wrap on the sprocket."""
     last = modulo(before.first_link + before.links, n)
     return modulo(last + modulo(after.first_link - last, n) // 2, n)
 
 
 @wp.func
 def follow_slip(slip: SlipSums, roller: int, seat: int, teeth: int, sign: wp.float64, n: int):
-    """A sprocket's slip after a sample of `roller`, now in mid-wrap, whose seat is `seat`, negative for none.
+    """A sprocket's count of jumped teeth after a sample of `roller`, in mid-wrap at seat `seat` (negative: none).
 
     `sign` is 1 on a sprocket that turns counter-clockwise, else -1.
     """

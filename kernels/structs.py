@@ -1,7 +1,6 @@
-"""The data that kernels read and write, as Warp structs: each stands here once, with float64.
+"""The data that kernels read and write, as Warp structs in float64 and SI units; `types` gives them at a precision.
 
-`types` gives all of them for kernels at a precision. At float32 what belongs to the motion of bodies stays float64 on
-the CPU; blocks of a GPU have it in float32, and in pairs where that is too little. Everything is in SI units.
+At float32 what belongs to the motion of bodies stays float64 on the CPU; blocks of a GPU have it in float32 or pairs.
 """
 
 from functools import cache
@@ -15,12 +14,12 @@ from .number import Pair, PairVector
 from .precision import at_float32, sums_at_float32
 
 GROUND = wp.constant(-1)
-"""The body of what does not move."""
+"""Body number of the ground."""
 
 
 @wp.struct
 class Harmonics:
-    """Where a body's (order, amplitude, phase) rows stand in the ensemble's list."""
+    """Where a body's (order, amplitude, phase) rows are in the ensemble's list."""
 
     first: wp.int32
     count: wp.int32
@@ -28,7 +27,7 @@ class Harmonics:
 
 @wp.struct
 class Tabulated:
-    """Where a body's speed or torque table stands in the ensemble's list (see `kernels.physics.motion`)."""
+    """Where a body's speed or torque table is in the ensemble's list (`physics.motion`)."""
 
     cells: wp.int32  # 0: no table
     first: wp.int32
@@ -40,7 +39,7 @@ class Tabulated:
 
 @wp.struct
 class Drive:
-    """One variant: where its parts begin in the ensemble's arrays, and its settings."""
+    """One variant's drive: where its parts begin in the ensemble's arrays, and its settings."""
 
     chains: wp.int32  # chains of the variant that begins here, each a row; 0: a further one of that before
     rollers: wp.int32  # N
@@ -85,9 +84,7 @@ class Drive:
 
 @wp.struct
 class Motion:
-    """Prescribed motion or load of a body's angle, eq. (4); and, of drives that are tied (`physics.train`) or have
-    several chains, its place in its train.
-    """
+    """Prescribed motion or load of a body's angle, eq. (4), and its place in its train (`physics.train`)."""
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
     train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
@@ -113,7 +110,7 @@ class Motion:
 
 @wp.struct
 class Motor:
-    """Moment in the direction of forward rotation, of a shaft (`physics.train`)."""
+    """Motor of a shaft, its moment in the direction of forward rotation (`physics.train`)."""
 
     present: wp.int32  # 1: there is one
     torque: wp.float64  # constant, or the largest; on top of the table [N m]
@@ -127,7 +124,7 @@ class Motor:
 
 @wp.struct
 class Coupling:
-    """A spring and a damper with play between two bodies, a gearbox or a clutch (`physics.train`)."""
+    """Coupling of two bodies by a spring and a damper with play, a gearbox or a clutch (`physics.train`)."""
 
     first: wp.int32  # of the drive's bodies, or `GROUND`
     second: wp.int32
@@ -143,7 +140,7 @@ class Coupling:
 
 @wp.struct
 class Engaged:
-    """State of a coupling."""
+    """State of a coupling: ratio in use, rest twist, capacity."""
 
     rest: wp.float64  # e_0: angle of the first, less the ratio times that of the second, without twist [rad]
     ratio: wp.float64  # i in use; 0: open
@@ -181,7 +178,7 @@ class ValveGroup:
 
 @wp.struct
 class Cam:
-    """Inertia, moment and energy of the valves on a body where it stands."""
+    """Inertia, moment and energy of the valves on a body at its angle."""
 
     inertia: wp.float64  # sum m l'^2 [kg m^2]
     growth: wp.float64  # half of its slope by the body's angle [kg m^2]
@@ -193,7 +190,7 @@ class Cam:
 class Mount:
     """Mount of a body's center, and its balance wheel; all zero for a fixed center without a wheel.
 
-    An arm whose pivot is led has one, with its own center of mass as that of the wheel and without weight.
+    An arm whose pivot is prescribed has one, with its center of mass as that of the wheel and without weight.
     """
 
     active: wp.int32  # 1: the center can move or there is a wheel
@@ -218,7 +215,7 @@ class Mount:
 
 @wp.struct
 class Hub:
-    """The arm that carries a sprocket, if any, and the friction of its bearing (`physics.hub`)."""
+    """Hub of a sprocket: the arm that carries it, if any, and its bearing's friction (`physics.hub`)."""
 
     arm: wp.int32  # the body of the drive that carries it, or `GROUND`
     lever: wp.vec2d  # d: its center from the arm's pivot, as drawn [m]
@@ -230,7 +227,7 @@ class Hub:
 class Arm:
     """An arm that turns about a pivot, its body's center; its angle is 0 as drawn (`physics.body`).
 
-    On another arm its springs, damper and stops act between the two, at what it is turned by more (`physics.hub`).
+    On another arm its springs, damper and stops act between the two (`physics.hub`).
     """
 
     pivot: wp.vec2d  # [m]
@@ -256,9 +253,9 @@ class Arm:
 
 @wp.struct
 class Piece:
-    """An arc or a straight piece of a guide's face, in the coordinates of the body that carries it.
+    """An arc or straight piece of a guide's face, in the frame of its body, the chain on the left.
 
-    The chain is on the left of its direction. After the last piece of a guide one more says where that ends.
+    After a guide's last piece one more says where that ends.
     """
 
     start: wp.vec2d  # [m]
@@ -269,7 +266,7 @@ class Piece:
 
 @wp.struct
 class Valve:
-    """A valve, or an orifice, through which oil flows one way (`physics.tensioner`, eq. (8))."""
+    """A tensioner's valve or orifice, through which oil flows one way (`physics.tensioner`, eq. (8))."""
 
     hole_area: wp.float64  # A_b of its seat [m^2]; 0: there is none
     preload: wp.float64  # F_0 [N]
@@ -321,7 +318,7 @@ class Tensioner:
 
 @wp.struct
 class TensionerState:
-    """State of a tensioner."""
+    """State of a tensioner's oil and ratchet."""
 
     content: wp.float64  # mu: logarithm of the mass of oil
     root: wp.float64  # z = (P / P_0)^(1/7) after the last step; 0 where that is not known
@@ -334,7 +331,7 @@ class TensionerState:
 
 @wp.struct
 class BodyState:
-    """A body in motion: its coordinates and their rates; leapfrog keeps the rates at half steps."""
+    """A body's coordinates and their rates; leapfrog keeps the rates at half steps."""
 
     angle: wp.float64  # theta [rad]
     speed: wp.float64  # omega [rad/s]
@@ -346,7 +343,7 @@ class BodyState:
 
 @wp.struct
 class Wrench:
-    """The load on a body at one instant, by contacts and by what drives or holds its angle."""
+    """Force and moment on a body at one instant, by contacts and by what drives or holds its angle."""
 
     force: wp.vec2d  # of contacts and tensioners [N]
     moment: wp.float64  # the same, about its center, counter-clockwise [N m]
@@ -356,7 +353,7 @@ class Wrench:
 
 @wp.struct
 class Push:
-    """Force of a tensioner at one instant."""
+    """Force of a tensioner at one instant, its pressure and extension."""
 
     force: wp.float64  # on its body, along its direction [N]
     pressure: wp.float64  # in its chamber [Pa]
@@ -367,7 +364,7 @@ class Push:
 
 @wp.struct
 class Pose:
-    """Where a body is and how it moves, as contacts see it; on blocks, thread s writes it, all read it."""
+    """Pose of a body as contacts see it; on blocks, thread s writes it, all read it."""
 
     cosine: wp.float64  # of its angle
     sine: wp.float64
@@ -383,7 +380,7 @@ class Pose:
 
 @wp.struct
 class Strand:
-    """The nominal straight line of a strand, and which part of the chain lies on it (updated every few steps)."""
+    """Nominal straight line of a strand, and the part of the chain on it (updated every few steps)."""
 
     start: wp.vec2d  # [m]
     direction: wp.vec2d
@@ -395,7 +392,7 @@ class Strand:
 
 @wp.struct
 class Now:
-    """The step that a variant is at on the CPU, and what is wanted of it beside forces and moments (1: wanted)."""
+    """The CPU's step of a variant, and what it wants beside forces and moments (1: wanted)."""
 
     step: wp.int32
     time: wp.float64  # [s]
@@ -466,7 +463,7 @@ class Chain:
 
 @wp.struct
 class Sprocket:
-    """The teeth of one sprocket and their contact law, eq. (5)-(8)."""
+    """Teeth of one sprocket and their contact law, eq. (5)-(8)."""
 
     teeth: wp.int32  # z
     first_seat: wp.int32  # of this number of teeth in the table of seat directions
@@ -485,7 +482,7 @@ class Sprocket:
 
 @wp.struct
 class Band:
-    """Where rollers are engaged with a sprocket: a ring about its center, at the kernel's precision."""
+    """Ring about a sprocket's center in which rollers are engaged, at the kernel's precision."""
 
     center: wp.vec2d  # [m]
     near_square: wp.float64  # [m^2]
@@ -513,7 +510,7 @@ class Guide:
 
 @wp.struct
 class Totals:
-    """Totals over the contacts of one sprocket or guide-bar at one instant."""
+    """Totals over the contacts of one sprocket or guide at one instant."""
 
     moment: wp.float64  # on the sprocket [N m]
     push: wp.vec2d  # force on the sprocket [N]
@@ -530,7 +527,7 @@ class Totals:
 
 @wp.struct
 class ContactSums:
-    """Sums over the window of one sprocket's or guide-bar's contacts."""
+    """Window's sums of one sprocket's or guide's contacts."""
 
     force_max: wp.float64  # [N]
     impacts: wp.int32  # contacts that began
@@ -543,7 +540,7 @@ class ContactSums:
 
 @wp.struct
 class SprocketSums:
-    """Sums over the window of a sprocket: by the trapezoidal rule."""
+    """Window's sums of a sprocket, by the trapezoidal rule."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64
@@ -559,7 +556,7 @@ class SprocketSums:
 
 @wp.struct
 class MountSums:
-    """Sums over the window of a sprocket on an active mount, or whose bearing rubs."""
+    """Window's sums of a sprocket on an active mount, or whose bearing rubs."""
 
     travel: wp.vec2d  # displacement from the stated center [m s]
     travel_max: wp.float64  # largest distance from it [m]
@@ -571,7 +568,7 @@ class MountSums:
 
 @wp.struct
 class ArmSums:
-    """Sums over the window of an arm (time integrals, trapezoidal)."""
+    """Window's sums of an arm (time integrals, trapezoidal)."""
 
     angle_min: wp.float64  # [rad]
     angle_max: wp.float64
@@ -585,7 +582,7 @@ class ArmSums:
 
 @wp.struct
 class ShaftSums:
-    """Sums over the window of a shaft (time integrals, trapezoidal)."""
+    """Window's sums of a shaft (time integrals, trapezoidal)."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64
@@ -599,7 +596,7 @@ class ShaftSums:
 
 @wp.struct
 class CouplingSums:
-    """Sums over the window of a coupling (time integrals, trapezoidal)."""
+    """Window's sums of a coupling (time integrals, trapezoidal)."""
 
     twist_min: wp.float64  # [rad]
     twist_max: wp.float64
@@ -614,7 +611,7 @@ class CouplingSums:
 
 @wp.struct
 class GearSums:
-    """Sums over the window of a pair of gears (time integrals, trapezoidal)."""
+    """Window's sums of a pair of gears (time integrals, trapezoidal)."""
 
     force_max: wp.float64  # [N]
     force: wp.float64  # its magnitude [N s]
@@ -623,7 +620,7 @@ class GearSums:
 
 @wp.struct
 class ValveSums:
-    """Sums over the window of a group of valves (time integrals, trapezoidal)."""
+    """Window's sums of a group of valves (time integrals, trapezoidal)."""
 
     torque_min: wp.float64  # against forward rotation [N m]
     torque_max: wp.float64
@@ -634,7 +631,7 @@ class ValveSums:
 
 @wp.struct
 class TensionerFlows:
-    """Flows through a tensioner, in a step or since the run began, and their energies."""
+    """Oil flows through a tensioner, in a step or since the run began, and their energies."""
 
     leaked: wp.float64  # through the gap [m^3]
     supplied: wp.float64  # [m^3]
@@ -649,7 +646,7 @@ class TensionerFlows:
 
 @wp.struct
 class TensionerSums:
-    """Sums over the window of a tensioner (time integrals, trapezoidal), and what flowed between its ends."""
+    """Window's sums of a tensioner (time integrals, trapezoidal), and its flows between the window's ends."""
 
     force_min: wp.float64  # [N]
     force_max: wp.float64
@@ -667,7 +664,7 @@ class TensionerSums:
 
 @wp.struct
 class StrandSums:
-    """Sums over the samples of one strand in the window: its links' tension, mid-strand transverse displacement."""
+    """Window's sums over samples of one strand: tension of its links, mid-strand transverse displacement."""
 
     links: wp.int64  # tension samples
     tension_min: wp.float64  # [N]
@@ -683,7 +680,7 @@ class StrandSums:
 
 @wp.struct
 class ChainSums:
-    """Sums over the window of the whole chain, and the energy balance's two ends."""
+    """Window's sums of the whole chain, and the energy balance's two ends."""
 
     tension_min: wp.float64  # [N]
     tension_max: wp.float64
@@ -725,7 +722,7 @@ class MountNote:
 
 @wp.struct
 class SlipSums:
-    """Teeth that the chain has jumped over a sprocket in the window, and how that is followed (`kernels.slip`)."""
+    """Teeth that the chain has jumped over a sprocket in the window (`statistics.follow_slip`)."""
 
     slips: wp.int32
     known: wp.int32  # 1: a roller has been seen in mid-wrap
@@ -746,10 +743,7 @@ class LinkTally:
 
 @wp.struct
 class RollerTally:
-    """Dissipation of one link and of joint friction on one roller, and energies at the window's two ends.
-
-    They are of the roller, its link and its contacts.
-    """
+    """Dissipation and energies at the window's two ends of one roller, its link and its contacts."""
 
     dissipated: wp.float64  # [J]
     friction: wp.float64  # [J]
@@ -759,9 +753,9 @@ class RollerTally:
 
 @wp.struct
 class Tallies:
-    """Sums that the block kernels keep roller by roller, so that no thread waits for another.
+    """Sums that block kernels keep roller by roller, so that no thread waits for another.
 
-    Sums of contacts (`ContactSums`) lie in rows of their own, neighbors' beside each other.
+    Contacts' sums (`ContactSums`) are in rows of their own, neighbors' side by side.
     """
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
@@ -778,7 +772,7 @@ class Tallies:
 
 @wp.struct
 class Sums:
-    """Sums over the window; S sprockets (and strands) and G guide-bars a variant."""
+    """Sums over the window; S sprockets (and strands) and G guides a variant."""
 
     chain: wp.array[ChainSums]  # (variants,)
     strand: wp.array[StrandSums]  # (all sprockets,)
@@ -801,7 +795,7 @@ class Sums:
 
 @wp.struct
 class Ensemble:
-    """Data that do not change during a run, for all variants."""
+    """Data of all variants that do not change during a run."""
 
     drives: wp.array[Drive]  # (variants,)
     chains: wp.array[Chain]  # (variants,)
@@ -872,7 +866,7 @@ class State:
 
 @wp.struct
 class Memory:
-    """Memory of the contacts with one sprocket or guide-bar, and what of it a pass may change."""
+    """Memory of the contacts with one sprocket or guide, and what of it a pass may change."""
 
     seat: wp.array[wp.int32]  # as in `State`
     impact_speed: wp.array[wp.float64]
@@ -892,7 +886,7 @@ class Memory:
 
 @wp.struct
 class _BlockPose:
-    """`Pose` on blocks at float32, with what teeth want of it (`physics.tooth`)."""
+    """`Pose` on blocks at float32, with R cos theta and R sin theta for teeth (`physics.tooth`)."""
 
     reach_cosine: Pair  # R cos theta, the high part on a grid of 12 bits [m]
     reach_sine: Pair
@@ -934,12 +928,12 @@ PAIRS = {
     Wrench: (),
     Push: ("extension",),
 }
-"""What moves bodies on blocks at float32, and the fields of it that float32 is too little for."""
+"""Structs of bodies' motion on blocks at float32, with the fields that are pairs."""
 
 
 @cache
-def _of_rollers() -> dict[Any, Any]:
-    """The structs of what is at float32 on the CPU and on blocks alike."""
+def _roller_structs() -> dict[Any, Any]:
+    """Structs at float32 of chain and contacts, alike on the CPU and on blocks, by those at float64."""
     made: dict[Any, Any] = {}
     for full in (Friction, ContactLaw, Chain, Band, Extra):
         made[full] = at_float32(full, made)
@@ -947,8 +941,8 @@ def _of_rollers() -> dict[Any, Any]:
     return made
 
 
-def _of_blocks(made: dict[Any, Any]) -> None:
-    """Adds the structs of what moves bodies, for blocks at float32."""
+def _add_block_structs(made: dict[Any, Any]) -> None:
+    """Adds the structs of bodies' motion for blocks at float32 to `made`."""
     for full, pairs in PAIRS.items():
         made[full] = at_float32(full, made, pairs=pairs, rows=full is Piece)
     made[Pose] = _BlockPose
@@ -967,13 +961,11 @@ _ONE_AT_A_TIME = Lock()
 
 
 def types(Real: type, blocks: bool = False) -> SimpleNamespace:
-    """The structs of kernels whose quantities are `Real` (wp.float64 or wp.float32), by the names that they have here.
+    """Structs of kernels whose quantities are `Real` (wp.float64 or wp.float32), by their names here.
 
-    Beside them are `Real`, its vectors `vec2`, `Number` (that of `number`), and `Instant`, a body's state in plain
-    numbers: without pairs, at float32 with the `rest` of its speed.
-
-    Args:
-        blocks: for blocks of a GPU; else what moves bodies is float64 at both precisions.
+    Beside them are `Real`, its vector `vec2`, `Number` (of `number`), and `Instant`, a body's state in plain numbers:
+    at float32 without pairs, with the `rest` of its speed. Without `blocks` bodies' motion is float64 at both
+    precisions.
     """
     with _ONE_AT_A_TIME:
         return _types(Real, blocks)
@@ -981,13 +973,13 @@ def types(Real: type, blocks: bool = False) -> SimpleNamespace:
 
 @cache
 def _types(Real: type, blocks: bool) -> SimpleNamespace:
-    """The structs of `types`."""
+    """Structs for `types`, made once for each precision."""
     made: dict[Any, Any] = {}
     vec2 = wp.vec2d if Real == wp.float64 else wp.vec2f
     if Real == wp.float32:
-        made |= _of_rollers()
+        made |= _roller_structs()
         if blocks:
-            _of_blocks(made)
+            _add_block_structs(made)
             made[Sprocket] = at_float32(Sprocket, made, pairs=("exact_radius",), rows=True)
             made[Guide] = at_float32(Guide, made, pairs=("start", "direction"), rows=True)
         else:
@@ -1004,4 +996,4 @@ def _types(Real: type, blocks: bool) -> SimpleNamespace:
 
 
 STRUCTS = [of for of in vars().values() if isinstance(of, type(Drive)) and of not in (Pair, PairVector, _BlockPose)]
-"""All structs that stand here, and sums that blocks at float32 keep in another form."""
+"""All structs of this file, and sums that blocks at float32 keep in another form."""

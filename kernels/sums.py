@@ -1,7 +1,7 @@
-"""Sums over the window, in float64: `add_*` adds one step, `merge_*` another sum.
+"""Sums over the window, in float64 or pairs: `add_*` adds one step, `merge_*` another sum.
 
-The CPU's pass and the block's tallies call the same functions. Their arguments are of any type: products are formed in
-it, then added in float64, or in pairs of float32 (`number.sum_with`), to the sums of `structs.float32`.
+CPU and GPU call the same functions. Products are formed in the arguments' type, then added in float64 or in pairs of
+float32 (`number.sum_with`).
 """
 
 from functools import cache
@@ -14,34 +14,33 @@ from .number import gathered_sum, rounded_value, sub, sum_with  # noqa: F401
 from .structs import ChainSums, ContactSums, Drive, RollerTally, Strand, StrandSums, Totals
 
 MERGE_EVERY = wp.constant(32)
-"""Steps after which what links and sprockets have gathered since is added to the window's sums.
+"""Steps after which sums gathered by links and sprockets are merged into the window's sums.
 
-Samples of the chain (which links lie on a strand, their tensions, where mid-strand is) are as far apart, or a power of
-two times as far (`Drive.sample_interval`). The chain moves a small part of a pitch in between.
+The chain is sampled as often, or a power of two times as far apart (`Drive.sample_interval`).
 """
 
 
 @wp.func
 def is_sample_step(drive: Drive, step: int):
-    """Whether the chain is sampled at a step in the window, as it is at the window's first."""
+    """Whether the chain is sampled for the window's sums at `step`, as it is at the window's first."""
     return step & (drive.sample_interval - 1) == 0 or step == drive.window_start
 
 
 @wp.func
 def previous_index(i: int, n: int):
-    """Index of the neighbor before i in a closed chain of n."""
+    """Index of the roller or link before `i` in a closed chain of `n`."""
     return wp.where(i == 0, n - 1, i - 1)
 
 
 @wp.func
 def next_index(i: int, n: int):
-    """Index of the neighbor after i in a closed chain of n; 0 where i is beyond it."""
+    """Index of the roller or link after `i` in a closed chain of `n`; 0 where `i` is beyond it."""
     return wp.where(i + 1 < n, i + 1, 0)
 
 
 @wp.func
 def add_tension(sums: Any, tension: Any):
-    """Adds one link's tension [N]; `sums` is a struct with fields like `LinkTally`'s, which count elsewhere."""
+    """Sums (with the fields of `LinkTally`) with one link's tension [N] added."""
     value = wp.float64(tension)
     sums.tension = sums.tension + value
     sums.tension_square = sums.tension_square + value * value
@@ -50,7 +49,7 @@ def add_tension(sums: Any, tension: Any):
 
 @wp.func
 def merge_tension(sums: Any, other: Any):
-    """Adds the tensions of another such struct."""
+    """Sums of tension with those of another such struct added."""
     sums.tension = sums.tension + other.tension
     sums.tension_square = sums.tension_square + other.tension_square
     return sums
@@ -58,7 +57,7 @@ def merge_tension(sums: Any, other: Any):
 
 @wp.func
 def merge_extremes(sums: Any, lowest: wp.float64, highest: wp.float64):
-    """Widens the extremes of tension by others [N]."""
+    """Sums of tension with the extremes widened to `lowest` and `highest` [N]."""
     sums.tension_min = wp.min(sums.tension_min, lowest)
     sums.tension_max = wp.max(sums.tension_max, highest)
     return sums
@@ -66,7 +65,7 @@ def merge_extremes(sums: Any, lowest: wp.float64, highest: wp.float64):
 
 @wp.func
 def add_energy(sums: Any, start: bool, energy: wp.float64):
-    """Mechanical energy [J] at the window's start, or else at its end, of `ChainSums` or `RollerTally`."""
+    """`ChainSums` or `RollerTally` with mechanical energy [J] added at the window's start, or else its end."""
     if start:
         sums.energy_start = sums.energy_start + energy
     else:
@@ -76,7 +75,7 @@ def add_energy(sums: Any, start: bool, energy: wp.float64):
 
 @wp.func
 def merge_roller(sums: ChainSums, tally: RollerTally):
-    """Adds the tally of one roller and its link, or of one body, to the energy balance."""
+    """Chain's sums with the tally of one roller and its link, or of one body, added to the energy balance."""
     sums.dissipated = sums.dissipated + tally.dissipated
     sums.friction = sums.friction + tally.friction
     sums.energy_start = sums.energy_start + tally.energy_start
@@ -86,10 +85,9 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 @wp.func
 def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: wp.float64):
-    """Adds forces of a partner's contacts, and powers that they and their friction take, in one step of `weight` [s].
+    """Sums of a sprocket's or guide's contacts with forces and dissipation of one step of `weight` [s] added.
 
-    What they take is dissipated but for the elastic energy `stored` [J]: at the window's end that of then, at its
-    start the same below 0.
+    `stored` is the elastic energy [J] at the window's end, negative that at its start, else 0.
     """
     sums.dissipated = sums.dissipated + weight * totals.dissipated - stored
     sums.friction = sums.friction + weight * totals.friction
@@ -100,9 +98,7 @@ def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: w
 
 @wp.func
 def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: int, missed: int):
-    """Adds to the counts at `at`: contacts that began, first ones of rollers in their pass, rollers that came in not
-    through the face; rarely any.
-    """
+    """Adds to contact sums at `at` contacts that began, first ones of rollers' passes, and missed faces of guides."""
     if impacts != 0:
         sums[at].impacts = sums[at].impacts + impacts
     if contacts != 0:
@@ -113,7 +109,7 @@ def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: in
 
 @wp.func
 def merge_contact(sums: ContactSums, other: ContactSums):
-    """Adds the sums of other contacts of the same partner."""
+    """Sums of a sprocket's or guide's contacts with others of the same partner added."""
     sums.force_max = wp.max(sums.force_max, other.force_max)
     sums.impacts = sums.impacts + other.impacts
     sums.friction = sums.friction + other.friction
@@ -126,8 +122,9 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 @wp.func
 def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight: Any):
-    """Adds a sprocket's speed, the chain's moment on it, what that and the load's do in one step of `weight` [s], and
-    `body.late_power`.
+    """A sprocket's sums with its speed, the contacts' moment, and powers of moment, load and `body.late_power` added.
+
+    `weight` [s] is the time that the step stands for.
     """
     way = weight * speed
     sums.moment = sum_with(sums.moment, weight * moment)
@@ -143,7 +140,7 @@ def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight:
 
 @wp.func
 def gathered_sprocket_sums(sums: Any):
-    """A sprocket's sums with nothing of what every step adds in plain float32."""
+    """A sprocket's sums with its recent additions gathered into pairs."""
     sums.moment = gathered_sum(sums.moment)
     sums.contact_work = gathered_sum(sums.contact_work)
     sums.load_work = gathered_sum(sums.load_work)
@@ -153,7 +150,7 @@ def gathered_sprocket_sums(sums: Any):
 
 @wp.func
 def note_sprocket(note: Any, sums: Any):
-    """The sums of a sprocket of which batches have means."""
+    """A batch's note of a sprocket's sums."""
     note.speed = sums.speed
     note.moment = gathered_sum(sums.moment)
     note.force = sums.force
@@ -162,7 +159,7 @@ def note_sprocket(note: Any, sums: Any):
 
 @wp.func
 def note_mount(note: Any, sums: Any):
-    """The sums of a mount of which batches have means."""
+    """A batch's note of a mount's sums."""
     note.travel = sums.travel
     note.force = sums.force
     return note
@@ -170,7 +167,7 @@ def note_mount(note: Any, sums: Any):
 
 @wp.func
 def add_hub_force(sums: Any, force: Any, weight: Any):
-    """Adds the chain's force on one sprocket in one step, which stands for `weight` [s]."""
+    """A mount's sums with the chain's force on its sprocket in a step of `weight` [s] added."""
     sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums
@@ -178,7 +175,7 @@ def add_hub_force(sums: Any, force: Any, weight: Any):
 
 @wp.func
 def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power: Any, weight: Any):
-    """Adds one moving sprocket's displacement, the force `held` on its center, its damper's and mount's power."""
+    """A mount's sums with displacement `apart` [m], force `held` [N], and powers of damper and mount added."""
     sums.travel = sum_with(sums.travel, weight * apart)
     sums.travel_max = wp.max(sums.travel_max, wp.length(apart))
     sums.force = sum_with(sums.force, weight * wp.length(held))
@@ -189,16 +186,14 @@ def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power
 
 @wp.func
 def add_bearing(sums: Any, power: Any, weight: Any):
-    """Adds the power that the bearing of one sprocket takes."""
+    """A mount's sums with the power [W] of friction in its sprocket's bearing added."""
     sums.friction = sum_with(sums.friction, weight * power)
     return sums
 
 
 @wp.func
 def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, weight: Any):
-    """Adds one arm's angle, the contacts' moment on it, the power that its damper and stops take, that of what leads
-    its pivot, and `body.late_power`.
-    """
+    """An arm's sums with angle, contacts' moment, and powers of dampers and stop, pivot and `body.late_power` added."""
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
     sums.angle = sum_with(sums.angle, weight * body.angle)
@@ -212,7 +207,7 @@ def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, 
 
 @wp.func
 def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
-    """Adds one shaft's speed, and the moments of its motor and its load."""
+    """A shaft's sums with its speed and the moments of its motor and load added."""
     way = weight * speed
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
@@ -227,7 +222,7 @@ def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
 
 @wp.func
 def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost: Any, weight: Any):
-    """Adds one coupling's twist and moment, powers that its damper takes and led bodies get, and what slipping lost."""
+    """A coupling's sums with twist, moment, powers of damper and prescribed bodies, and loss by slipping added."""
     sums.twist_min = wp.min(sums.twist_min, twist)
     sums.twist_max = wp.max(sums.twist_max, twist)
     sums.twist = sum_with(sums.twist, weight * twist)
@@ -242,7 +237,7 @@ def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost:
 
 @wp.func
 def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
-    """Adds the moment that one pair of gears passes on, and the magnitude of its tooth force."""
+    """A gear pair's sums with the moment [N m] that it passes on and the size of its tooth force [N] added."""
     sums.moment = sum_with(sums.moment, weight * moment)
     sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, force)
@@ -251,7 +246,7 @@ def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
 
 @wp.func
 def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
-    """Adds the torque of one group of valves, and the least force of a cam on a follower."""
+    """A valve group's sums with its torque [N m] and the least force [N] of a cam on a follower added."""
     sums.torque_min = wp.min(sums.torque_min, torque)
     sums.torque_max = wp.max(sums.torque_max, torque)
     sums.torque = sum_with(sums.torque, weight * torque)
@@ -262,7 +257,7 @@ def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
 
 @wp.func
 def add_flows(total: Any, flows: Any):
-    """A tensioner's meter after one more step; whether it is not yet filled is of the step's end."""
+    """A tensioner's total flows with those of one more step added, and whether it is filled at the step's end."""
     total.leaked = sum_with(total.leaked, flows.leaked)
     total.supplied = sum_with(total.supplied, flows.supplied)
     total.relieved = sum_with(total.relieved, flows.relieved)
@@ -277,7 +272,7 @@ def add_flows(total: Any, flows: Any):
 
 @wp.func
 def flows_since(now: Any, start: Any):
-    """Flows that a tensioner's meter has counted since `start`; the time of filling is since the run's beginning."""
+    """Tensioner flows since `start` of the meter; the time of filling counts from the run's beginning."""
     now.leaked = now.leaked - start.leaked
     now.supplied = now.supplied - start.supplied
     now.relieved = now.relieved - start.relieved
@@ -290,7 +285,7 @@ def flows_since(now: Any, start: Any):
 
 @wp.func
 def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
-    """Adds one tensioner's force, pressure and extension, the powers that damper and stop take, and that of suction."""
+    """A tensioner's sums with force, pressure, extension, and powers of damper, stop and suction added."""
     x = rounded_value(push.extension)
     sums.force_min = wp.min(sums.force_min, push.force)
     sums.force_max = wp.max(sums.force_max, push.force)
@@ -308,7 +303,7 @@ def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
 
 @wp.func
 def add_meter(sums: Any, meter: Any, start: bool, end: bool):
-    """Takes a tensioner's meter at the window's two ends, nothing in between."""
+    """A tensioner's sums with its meter of flows taken at the window's `start` and `end`."""
     if start:
         sums.flows = meter
     if end:
@@ -318,7 +313,7 @@ def add_meter(sums: Any, meter: Any, start: bool, end: bool):
 
 @wp.func
 def add_displacement(sums: StrandSums, displacement: wp.float64):
-    """Adds one mid-strand transverse displacement [m]."""
+    """A strand's sums with one mid-strand transverse displacement [m] added."""
     sums.samples = sums.samples + wp.int64(1)
     sums.displacement_min = wp.min(sums.displacement_min, displacement)
     sums.displacement_max = wp.max(sums.displacement_max, displacement)
@@ -329,19 +324,19 @@ def add_displacement(sums: StrandSums, displacement: wp.float64):
 
 @wp.func
 def coordinate_along(x: wp.float64, y: wp.float64, strand: Strand):
-    """Coordinate of a point along a strand's nominal line [m]."""
+    """Coordinate [m] of a point along a strand's nominal line."""
     return (x - strand.start[0]) * strand.direction[0] + (y - strand.start[1]) * strand.direction[1]
 
 
 @wp.func
 def distance_left(x: wp.float64, y: wp.float64, strand: Strand):
-    """Distance of a point to the left of a strand's nominal line [m]."""
+    """Distance [m] of a point to the left of a strand's nominal line."""
     return (y - strand.start[1]) * strand.direction[0] - (x - strand.start[0]) * strand.direction[1]
 
 
 @wp.func
 def mid_strand_displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, strand: Strand):
-    """Transverse displacement of the chain where it passes mid-strand between two rollers [m], left positive."""
+    """Transverse displacement [m] of the chain mid-strand between rollers a and b, left positive."""
     a = coordinate_along(ax, ay, strand)
     b = coordinate_along(bx, by, strand)
     part = (wp.float64(0.5) * strand.length - a) * reciprocal(b - a)
@@ -350,21 +345,21 @@ def mid_strand_displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: 
 
 @cache
 def strand_follower(Real: type) -> wp.Function:
-    """The function that keeps up which part of the chain is on a strand."""
+    """Warp function that tracks which links are on a strand, for rows of type `Real`."""
 
     @wp.func
     def roller_coordinate(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
-        """Coordinate of roller i along a strand's nominal line [m]."""
+        """Coordinate [m] of roller `i` along a strand's nominal line."""
         return coordinate_along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
 
     @wp.func
     def roller_distance(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
-        """Distance of roller i to a strand's nominal line [m]."""
+        """Distance [m] of roller `i` from a strand's nominal line."""
         return wp.abs(distance_left(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand))
 
     @wp.func
     def last_roller_before(rollers: wp.array[Real], x: int, y: int, n: int, i: int, limit: wp.float64, strand: Strand):
-        """The last roller that is not past `limit` [m] along a strand's nominal line, sought from roller i on."""
+        """Last roller not past `limit` [m] along a strand's nominal line, searched from roller `i` on."""
         tries = int(0)
         while roller_coordinate(rollers, x, y, i, strand) > limit and tries < n:
             i = previous_index(i, n)
@@ -377,9 +372,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def mid_crossing(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
-        """The last roller that is not past mid-strand, anywhere in the chain. Where a chain that winds back and forth
-        crosses there several times, that of the crossing nearest the strand's line.
-        """
+        """Last roller not past mid-strand, at the crossing nearest to the strand's line of any in the chain."""
         limit = wp.float64(0.5) * strand.length
         found = strand.middle
         nearest = wp.float64(wp.inf)
@@ -399,8 +392,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def follow_strand(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
-        """The strand with its middle and its links brought up to date: the chain has moved little since, unless they
-        are sought `anew`.
+        """A strand with its middle and links brought up to date from the last sample, or searched `anew`.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
         """

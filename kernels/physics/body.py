@@ -1,15 +1,10 @@
-"""Bodies, which carry teeth and guides: how the chain's wrench moves them, and their energies.
+"""Rigid bodies that carry teeth and guides: poses, accelerations, integration in time and energies.
 
-A body has three coordinates, its center (x, y) and its angle; each is free, held, or prescribed. A sprocket whose
-center is fixed and that has no balance wheel, or an arm about a fixed pivot, only turns (`Mount.active` = 0); the
-others follow `mount`. A prescribed coordinate takes its mean speed over a leapfrog step, which brings it exactly from
-position to position.
+Center (x, y) and angle are each free, held or prescribed. Bodies that only turn have `Mount.active` = 0; others follow
+`mount`. A prescribed coordinate takes its mean speed over a leapfrog step, and so is exact at each step's end.
 
-A new kind of body adds its own moment to the load on its angle.
-
-Coordinates and rates are numbers (`number`); forces, moments and accelerations are rounded. Between two evaluations of
-its angle a heading may be turned by the small angle of a step, by the series of sine and cosine to the fifth order,
-whose next terms are below 1e-14 for steps of a hundredth of a radian.
+Coordinates and rates are numbers (`number`), all else is rounded. Headings turned by the series of sine and cosine to
+the fifth order are within 1e-14 for steps up to 0.01 rad.
 """
 
 from typing import Any
@@ -40,14 +35,14 @@ BLOCKS = types(wp.float32, blocks=True)
 
 @wp.func
 def heading_of(body: BodyState):
-    """(cos theta, sin theta) of a body's angle."""
+    """Unit vector (cos theta, sin theta) of a body's angle, in float64."""
     sine, cosine = sine_cosine(body.angle)
     return wp.vec2d(cosine, sine)
 
 
 @wp.func
 def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
-    """A float64 pose that heads along (cosine, sine)."""
+    """A body's float64 pose heading along (cosine, sine)."""
     pose.cosine = cosine
     pose.sine = sine
     return pose
@@ -55,7 +50,7 @@ def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
 
 @wp.func
 def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
-    """A pose in pairs that heads along (cosine, sine), with R cos theta and R sin theta on their grid (`tooth`)."""
+    """A body's pose in pairs heading along (cosine, sine), with R cos theta and R sin theta on `tooth`'s grid."""
     pose.cosine = cosine
     pose.sine = sine
     pose.reach_cosine = grid_product(cosine, pose.radius, pose.grid)
@@ -65,7 +60,7 @@ def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
 
 @wp.func
 def turned_pose(pose: Pose, turn: wp.float64):
-    """A float64 pose turned by a small angle [rad], its heading back at length one."""
+    """A body's float64 pose turned by a small angle [rad], its heading of length one."""
     square = turn * turn
     one = wp.float64(1.0)
     fourth = multiply_add(-square, wp.static(wp.float64(1.0 / 24.0)), wp.float64(0.5))
@@ -80,7 +75,7 @@ def turned_pose(pose: Pose, turn: wp.float64):
 
 @wp.func
 def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
-    """A pose in pairs turned by a small angle [rad], by what is added to cosine and sine."""
+    """A body's pose in pairs turned by a small angle [rad], its heading of length one."""
     square = turn * turn
     less = -0.5 * square * (1.0 - square * wp.static(1.0 / 12.0))
     sine = turn * (1.0 - square * wp.static(1.0 / 6.0) * (1.0 - square * wp.static(1.0 / 20.0)))
@@ -92,7 +87,7 @@ def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
 
 @wp.func
 def aligned_pose(pose: Any):
-    """A pose that heads along its angle, its coordinates and rates trimmed to what float64 can hold."""
+    """A body's pose heading along its angle, coordinates and rates trimmed to float64's digits."""
     pose.angle = trimmed_value(pose.angle)
     pose.speed = trimmed_value(pose.speed)
     pose.center = trimmed_value(pose.center)
@@ -103,7 +98,7 @@ def aligned_pose(pose: Any):
 
 @wp.func
 def pose_with_coordinates(pose: Any, body: Any):
-    """A pose with a body's coordinates, rates and accelerations; its heading stays."""
+    """A body's pose with the coordinates, rates and accelerations of state `body`, the heading as it was."""
     pose.angle = body.angle
     pose.speed = body.speed
     pose.center = body.center
@@ -115,19 +110,19 @@ def pose_with_coordinates(pose: Any, body: Any):
 
 @wp.func
 def pose_of(body: BodyState):
-    """The pose of a body, as contacts see it."""
+    """Float64 pose of a body's state, as contacts see it."""
     return aligned_pose(pose_with_coordinates(Pose(), body))
 
 
 @wp.func
 def plain_body(body: BodyState):
-    """A body's float64 state, unchanged: it is in plain numbers."""
+    """A body's float64 state as plain numbers: unchanged."""
     return body
 
 
 @wp.func
 def plain_body(body: BLOCKS.BodyState):
-    """A body's state in pairs as plain float32 numbers, with the low part of its speed in `rest`."""
+    """A body's state in pairs as plain float32 numbers, the low part of its speed in `rest`."""
     plain = BLOCKS.Instant()
     plain.angle = rounded_value(body.angle)
     plain.speed = leading_value(body.speed)
@@ -139,14 +134,14 @@ def plain_body(body: BLOCKS.BodyState):
 
 @wp.func
 def add_speed(body: BodyState, change: wp.float64):
-    """A float64 body that turns faster by `change` [rad/s]."""
+    """A body's float64 state with its angular velocity raised by `change` [rad/s]."""
     body.speed = body.speed + change
     return body
 
 
 @wp.func
 def add_speed(body: BLOCKS.Instant, change: wp.float32):
-    """A body in plain float32 that turns faster by `change` [rad/s]; what that rounds off goes to `rest`."""
+    """A body's float32 state with its angular velocity raised by `change` [rad/s], what that rounds off in `rest`."""
     speed = body.speed + change
     body.rest = ((body.speed - speed) + change) + body.rest
     body.speed = speed
@@ -155,13 +150,13 @@ def add_speed(body: BLOCKS.Instant, change: wp.float32):
 
 @wp.func
 def speed_as_float64(body: BodyState):
-    """Angular velocity of a float64 body [rad/s]."""
+    """Angular velocity [rad/s] of a body's float64 state."""
     return body.speed
 
 
 @wp.func
 def speed_as_float64(body: BLOCKS.Instant):
-    """Angular velocity of a body in plain float32 [rad/s], as float64: its energy is too large for float32."""
+    """Angular velocity [rad/s] of a body's float32 state and its `rest`, as float64."""
     return wp.float64(body.speed) + wp.float64(body.rest)
 
 
@@ -169,15 +164,13 @@ def speed_as_float64(body: BLOCKS.Instant):
 def body_accelerations(
     time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any
 ):
-    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4); 0 of a prescribed fixed angle.
+    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4), as one vector.
 
     Args:
-        time: for what is prescribed [s].
-        off: the body's center from its home [m] (`mount.displacement_from_home`).
-        body: its coordinates and rates in plain numbers; its speed must be that of `time`.
-        heading: cosine and sine of its angle.
-        wrench: of chain and tensioners on it, and its load, if its angle is free.
-        motion, mount, ensemble: how it turns and is held.
+        time: of what is prescribed and of the body's speed [s].
+        off: center from its home [m].
+        heading: (cos theta, sin theta).
+        wrench: all forces on it, with its load if its angle is free.
     """
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
@@ -198,15 +191,9 @@ def body_accelerations(
 
 @wp.func
 def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
-    """A body one leapfrog step `h` [s] later, except for a prescribed center.
+    """A body's state one leapfrog step `h` [s] later, except for a prescribed center.
 
-    Args:
-        kick: time over which its rates are accelerated (`integrate.leapfrog_kick`) [s].
-        h: the step [s].
-        body: in numbers.
-        rates: accelerations of center [m/s^2] and angle [rad/s^2].
-        ahead: its angle after the step, if that is prescribed [rad].
-        motion, mount: how it turns and is held.
+    `kick` is `integrate.leapfrog_kick` [s], `rates` as of `body_accelerations`, `ahead` a prescribed angle at the end.
     """
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
@@ -220,9 +207,7 @@ def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: 
 
 @wp.func
 def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
-    """A body with its center, if prescribed, where it is at `after` [s], moving at its mean velocity over the step `h`
-    [s].
-    """
+    """A body's state with a prescribed center as at time `after` [s], at its mean velocity over the step `h` [s]."""
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(after, mount, ensemble)
         body.velocity = (center - body.center) * reciprocal(h)
@@ -232,13 +217,9 @@ def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: 
 
 @wp.func
 def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
-    """A body after a leapfrog step with the accelerations of that step, which contacts of the next one use.
+    """A body's state after a leapfrog step with that step's accelerations, for contacts of the next.
 
-    Args:
-        before, after: the body at this step and the next.
-        rates: its accelerations in this step.
-        kick: time over which its rates were accelerated [s].
-        motion, mount: prescribed coordinates take the change of their speeds.
+    `rates` as of `body_accelerations`, accelerating over `kick` [s].
     """
     after.angular = rates[2]
     if motion.prescribed == 1:
@@ -251,10 +232,7 @@ def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, moti
 
 @wp.func
 def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body where the next Runge-Kutta stage evaluates it; after the last stage, at the step's end.
-
-    Returned with the body at the step's start and the sum of its weighted slopes so far.
-    """
+    """A body's states at the next Runge-Kutta stage and at the step's start, and its weighted slopes so far."""
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity
@@ -288,10 +266,7 @@ def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: A
 
 @wp.func
 def body_at_time(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body in plain numbers with its rates at `time` [s], `lag` after their own instant.
-
-    `driven` is the speed of a prescribed angle [rad/s].
-    """
+    """A body's plain state with rates as of `time` [s], `lag` [s] after its own; `driven` is a prescribed speed."""
     seen = plain_body(body)
     if motion.prescribed == 1:
         seen.speed = driven
@@ -307,7 +282,7 @@ def body_at_time(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion
 
 @wp.func
 def wrench_with_force(wrench: Any, force: Any, moment: Any):
-    """The wrench on a body with one more force [N] and its moment about the body's center [N m]."""
+    """Wrench on a body with one more force [N] and its moment about the body's center [N m]."""
     wrench.force = wrench.force + force
     wrench.moment = wrench.moment + moment
     return wrench
@@ -315,7 +290,7 @@ def wrench_with_force(wrench: Any, force: Any, moment: Any):
 
 @wp.func
 def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
-    """Kinetic and potential energy of a body with its rates at one instant [J]; 0 where its motion is prescribed."""
+    """Kinetic and potential energy [J] of a body with its rates at one instant; 0 where its motion is prescribed."""
     energy = wp.float64(0.0)
     if mount.active != 0:
         energy = wp.float64(mount_energy(off, body, heading, mount))
@@ -327,9 +302,9 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 @wp.func
 def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: Any, mount: Any):
-    """Force [N] that holds a body's center on an active mount, and power [W] of what prescribes center and angle.
+    """Force [N] that holds a body's center on an active mount, and power [W] of what prescribes its motion.
 
-    Arguments as of `body_accelerations`, with the body's rates at the instant and the accelerations `rates`.
+    Arguments as of `body_accelerations`, rates at the instant.
     """
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
@@ -337,14 +312,10 @@ def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rate
 
 @wp.func
 def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
-    """Power [W] of contacts on a body that they miss, since they take its rates from its acceleration of the step
-    before.
+    """Power [W] that contacts on a body miss, as they take its rates by its acceleration of the step before.
 
-    Args:
-        wrench: of contacts [N, N m].
-        now: the body in plain numbers, with its rates at the forces' instant.
-        pose: as contacts saw it, `lag` before that [s].
-        carried: another body carries its center, which then has the center's power.
+    `now` is its plain state at the forces' instant, `pose` that of `lag` [s] before; `carried`: its carrier has the
+    center's power.
     """
     power = wrench.moment * (now.speed - leading_value(pose.speed) - lag * pose.angular)
     if not carried:
@@ -354,7 +325,7 @@ def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
 
 @wp.func
 def is_in_box(low: Any, high: Any, p: Any):
-    """Whether point `p` is finite and in a drive's box, which holds rollers and bodies' centers."""
+    """Whether point `p` [m] is finite and within a drive's box, which holds rollers and bodies' centers."""
     return p[0] > low[0] and p[0] < high[0] and p[1] > low[1] and p[1] < high[1]
 
 
@@ -366,7 +337,7 @@ def has_finite_rotation(angle: Any, speed: Any):
 
 @wp.func
 def stop_moment(angle: Any, speed: Any, arm: Any):
-    """Moment [N m] of the stop that an arm leans on, and what of it is elastic."""
+    """Moment [N m] of the stop that a tensioner arm leans on, and its elastic part [N m]."""
     zero = type(angle)(0.0)
     elastic = zero
     moment = zero
@@ -381,7 +352,7 @@ def stop_moment(angle: Any, speed: Any, arm: Any):
 
 @wp.func
 def coil_length(angle: Any, arm: Any):
-    """Length of an arm's coil spring [m] from its anchor to its point on the arm, and its derivative by the angle."""
+    """Length [m] of an arm's coil spring, and its derivative by the arm's angle [m/rad]."""
     sine, cosine = wp.sin(angle), wp.cos(angle)
     x = arm.coil_point[0] * cosine - arm.coil_point[1] * sine
     y = arm.coil_point[0] * sine + arm.coil_point[1] * cosine
@@ -392,20 +363,14 @@ def coil_length(angle: Any, arm: Any):
 
 @wp.func
 def coil_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of its coil spring and that one's damper; `turned` has its angle and speed."""
+    """Moment [N m] on an arm of its coil spring and damper; `turned` has the arm's angle and speed."""
     length, lever = coil_length(turned.angle, arm)
     return -lever * (arm.coil_stiffness * (length - arm.coil_free_length) + arm.coil_damping * lever * turned.speed)
 
 
 @wp.func
 def arm_own_moment(body: Any, heading: Any, arm: Any):
-    """Moment [N m] on an arm of its weight, springs, dampers and stops.
-
-    Args:
-        body: its angle and speed.
-        heading: cosine and sine of its angle.
-        arm: `structs.Arm`.
-    """
+    """Moment [N m] on an arm of its weight, springs, dampers and stops; `heading` is (cos theta, sin theta)."""
     x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
     y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
     stop, elastic = stop_moment(body.angle, body.speed, arm)
@@ -418,7 +383,7 @@ def arm_own_moment(body: Any, heading: Any, arm: Any):
 
 @wp.func
 def arm_spring_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of its springs, dampers and stops; `turned` has its angle and speed as these see it."""
+    """Moment [N m] on an arm of springs, dampers and stops; `turned` has its angle and speed against its carrier."""
     stop, elastic = stop_moment(turned.angle, turned.speed, arm)
     moment = stop - arm.stiffness * (turned.angle - arm.free_angle) - arm.damping * turned.speed
     if arm.coil_stiffness > type(moment)(0.0):
@@ -428,7 +393,7 @@ def arm_spring_moment(turned: Any, arm: Any):
 
 @wp.func
 def arm_mass_moment(heading: Any, arm: Any):
-    """Mass of an arm times its center of mass from its pivot, at its heading [kg m]."""
+    """Mass of an arm times its center of mass from its pivot [kg m], at its heading."""
     return type(heading)(
         arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1],
         arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0],
@@ -437,7 +402,7 @@ def arm_mass_moment(heading: Any, arm: Any):
 
 @wp.func
 def relax_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
-    """An arm after a step of relaxation, omega += kick alpha, theta += h omega; from rest where `kick` < `h`."""
+    """State of an arm after a relaxation step: omega += kick alpha, theta += h omega; from rest where `kick` < `h`."""
     body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular
     body.angle = body.angle + h * body.speed
     return body
@@ -445,7 +410,7 @@ def relax_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
 
 @wp.func
 def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
-    """Energy of an arm [J]: `kinetic`, that of its springs and stops, and that of its weight."""
+    """Energy [J] of an arm: `kinetic` and that of its springs, stops and weight."""
     half = type(body.speed)(0.5)
     turned = body.angle - arm.free_angle
     energy = kinetic + wp.float64(half * arm.stiffness * turned * turned)
@@ -462,13 +427,13 @@ def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
 
 @wp.func
 def pivot_power(power: Any, body: Any, arm: Any):
-    """Power [W] of what moves an arm's pivot: `power` without weight (`holding_force_and_power`), and what it lifts."""
+    """Power [W] of what moves an arm's pivot: that without weight (`holding_force_and_power`) and that of lifting."""
     return power - arm.mass * wp.dot(arm.gravity, body.velocity)
 
 
 @wp.func
 def arm_dissipation(body: Any, arm: Any):
-    """Power [W] that an arm's dampers and stops take."""
+    """Power [W] that an arm's dampers and stops dissipate."""
     stop, elastic = stop_moment(body.angle, body.speed, arm)
     power = arm.damping * body.speed * body.speed - (stop - elastic) * body.speed
     if arm.coil_stiffness > type(power)(0.0):

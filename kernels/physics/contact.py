@@ -1,27 +1,20 @@
-r"""The forces of one roller's contact with a sprocket or guide, its energy and powers, and what the contact remembers.
+"""One roller's contact with a sprocket or guide: normal force, friction, energy, powers and the contact's memory.
 
-A contact keeps the approach speed v0 of its first instant until it opens. What an open one keeps is not positive:
-`UNTOUCHED`; between a sprocket's teeth `SEPARATED` once the roller has left them in its pass; in a guide `MISSED` if
-the roller did not come in through the face: it then feels no force until it has left. A roller keeps its seat while it
-is engaged, so that no angle is computed in the time loop. The relative velocity is that of the partner's material point
-against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force acts on the roller, its opposite on the
-partner's body at the same point, which conserves angular momentum (eq. (16) with the full cross product). Penetration
-and normal are those of `tooth.tooth_contact`, `guide.bar_contact` or `guide.profile_contact`.
+A contact keeps the approach speed v0 of its first instant until it opens. An open one keeps a value that is not
+positive: `UNTOUCHED`; between teeth `SEPARATED` once the roller has left them in its pass; in a guide `MISSED` if the
+roller did not come in through the face: it then feels no force until it has left. The relative velocity is that of the
+partner's material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force on the roller has its
+opposite at the same point of the partner's body, which conserves angular momentum (eq. (16) with the full cross
+product). Friction, too, acts at the roller's center.
 
-**Mean over a step.** Leapfrog's kick is the force's impulse over a step, and max(0, pen) has a kink: where in a step a
-roller meets its partner would decide how deep it stands as the first force acts. So forces go by the mean of
-max(0, pen + v tau) over the step, tau from -h/2 to h/2, v the approach speed by all but the contact and w = |v| h / 2,
+**Mean over a step.** Leapfrog's kick is the force's impulse over a step. So forces go by the mean of max(0, pen + v
+tau) over tau from -h/2 to h/2, v the approach speed by all but the contact and w = |v| h / 2,
 
     pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
 
-and a contact begins up to half a step before it is reached, at v0 = v - a pen / v, a the closing acceleration: the
-speed where pen is 0, or v - a h / 2 where pen is more than w. A scheme with stages has w = 0.
-
-A contact takes the power of its whole force, which includes the energy that is lost in (a), less the change of its
-elastic energy.
-
-Friction acts at the roller's center like the contact force, against what the partner's material point there slides
-along the contact: so the reaction's moment and the power are exact, and no roller needs an angle.
+and a contact begins up to half a step early, at v0 = v - a pen / v, a the closing acceleration: the speed where pen is
+0, or v - a h / 2 where pen is more than w. A scheme with stages has w = 0. A contact takes the power of its whole
+force, less the change of its elastic energy.
 """
 
 from typing import Any
@@ -42,7 +35,7 @@ MISSED = wp.constant(-1.0)
 
 @wp.func
 def force_vector(direction: Any, size: Any):
-    """A force [N] of a size [N] along a unit vector."""
+    """Contact force (vector) [N] of a size [N] along a unit vector."""
     return size * direction
 
 
@@ -50,18 +43,12 @@ def force_vector(direction: Any, size: Any):
 def normal_force_vector(
     penetration: Any, normal: Any, relative: Any, acceleration: Any, impact_speed: Any, speed_before: Any, law: Any
 ):
-    """The normal force of a contact as a vector, eq. (15)-(19).
+    """Normal force of a contact on the roller (vector) [N], followed by all that `normal_force` returns, eq. (15)-(19).
 
     Args:
-        penetration: pen, negative where they do not touch yet [m].
         normal: unit vector towards the roller.
-        relative: velocity of the partner's material point less the roller's [m/s], positive along the normal while the
-            penetration grows.
+        relative: velocity of the partner's point less the roller's [m/s].
         acceleration: of that velocity, by all but this contact [m/s^2].
-        impact_speed, speed_before, law: as in `normal_force`.
-
-    Returns:
-        Force on the roller (vector) [N], and what `normal_force` returns.
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
     growth = products(acceleration[0], normal[0], acceleration[1], normal[1])
@@ -71,19 +58,17 @@ def normal_force_vector(
 
 @wp.func
 def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """The normal force of a contact: its impulse over a leapfrog step, over the step (a).
+    """Normal force of a contact over a step: mean penetration [m], elastic part and size [N], v0 and damper speed.
+
+    An open contact has mean penetration 0, and nothing else then counts. Speeds in m/s.
 
     Args:
-        penetration: pen at the step's instant, negative where they do not touch [m].
+        penetration: at the step's instant, negative where apart [m].
         speed: at which it grows [m/s], half a step before with leapfrog.
-        growth: acceleration of that speed, by all but this contact [m/s^2].
-        impact_speed: v0 of this contact, not positive if it was open until now [m/s].
-        speed_before: the speed at which its damper acted in the step before [m/s].
-        law: the contact's parameters (`structs.ContactLaw`).
-
-    Returns:
-        Mean penetration over the step [m], 0 where the contact is open, and nothing else then counts; the elastic part
-        of the force and the force [N]; v0 and the speed at which the damper acts [m/s].
+        growth: of that speed, by all but this contact [m/s^2].
+        impact_speed: v0, not positive if open until now [m/s].
+        speed_before: at which the damper acted in the step before [m/s].
+        law: `structs.ContactLaw`.
     """
     zero = type(speed)(0.0)
     closing = multiply_add(law.lag, growth, speed)
@@ -102,12 +87,9 @@ def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 @wp.func
 def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """The normal force of a contact that neither opens nor closes within the step; cheaper than `normal_force`.
+    """Normal force [N] and damper speed [m/s] of a contact that stays closed or open over the step, 0 where open.
 
     Arguments as of `normal_force`.
-
-    Returns:
-        The force [N] and the speed at which the damper acts [m/s], both 0 where the contact is open.
     """
     zero = type(speed)(0.0)
     elastic = elastic_force(larger(penetration, zero), law.stiffness, law.exponent)
@@ -118,7 +100,7 @@ def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 @wp.func
 def is_changing(penetration: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
-    """1 where a contact opens or closes within the step, or begins, else 0; arguments as of `normal_force`."""
+    """1 where a contact opens, closes or begins within the step, else 0; arguments as of `normal_force`."""
     zero = type(speed)(0.0)
     ahead = smaller(wp.abs(multiply_add(law.lag, growth, speed)) * law.lag, law.ahead)
     begins = wp.where(impact_speed <= zero, penetration, zero)
@@ -133,16 +115,15 @@ def contact_energy(penetration: Any, elastic: Any, law: Any):
 
 @wp.func
 def memory_after_teeth(impact_speed: Any):
-    """The memory of an open contact with teeth, from its memory until now."""
+    """Memory of an open contact with teeth, `UNTOUCHED` or `SEPARATED`, from its memory until now."""
     return wp.where(impact_speed == type(impact_speed)(UNTOUCHED), impact_speed, type(impact_speed)(SEPARATED))
 
 
 @wp.func
 def has_missed_face(penetration: Any, impact_speed: Any, guide: Any):
-    """Whether a roller, `penetration` > 0 deep in a guide, did not come through its face, and so feels nothing of it.
+    """Whether a roller, `penetration` > 0 [m] in a guide, did not come in through its face, and so feels no force.
 
-    It is first seen too deep, since it came from behind, through a thin bar, or began the run in there; and it has not
-    left since (`impact_speed`).
+    It was first seen too deep, and has not left since (`impact_speed`).
     """
     first_seen = impact_speed == type(penetration)(UNTOUCHED)
     return impact_speed < type(penetration)(UNTOUCHED) or (first_seen and penetration > guide.deepest_entry)
@@ -150,14 +131,13 @@ def has_missed_face(penetration: Any, impact_speed: Any, guide: Any):
 
 @wp.func
 def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction on the roller (vector) [N], and the force that the contact's bristle then holds [N].
+    """Friction of a contact on the roller (vector) [N], and the force [N] that its bristle then holds.
 
     Args:
         size: of the normal force, >= 0 [N].
         normal: unit vector towards the roller.
-        relative: velocity of the partner's material point less the roller's [m/s].
-        bristle: force that the bristle has held until now [N], 0 if the contact was open.
-        friction: of the contact (`structs.Friction`).
+        relative: velocity of the partner's point less the roller's [m/s].
+        bristle: force held until now, 0 if the contact was open [N].
         stretch_part: as in `friction.bristle_friction`.
     """
     mu = sliding_coefficient(normal, relative, friction)
@@ -167,7 +147,10 @@ def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction
 
 @wp.func
 def even_friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction on the roller (vector) [N] of one coefficient at all speeds; arguments as of `friction_force`."""
+    """Friction of a contact on the roller (vector) [N] with one coefficient at all speeds, and its bristle's force [N].
+
+    Arguments as of `friction_force`.
+    """
     drag, holds = friction_force_of_coefficient(
         friction.mu_dynamic, size, normal, relative, bristle, friction, stretch_part
     )
@@ -182,10 +165,7 @@ def sliding_coefficient(normal: Any, relative: Any, friction: Any):
 
 @wp.func
 def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any):
-    """Speed at which a contact slides [m/s], along its normal turned by +90 degrees.
-
-    Arguments are the components of `relative` and `normal` of `friction_force`.
-    """
+    """Speed [m/s] at which a contact slides, along its normal turned by +90 degrees, from components."""
     return products(relative_x, -normal_y, relative_y, normal_x)
 
 
@@ -193,7 +173,10 @@ def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any
 def friction_force_of_coefficient(
     mu: Any, size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any
 ):
-    """Friction on the roller (vector) [N] of a given coefficient; other arguments as of `friction_force`."""
+    """Friction of a contact on the roller (vector) [N] for a given `mu`, and its bristle's force [N].
+
+    Other arguments as of `friction_force`.
+    """
     along = type(normal)(-normal[1], normal[0])
     speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
     drag, holds = bristle_friction(mu * size, speed, bristle, friction.spring, friction.damper, stretch_part)
@@ -202,34 +185,31 @@ def friction_force_of_coefficient(
 
 @wp.func
 def dissipated_power(force: Any, relative: Any, acceleration: Any, lag: Any):
-    """Power [W] that dampers or friction take, at the mean of the speeds before and after the step.
-
-    With the speed before it alone, the energy balance would drift with the step.
+    """Power [W] that a contact's damper or friction takes, at the mean of the speeds before and after the step.
 
     Args:
-        force: of the damper or of friction on the roller [N].
-        relative: velocity of the partner's material point less the roller's, `lag` before the forces' instant [m/s].
-        acceleration: of that velocity, with all that acts (`relative_acceleration`) [m/s^2].
-        lag: half a step with leapfrog, else 0 [s].
+        force: on the roller [N].
+        relative: velocity of the partner's point less the roller's, `lag` [s] before the forces' instant [m/s].
+        acceleration: of that velocity (`relative_acceleration`) [m/s^2].
     """
     return power_of_force(force[0], force[1], relative[0] + lag * acceleration[0], relative[1] + lag * acceleration[1])
 
 
 @wp.func
 def power_of_force(force_x: Any, force_y: Any, speed_x: Any, speed_y: Any):
-    """Power [W] of a force [N] at a velocity [m/s], both in components."""
+    """Power [W] of a contact force [N] at a velocity [m/s], both in components."""
     return force_x * speed_x + force_y * speed_y
 
 
 @wp.func
 def reaction_moment(arm: Any, force: Any):
-    """Moment [N m] about the center of the partner's body of a force [N] on a roller `arm` [m] from that center."""
+    """Moment [N m] on the partner's body of a contact force [N] on a roller `arm` [m] from the body's center."""
     return products(arm[1], force[0], -arm[0], force[1])
 
 
 @wp.func
 def surface_velocity(body: Any, arm: Any):
-    """Velocity of a body's material point [m/s], `arm` from its center."""
+    """Velocity [m/s] of the material point of a contact's body, `arm` [m] from its center."""
     v = leading_value(body.velocity)
     omega = leading_value(body.speed)
     return type(arm)(v[0] - omega * arm[1], v[1] + omega * arm[0])
@@ -237,16 +217,9 @@ def surface_velocity(body: Any, arm: Any):
 
 @wp.func
 def relative_acceleration(straight: Any, angular: Any, arm: Any, acceleration: Any):
-    """Acceleration [m/s^2] of the velocity of a body's material point less a roller's.
+    """Acceleration [m/s^2] of a contact's relative velocity: the body's, of the step before, less the roller's.
 
-    The body's accelerations are those of the step before, the roller's is all that is known. The arm is the one of the
-    forces' instant, so nothing centripetal is in it.
-
-    Args:
-        straight: of the body's center [m/s^2].
-        angular: of its angle [rad/s^2].
-        arm: the point from the center [m].
-        acceleration: the roller's [m/s^2].
+    Without the centripetal part, as `arm` [m] is that of the forces' instant.
     """
     x = multiply_add(-angular, arm[1], straight[0])
     return type(arm)(x - acceleration[0], multiply_add(angular, arm[0], straight[1]) - acceleration[1])
@@ -254,12 +227,12 @@ def relative_acceleration(straight: Any, angular: Any, arm: Any, acceleration: A
 
 @wp.func
 def rotated_components(x: Any, y: Any, cosine: Any, sine: Any):
-    """The components (x, y) turned by the angle whose cosine and sine are given."""
+    """Components (x, y) turned by the angle of (cosine, sine)."""
     return products(x, cosine, -y, sine), products(x, sine, y, cosine)
 
 
 @wp.func
 def rotated_vector(direction: Any, cosine: Any, sine: Any):
-    """A vector turned by the angle whose cosine and sine are given."""
+    """Vector turned by the angle of (cosine, sine)."""
     x, y = rotated_components(direction[0], direction[1], cosine, sine)
     return type(direction)(x, y)

@@ -1,14 +1,14 @@
-r"""Hubs of sprockets: arms that carry them, and friction in their bearings; arms that carry arms.
+"""Hubs: arms that carry sprockets, friction in the sprockets' bearings, and arms that carry arms.
 
-A sprocket on an arm has its center at a point of it, r = p + Rot(alpha) d, p the arm's pivot; it turns for itself. The
-chain's force F on it acts on the arm at r, its moment on the sprocket alone:
+A sprocket on an arm has its center at r = p + Rot(alpha) d, p the arm's pivot. The chain's force F on it acts on the
+arm at r, its moment on the sprocket alone:
 
     J omega' = M + load - Q,    (I + m d^2) alpha'' = r_d x F + Q + other moments,    r_d = Rot(alpha) d,    (a)
 
 with m, J its mass and inertia. Its bearing, of radius r_b, rubs by Q, at most mu_b r_b |F|, against omega - alpha'
-(against omega where no arm carries it), with a bristle as all friction (`friction`).
+(against omega where no arm carries it), with a bristle (`friction`).
 
-Arm 1 may carry arm 2, whose pivot is then a point of arm 1. With d from pivot 1 to pivot 2, absolute angles and
+Arm 1 may carry arm 2, whose pivot is a point of arm 1. With d from pivot 1 to pivot 2, absolute angles and
 s = m_2 (r_c - p_2) of arm 2,
 
     (I_1 + m_2 d^2) alpha_1 + d.s alpha_2 = M_1 + r_d x F_2 + w_2^2 (r_d x s)
@@ -19,10 +19,8 @@ each is eliminated from the first line. Beside its mass at the pivot, the turnin
 
     F_2 + w_2^2 s - alpha_2 e_z x s,                                                                          (c)
 
-which whatever prescribes the pivot of arm 1 has to hold, too.
-
-In leapfrog the center's velocity is alpha' x r_d of the arm's speed half a step behind, so that with the arm's
-acceleration, alpha'' x r_d, contacts have that of their instant, as of guides on arms.
+which what prescribes the pivot of arm 1 has to hold. In leapfrog, alpha' is half a step behind; contacts bring it to
+their instant by alpha'', as of guides on arms.
 """
 
 from typing import Any
@@ -37,7 +35,7 @@ from .mount import left_normal
 
 @wp.func
 def carried_body(body: Any, carrier: Any, hub: Any):
-    """A body with center and velocity at the point of its carrier that `hub` names (`structs.Hub` or `Arm`)."""
+    """A body's state with center and velocity of the point of its carrier that `hub` (`structs.Hub` or `Arm`) names."""
     lever = world_vector(hub.lever, carrier)
     body.center = carrier.center + lever
     body.velocity = carrier.velocity + number_of(leading_value(carrier.speed) * left_normal(leading_value(lever)))
@@ -47,7 +45,7 @@ def carried_body(body: Any, carrier: Any, hub: Any):
 
 @wp.func
 def relative_body(body: Any, carrier: Any):
-    """A body's state as its carrier sees it turn: its angle and speed less the carrier's."""
+    """A body's state with angle and speed less those of its carrier."""
     body.angle = body.angle - carrier.angle
     body.speed = body.speed - carrier.speed
     return body
@@ -55,19 +53,15 @@ def relative_body(body: Any, carrier: Any):
 
 @wp.func
 def moment_about_pivot(lever: Any, force: Any):
-    """Moment [N m] about a pivot of a force [N], which acts `lever` [m] from it."""
+    """Moment [N m] about an arm's pivot of a force [N] that acts `lever` [m] from it."""
     return lever[0] * force[1] - lever[1] * force[0]
 
 
 @wp.func
 def carried_arm_terms(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: Any):
-    """d.s [kg m^2], the right side of the second line and the last term of the first line [N m] of (b).
+    """d.s [kg m^2], right side [N m] of the second line and last term [N m] of the first line of (b) for arms on arms.
 
-    Args:
-        lever, s: d [m] and s [kg m].
-        w1, w2: angular velocities of the carrying and the carried arm [rad/s].
-        led: acceleration of the carrying arm's pivot [m/s^2].
-        moment: M_2 [N m].
+    `lever` is d [m], `w1` and `w2` [rad/s], `led` the acceleration of arm 1's pivot [m/s^2], `moment` M_2 [N m].
     """
     across = moment_about_pivot(lever, s)
     right = moment - w1 * w1 * across - moment_about_pivot(s, led)
@@ -76,14 +70,14 @@ def carried_arm_terms(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: An
 
 @wp.func
 def eliminate_carried_arm(moment: Any, inertia: Any, terms: Any, inverse: Any):
-    """Moment [N m] and inertia [kg m^2] of the first line of (b) without the carried arm; `inverse` is 1 / I_2."""
+    """Moment [N m] and inertia [kg m^2] of an arm with one that it carries eliminated, (b); `inverse` is 1 / I_2."""
     moment = moment + terms[2] - terms[0] * inverse * terms[1]
     return moment, inertia - terms[0] * terms[0] * inverse
 
 
 @wp.func
 def carried_arm_acceleration(angular: Any, terms: Any, inverse: Any):
-    """alpha_2 [rad/s^2] of (b) from alpha_1 (`angular`)."""
+    """Angular acceleration alpha_2 [rad/s^2] of a carried arm from `angular`, that of its carrier, (b)."""
     return inverse * (terms[1] - terms[0] * angular)
 
 
@@ -95,20 +89,15 @@ def pivot_force(speed: Any, angular: Any, s: Any):
 
 @wp.func
 def carried_arm_energy(speed: Any, s: Any, lever: Any, carrier: Any):
-    """Kinetic energy [J] of an arm that turns at `speed`, by its pivot moving along with its carrier."""
+    """Kinetic energy [J] that a carried arm, turning at `speed` [rad/s], has as its pivot moves with its carrier."""
     return speed * wp.dot(left_normal(s), carrier.velocity + carrier.speed * left_normal(lever))
 
 
 @wp.func
 def bearing_moment(force: Any, turning: Any, bristle: Any, hub: Any, stretch_part: Any):
-    """Moment -Q [N m] of a bearing on its sprocket, and what its bristle then holds [N m].
+    """Friction moment -Q [N m] of a bearing on its sprocket, and what its bristle then holds [N m].
 
-    Args:
-        force: of the chain on the sprocket [N].
-        turning: the sprocket's angular velocity less its arm's [rad/s].
-        bristle: moment that it has held until now [N m].
-        hub: `structs.Hub`.
-        stretch_part: as in `friction.bristle_friction`.
+    `force` [N] is the chain's, `turning` [rad/s] the speed less the arm's; see `friction.bristle_friction`.
     """
     most = hub.bearing * wp.length(force)
     drag, bristle_after = bristle_friction(

@@ -1,11 +1,11 @@
-"""Link force: a spring and a damper along the line of two neighboring rollers.
+"""Link force: a spring and a damper on the line of two neighboring rollers; acceleration and energy of rollers.
 
 With d = r_{i+1} - r_i, L = |d|, u = d / L and w = v_{i+1} - v_i (Pedersen et al. 2004, eq. (1)-(3), damping added):
 
     T = k (L - p) + c L',    L' = w . u,    F = T u   on roller i, -F on roller i + 1.
 
-p is the link's own unloaded length: the pitch, or more where it is worn. Outer and inner links alternate and may
-differ; with a play s the spring acts on what goes beyond it, k (L - p - s) above p + s, k (L - p + s) below p - s.
+p is the link's unloaded length. Outer and inner links alternate and may differ; with a play s the spring acts on what
+goes beyond it, k (L - p - s) above p + s, k (L - p + s) below p - s.
 """
 
 from typing import Any
@@ -17,13 +17,9 @@ from ..native import dot, inverse_root, multiply_add, products, root
 
 @wp.func
 def link_force(d: Any, w: Any, length: Any, chain: Any):
-    """Tension [N], rate of elongation [m/s] and direction of a link, eq. (2), (3), where the chain's links are alike.
+    """Tension [N], rate of elongation [m/s] and unit vector of a link where a chain's links are alike, eq. (2), (3).
 
-    Args:
-        d: vector from roller i to roller i + 1 [m].
-        w: velocity of roller i + 1 relative to roller i [m/s].
-        length: unloaded length p [m].
-        chain: k and c (`structs.Chain`).
+    `d` [m] and `w` [m/s] are roller i + 1 less roller i, `length` is p [m].
     """
     square = dot(d, d)
     u = d * inverse_root(square)
@@ -35,7 +31,7 @@ def link_force(d: Any, w: Any, length: Any, chain: Any):
 
 @wp.func
 def uneven_link_force(d: Any, w: Any, length: Any, i: int, chain: Any):
-    """Tension [N], rate of elongation [m/s] and direction of link i, where the chain's links differ or have play.
+    """Tension [N], rate of elongation [m/s] and unit vector of link `i` where links differ or have play.
 
     Other arguments as of `link_force`.
     """
@@ -58,14 +54,14 @@ def has_uneven_links(chain: Any):
 
 @wp.func
 def link_spring(i: int, chain: Any):
-    """Stiffness [N/m] and damping [N s/m] of link i of a chain, an outer one where i is even."""
+    """Stiffness [N/m] and damping [N s/m] of link `i` of a chain, an outer one where `i` is even."""
     outer = i % 2 == 0
     return wp.where(outer, chain.outer_stiffness, chain.stiffness), wp.where(outer, chain.outer_damping, chain.damping)
 
 
 @wp.func
 def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
-    """Acceleration [m/s^2] of a roller, eq. (1), from the force of its two links and its contacts [N]."""
+    """Acceleration [m/s^2] of a roller by the force [N] of links and contacts, eq. (1)."""
     return type(gravity)(
         acceleration_component(force[0], inverse_mass, gravity[0]),
         acceleration_component(force[1], inverse_mass, gravity[1]),
@@ -74,13 +70,13 @@ def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
 
 @wp.func
 def acceleration_component(force: Any, inverse_mass: Any, gravity: Any):
-    """A component of a roller's acceleration [m/s^2], eq. (1), from those of force [N] and gravity [m/s^2]."""
+    """Component of a roller's acceleration [m/s^2] from those of force [N] and gravity [m/s^2], eq. (1)."""
     return multiply_add(inverse_mass, force, gravity)
 
 
 @wp.func
 def compensated_sum(high: Any, low: Any, change: Any):
-    """A coordinate, kept as a value and what the value rounds off, plus a small `change` (fast two-sum)."""
+    """Roller's coordinate with a small `change` added, as a value and what that rounds off (fast two-sum)."""
     rest = low + change
     moved = high + rest
     return moved, rest - (moved - high)
@@ -88,14 +84,9 @@ def compensated_sum(high: Any, low: Any, change: Any):
 
 @wp.func
 def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, i: int, chain: Any):
-    """Kinetic and elastic energy of roller i and the link after it, and the work of their weight, m g . x [J].
+    """Kinetic and elastic energy [J] of roller `i` and the link after it, and m g . x [J] of their weight.
 
-    Args:
-        position: of the roller [m].
-        velocity: of the roller [m/s].
-        tension: of the link [N]; all but its damper's part is elastic, eq. (2).
-        rate: of the link's elongation [m/s].
-        chain: the chain (`structs.Chain`).
+    `tension` [N] and `rate` of elongation [m/s] are the link's.
     """
     stiffness, damping = link_spring(i, chain)
     spring = wp.float64(tension - damping * rate)

@@ -4,13 +4,11 @@ Prescribed, w = +1 or -1 the wrap's sign, S(u) = u^2 (3 - 2 u) the smooth ramp, 
 
     theta = theta_0 + w [phi + sum_h (a_h / h) (sin(h phi + psi_h) - sin psi_h)],    omega = theta'
 
-Load, phi_f = w (theta - theta_0) the forward angle; T0 may be tabulated over time or phi_f; viscous and quadratic parts
-oppose the actual speed:
+Load, phi_f = w (theta - theta_0) the forward angle; T0 may be tabulated over time or phi_f:
 
     M = -{w [T0 + sum_h T_h cos(h phi_f + psi_h)] + b omega + q omega |omega|} S(t / t_load)
 
-Times and angles are numbers (`number`): they are few a step, and seats depend on them. Speeds, moments and
-accelerations are rounded.
+Times and angles are numbers (`number`), since seats depend on them; all else is rounded.
 """
 
 from typing import Any
@@ -25,7 +23,7 @@ CELL_VALUES = wp.constant(5)
 
 @wp.func
 def table_cell(x: Any, table: Any):
-    """Cell of a table at `x`, place in it from 0 to 1, cells beyond the ends, and how often the table began anew."""
+    """Cell of a motion's table at `x`, place in it (0 to 1), cells beyond the ends, and rounds of a periodic table."""
     u = div(x - table.start, table.spacing)
     place = rounded_value(u)
     cells = type(place)(table.cells)
@@ -44,13 +42,13 @@ def table_cell(x: Any, table: Any):
 
 @wp.func
 def cubic_value(w: Any, c0: Any, c1: Any, c2: Any, c3: Any):
-    """c_0 + c_1 w + c_2 w^2 + c_3 w^3."""
+    """Cubic c_0 + c_1 w + c_2 w^2 + c_3 w^3 of a table's cell."""
     return c0 + w * (c1 + w * (c2 + w * c3))
 
 
 @wp.func
 def table_value(x: Any, table: Any, values: Any):
-    """Value of a table at `x`, rounded."""
+    """Value of a table, such as of speed or load, at `x`, rounded."""
     cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     c2, c3 = leading_value(values[at + 2]), leading_value(values[at + 3])
@@ -59,7 +57,7 @@ def table_value(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_slope(x: Any, table: Any, values: Any):
-    """Slope of a table at `x`, rounded; 0 beyond its ends."""
+    """Slope of a table, such as of speed or load, at `x`, rounded; 0 beyond its ends."""
     cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     w = rounded_value(place)
@@ -70,7 +68,7 @@ def table_slope(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_derivatives(x: Any, table: Any, values: Any):
-    """Value of a table at `x`, a number, and its first and second derivatives, rounded; all 0 without a table."""
+    """Value of a motion's table at `x`, a number, and its two derivatives, rounded; all 0 without a table."""
     w = rounded_value(x)
     value = number_of(type(w)(0.0))
     slope = type(w)(0.0)
@@ -90,7 +88,7 @@ def table_derivatives(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_integral(x: Any, table: Any, values: Any):
-    """Value of a table at `x`, and its integral from x = 0."""
+    """Value of a motion's table at `x`, and its integral from x = 0."""
     cell, w, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     c0, c1, c2, c3 = values[at], values[at + 1], values[at + 2], values[at + 3]
@@ -102,7 +100,7 @@ def table_integral(x: Any, table: Any, values: Any):
 
 @wp.func
 def ramp(time: Any, duration: Any):
-    """S(t / duration), from 0 to 1; 1 throughout where the duration is zero."""
+    """Smooth ramp S(t / duration) of a motion or load, from 0 to 1; 1 where the duration is zero."""
     if time >= duration:
         return type(time)(1.0)
     u = quotient(time, duration)
@@ -111,7 +109,7 @@ def ramp(time: Any, duration: Any):
 
 @wp.func
 def ramp_slope(time: Any, duration: Any):
-    """Derivative of `ramp` [1/s]."""
+    """Derivative [1/s] of the smooth `ramp` by time."""
     if time >= duration:
         return type(time)(0.0)
     u = quotient(time, duration)
@@ -120,7 +118,7 @@ def ramp_slope(time: Any, duration: Any):
 
 @wp.func
 def ramp_integral(time: Any, duration: Any):
-    """Integral of `ramp` from 0 to `time` [s]."""
+    """Integral [s] of the smooth `ramp` from 0 to `time` [s]."""
     if leading_value(time) >= leading_value(duration):
         return time - 0.5 * duration
     u = time / duration
@@ -129,7 +127,7 @@ def ramp_integral(time: Any, duration: Any):
 
 @wp.func
 def prescribed_course(time: Any, motion: Any, ensemble: Any):
-    """phi, phi' and phi'' of a prescribed body, before its harmonics."""
+    """phi [rad], phi' [rad/s] and phi'' [rad/s^2] of a prescribed rotation, without its harmonics."""
     phi = motion.speed * ramp_integral(time, motion.ramp_time)
     rate = rounded_value(motion.speed) * ramp(rounded_value(time), rounded_value(motion.ramp_time))
     growth = rounded_value(motion.speed) * ramp_slope(rounded_value(time), rounded_value(motion.ramp_time))
@@ -143,20 +141,20 @@ def prescribed_course(time: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def phase_sine(harmonic: wp.vec3d):
-    """Sine of a float64 harmonic's phase."""
+    """Sine of the phase of a prescribed rotation's harmonic, computed in float64."""
     sine, cosine = sine_cosine(harmonic[2])
     return sine
 
 
 @wp.func
 def phase_sine(harmonic: wp.vec4f):
-    """Sine of a float32 harmonic's phase, which is kept with the harmonic."""
+    """Sine of the phase of a prescribed rotation's harmonic, which is kept with it in float32."""
     return harmonic[3]
 
 
 @wp.func
 def prescribed_rotation(time: Any, motion: Any, ensemble: Any):
-    """Angle [rad] and angular velocity [rad/s] of a prescribed body."""
+    """Angle [rad] and angular velocity [rad/s] of a body whose rotation is prescribed."""
     phi, rate, growth = prescribed_course(time, motion, ensemble)
     angle = phi
     factor = type(rate)(1.0)
@@ -171,7 +169,7 @@ def prescribed_rotation(time: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
-    """Angular acceleration [rad/s^2] of a prescribed body."""
+    """Angular acceleration [rad/s^2] of a body whose rotation is prescribed."""
     phi, rate, growth = prescribed_course(time, motion, ensemble)
     factor = type(rate)(1.0)
     slope = type(rate)(0.0)
@@ -186,19 +184,19 @@ def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def resisting_moment(torque: Any, speed: Any, sign: Any, load: Any):
-    """Load moment [N m] at full ramp, from the torque against forward motion [N m]; `load` as in `Motion`."""
+    """Load moment [N m] of a body at full ramp, from `torque` against forward motion [N m] and `Motion.load`."""
     return -(sign * torque + load[1] * speed + load[2] * speed * wp.abs(speed))
 
 
 @wp.func
 def forward_angle(angle: Any, motion: Any):
-    """phi_f [rad] of a body at an angle [rad]."""
+    """Forward angle phi_f [rad] of a body at an angle [rad]."""
     return motion.sign * (angle - motion.start_angle)
 
 
 @wp.func
 def load_table_argument(time: Any, angle: Any, motion: Any):
-    """Time [s] or forward angle [rad], whichever a load is tabulated over."""
+    """Time [s] or forward angle [rad], whichever a body's load is tabulated over."""
     x = time
     if motion.load_table.over_angle == 1:
         x = forward_angle(angle, motion)
@@ -209,11 +207,7 @@ def load_table_argument(time: Any, angle: Any, motion: Any):
 def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
     """Load moment [N m], counter-clockwise, of a body that is free to turn.
 
-    Args:
-        time: rounded [s].
-        tabulated: the table's part of T0 [N m].
-        angle, speed: of the body.
-        motion, ensemble: its load.
+    `time` is rounded [s], `tabulated` the table's part of T0 [N m].
     """
     torque = motion.load[0] + tabulated
     rows = motion.load_harmonics
@@ -225,7 +219,7 @@ def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: 
 
 @wp.func
 def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, at a time [s]; 0 of a body whose angle is prescribed."""
+    """Load moment [N m], counter-clockwise, of a body at a time [s]; 0 where its angle is prescribed."""
     load = type(motion.inverse_inertia)(0.0)
     if motion.prescribed == 0:
         tabulated = type(load)(0.0)
@@ -237,6 +231,6 @@ def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def load_moment_at_speed(time: Any, load: Any, before: Any, speed: Any, motion: Any):
-    """Load moment [N m] at an angular velocity `speed`, from the moment `load` at the velocity `before` [rad/s]."""
+    """Load moment [N m] of a body at angular velocity `speed`, from the moment `load` at `before` [rad/s]."""
     change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
     return load - change * ramp(time, motion.load_ramp_time)

@@ -1,7 +1,7 @@
-r"""Motion of a sprocket's center: prescribed, or on springs, with the inertia of an eccentric balance wheel.
+"""Mount of a body's center: prescribed, or on springs, with the inertia of an eccentric balance wheel.
 
 Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)), or r_0 + (x, y) of a table over
-time. So may an arm's pivot be: the arm is then the wheel of (b), q = m left(r_c - p), its weight part of the load.
+time. For an arm whose pivot is prescribed, (b) holds with q = m left(r_c - p) and its weight in the load.
 
 On springs and dampers, r_s the center, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction and tau
 that turned by +90 degrees, q = m_b r_b tau:
@@ -9,8 +9,8 @@ that turned by +90 degrees, q = m_b r_b tau:
     M a + q alpha = contacts + M g + m_b r_b omega^2 e + preload - K (r_s - r_0) - C v_s      (a)
     I alpha + q . a = contact moment + load + q . g,      I = J + m_b r_b^2                   (b)
 
-These hold momentum and energy exactly. With B = 1/M along the directions in which the center is free (both, a slider's
-one, or none) and a_0 the acceleration of a prescribed center, (a) is a = a_0 + B (F - q alpha), and (b) gives
+With B = 1/M along the directions in which the center is free and a_0 the acceleration of a prescribed center, (a) is
+a = a_0 + B (F - q alpha), and (b) gives
 
     alpha = (N - q . (a_0 + B F)) / (I - q . B q).                                             (c)
 """
@@ -26,25 +26,25 @@ from .motion import table_derivatives
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
 CARRIED = wp.constant(3)
-"""Not active, but the center goes where the arm goes that carries it (`hub`)."""
+"""`Mount.moves` of a center that goes along with an arm (`hub`) and is not active."""
 
 
 @wp.func
 def phase_sine_cosine(argument: wp.float64):
-    """Sine and cosine of the phase of a prescribed center's motion, in float64."""
+    """Sine and cosine of the phase of a mount's prescribed motion, in float64."""
     return wp.sin(argument), wp.cos(argument)
 
 
 @wp.func
 def phase_sine_cosine(argument: Pair):
-    """Sine and cosine of the phase of a prescribed center's motion, in pairs."""
+    """Sine and cosine of the phase of a mount's prescribed motion, in pairs."""
     sine, cosine = sine_cosine(argument)
     return sine, cosine
 
 
 @wp.func
 def prescribed_center(time: Any, mount: Any, ensemble: Any):
-    """Position [m], velocity [m/s] and acceleration [m/s^2] of a prescribed center."""
+    """Position [m], velocity [m/s] and acceleration [m/s^2] of a mount's prescribed center."""
     if mount.x_table.cells + mount.y_table.cells > 0:
         x, x_rate, x_growth = table_derivatives(time, mount.x_table, ensemble.tables)
         y, y_rate, y_growth = table_derivatives(time, mount.y_table, ensemble.tables)
@@ -59,41 +59,39 @@ def prescribed_center(time: Any, mount: Any, ensemble: Any):
 
 @wp.func
 def displacement_from_home(center: Any, mount: Any):
-    """A body's center from its stated center r_0 [m]."""
+    """Displacement [m] of a body's center from its mount's home r_0, rounded."""
     return rounded_value(difference(center, mount.home))
 
 
 @wp.func
 def wheel_arm(heading: Any, mount: Any):
-    """m_b r_b e [kg m], the wheel's arm from the center; `heading` is (cos theta, sin theta)."""
+    """m_b r_b e [kg m] of a mount's balance wheel at `heading` (cos theta, sin theta)."""
     w = mount.wheel
     return type(heading)(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
 
 @wp.func
 def left_normal(v: Any):
-    """A vector turned by +90 degrees."""
+    """Vector turned by +90 degrees."""
     return type(v)(-v[1], v[0])
 
 
 @wp.func
 def mount_spring_force(displacement: Any, velocity: Any, mount: Any):
-    """Force of preload, spring and damper on a center [N] that is `displacement` from its home [m]."""
+    """Force [N] of a mount's preload, spring and damper at a `displacement` [m] from home."""
     return mount.preload - mount.stiffness * displacement - mount.damping * velocity
 
 
 @wp.func
 def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
-    """Acceleration of a sprocket's center (x, y) [m/s^2] and of its angle [rad/s^2]; (a) to (c) above.
+    """Accelerations of a mounted center (x, y) [m/s^2] and of its body's angle [rad/s^2], as one vector, (a) to (c).
 
     Args:
         driven: acceleration of a prescribed center, else 0 [m/s^2].
-        displacement: its center from where it is at home [m].
-        body: its angular velocity and its center's velocity; the first must be that of the instant.
-        heading: cosine and sine of its angle.
-        wrench: the chain's force and moment on it.
-        turning: (1 if the angle is prescribed else 0, its angular acceleration [rad/s^2], load moment [N m]).
-        mount: how it is held.
+        displacement: center from its home [m].
+        body: its angular velocity must be that of the instant.
+        heading: (cos theta, sin theta).
+        turning: (1 if the angle is prescribed else 0, its acceleration [rad/s^2], load moment [N m]).
     """
     arm = wheel_arm(heading, mount)
     q = left_normal(arm)
@@ -110,7 +108,7 @@ def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any,
 
 @wp.func
 def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
-    """Kinetic and potential energy of a sprocket on its mount, with its wheel and its preload [J]."""
+    """Kinetic and potential energy [J] of a body on its mount, with balance wheel and preload."""
     half = type(body.speed)(0.5)
     arm = wheel_arm(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed
@@ -121,7 +119,7 @@ def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
 
 @wp.func
 def holding_force(displacement: Any, body: Any, heading: Any, wrench: Any, rates: Any, mount: Any):
-    """Force [N] that holds the center: spring, damper and preload, or whatever prescribes or fixes it."""
+    """Force [N] that holds a mounted center: spring, damper and preload, or whatever prescribes or fixes it."""
     held = mount_spring_force(displacement, body.velocity, mount)
     if mount.moves != FREE:
         arm = wheel_arm(heading, mount)
@@ -132,9 +130,9 @@ def holding_force(displacement: Any, body: Any, heading: Any, wrench: Any, rates
 
 @wp.func
 def prescribing_power(body: Any, heading: Any, holding: Any, rates: Any, prescribed: int, mount: Any):
-    """Power [W] that keeps a prescribed center moving, and a wheel turning at a prescribed angle (`prescribed` = 1).
+    """Power [W] that keeps a mount's prescribed center moving, and a balance wheel turning at a prescribed angle.
 
-    The chain's moment against a prescribed angle is not in it; it is counted with the contacts' work.
+    Leaves out the chain's moment against a prescribed angle, which counts as work of contacts.
     """
     power = type(rates[2])(0.0)
     if mount.moves == PRESCRIBED:

@@ -1,4 +1,4 @@
-r"""A chain tensioner: a plunger that pushes a body out, on a spring, on oil behind a check valve, with a ratchet.
+"""Chain tensioner: a plunger that pushes a body out, on a spring, on oil behind a check valve, with a ratchet.
 
 The plunger touches a body at a place r and pushes along a unit vector d that stands in space. With r_0 the place at
 the drawing, the extension is
@@ -14,7 +14,7 @@ and the force on the body along d, which only pushes (mass of the plunger: with 
 
     1/E(P) = (1/E_0 + (a/n) P_0^(1/n) P^(-1-1/n)) / (1 + a),    P' = (E/V) (Q - A x')           (4)
 
-with Q the flow into it. What (4) conserves without flow is the mass M: with
+with Q the flow into it. (4) without flow conserves the mass M: with
 
     phi(P) = int dP/E = (P/E_0 - a (P_0/P)^(1/n)) / (1 + a)                                     (5)
     mu = ln(M) = phi(P) + ln(V/V_0),    M' = exp(phi) Q   (M in units of rho V_0 at phi = 0)    (6)
@@ -22,7 +22,7 @@ with Q the flow into it. What (4) conserves without flow is the mass M: with
 (4) and (6) are the same. So the pressure is a function P(mu, x), the oil between flows a spring of stiffness E A^2/V
 that conserves energy at any step, and (5) and (6) with z = (P/P_0)^(1/7), since 1/n = 5/7, hold whole powers only:
 P = P_0 z^7, (P_0/P)^(1/n) = z^-5. Where (6) gives less than the vapor pressure P_v, P = P_v and the volume
-V - V_0 exp(mu - phi(P_v)) is vapor. The state keeps z of the last step's end, where the next one begins.
+V - V_0 exp(mu - phi(P_v)) is vapor. The state keeps z of the last step's end.
 
 **Flows.** Through the gap, and through valves of lift y while dP > 0, P_s - P of the check valve and P - P_0 of relief
 valve and vent, which has no spring and is always open:
@@ -31,14 +31,13 @@ valve and vent, which has no spring and is always open:
     y = clip((dP A_b - F_0) / k_cv, 0, y_max),    S = C_d pi y (2 r_B tan(g) + y sin(g) / cos(g)^2)
     Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2                                   (8)
 
-(below 5 kPa linear in dP). The hole of the seat, A_b, stands in series with the ball's curtain S: at full lift the
-curtain can be many times the hole, and no more oil than the hole passes comes in. Flows are stiff, so a step of length
-h takes them at its end, after the body has moved. With mass conserved, that is one equation for P, rising with P:
+(below 5 kPa linear in dP), the hole of the seat, A_b, in series with the ball's curtain S. Flows are stiff, so a step
+of length h takes them at its end, after the body has moved. That is one equation for P, rising with P:
 
     phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
 
-**Drained start.** Until oil has filled a chamber that starts with air, the air goes out and comes in freely, at P_0:
-P_0 takes the place of P_v, and what is not oil is air. Oil comes in through the check valve, and none goes out.
+**Drained start.** Until oil has filled a chamber that starts with air, the air goes out and comes in freely, at P_0,
+which takes the place of P_v. Oil comes in through the check valve, and none goes out.
 
 **Energy.** Oil at P has a volume exp(-phi) a unit of M, and
 
@@ -63,12 +62,12 @@ x_b is the bottom of the chamber, where a plunger stands without a ratchet, too.
 
     (E - max(0, E - c x')) x' + (k_s max(0, x_s - x) - F_s) x' >= 0.                            (13)
 
-Where E < 0, oil and spring would draw the plunger back, and the body does not take it along. It follows all the same;
-what that takes, and gives back on the way in,
+Where E < 0, oil and spring would draw the plunger back; it follows the body all the same, and what that takes, and
+gives back on the way in,
 
     -E x'   while E < 0 and E - c x' <= 0,                                                      (14)
 
-is done by nothing in the drive, and is no loss of a damper. A plunger that stayed behind would have no such work.
+is done by nothing in the drive, and is no loss of a damper.
 """
 
 import math
@@ -99,22 +98,22 @@ from .train import OVER_SPEED
 
 BLOCKS = types(wp.float32, blocks=True)
 BlockFlows = at_float32(TensionerFlows, {})
-"""Of one step, without pairs."""
+"""Tensioner flows of one step in float32, without pairs."""
 
 MOST_ROUNDS = wp.constant(60)
-"""Newton's steps at most; from where z has been heading, one or two do."""
+"""Newton's steps at most for a tensioner's oil pressure; from where z has been heading, one or two do."""
 
 LARGEST_ROOT = 8.0
-"""z above any pressure: 8^7 is two million times the ambient one."""
+"""z above any pressure of a tensioner's oil: 8^7 is two million times the ambient one."""
 
 SMALL_EXPONENT = 0.03
-"""Up to here exp is a polynomial, to 1e-16."""
+"""Largest |x| at which `exponential` is a polynomial, to 1e-16."""
 
 LEAST_OIL_SHARE = 1e-6
-"""Least share of oil in a drained chamber."""
+"""Least share of oil in a drained tensioner chamber."""
 
 DEGREES = (12, 4, 2, 1, 0, 0, 0)
-"""Of eq. (10a) in b, for each power of q: where oil is pressed, air hardly counts, as q b = (a / E_0) P_0 z^2."""
+"""Degrees of eq. (10a) in b, for each power of q; where oil is pressed, q b = (a / E_0) P_0 z^2 is small."""
 SERIES = [
     [
         (5 * j - 7 * i) / (7 * (i + 1) - 5 * j) * (-1) ** i / math.factorial(i) / math.factorial(j)
@@ -122,23 +121,18 @@ SERIES = [
     ]
     for i, degree in enumerate(DEGREES)
 ]
-"""The coefficients of b^j, a row for each power of q."""
+"""Coefficients of b^j in eq. (10a), a row for each power of q."""
 
 
 @wp.func
 def plunger_arm(body: Any, tensioner: Any):
-    """The point of a body that the plunger touches, from the body's center [m].
-
-    Args:
-        body: with cosine and sine of its angle.
-        tensioner: with the point in the body's own frame.
-    """
+    """Vector [m] from a body's center to the point that a tensioner's plunger touches, at the body's angle."""
     return world_vector(tensioner.point, body)
 
 
 @wp.func
 def plunger_extension(center: Any, arm: Any, tensioner: Any):
-    """x [m] of a plunger at the point `arm` [m] from a body's center, eq. (1)."""
+    """Extension x [m] of a tensioner's plunger at the point `arm` [m] from a body's center, eq. (1)."""
     q = center + arm - tensioner.home
     d = tensioner.direction
     return component(q, 0) * component(d, 0) + component(q, 1) * component(d, 1)
@@ -146,7 +140,7 @@ def plunger_extension(center: Any, arm: Any, tensioner: Any):
 
 @wp.func
 def extension_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
-    """x' [m/s] of a body that turns at `speed` [rad/s] and whose center moves at `velocity` [m/s], eq. (1)."""
+    """Extension rate x' [m/s] of a tensioner on a body of angular `speed` and a center of `velocity`, eq. (1)."""
     return wp.dot(velocity + speed * type(velocity)(-arm[1], arm[0]), leading_value(tensioner.direction))
 
 
@@ -160,26 +154,26 @@ def extension_and_rate(body: Any, tensioner: Any):
 
 @wp.func
 def chamber_volume(x: Any, tensioner: Any):
-    """V [m^3] at an extension; below the bottom, what is left there."""
+    """Volume V [m^3] of a tensioner's chamber at an extension, or at the chamber's bottom if that is more."""
     return tensioner.volume + tensioner.area * wp.max(rounded_value(x), tensioner.bottom)
 
 
 @wp.func
 def pressure_root(pressure: Any, tensioner: Any):
-    """z = (P / P_0)^(1/7) [-] of a pressure P [Pa]."""
+    """z = (P / P_0)^(1/7) [-] of a tensioner's oil pressure P [Pa]."""
     return wp.pow(pressure / tensioner.ambient, type(pressure)(wp.static(1.0 / 7.0)))
 
 
 @wp.func
 def pressure_of_root(z: Any, tensioner: Any):
-    """P = P_0 z^7 [Pa]."""
+    """Oil pressure P = P_0 z^7 [Pa] in a tensioner."""
     square = z * z
     return tensioner.ambient * square * square * square * z
 
 
 @wp.func
 def compression(z: Any, tensioner: Any):
-    """phi [-] and dphi/dz, eq. (5)."""
+    """Compression phi [-] of a tensioner's oil and dphi/dz, eq. (5)."""
     square = z * z
     sixth = square * square * square
     stiff = tensioner.oil_share * sixth
@@ -189,11 +183,9 @@ def compression(z: Any, tensioner: Any):
 
 @wp.func
 def supply_pressure(time: Any, forward: Any, tensioner: Any, tables: Any):
-    """P_s [Pa] of a tensioner whose supply is tabulated.
+    """Oil supply pressure P_s [Pa] of a tensioner, from its table over time or over the pump's speed.
 
-    Args:
-        time: a number [s].
-        forward: forward speed of what turns the pump, rounded [rad/s].
+    `time` is a number [s], `forward` the rounded forward speed of what turns the pump [rad/s].
     """
     x = time
     if tensioner.supply_table.over_angle == OVER_SPEED:
@@ -203,14 +195,14 @@ def supply_pressure(time: Any, forward: Any, tensioner: Any, tables: Any):
 
 @wp.func
 def valve_lift(drop: Any, valve: Any):
-    """y [m] of a valve, eq. (8)."""
+    """Lift y [m] of a tensioner's valve at a pressure drop dP [Pa], eq. (8)."""
     push = drop * valve.hole_area - valve.preload
     return wp.clamp(push * valve.compliance, type(drop)(0.0), valve.lift_max)
 
 
 @wp.func
 def valve_flow(drop: Any, valve: Any, tensioner: Any):
-    """Flow [m^3/s] through a valve for a drop of pressure dP, and its derivative by that, eq. (8)."""
+    """Oil flow [m^3/s] through a tensioner's valve at a pressure drop dP [Pa], and its derivative by that, eq. (8)."""
     zero = type(drop)(0.0)
     two = type(drop)(2.0)
     flow = zero
@@ -238,7 +230,7 @@ def valve_flow(drop: Any, valve: Any, tensioner: Any):
 
 @wp.func
 def chamber_flows(pressure: Any, rate: Any, tensioner: Any):
-    """Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] and their derivatives by P, eq. (7), (8)."""
+    """Oil flows Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] of a tensioner, and derivatives by P, eq. (7), (8)."""
     supplied, slope = valve_flow(tensioner.supply - pressure, tensioner.check, tensioner)
     drop = pressure - tensioner.ambient
     leaked = tensioner.leak * drop + tensioner.drag * rate
@@ -250,20 +242,20 @@ def chamber_flows(pressure: Any, rate: Any, tensioner: Any):
 
 @wp.func
 def net_inflow(flows: Any):
-    """Q [m^3/s] into the chamber of the flows through gap and valves, eq. (7)."""
+    """Oil flow Q [m^3/s] into a tensioner's chamber, eq. (7)."""
     return flows[0] - (flows[1] + flows[2] + flows[3])
 
 
 @wp.func
 def chamber_filling(x: wp.float64, state: Any, tensioner: Any):
-    """The chamber's volume V [m^3], and mu - ln(V/V_0) of the oil in it, which is phi where nothing flows, eq. (6)."""
+    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, phi where nothing flows, eq. (6)."""
     volume = chamber_volume(x, tensioner)
     return volume, state.content - wp.log(quotient(volume, tensioner.volume))
 
 
 @wp.func
 def chamber_filling(x: Pair, state: Any, tensioner: Any):
-    """The chamber's volume V [m^3] and mu - ln(V/V_0) of the oil in it, from pairs, within 2e-9 where small."""
+    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil from pairs, within 2e-9 where small."""
     reach = x
     if x.high < tensioner.bottom:
         reach = number_of(tensioner.bottom)
@@ -273,7 +265,7 @@ def chamber_filling(x: Pair, state: Any, tensioner: Any):
 
 @wp.func
 def exponential(x: Any):
-    """exp(x), quick where x is small."""
+    """exp(x), by a polynomial where |x| is small."""
     one = type(x)(1.0)
     value = one
     if wp.abs(x) < type(x)(wp.static(SMALL_EXPONENT)):
@@ -286,16 +278,14 @@ def exponential(x: Any):
 
 @wp.func
 def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
-    """Residual of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6). Both times a number above 0.
+    """Residual of a tensioner's oil mass balance, eq. (9), at z, its derivative by z, and flows with derivatives by z.
 
-    Returned with flows and their derivatives by z.
+    The residual may be multiplied by any number above 0; with h = 0 it is that of eq. (6).
 
     Args:
-        z: of the pressure.
         content: mu - ln(V/V_0).
         per_volume: h / V [s/m^3].
         rate: x' [m/s].
-        t: the tensioner.
     """
     phi, slope = compression(z, t)
     rest = phi - content
@@ -316,29 +306,21 @@ def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
 
 @wp.func
 def newton_tolerance(z: wp.float64):
-    """A Newton step below this is the last in float64 (the error is then about its square)."""
+    """Newton step of z below which a tensioner's oil pressure is solved in float64."""
     return wp.float64(1e-6) * z
 
 
 @wp.func
 def newton_tolerance(z: wp.float32):
-    """A Newton step below this is the last in float32."""
+    """Newton step of z below which a tensioner's oil pressure is solved in float32."""
     return 1.0e-4 * z
 
 
 @wp.func
 def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
-    """z of eq. (9), of eq. (6) where h = 0, or the lowest z where that is above it; by Newton's method in a bracket.
+    """z of a tensioner's oil by eq. (9), not below `floor`, and the flows there [m^3/s]; Newton's method in a bracket.
 
-    Returned with the flows there [m^3/s], from those of the last evaluation and their derivatives.
-
-    Args:
-        content: mu - ln(V/V_0) of the oil (`chamber_filling`).
-        per_volume: h / V [s/m^3].
-        rate: x' [m/s].
-        near: a z to begin at.
-        floor: the lowest z.
-        tensioner: its data.
+    `content`, `per_volume` and `rate` as of `flow_imbalance`; `near` is a z to begin at.
     """
     low = type(near)(0.0)
     high = type(near)(wp.static(LARGEST_ROOT))
@@ -365,7 +347,7 @@ def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, 
 
 @wp.func
 def lowest_root(state: Any, tensioner: Any):
-    """The least z that oil can have: that of P_0 while there is air in a drained chamber, then that of P_v."""
+    """Least z that a tensioner's oil can have: of P_0 while there is air in a drained chamber, then of P_v."""
     z = tensioner.floor
     if state.unfilled > type(z)(0.0):
         z = type(z)(1.0)
@@ -374,7 +356,7 @@ def lowest_root(state: Any, tensioner: Any):
 
 @wp.func
 def root_before(state: Any, tensioner: Any):
-    """z at the last step's end, or of the pressure at rest where that is not known."""
+    """z of a tensioner's oil at the last step's end, or of the pressure at rest where that is unknown."""
     z = state.root
     if z <= type(z)(0.0):
         z = pressure_root(tensioner.rest, tensioner)
@@ -383,13 +365,9 @@ def root_before(state: Any, tensioner: Any):
 
 @wp.func
 def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
-    """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring.
+    """Oil pressure P(mu, x) [Pa] of a tensioner at extension x [m], eq. (6); ambient without oil.
 
-    Args:
-        x: extension [m].
-        kept: whether x is where the last step ended, so that z is known.
-        state: of the oil.
-        tensioner: its data.
+    `kept`: x is where the last step ended, so that z is known.
     """
     pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
@@ -405,7 +383,7 @@ def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
 
 @wp.func
 def elastic_plunger_force(x: Any, pressure: Any, tensioner: Any):
-    """(P - P_0) A + f_0 - k x [N], not below 0 without oil, eq. (2), (3)."""
+    """Force (P - P_0) A + f_0 - k x [N] of a tensioner's oil and spring, not below 0 without oil, eq. (2), (3)."""
     push = tensioner.preload - tensioner.stiffness * rounded_value(x)
     if tensioner.hydraulic == 0:
         push = wp.max(push, type(pressure)(0.0))
@@ -414,7 +392,7 @@ def elastic_plunger_force(x: Any, pressure: Any, tensioner: Any):
 
 @wp.func
 def stop_place(state: Any, tensioner: Any):
-    """x_s [m], the extension below which the stop pushes out, eq. (12)."""
+    """Extension x_s [m] below which a tensioner's ratchet or bottom pushes out, eq. (12)."""
     place = tensioner.bottom
     pitch = tensioner.ratchet_pitch
     if pitch > type(pitch)(0.0):
@@ -424,7 +402,7 @@ def stop_place(state: Any, tensioner: Any):
 
 @wp.func
 def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
-    """F_s [N] of ratchet or bottom, eq. (12)."""
+    """Force F_s [N] of a tensioner's ratchet or bottom, eq. (12)."""
     force = type(rate)(0.0)
     depth = stop_place(state, tensioner) - rounded_value(x)
     if depth > force:
@@ -434,14 +412,9 @@ def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
 
 @wp.func
 def tensioner_force(x: Any, rate: Any, kept: bool, state: Any, tensioner: Any):
-    """F >= 0 [N] on the contact point along the direction, and P [Pa], eq. (2), (3).
+    """Force F >= 0 [N] of a tensioner on its body along d, and oil pressure P [Pa], eq. (2), (3).
 
-    Args:
-        x: extension [m].
-        rate: x' [m/s].
-        kept: as in `chamber_pressure`.
-        state: of oil and ratchet.
-        tensioner: its data.
+    `x` [m], `rate` x' [m/s]; `kept` as in `chamber_pressure`.
     """
     pressure = chamber_pressure(x, kept, state, tensioner)
     push = elastic_plunger_force(x, pressure, tensioner) - tensioner.damping * rate
@@ -450,19 +423,22 @@ def tensioner_force(x: Any, rate: Any, kept: bool, state: Any, tensioner: Any):
 
 @wp.func
 def zero_push(tensioner: Tensioner):
-    """No push, in float64."""
+    """`structs.Push` of a tensioner that does not push, in float64."""
     return Push()
 
 
 @wp.func
 def zero_push(tensioner: BLOCKS.Tensioner):
-    """No push, as blocks at float32 have it."""
+    """`structs.Push` of a tensioner that does not push, as blocks at float32 have it."""
     return BLOCKS.Push()
 
 
 @wp.func
 def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
-    """Force of a tensioner on its body and its moment there (`structs.Push`); `kept` as in `chamber_pressure`."""
+    """Force of a tensioner on its body and its moment about the body's center (`structs.Push`).
+
+    `kept` as in `chamber_pressure`.
+    """
     arm = plunger_arm(body, tensioner)
     lever = leading_value(arm)
     push = zero_push(tensioner)
@@ -478,10 +454,9 @@ def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
-    """Power [W] that the dampers of spring and stop take, eq. (13), and power of suction, eq. (14).
+    """Power [W] that a tensioner's dampers take, eq. (13), and power [W] of suction, eq. (14).
 
-    `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog: what dampers take at
-    one speed is never below 0.
+    `rate` is x' [m/s] at the instant of `push`, whose own is half a step behind with leapfrog.
     """
     zero = type(rate)(0.0)
     elastic = elastic_plunger_force(push.extension, push.pressure, tensioner)
@@ -498,7 +473,7 @@ def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
 
 @wp.func
 def energy_series(z: Any, tensioner: Any):
-    """K [Pa], eq. (10a), and phi of oil at z."""
+    """K [Pa] of a tensioner's oil at z, eq. (10a), and its phi [-]."""
     square = z * z
     q = tensioner.oil_share * square * square * square * z
     b = quotient(tensioner.air_share, square * square * z)
@@ -513,7 +488,7 @@ def energy_series(z: Any, tensioner: Any):
 
 @wp.func
 def specific_energy(z: Any, tensioner: Any):
-    """u [Pa] of the oil, eq. (10), (10a), and its volume exp(-phi) a unit of M."""
+    """Energy u [Pa] of a tensioner's oil a unit of M, eq. (10), (10a), and its volume exp(-phi)."""
     energy, phi = energy_series(z, tensioner)
     volume = exponential(-phi)
     return energy + tensioner.ambient * volume - tensioner.still, volume
@@ -521,14 +496,14 @@ def specific_energy(z: Any, tensioner: Any):
 
 @wp.func
 def enthalpy(z: Any, tensioner: Any):
-    """H [Pa] of the oil, eq. (10)."""
+    """Enthalpy H [Pa] of a tensioner's oil a unit of M, eq. (10)."""
     energy, volume = specific_energy(z, tensioner)
     return energy + (pressure_of_root(z, tensioner) - tensioner.ambient) * volume
 
 
 @wp.func
 def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
-    """U [J], eq. (11); 0 at the ambient pressure."""
+    """Energy U [J] of the oil in a tensioner, eq. (11); 0 at the ambient pressure."""
     energy, volume = specific_energy(pressure_root(pressure, tensioner), tensioner)
     mass = tensioner.volume * wp.exp(rounded_value(state.content))
     vapor = chamber_volume(x, tensioner) - mass * volume
@@ -537,7 +512,7 @@ def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
-    """Energy of spring, stop and oil [J] at a pressure [Pa]; the spring's is 0 at x = 0."""
+    """Energy [J] of a tensioner's spring, stop and oil at a pressure [Pa]; the spring's is 0 at x = 0."""
     half = type(tensioner.volume)(0.5)
     zero = type(tensioner.volume)(0.0)
     reach = rounded_value(x)
@@ -553,7 +528,7 @@ def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Powers [W] of dampers, eq. (13), and of suction, eq. (14), at an extension [m] that changes at `rate` [m/s]."""
+    """Powers [W] of a tensioner's dampers and of suction, eq. (13), (14), at an extension [m] and its rate [m/s]."""
     push = Push()
     push.extension = x
     push.pressure = chamber_pressure(x, True, state, tensioner)
@@ -563,7 +538,7 @@ def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: Tensione
 
 @wp.func
 def resting_state(x: wp.float64, tensioner: Tensioner):
-    """The state at rest at an extension: what flows out comes in by the check valve; the ratchet is latched."""
+    """State of a tensioner at rest at extension x [m]: leakage is the check valve's flow, the ratchet is latched."""
     state = TensionerState()
     state.farthest = x
     if tensioner.hydraulic == 1:
@@ -579,23 +554,19 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
 
 @wp.func
 def zero_flows(h: wp.float64):
-    """No flows, in float64."""
+    """Tensioner flows of a step before any has flowed, in float64."""
     return TensionerFlows()
 
 
 @wp.func
 def zero_flows(h: wp.float32):
-    """No flows of a step, in float32."""
+    """Tensioner flows of a step before any has flowed, in float32."""
     return BlockFlows()
 
 
 @wp.func
 def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
-    """Flows of a step with their energies [J]; `before` and `z` are at its start and its end.
-
-    What flows has the enthalpy at the mean z of both: with it, work on the plunger by the mean of the forces at both
-    ends and what is stored, lost and supplied differ by O(h^2).
-    """
+    """Flows of a tensioner's oil in a step with their energies [J], by the enthalpy at the mean of both z."""
     phi, slope = compression(z, tensioner)
     density = exponential(phi)
     middle = enthalpy(type(z)(0.5) * (before + z), tensioner)
@@ -611,7 +582,7 @@ def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 
 @wp.func
 def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """The oil after a step and what flowed in it, eq. (9); with energies where it is `metered`."""
+    """State of a tensioner's oil after a step, eq. (9), and its flows, with energies where `metered`."""
     before = root_before(state, tensioner)
     if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
@@ -643,15 +614,9 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
 
 @wp.func
 def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """A tensioner's state after a step, once its body has moved, and what flowed in it.
+    """State of a tensioner after a step of length `h` [s], once its body has moved, and its oil's flows in it.
 
-    Args:
-        x: extension after the step [m].
-        rate: x' over the step [m/s].
-        h: the step [s].
-        metered: whether the energies of what flowed are wanted.
-        state: before the step.
-        tensioner: its data.
+    `x` [m] is that after the step, `rate` [m/s] that over it; `metered`: energies of flows are wanted.
     """
     flows = zero_flows(h)
     if tensioner.hydraulic == 1:

@@ -1,32 +1,27 @@
-r"""Roller in the tooth gap of a sprocket: which seat, how deep, and along which normal.
+"""Roller in the tooth gap of a sprocket: its seat, penetration and contact normal.
 
 The roller's center may not cross the gap's offset curve (Pedersen et al. 2004, eq. (5)-(8), continued past the arc).
-In the gap's own frame, e the outward direction of seat j, tau = e turned by +90 degrees, q = r - s_j,
-xi = q . e and eta = q . tau; the gap is symmetric, so |eta| is used and the normal mirrored back:
+With e the outward direction of seat j, tau = e turned by +90 degrees, q = r - s_j, xi = q . e and eta = q . tau:
 
     seat arc  |eta| cos(b) <= -xi sin(b):  pen = |q| - Rc,                          n = -q / |q|         (5)-(8)
     flank     else, straight:              pen = |eta| sin(b) - xi cos(b) - Rc,     n = (cos(b), -sign(eta) sin(b))
     tip       where it is the smaller:     pen = R_tip + Rr - |r|,                  n = r / |r|
 
-with b half the seating angle and Rc the clearance of the roller in its seat. Curve and normal are continuous from arc
-to flank: a gap that ended where pen > 0 would pump energy into every roller that passes.
+b is half the seating angle, Rc the roller's clearance in its seat. Curve and normal are continuous: a gap that ended
+where pen > 0 would pump energy into rollers that pass.
 
-A convex flank ("iso606") is an arc of radius re tangent to the seat arc, so its offset curve has the curvature
-c = 1 / (re + Rr) there. With s the straight flank's penetration and t = xi sin(b) + |eta| cos(b) the distance along it,
-the roller stands off the arc's center by h with c h = (1 - c s, c t) across and along the straight flank, and
+A convex flank ("iso606") is an arc of radius re tangent to the seat arc, its offset curve's curvature
+c = 1 / (re + Rr). With s the straight flank's penetration, t = xi sin(b) + |eta| cos(b) along it and
+c h = (1 - c s, c t) the roller from the arc's center, across and along the straight flank,
 
-    pen = 1/c - |h| = (2 s - c (s^2 + t^2)) / (1 + c |h|),    n = h / |h|,
+    pen = 1/c - |h| = (2 s - c (s^2 + t^2)) / (1 + c |h|),    n = h / |h|.
 
-which loses no digits however large the flank's radius is.
+At float32, d the seat's direction at angle zero, xi and eta are components of
 
-xi and eta are small, some micrometers where it matters, and differences of lengths of a meter. They are taken in
-float64, or on blocks at float32 without it, from the vector from the seat to the roller,
+    q = (r - c) - u,    u = R (cos theta d_x - sin theta d_y, sin theta d_x + cos theta d_y).                 (a)
 
-    q = (r - c) - u,    u = R (cos theta d_x - sin theta d_y, sin theta d_x + cos theta d_y),                 (a)
-
-d the seat's direction at angle zero. R cos theta and R sin theta are kept with a high part that is a multiple of
-2^-12 of a power of two above R, d with one that is a multiple of 2^-12: products and sums of these are exact in
-float32, and what has low parts in it is small, so that plain float32 is off by 2^-37 of R.
+High parts of R cos theta, R sin theta and d are on grids of 2^-12 of a power of two above R and 1, so that their
+products and sums are exact; the error is 2^-37 R.
 """
 
 from typing import Any
@@ -40,7 +35,7 @@ from .contact import rotated_vector
 
 @wp.func
 def wrapped_seat(seat: int, teeth: int):
-    """A seat's number, at most a revolution off, brought to the range from 0 to teeth - 1."""
+    """Seat number at most a revolution off, brought to the range 0 to `teeth` - 1 of a sprocket."""
     if seat < 0:
         seat = seat + teeth
     if seat >= teeth:
@@ -50,11 +45,7 @@ def wrapped_seat(seat: int, teeth: int):
 
 @wp.func
 def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
-    """Seat nearest by angle to `r` (from the sprocket's center) on a sprocket turned by (cosine, sine).
-
-    Used once, as a roller comes near a sprocket; from then on `seat_step` follows it. Where there is no angle, since
-    the variant is diverging, it is seat 0: whatever comes in, what goes out is a seat.
-    """
+    """Number of a sprocket's seat nearest by angle to a roller `r` [m] from the center; 0 if `r` is not finite."""
     local = wp.atan2(float(r[1] * cosine - r[0] * sine), float(r[0] * cosine + r[1] * sine))
     if not (wp.abs(local) < 4.0):
         return int(0)
@@ -63,9 +54,9 @@ def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
 
 @wp.func
 def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
-    """+1 or -1 where the neighboring seat is nearer by angle, else 0.
+    """+1 or -1 where a sprocket's neighboring seat is nearer by angle to the roller than the seat kept, else 0.
 
-    `radial` = r . e and `lateral` = r . tau of the seat kept so far; `half_pitch_tangent` = tan(pi / z).
+    `radial` = r . e, `lateral` = r . tau [m]; `half_pitch_tangent` = tan(pi / z).
     """
     limit = half_pitch_tangent * radial
     if lateral > limit:
@@ -77,10 +68,7 @@ def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
 
 @wp.func
 def tipless_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] and the normal's components along e and tau in a gap whose flanks have no tips.
-
-    Arguments as of `tooth_gap`.
-    """
+    """Penetration [m] of a roller in a tooth gap without tips, and the normal along e and tau; see `tooth_gap`."""
     zero = type(xi)(0.0)
     one = type(xi)(1.0)
     eta = wp.abs(lateral)
@@ -111,9 +99,9 @@ def tipless_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] and normal in a gap of straight flanks without tips, without branches.
+    """Penetration [m] and normal (e, tau) in a straight-flanked tooth gap without tips, and 1 where they hold, else 0.
 
-    Returned with 1 where that applies to the roller, else 0. Arguments as of `tooth_gap`.
+    Free of branches; arguments as of `tooth_gap`.
     """
     zero = type(xi)(0.0)
     eta = wp.abs(lateral)
@@ -136,7 +124,7 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
-    """Whether a roller, `penetration` deep in a gap without tips or about to touch it, is less deep in the tip."""
+    """Whether a roller in a tooth gap, `penetration` [m] in its flank, is less deep in the tooth's tip."""
     if penetration > -gap.law.ahead:
         radial = gap.pitch_radius + xi
         limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
@@ -146,10 +134,7 @@ def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def tip_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] in a tip and the normal's components along e and tau.
-
-    Arguments as of `tooth_gap`.
-    """
+    """Penetration [m] of a roller in a tooth's tip, and the normal along e and tau; see `tooth_gap`."""
     radial = gap.pitch_radius + xi
     square = products(radial, radial, lateral, lateral)
     inverse = inverse_root(square)
@@ -158,12 +143,9 @@ def tip_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def tooth_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] and the normal's components along e and tau, of a roller in a tooth gap.
+    """Penetration [m] of a roller in a tooth gap, and the normal along e and tau, eq. (5)-(8).
 
-    Args:
-        xi: q . e [m], q from the seat to the roller's center.
-        lateral: q . tau [m].
-        gap: the sprocket's tooth gap (`structs.Sprocket`).
+    `xi` = q . e, `lateral` = q . tau [m]; `gap` is `structs.Sprocket`.
     """
     penetration, along, across = tipless_gap(xi, lateral, gap)
     at = wp.vector(penetration, along, across)
@@ -177,13 +159,13 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def grid_value(value: wp.float32, magic: wp.float32):
-    """`value` rounded to the grid of spacing `magic` / 1.5 / 2^23."""
+    """Float32 value rounded to the grid of `magic` / 1.5 / 2^23, on which a tooth gap's products are exact."""
     return (value + magic) - magic
 
 
 @wp.func
 def grid_product(part: Pair, radius: Pair, magic: wp.float32):
-    """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_magic`) [m]."""
+    """R cos theta or R sin theta [m] of a sprocket as a pair, its high part on the grid of `grid_value`."""
     high = grid_value(radius.high * part.high, magic)
     low = fused_multiply_add(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
     return pair(high, low)
@@ -191,22 +173,15 @@ def grid_product(part: Pair, radius: Pair, magic: wp.float32):
 
 @wp.func
 def grid_magic(radius: wp.float32):
-    """The `magic` of `grid_value` for a grid of 2^-12 of the power of two above `radius`."""
+    """The `magic` of `grid_value` for a sprocket's pitch radius [m]."""
     return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
 
 
 @wp.func
 def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
-    """Where a roller is in the gap of a seat, in float64.
+    """Direction e of a seat, and r . e, xi and eta [m] of a roller in that tooth gap, in float64.
 
-    Args:
-        p: roller from the sprocket's center [m].
-        direction: of the seat, at angle zero.
-        body: where the sprocket is.
-        sprocket: its teeth (`structs.Sprocket`).
-
-    Returns:
-        Direction e in which the seat is now, the roller's place along e from the center, xi and eta [m].
+    `p` is r - c [m], `direction` the seat's at angle zero, `body` the sprocket's pose.
     """
     e = rotated_vector(direction, body.cosine, body.sine)
     radial = dot(p, e)
@@ -215,9 +190,9 @@ def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
 
 @wp.func
 def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
-    """Where a roller is in the gap of a seat, from pairs, (a): e, its place along e, xi and eta [m].
+    """Direction e of a seat, and r . e, xi and eta [m] of a roller in that tooth gap, from pairs, (a).
 
-    `direction` has high parts (x, y) and low parts (x, y).
+    `direction` is the seat's at angle zero: high parts (x, y), low parts (x, y).
     """
     c = body.reach_cosine
     s = body.reach_sine
@@ -235,15 +210,9 @@ def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any
 
 @wp.func
 def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: Any, seats: Any):
-    """The seat of a roller and its place there: its number, direction e, xi and eta [m].
+    """Seat of a roller in a sprocket, at most two from seat `number`, with direction e, xi and eta [m].
 
-    Args:
-        p: roller from the sprocket's center [m].
-        number: a seat at most two from the roller's.
-        direction: of that seat, at angle zero.
-        body: where the sprocket is.
-        sprocket: its teeth (`structs.Sprocket`).
-        seats: directions of the seats at angle zero.
+    `direction` is that of seat `number` at angle zero; see `tracked_seat`.
     """
     e, radial, xi, lateral = gap_coordinates(p, direction, body, sprocket)
     step = seat_step(radial, lateral, type(radial)(sprocket.half_pitch_tangent))
@@ -263,17 +232,9 @@ def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: 
 
 @wp.func
 def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
-    """The seat of a roller in a sprocket, and the roller's place in that seat's gap.
+    """Seat of a roller in a sprocket, from the seat kept in the step before, with direction e, xi and eta [m].
 
-    Args:
-        p: roller from the sprocket's center [m].
-        kept: its seat at the step before, of which this one is a neighbor; negative: found by angle.
-        body: where the sprocket is.
-        sprocket: its teeth (`structs.Sprocket`).
-        seats: directions of the seats at angle zero.
-
-    Returns:
-        The seat's number, its direction e, xi and eta [m].
+    `p` is r - c [m]; `kept` < 0: found by angle; `seats` are directions at angle zero.
     """
     number = kept
     if number < 0:
@@ -283,13 +244,7 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
 
 @wp.func
 def relative_tooth_velocity(omega: Any, arm: Any, v: Any):
-    """Velocity [m/s] of a sprocket's point, `arm` [m] from its center, less that of a roller.
-
-    Args:
-        omega: the sprocket's angular velocity [rad/s].
-        arm: [m].
-        v: the roller's velocity less the center's [m/s].
-    """
+    """Velocity [m/s] of a sprocket's point, `arm` [m] from its center, less a roller's; `v` is less the center's."""
     return type(arm)(multiply_add(-omega, arm[1], -v[0]), multiply_add(omega, arm[0], -v[1]))
 
 
@@ -297,12 +252,7 @@ def relative_tooth_velocity(omega: Any, arm: Any, v: Any):
 def tooth_contact(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprocket: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
 
-    Args:
-        arm: roller from the sprocket's center [m].
-        v: roller's velocity relative to the center's [m/s].
-        omega: sprocket's angular velocity [rad/s].
-        e, xi, lateral: of the roller in its gap (`gap_coordinates`) [m].
-        sprocket: its teeth (`structs.Sprocket`).
+    `arm` [m] and `v` [m/s] are less those of the sprocket's center; `e`, `xi`, `lateral`: `gap_coordinates`.
     """
     penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
     return penetration, rotated_vector(e, normal_radial, normal_lateral), relative_tooth_velocity(omega, arm, v)

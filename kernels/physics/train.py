@@ -1,12 +1,12 @@
-r"""Shafts, gears, couplings and motors: the moments between bodies that turn together, and those that drive them.
+"""Trains of shafts: moments of gears and couplings between bodies that turn together, and of motors that drive them.
 
 Bodies that a shaft or gears tie are a train, of which body b turns rho_b times as fast as the first. With M_b the
 moment of contacts, load, motor and couplings on body b,
 
     (sum rho^2 J) q'' = sum rho M,    alpha_b = rho_b q'',                                                (a)
 
-which body b has as if it turned alone with the inertia sum rho^2 J / rho_b^2 under the moment sum rho M / rho_b. A pair
-of gears passes on to the bodies B beyond it, the first of which turns with alpha_b,
+which body b has as if alone with the inertia sum rho^2 J / rho_b^2 under the moment sum rho M / rho_b. A pair of gears
+passes on to the bodies B beyond it, the first of which turns with alpha_b,
 
     T = J_B alpha_b - sum_B rho M / rho_b,    J_B = sum_B rho^2 J / rho_b^2.                              (b)
 
@@ -19,13 +19,11 @@ then 0 and k d^2 / 2 lost; at i = 0 it is open. A clutch bears |M| <= C and slip
 
     e_0' = e' where k d = C and e' > 0, or k d = -C and e' < 0, else 0,    C |e_0'| lost.                   (d)
 
-A freewheel bears moments of one sense only, 0 <= w M <= C, so that by (d) it slips in the other one under none. It
-locks without twist, and so takes up only what turns it on. The first body may be the ground, whose q_1 is 0: a brake is
-a clutch to the ground, a backstop a freewheel. C may hang on |q_1'|, to the ground on |q_2'|.
+A freewheel bears moments of one sense only, 0 <= w M <= C: by (d) it slips in the other one under none, and locks
+without twist. The first body may be the ground, whose q_1 is 0: a brake is a clutch to the ground, a backstop a
+freewheel. C may hang on |q_1'|, to the ground on |q_2'|. Ratio, e_0 and C are those of a step's start.
 
-Ratio, e_0 and C are those of a step's start for the whole step.
-
-A motor's moment is that of its limits M_0 and P and of its table: min(M_0 + M(omega), P / omega) forward. Its governor
+A motor's moment is min(M_0 + M(omega), P / omega) forward, with its limits M_0 and P and its table. Its governor
 multiplies it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
 """
 
@@ -39,19 +37,14 @@ from ..structs import GROUND
 from .motion import forward_angle, ramp, table_value
 
 OVER_SPEED = wp.constant(2)
-"""`Tabulated.over_angle` of a table over speed."""
+"""`Tabulated.over_angle` of a train's table over speed."""
 
 
 @wp.func
 def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tables: Any):
-    """Moment [N m] of a shaft's motor, counter-clockwise; 0 where it has none or its angle is prescribed.
+    """Moment [N m] of a shaft's motor, counter-clockwise; 0 without one or where the angle is prescribed.
 
-    Args:
-        time: a number [s].
-        angle, speed: numbers, of the shaft.
-        motor: its data.
-        motion: of the shaft, with its sense.
-        tables: values of all tables.
+    `time` [s], `angle` and `speed` of the shaft are numbers; `motion` gives its sense.
     """
     forward = motion.sign * leading_value(speed)
     torque = motor.torque
@@ -74,10 +67,7 @@ def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tab
 
 @wp.func
 def coupling_twist(first: Any, second: Any, coupling: Any, engaged: Any):
-    """Twist [rad] of a coupling and its rate [rad/s], from the states of its bodies; both 0 while it is open.
-
-    To the ground `first` may be any state.
-    """
+    """Twist [rad] of a coupling and its rate [rad/s], both 0 while open; to the ground `first` may be any state."""
     ratio = engaged.ratio
     angle = first.angle
     speed = first.speed
@@ -93,33 +83,33 @@ def coupling_twist(first: Any, second: Any, coupling: Any, engaged: Any):
 
 @wp.func
 def twist_beyond_lash(twist: Any, coupling: Any):
-    """d of (c): a coupling's twist beyond its lash [rad]."""
+    """Twist d [rad] of a coupling beyond its lash, (c)."""
     zero = type(twist)(0.0)
     return wp.max(twist - coupling.lash, zero) + wp.min(twist + coupling.lash, zero)
 
 
 @wp.func
 def unbounded_moment(twist: Any, rate: Any, coupling: Any):
-    """Moment [N m] of a coupling (c), whatever its capacity."""
+    """Moment [N m] of a coupling whatever its capacity, (c)."""
     return coupling.stiffness * twist_beyond_lash(twist, coupling) + coupling_damping(twist, coupling) * rate
 
 
 @wp.func
 def coupling_damping(twist: Any, coupling: Any):
-    """Damping c of a coupling beyond its lash [N m s/rad], 0 within."""
+    """Damping c [N m s/rad] of a coupling beyond its lash, 0 within."""
     return wp.where(wp.abs(twist) >= coupling.lash, coupling.damping, type(twist)(0.0))
 
 
 @wp.func
 def coupling_moment(twist: Any, rate: Any, coupling: Any, engaged: Any):
-    """Moment [N m] that a coupling takes from its first body (c), as far as it bears it."""
+    """Moment [N m] that a coupling takes from its first body, (c), within what it bears."""
     low, high = moment_bounds(coupling, engaged)
     return wp.clamp(unbounded_moment(twist, rate, coupling), low, high)
 
 
 @wp.func
 def moment_bounds(coupling: Any, engaged: Any):
-    """Least and largest moment [N m] that a coupling bears; a freewheel has one sense only."""
+    """Least and largest moment [N m] that a coupling bears, one of them 0 of a freewheel."""
     zero = type(engaged.capacity)(0.0)
     low = wp.where(coupling.freewheel > 0, zero, -engaged.capacity)
     return low, wp.where(coupling.freewheel < 0, zero, engaged.capacity)
@@ -127,7 +117,7 @@ def moment_bounds(coupling: Any, engaged: Any):
 
 @wp.func
 def clutch_capacity(time: Any, first: Any, second: Any, coupling: Any, tables: Any):
-    """Moment [N m] that a clutch bears at a time, a number [s], and at the speed of its first body or its second."""
+    """Moment [N m] that a clutch bears at a time, a number [s], or at a body's speed, by its table."""
     x = time
     if coupling.engagement.over_angle == OVER_SPEED:
         x = number_of(wp.abs(leading_value(first.speed)))
@@ -145,14 +135,14 @@ def coupling_energy(twist: Any, coupling: Any):
 
 @wp.func
 def coupling_loss(twist: Any, rate: Any, coupling: Any, engaged: Any):
-    """Power [W] that a coupling's damper takes; where its moment is bounded, the rest of it is rounded."""
+    """Power [W] that a coupling's damper takes, with what bounding its moment changes."""
     over = coupling_moment(twist, rate, coupling, engaged) - unbounded_moment(twist, rate, coupling)
     return wp.max(coupling_damping(twist, coupling) * rate * rate + over * rate, type(rate)(0.0))
 
 
 @wp.func
 def coupling_ratio(time: Any, before: Any, coupling: Any, tables: Any):
-    """A coupling's ratio of the last of its rows (time, ratio) that has begun; `before` without rows."""
+    """Ratio in use of a coupling: that of its last row (time, ratio) that has begun; `before` without rows."""
     ratio = type(before)(before)
     for at in range(coupling.first_ratio, coupling.first_ratio + 2 * coupling.ratios, 2):
         if difference(time, tables[at]) >= type(ratio)(0.0):
@@ -162,15 +152,7 @@ def coupling_ratio(time: Any, before: Any, coupling: Any, tables: Any):
 
 @wp.func
 def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: Any, tables: Any):
-    """State of a coupling from a step's start on: its ratio in use, its slip as far as its capacity asks (d).
-
-    Args:
-        time: a number [s].
-        first, second: states of its bodies.
-        before: its state in the step before.
-        coupling: `structs.Coupling`.
-        tables: values of all tables.
-    """
+    """State of a coupling at a step's start: its ratio in use, capacity, and slip by (d), from its state `before`."""
     now = before
     twist, rate = coupling_twist(first, second, coupling, before)
     zero = type(twist)(0.0)
@@ -195,7 +177,7 @@ def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: An
 
 @wp.func
 def own_body_energy(energy: wp.float64, speed: wp.float64, motion: Any):
-    """Energy [J] of a body of a train by its own inertia, from `energy` by the inertia of the whole train."""
+    """Energy [J] of a train's body by its own inertia, from `energy` by the inertia of the whole train."""
     if motion.prescribed == 0:
         others = wp.float64(motion.own_inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
         energy = energy + wp.float64(0.5) * speed * speed * others
