@@ -1,6 +1,6 @@
 """Format of an archive: protobuf messages, topics, attachments, metadata, packed rollers, JointState.
 
-In words: `docs/archive.md`. The messages are in a descriptor pool of their own, apart from other packages' copies.
+`docs/archive.md` describes it. The messages are in a descriptor pool apart from other packages'.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ MESSAGE_FIELDS = {
     "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in BODY_CHANNELS)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
-"""Fields of each protobuf message, numbered from 1; a message stands after those that it uses."""
+"""Fields of each archived protobuf message, numbered from 1, behind the messages that it uses."""
 ENUM_VALUES = {
     "PackedElementField.NumericType": "UNKNOWN UINT8 INT8 UINT16 INT16 UINT32 INT32 FLOAT32 FLOAT64",
     "LinePrimitive.Type": "LINE_STRIP LINE_LOOP LINE_LIST",
@@ -65,7 +65,7 @@ SCALAR_TYPES = ("bool", "bytes", "double", "fixed32", "string")
 
 
 def message_class(name: str) -> type[Any]:
-    """Protobuf class of a message by its full name, such as "foxglove.PointCloud"."""
+    """Protobuf class of an archived message by its full name, such as "foxglove.PointCloud"."""
     return _message_classes()[name]
 
 
@@ -103,7 +103,7 @@ def _message_classes() -> dict[str, type[Any]]:
 
 
 def _proto_file(full_name: str) -> FileDescriptorProto:
-    """Descriptor of the .proto file of one message."""
+    """Descriptor of the .proto file of one archived message."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
     package, message = full_name.split(".")
@@ -143,12 +143,12 @@ def _add_proto_field(
 
 
 FORMAT_VERSION = "2"
-"""Version of the layout; readers refuse any other."""
+"""Version of the archive's format; readers refuse any other."""
 
 RUN_METADATA = "warpchain"
-"""Metadata record at a file's start."""
+"""Name of the metadata record at an archive file's start."""
 END_METADATA = "warpchain.end"
-"""Metadata record at a file's end."""
+"""Name of the metadata record at an archive file's end."""
 METRICS_ATTACHMENT = "metrics.arrow"
 
 COLOR_FIELDS = ("red", "green", "blue", "alpha")
@@ -182,16 +182,16 @@ TOPICS = {
 }
 """Schema of each topic of a recorded variant."""
 MOST_VARIANTS = 65535 // len(TOPICS)
-"""Recorded variants in a file at most: MCAP's channel numbers have 16 bits."""
+"""Most recorded variants in an archive file: MCAP's channel numbers have 16 bits."""
 
 
 def end_with_start_copy(end: Mapping[str, str], start: Mapping[str, str]) -> dict[str, str]:
-    """Metadata at a file's end that repeat those at its start."""
+    """Metadata at an archive file's end, with a copy of those at its start."""
     return {**end, "run": json.dumps(dict(start))}
 
 
 def start_copy_of_end(end: Mapping[str, str]) -> dict[str, str]:
-    """Start's metadata as a file's end repeats them; {} in earlier versions."""
+    """Copy of the start's metadata in those at an archive file's end; {} in earlier versions."""
     return {str(name): str(value) for name, value in parse_json(end.get("run", "{}")).items()}
 
 
@@ -201,7 +201,7 @@ def topic_path(variant: int, topic: str) -> str:
 
 
 def variant_and_topic(path: str) -> tuple[int, str] | None:
-    """Variant's number and topic of a topic's full name; None for another program's."""
+    """Variant and topic of a topic's full name; None for another program's."""
     words = path.split("/")
     if len(words) == 4 and words[1] == "variant" and words[3] in TOPICS and re.fullmatch(r"[0-9]{5,9}", words[2]):
         return int(words[2]), words[3]
@@ -265,11 +265,9 @@ def varint_bytes(value: int) -> bytes:
 
 
 def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, dict[str, int], int]:
-    """CDR bytes of a JointState of zeros, offsets of its filled arrays' first doubles, offset of its stamp.
+    """CDR bytes of a JointState of zeros, offsets of its arrays' first doubles, and offset of its stamp.
 
-    Args:
-        names: sprocket names.
-        arrays: which of "position", "velocity", "effort" are filled.
+    `arrays` are the filled ones of "position", "velocity", "effort".
     """
     out = bytearray(b"\x00\x01\x00\x00")  # encapsulation: CDR, little-endian; alignment counts from here
 

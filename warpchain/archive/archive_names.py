@@ -1,6 +1,6 @@
-"""Files of an archive's name: one or a set, what a killed run left of them, and the writer's lock.
+"""File names of an archive: one or a set, what a killed run left of them, and the writer's lock.
 
-A set is `run.part0000.mcap`, `run.part0001.mcap` and so on. One that replaces another is a further edition beside it,
+A set is `run.part0000.mcap`, `run.part0001.mcap` and so on. One that replaces another is a further edition,
 `run.part0000-2.mcap`; it is the archive once its last part, which alone says how many there are, has its name.
 """
 
@@ -20,7 +20,7 @@ from warpchain.errors import ArchiveError
 from warpchain.files import PARTIAL_PATTERN, WriteLock, refusals_as_errors, target_of_path
 
 PART_STEM = re.compile(r"(.*)\.part(\d{4,9})(?:-(\d{1,9}))?")
-"""Stem of a part's file name: archive, number, edition unless the first."""
+"""Stem of an archive part's file name: archive, number, edition unless the first."""
 
 
 class PartName(NamedTuple):
@@ -38,13 +38,13 @@ def part_path(path: Path, number: int, edition: int = 1) -> Path:
 
 
 def parse_part_name(path: Path) -> PartName | None:
-    """Archive, number and edition that a file name states; None if it is no part's."""
+    """Archive, number and edition that a file name states; None if it is no archive part's."""
     found = PART_STEM.fullmatch(path.stem)
     return found and PartName(path.with_name(found[1] + path.suffix), int(found[2]), int(found[3] or 1))
 
 
 def files_by_edition(path: Path) -> dict[int, list[Path]]:
-    """Files of the sets that have an archive's name, by edition, in order."""
+    """Files of the sets that have an archive's name, in order by edition."""
     found: dict[int, dict[int, Path]] = {}
     if path.parent.is_dir():
         for file in path.parent.iterdir():
@@ -64,7 +64,7 @@ def part_files(path: Path) -> list[Path]:
 
 
 def is_whole_set(files: list[Path]) -> bool:
-    """Whether a set of files has its last part and all before it."""
+    """Whether a set of archive files has its last part and all before it."""
     try:
         end = McapIndex(files[-1]).read_metadata(archive_format.END_METADATA) or {}
     except ArchiveError:
@@ -81,7 +81,7 @@ def unfinished_files(path: Path) -> list[Path]:
 
 
 def finished_path(file: Path) -> Path:
-    """Path that an unfinished file was to have."""
+    """Path that an unfinished archive file was to have."""
     return file.with_name(re.sub(PARTIAL_PATTERN + "$", "", file.name))
 
 
@@ -98,8 +98,7 @@ class ArchiveTarget:
     """Name that an archive is written to, locked for one writer.
 
     Args:
-        path: the archive's name; what has it stays whole until `remove_replaced`.
-        overwrite: replace an archive of that name.
+        path: its present archive stays whole until `remove_replaced`.
         split: a set of files, rather than one.
 
     Raises:
@@ -145,12 +144,12 @@ class ArchiveTarget:
                     file.unlink()
 
     def discard_files(self, files: Iterable[Path]) -> None:
-        """Removes whole files of a set that stays incomplete; raises nothing."""
+        """Removes whole files of an archive's set that stays incomplete; raises nothing."""
         if self.split:
             for file in files:
                 with contextlib.suppress(OSError):
                     file.unlink()
 
     def release_lock(self) -> None:
-        """Lets other writers have the archive's name."""
+        """Releases the lock of the archive's name."""
         self._lock.release()

@@ -38,9 +38,7 @@ class ArchivePart:
         """Begins a variant's topics in this archive file, unless that was done.
 
         Args:
-            place: the variant's place in this file, which numbers its channels.
-            content: what its frames hold.
-            drive: the variant's drive.
+            place: of the variant in this file, which numbers its channels.
             facts: further metadata of the channel.
         """
         if variant in self._variants:
@@ -72,7 +70,7 @@ class ArchivePart:
 
 
 def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
-    """Appends drive files of variants, then all of them again."""
+    """Appends variants' drive files to an archive file, then all of them again."""
     texts = {variant: dumps_drive(drive).encode() for variant, drive in drives.items()}
     for name in (archive_format.drive_attachment_name, archive_format.drive_copy_name):
         for variant, text in texts.items():
@@ -138,11 +136,11 @@ class ArchiveParts:
         return part
 
     def place_in_part(self, position: int) -> int:
-        """Place in its file of the variant recorded in a position."""
+        """Place in its archive file of the variant recorded in a position."""
         return position % self._per_part
 
     def part_for_chunk(self, position: int) -> ArchivePart:
-        """File for the next chunk of the variant recorded in a position."""
+        """Archive file for the next chunk of the variant recorded in a position."""
         limit = self._options.split_size
         if limit is not None:
             current = self._parts[-1]
@@ -195,15 +193,14 @@ class ArchiveParts:
         return f"what was written until then is in {', '.join(words)}: see warpchain recover" if words else ""
 
     def refusal_error(self, error: ArchiveError) -> ArchiveError:
-        """Error of a disk that refuses; with `salvage` it names the kept files."""
+        """Archive error of a disk that refuses; with `salvage` it names the kept files."""
         kept = self._kept_files_text()
         return ArchiveError(f"{error}; {kept}") if kept else error
 
     def close_unfinished(self, named: bool = False) -> None:
         """Ends unfinished files of the archive: drops them, or with `salvage` keeps those with frames.
 
-        Args:
-            named: whether an error has named the kept files; else a warning does.
+        A warning names kept files, unless an error has `named` them.
         """
         left, kept = self._unfinished_files(), self._kept_files_text()
         for part in self._parts:
@@ -218,7 +215,7 @@ class ArchiveParts:
 
 
 def media_type(name: str) -> str:
-    """Media type of an attachment, by its name."""
+    """Media type of an archive's attachment, by its name."""
     kinds = {
         ".arrow": "application/vnd.apache.arrow.file",
         ".parquet": "application/vnd.apache.parquet",
@@ -238,11 +235,7 @@ def _run_metadata(info: RunInfo) -> dict[str, str]:
 
 
 def variant_numbers(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int]:
-    """Numbers by which an archive calls a run's variants.
-
-    Raises:
-        ArchiveError: not one number a variant.
-    """
+    """Numbers by which an archive calls a run's variants; raises ArchiveError unless one a variant."""
     if options.numbers is None:
         return range(len(drives))
     if len(options.numbers) != len(drives):
@@ -251,7 +244,7 @@ def variant_numbers(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequenc
 
 
 def _arrow_bytes(table: pa.Table) -> bytes:
-    """Bytes of a table as an Arrow IPC file."""
+    """Bytes of a metrics table as an Arrow IPC file."""
     import pyarrow as pa
 
     sink = pa.BufferOutputStream()

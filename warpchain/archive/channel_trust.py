@@ -29,7 +29,7 @@ def untrusted_channel(index: McapIndex) -> Channel | None:
 
 
 def _recorded_numbers(start: Mapping[str, str]) -> list[str]:
-    """Numbers, as words, of the recorded variants that one file can hold."""
+    """Numbers, as words, of the recorded variants that one archive file can hold."""
     return start.get("recorded", "").split()[: archive_format.MOST_VARIANTS]
 
 
@@ -39,10 +39,7 @@ def _is_foreign(channel: Channel) -> bool:
 
 
 def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Sequence[str]) -> bool:
-    """Whether a program that rewrote the archive may have given a channel its number.
-
-    Then its digest is right under one of the numbers that warpchain gives to its topic.
-    """
+    """Whether a channel's digest is right under a number that warpchain gives to its topic, as after a rewrite."""
     named = archive_format.variant_and_topic(channel.topic)
     if named is None:
         return False
@@ -54,8 +51,7 @@ def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Se
 class TrustedTopics:
     """Channels and schemas found in a broken archive, each copied when a chunk asks for it.
 
-    Args:
-        index: a right summary, whose channels are trusted; None goes by those that are added.
+    `index` is a right summary, whose channels are trusted; None goes by those that are added.
     """
 
     def __init__(self, index: McapIndex | None = None) -> None:
@@ -66,24 +62,20 @@ class TrustedTopics:
         self._variants: dict[int, int | None] = {}
 
     def add_schema(self, found: Schema) -> None:
-        """Takes a schema; raises ValueError where another one has its number."""
+        """Adds a broken archive's schema; raises ValueError where another one has its number."""
         if self._schemas.setdefault(found.id, found) != found:
             raise ValueError("two schemas of a number")
 
     def add_channel(self, channel: Channel) -> None:
-        """Takes a channel, for `decide_trust` to judge."""
+        """Adds a broken archive's channel, for `decide_trust` to judge."""
         self.has_digests = self.has_digests or DIGEST_KEY in channel.metadata
         self._found.append(channel)
 
     def decide_trust(self, start: Mapping[str, str], used: Collection[int]) -> int:
-        """Decides which added channels can be trusted; returns how many cannot.
+        """Decides which added channels of a broken archive can be trusted; returns how many cannot.
 
-        A number that is not warpchain's own is believed only where every message's channel is described, and by one
-        record.
-
-        Args:
-            start: the metadata at the file's start.
-            used: numbers of the channels that messages have.
+        A number that is not warpchain's own is believed only where every message's channel is described, by one record.
+        `used` are numbers of messages' channels.
         """
         others: dict[int, list[Channel]] = {}
         wrong = 0
@@ -131,7 +123,7 @@ class TrustedTopics:
     def _has_own_number(self, channel: Channel, start: Mapping[str, str]) -> bool:
         """Whether a channel without digest has the number that warpchain gives to its topic.
 
-        Where one of a variant's numbers names another variant, none of them is trusted.
+        Where one of a variant's numbers names another variant, none is trusted.
         """
         named = archive_format.variant_and_topic(channel.topic)
         if named is None:
@@ -148,16 +140,16 @@ class TrustedTopics:
         return False
 
     def variant_and_topic(self, number: int) -> tuple[int, str] | None:
-        """Variant and topic of a channel's number; None if it cannot be trusted."""
+        """Variant and topic of a broken archive's channel; None if it cannot be trusted."""
         channel = self._channels.get(number)
         return archive_format.variant_and_topic(channel.topic) if channel else None
 
     def is_known(self, number: int) -> bool:
-        """Whether a channel's number is described and can be trusted."""
+        """Whether a broken archive's channel is described and can be trusted."""
         return number in self._channels and self._channels[number].schema_id in self._schemas
 
     def copy_topics(self, file: McapWriter, numbers: Iterable[int]) -> None:
-        """Copies channels and their schemas into a file, unless that was done.
+        """Copies trusted channels and their schemas into an archive file, unless that was done.
 
         Raises:
             ValueError: one is not described, or its description is damaged.

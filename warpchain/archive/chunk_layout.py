@@ -1,4 +1,4 @@
-"""Byte layout of a variant's frames in a chunk: messages of fixed size, so that a chunk is an array of frames.
+"""Byte layout of a variant's frames in an MCAP chunk: messages of fixed size, so that a chunk is an array of frames.
 
 Zeros, which protobuf would drop, are written, and varints of timestamps are padded to five bytes.
 """
@@ -31,7 +31,7 @@ MESSAGE_HEADER = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-"""Head of a message record; `length` counts what follows it."""
+"""Head of an MCAP message record; `length` counts what follows it."""
 RECORD_HEAD_BYTES = 9
 JOINT_STATE_CHANNELS = {"position": "sprocket_angle", "velocity": "sprocket_speed", "effort": "sprocket_moment"}
 COLOR_STEPS = 1024
@@ -77,17 +77,17 @@ class _BodyBuilder:
 
 @dataclass(frozen=True)
 class FrameContent:
-    """Content of a variant's frames, which fixes their layout in bytes.
+    """Content of an archived variant's frames, which fixes their layout in bytes.
 
     Attributes:
         links: number of rollers and links N.
-        sprockets, arms: names of these.
-        channels: the recorded channels.
+        sprockets, arms: names.
+        channels: recorded ones.
         precision: of the run, "float64" or "float32".
-        values: of the rollers' packed values, "float64" or "float32".
+        values: of packed rollers, "float64" or "float32".
         has_exact_positions: whether positions also come as float64.
-        variant: number of the variant, which names coordinate frames.
-        tensioners, shafts, couplings, valves: numbers of these.
+        variant: number that names coordinate frames.
+        tensioners, shafts, couplings, valves: numbers.
     """
 
     links: int
@@ -126,44 +126,43 @@ class FrameContent:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Topics that carry frames, in the order of a frame's messages."""
+        """Topics of an archived frame, in the order of its messages."""
         joints = ("sprockets",) if any(name in self.channels for name in JOINT_STATE_CHANNELS.values()) else ()
         exact = ("positions",) if self.has_exact_positions else ()
         return ("rollers", "state", *joints, *exact, *(("transforms",) if self.has_sprocket_poses else ()))
 
     @property
     def turning_bodies(self) -> tuple[str, ...]:
-        """Names of the bodies with a coordinate frame that turns: sprockets, then arms with recorded angles."""
+        """Names of the bodies whose Foxglove frame turns: sprockets, then arms with recorded angles."""
         return self.sprockets + (self.arms if "arm_angle" in self.channels else ())
 
     @property
     def has_sprocket_poses(self) -> bool:
-        """Whether frames hold angles and centers of the sprockets."""
+        """Whether archived frames hold angles and centers of the sprockets."""
         return {"sprocket_angle", "sprocket_center"} <= set(self.channels)
 
     def channel_type(self, channel: str) -> str:
-        """Numpy type name of a channel as it is read back."""
+        """Numpy type name of an archived channel as it is read back."""
         if channel == "position" and self.has_exact_positions:
             return "float64"
         return self.values if CHANNEL_BY_NAME[channel].is_of_rollers else self.precision
 
     def channel_shape(self, channel: str) -> tuple[int, ...]:
-        """Shape of a channel in one frame."""
+        """Shape of an archived channel in one frame."""
         return CHANNEL_BY_NAME[channel].shape(self.part_counts)
 
     @property
     def part_counts(self) -> PartCounts:
-        """Numbers of the parts that channels are recorded of."""
+        """Numbers of the parts of which an archive's channels are recorded."""
         bodies = len(self.sprockets), len(self.arms), self.tensioners, self.shafts, self.couplings, self.valves
         return PartCounts(self.links, *bodies)
 
 
 @dataclass(frozen=True)
 class ChunkLayout:
-    """Byte layout of one frame in a chunk.
+    """Byte layout of one frame in an MCAP chunk.
 
     Attributes:
-        content: what frames hold.
         dtype: a field a topic, each with `head` (`MESSAGE_HEADER`) and `body`.
         template: bytes of a frame of zeros.
     """
@@ -184,7 +183,7 @@ class ChunkLayout:
     def encode_frames(
         self, chunks: Sequence[Trajectory], first: int, channels: Sequence[int], full_scale: float
     ) -> Any:
-        """Frames as an array (frames,) of `dtype`, whose bytes are a chunk's messages.
+        """Archived frames as an array (frames,) of `dtype`, whose bytes are an MCAP chunk's messages.
 
         Args:
             chunks: consecutive frames.
@@ -251,7 +250,7 @@ class ChunkLayout:
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
 
     def channel_views(self, frames: Any) -> dict[str, NDArray[Any]]:
-        """Time and channels by name, as views of frames' bytes."""
+        """Time and channels by name, as views of archived frames' bytes."""
         held = {"time": frames["state"]["body"]["time"]}
         for channel in self.content.channels:
             if channel == "position" and self.content.has_exact_positions:
@@ -265,7 +264,7 @@ class ChunkLayout:
 
 @functools.lru_cache(maxsize=256)
 def layout_of_content(content: FrameContent) -> ChunkLayout:
-    """Byte layout of frames with this content."""
+    """Byte layout of archived frames with this content."""
     build = {
         "state": _state_body,
         "sprockets": _joint_state_body,
@@ -365,13 +364,13 @@ def _transforms_body(content: FrameContent) -> _BodyBuilder:
 
 
 def field_offset(dtype: np.dtype[np.void], name: str) -> int:
-    """Offset of a field in a structured dtype [bytes]."""
+    """Offset [bytes] of a field in a structured dtype of frames."""
     fields: Any = dtype.fields
     return int(fields[name][1])
 
 
 def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
-    """Writes numbers as varints padded to five bytes (frames, 5)."""
+    """Writes numbers as protobuf varints padded to five bytes (frames, 5)."""
     for k in range(5):
         more = 0x80 if k < 4 else 0
         out[:, k] = (values >> np.uint64(7 * k)).astype(np.uint8) & 0x7F | more
@@ -379,7 +378,7 @@ def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
 
 @functools.cache
 def _color_table() -> NDArray[np.uint32]:
-    """Packed colors of tensions up to the scale's end, then of an unknown one."""
+    """Packed colors of tensions up to the archived scale's end, then of an unknown one."""
     share = np.append(np.linspace(0.0, 1.0, COLOR_STEPS), np.nan)
     return tension_colors(share, 1.0).view("<u4")[:, 0]
 

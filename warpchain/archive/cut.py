@@ -1,4 +1,4 @@
-"""A piece of an archive as an archive of its own: some of its variants, between two times."""
+"""Cutting an archive: some of its variants, between two times, as an archive of its own."""
 
 from __future__ import annotations
 
@@ -25,18 +25,16 @@ def cut_archive(
     overwrite: bool = False,
     compression: str = "zstd",
 ) -> dict[int, int]:
-    """Writes a piece of an archive, bit by bit as it was recorded; returns the number of frames of each variant.
+    """Cuts an archive, bit by bit as it was recorded; returns the number of frames of each variant.
 
-    Drives, metrics, attachments and the record of how the run was made come along, of the variants that are kept.
-    Memory is bounded as in a run.
+    Drives, metrics, attachments and provenance of the kept variants come along.
 
     Args:
         source: the archive; of a split one its name or any of its files.
-        output: the archive to write; it appears under this name only when whole.
-        start, end: first and last time of frames [s], inclusive; None is that of the recording.
-        variants: the recorded variants to keep; None keeps all, recorded or not.
-        overwrite: replace an archive of that name.
-        compression: of the chunks, "zstd", "lz4" or "none".
+        output: appears under this name only when whole.
+        start, end: first and last time of frames [s], inclusive; None is the recording's.
+        variants: recorded variants to keep; None keeps all, recorded or not.
+        compression: "zstd", "lz4" or "none".
 
     Raises:
         ArchiveError: an archive that cannot be read or written, or a variant without a frame between these times.
@@ -75,12 +73,12 @@ def cut_archive(
 
 
 def _time_text(time: float | None, word: str) -> str:
-    """A time for a message."""
+    """Time of a cut for a message; `word` for none."""
     return word if time is None else f"{time:g} s"
 
 
 def _cut_options(run: Archive, numbers: Sequence[int], variant: int, compression: str) -> ArchiveOptions:
-    """Options with which an archive is written as one was, of variants of these numbers."""
+    """Options to write a cut as its archive was written, with variants of these numbers."""
     content = run.trajectories.chunk_layout(variant).content
     packed = content.values == "float32" and content.precision == "float64"
     return ArchiveOptions(
@@ -94,7 +92,7 @@ def _cut_options(run: Archive, numbers: Sequence[int], variant: int, compression
 
 
 def _whole_precision_blocks(run: Archive, variant: int, start: float | None, end: float | None) -> Iterator[Trajectory]:
-    """Frames of a variant chunk by chunk, all channels in the run's precision, which packing rounds as before."""
+    """Frames of an archived variant chunk by chunk, all channels in the run's precision."""
     precision = run.trajectories.chunk_layout(variant).content.precision
     for block in run.blocks(variant, start, end):
         held = {name: np.array(values, dtype=precision) for name, values in block.channels().items()}

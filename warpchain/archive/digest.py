@@ -1,8 +1,7 @@
 """Digests of MCAP records that have no checksum: metadata, and channels with their schemas.
 
-A digest is the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks, keys sorted, UTF-8): of a metadata
-record [name, values], of a channel [number, topic, message encoding, metadata, schema's name, its encoding, its
-SHA-256].
+A digest is the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks, keys sorted, UTF-8): of metadata
+[name, values], of a channel [number, topic, message encoding, metadata, schema's name, its encoding, its SHA-256].
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _CANONICAL_JSON = json.JSONEncoder(separators=(",", ":"), sort_keys=True, ensure
 
 @lru_cache(maxsize=64)
 def _schema_digest(data: bytes) -> str:
-    """SHA-256 of a schema's bytes."""
+    """SHA-256 of an MCAP schema's bytes."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -34,7 +33,7 @@ def _json_digest(value: Any) -> str:
 
 
 def metadata_without_digest(values: Mapping[str, str]) -> dict[str, str]:
-    """Metadata without their digest."""
+    """MCAP metadata without their digest."""
     return {name: value for name, value in values.items() if name != DIGEST_KEY}
 
 
@@ -44,7 +43,7 @@ def channel_without_digest(channel: Channel) -> Channel:
 
 
 def metadata_digest(name: str, values: Mapping[str, str]) -> str:
-    """Digest of a metadata record."""
+    """Digest of an MCAP metadata record."""
     return _json_digest([name, metadata_without_digest(values)])
 
 
@@ -56,19 +55,15 @@ def channel_digest(channel: Channel, schema: Schema) -> str:
 
 
 def has_right_digest(channel: Channel, schemas: Mapping[int, Schema]) -> bool:
-    """Whether a channel has the digest of it and its schema."""
+    """Whether an MCAP channel's digest is that of it and its schema."""
     schema = schemas.get(channel.schema_id)
     return schema is not None and channel.metadata.get(DIGEST_KEY) == channel_digest(channel, schema)
 
 
 def checked_metadata(name: str, values: Mapping[str, str], has_digests: bool) -> dict[str, str]:
-    """Values of a metadata record, once their digest is found right.
+    """Values of an MCAP metadata record without their digest; raises ValueError for a wrong or missing one.
 
-    Args:
-        has_digests: whether the archive has digests; those of earlier versions have none.
-
-    Raises:
-        ValueError: a wrong or missing digest.
+    `has_digests` is False for archives of earlier versions.
     """
     if values.get(DIGEST_KEY, None if has_digests else metadata_digest(name, values)) != metadata_digest(name, values):
         raise ValueError(f"metadata {name}: their digest is wrong")

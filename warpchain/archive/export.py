@@ -1,4 +1,4 @@
-"""A recorded variant as a file for other programs: numpy, CSV, Parquet, HDF5, MATLAB; its metrics as a table."""
+"""Export of a recorded variant for other programs: numpy, CSV, Parquet, HDF5, MATLAB; of metrics as a table."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 def export_metrics(archive: str | Path, output: str | Path) -> Path:
-    """Writes an archive's table of metrics as CSV or Parquet by the file's ending.
+    """Exports an archive's metrics as CSV or Parquet by the file's ending; returns the path.
 
     Raises:
-        ArchiveError: an archive that cannot be read, another ending, or a file that cannot be written.
+        ArchiveError: an unreadable archive, another ending, or a file that cannot be written.
     """
     from warpchain.archive.writer import read_archive
 
@@ -36,7 +36,7 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
 
 
 def export_orders(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Writes `results.housing.order_levels` of an archived variant as CSV or Parquet.
+    """Exports `results.housing.order_levels` of an archived variant as CSV or Parquet; returns the path.
 
     Raises:
         ArchiveError, SimulationError: as `export`; or a driver that does not turn one way.
@@ -47,7 +47,7 @@ def export_orders(archive: str | Path, output: str | Path, variant: int | None =
 
 
 def _read_trajectory(archive: str | Path, variant: int | None) -> Trajectory:
-    """Trajectory of a variant of an archive; None takes the first recorded."""
+    """Trajectory of an archive's variant; None takes the first recorded."""
     from warpchain.archive.writer import read_archive
 
     run = read_archive(archive)
@@ -55,19 +55,18 @@ def _read_trajectory(archive: str | Path, variant: int | None) -> Trajectory:
 
 
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Writes one variant's trajectory in the format that the file's ending names, one of `TRAJECTORY_WRITERS`.
+    """Exports one variant's trajectory in a format of `TRAJECTORY_WRITERS` by the file's ending; returns the path.
 
     Values are in SI units, which each format states. In .npz, .h5 and .mat a channel is an array (F, ...); in .csv and
     .parquet every number has a column, such as `position.12.x` or `sprocket_speed.camshaft`, one row a frame. .unv,
     .uff and .mf4 hold the loads on the housing.
 
     Args:
-        archive: the MCAP archive.
-        output: the file, which is returned; it appears under this name only when whole.
-        variant: which variant; None is the first recorded.
+        output: appears under this name only when whole.
+        variant: None is the first recorded.
 
     Raises:
-        ArchiveError: an archive that cannot be read, a file that cannot be written, or another ending.
+        ArchiveError: an unreadable archive, a file that cannot be written, or another ending.
         SimulationError: a variant that was not recorded.
         WarpchainError: the ending's package (h5py, pyuff, asammdf) is not installed.
     """
@@ -105,7 +104,7 @@ def flat_table(trajectory: Trajectory) -> pa.Table:
 
 
 def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
-    """Sprockets, arms, tensioners, shafts, couplings, valves of a drive, by kind."""
+    """Sprockets, arms, tensioners, shafts, couplings, valves of an exported drive, by kind."""
     held = {
         "sprocket": drive.sprockets,
         "arm": drive.arms,

@@ -28,7 +28,7 @@ from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.run import Trajectory
 
 READ_TOPICS = ("rollers", "state", "positions")
-"""Topics that are read; the others repeat them for viewers."""
+"""Topics of an archive that are read; the others repeat them for viewers."""
 RECOVER_ADVICE = "see warpchain recover"
 PRECISIONS = ("float64", "float32")
 
@@ -37,7 +37,6 @@ class LazyDrives(Sequence[Drive]):
     """Drives of an archived run, each read from its attachment when it is asked for.
 
     Args:
-        files: the archive's files.
         numbers: what the archive calls the variants, in order.
         gaps: whether a drive may be missing until it is asked for.
     """
@@ -66,7 +65,7 @@ class LazyDrives(Sequence[Drive]):
         return self.drive_of(self.numbers[place])
 
     def drive_of(self, variant: int) -> Drive:
-        """Drive of a variant by its number, from the copy where the first is damaged."""
+        """Drive of an archived variant by its number, from the copy where the first is damaged."""
         if variant not in self._held:
             try:
                 self._held[variant] = self._read_drive(archive_format.drive_attachment_name(variant))
@@ -105,8 +104,8 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
     """Trajectories of an archive's recorded variants, each read when it is asked for.
 
     Args:
-        files: the archive's files, in order.
-        drives: all drives of the run.
+        files: in order.
+        drives: of the run.
         gaps: whether frames may be missing, as in a recovered archive.
     """
 
@@ -170,7 +169,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         return held
 
     def chunk_layout(self, variant: int) -> ChunkLayout:
-        """Byte layout of a variant's frames in its chunks."""
+        """Byte layout of an archived variant's frames in its chunks."""
         place = self._chunks_by_variant[variant][0]
         facts, drive = place.rollers.metadata, self._drives.drive_of(variant)
         try:
@@ -190,7 +189,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         end: float | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Trajectory:
-        """Part of a variant's trajectory, in arrays of its own."""
+        """Part of an archived variant's trajectory, in arrays of its own."""
         held: dict[str, list[Any]] = {}
         for block in self.iterate_blocks(variant, start, end, channels):
             for name, values in (("time", block.time), *block.channels().items()):
@@ -211,7 +210,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         end: float | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of a variant's trajectory chunk by chunk, as views of the chunks' bytes."""
+        """Part of an archived variant's trajectory chunk by chunk, as views of the chunks' bytes."""
         layout, drive = self.chunk_layout(variant), self._drives.drive_of(variant)
         low = 0 if start is None else max(0, int(start * 1e9) - 1)
         high = 2**63 if end is None else max(0, int(end * 1e9) + 2)
@@ -233,7 +232,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
                 yield Trajectory(drive, time[part], **{n: v[part] for n, v in held.items() if n in channels})
 
     def _iterate_frames(self, variant: int, layout: ChunkLayout, low: int, high: int) -> Iterator[Any]:
-        """Frames of the chunks that overlap a range of log times [ns]."""
+        """Frames of an archive's chunks that overlap a range of log times [ns]."""
         last = np.zeros(0, dtype=MESSAGE_HEADER)
         for place in self._chunks_by_variant[variant]:
             chosen = [chunk for chunk in place.chunks if chunk.end >= low and chunk.start <= high]
@@ -253,7 +252,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
 
 
 def _concatenate_blocks(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
-    """Blocks of frames as one array."""
+    """Blocks of an archive's frames as one array."""
     out = np.empty((sum(len(part) for part in parts), *shape), dtype=kind)
     at = 0
     for part in parts:
@@ -263,10 +262,9 @@ def _concatenate_blocks(parts: Sequence[Any], kind: str, shape: tuple[int, ...])
 
 
 def _numbered_frames(frames: Any, last: Any) -> Any:
-    """Frames with `sequence` counted on where their writer left it zero.
+    """Archived frames with `sequence` counted on where their writer left it zero.
 
-    Args:
-        last: (1,) head of the frame before them, (0,) where they are the first.
+    `last` is the (1,) head of the frame before them, (0,) where there is none.
     """
     head = frames["state"]["head"]
     if head["sequence"].any() or len(last) + len(head) == 1 or (last["log_time"] >= head["log_time"][:1]).any():
@@ -277,7 +275,7 @@ def _numbered_frames(frames: Any, last: Any) -> Any:
 
 
 def _frames_from_chunk(data: Any, layout: ChunkLayout, numbers: Mapping[str, int]) -> Any:
-    """Frames of a chunk's records, as a view; None if these do not lie as warpchain writes them."""
+    """Frames of an archive chunk's records, as a view; None if these are not as warpchain writes them."""
     if len(data) % layout.frame_bytes or not set(layout.content.topics) <= set(numbers):
         return None
     frames = np.frombuffer(data, dtype=layout.dtype)
@@ -293,10 +291,9 @@ def _frames_from_chunk(data: Any, layout: ChunkLayout, numbers: Mapping[str, int
 def _frames_from_mixed_chunks(
     chunks: Iterable[Any], layout: ChunkLayout, numbers: Mapping[str, int], low: int, high: int, gaps: bool
 ) -> Any:
-    """Frames of chunks in which another program mixed topics and variants.
+    """Frames of archive chunks in which another program mixed topics and variants.
 
-    Args:
-        gaps: whether a frame may lack a topic's message, and is left out then.
+    With `gaps` a frame that lacks a topic's message is left out.
 
     Raises:
         ValueError: a frame that lacks a message or has two of a topic, or a message of another size.

@@ -1,6 +1,6 @@
-"""Reading an MCAP file: its summary at once, everything else where the summary says it lies.
+"""Reading an MCAP file: its summary at once, everything else where the summary says it is.
 
-Where the summary does not account for all records, the data are read through once. Every failure is one `ArchiveError`.
+Where the summary does not account for all records, the data are read through once. Every failure is an `ArchiveError`.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from warpchain.files import open_regular_file, refusal_reason
 
 RECORD_HEAD = struct.Struct("<BQ")
 MOST_CHUNK_BYTES = 2**28
-"""Uncompressed bytes of a chunk at most; warpchain writes about 1 MiB."""
+"""Most uncompressed bytes of an MCAP chunk; warpchain writes about 1 MiB."""
 FOOTER_BYTES = RECORD_HEAD.size + 20
 STATISTICS_HEAD = struct.Struct("<QHIIII")
-"""Counts of messages, schemas, channels, attachments, metadata and chunks."""
+"""MCAP statistics: counts of messages, schemas, channels, attachments, metadata and chunks."""
 MOST_STRETCH_BYTES = 2**20
-"""Bytes of messages outside of chunks that are taken together at most."""
+"""Most bytes of MCAP messages outside of chunks that are grouped."""
 
 
 class ChunkEntry(NamedTuple):
     """Place of a chunk in an MCAP file, with its log times [ns] and channels.
 
-    With `is_loose` it is messages that follow one another outside of chunks.
+    With `is_loose` it is messages in a row outside of chunks.
     """
 
     offset: int
@@ -52,7 +52,7 @@ class ChunkEntry(NamedTuple):
 class RecordReader(ReadDataStream):
     """Reader of an MCAP record's content for the parsers of `mcap.records`.
 
-    A text that is cut, which their own stream passes on, is a ValueError.
+    A text that is cut is a ValueError.
     """
 
     def __init__(self, data: Any) -> None:
@@ -68,7 +68,7 @@ class RecordReader(ReadDataStream):
         return part
 
     def read_prefixed_string(self) -> str:
-        """Next text of an MCAP record, which stands behind its length."""
+        """Next text of an MCAP record, behind its length."""
         begin = self._count + 4
         end = begin + int.from_bytes(self._data[self._count : begin], "little")
         if end > len(self._data):
@@ -91,12 +91,12 @@ def iterate_records(data: Any, at: int = 0) -> Iterator[tuple[int, int, int]]:
 
 
 def is_data_checksum(data: Any, crc: int) -> bool:
-    """Whether a DataEnd record's checksum is 0, or that of the bytes before it."""
+    """Whether an MCAP DataEnd record's checksum is 0, or that of the bytes before it."""
     return crc in (0, zlib.crc32(data)) or crc == zlib.crc32(data[len(MCAP_MAGIC) :])
 
 
 def attachment_from_bytes(data: Any) -> Attachment:
-    """Attachment record, once its checksum is found right."""
+    """MCAP attachment record, once its checksum is found right."""
     content = RecordReader(data)
     record = Attachment.read(content)
     (crc,) = struct.unpack_from("<I", data, content.count - 4)
@@ -106,9 +106,9 @@ def attachment_from_bytes(data: Any) -> Attachment:
 
 
 def decompress_chunk(chunk: Chunk) -> Any:
-    """Uncompressed records of a chunk, of right size and checksum; a view if stored so.
+    """Uncompressed records of an MCAP chunk, of right size and checksum; a view if stored so.
 
-    Nothing larger than the chunk states, or than `MOST_CHUNK_BYTES`, is ever made.
+    Nothing larger than the chunk states, or than `MOST_CHUNK_BYTES`, is made.
     """
     import lz4.frame
     import zstandard
@@ -136,7 +136,7 @@ def decompress_chunk(chunk: Chunk) -> Any:
 
 @contextmanager
 def convert_read_errors(path: Path) -> Iterator[None]:
-    """Turns every failure of a file's bytes into an ArchiveError of one line."""
+    """Turns every failure of an MCAP file's bytes into an ArchiveError of one line."""
     try:
         yield
     except OSError as error:
@@ -154,20 +154,20 @@ class MessageSpan:
     end: int = 0
 
     def add_message(self, data: Any, begin: int) -> None:
-        """Counts in the message whose content begins at an offset."""
+        """Counts in the MCAP message whose content begins at an offset."""
         channel, _, stamp = struct.unpack_from("<HIQ", data, begin)
         self.channels.add(channel)
         self.start, self.end = min(self.start, stamp), max(self.end, stamp)
 
     def chunk_entry(self, offset: int, length: int, loose: bool = False) -> ChunkEntry:
-        """Chunk entry of the messages, by the place where they lie."""
+        """MCAP chunk entry of the messages, by their place in the file."""
         return ChunkEntry(offset, length, self.start, self.end, tuple(sorted(self.channels)), loose)
 
 
 def group_loose_messages(found: Iterable[tuple[int, int, int]]) -> Iterator[tuple[int, int, int]]:
-    """MCAP records as of `iterate_records`, with runs of messages as one item of up to `MOST_STRETCH_BYTES`.
+    """MCAP records of `iterate_records`, with runs of messages as one item of up to `MOST_STRETCH_BYTES`.
 
-    A run's item has a message's opcode, and begins where its first record does.
+    A run's item has a message's opcode and begins at its first record.
     """
     first = end = 0
     for opcode, begin, stop in found:
@@ -184,12 +184,12 @@ def group_loose_messages(found: Iterable[tuple[int, int, int]]) -> Iterator[tupl
 
 
 class McapIndex:
-    """An open MCAP file and where everything in it lies.
+    """An open MCAP file and where everything in it is.
 
     Attributes:
-        channels, schemas: MCAP's channels and schemas by number.
+        channels, schemas: by number.
         has_checked_summary: whether the summary is complete and right by its checksum.
-        chunks: where chunks lie, in the file's order.
+        chunks: in the file's order.
         attachments, metadata: offset and length of each record, by name.
 
     Raises:
@@ -227,12 +227,12 @@ class McapIndex:
                 self._scan_data(start)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A pickled one opens the file anew."""
+        """Constructor and path that pickle an `McapIndex`, which opens the file anew."""
         return McapIndex, (self.path.absolute(),)
 
     @property
     def has_digests(self) -> bool:
-        """Whether the archive has digests."""
+        """Whether the MCAP file's channels have digests."""
         return any(DIGEST_KEY in channel.metadata for channel in self.channels.values())
 
     def _read_bytes(self, offset: int, length: int) -> bytes:
@@ -255,10 +255,7 @@ class McapIndex:
         return self._map
 
     def _parse_summary(self, summary: bytes) -> bool:
-        """Fills the index from an MCAP summary; returns whether it accounts for every record.
-
-        For indexes, which come by the ten thousand, `mcap.records` would take 3 to 6 times as long.
-        """
+        """Fills the index from an MCAP summary; returns whether it accounts for every record."""
         stated, messages = None, 0
         for opcode, begin, end in iterate_records(summary):
             if opcode == Opcode.CHUNK_INDEX:
@@ -318,7 +315,7 @@ class McapIndex:
             raise ValueError(f"no record describes the channel {min(unknown)}, which messages have")
 
     def _scan_chunk(self, data: Any) -> MessageSpan:
-        """Span of a chunk's messages; adds the chunk's channels and schemas."""
+        """Span of an MCAP chunk's messages; adds the chunk's channels and schemas."""
         content, span = decompress_chunk(Chunk.read(RecordReader(data))), MessageSpan()
         for opcode, begin, stop in iterate_records(content):
             if opcode == Opcode.MESSAGE:
@@ -328,7 +325,7 @@ class McapIndex:
         return span
 
     def _add_description(self, opcode: int, data: Any) -> None:
-        """Adds a channel or a schema; raises ValueError where another one has its number."""
+        """Adds an MCAP channel or schema; raises ValueError where another one has its number."""
         if opcode == Opcode.CHANNEL:
             channel = Channel.read(RecordReader(bytes(data)))
             if channel_without_digest(self.channels.setdefault(channel.id, channel)) != channel_without_digest(channel):
@@ -339,7 +336,7 @@ class McapIndex:
                 raise ValueError(f"two schemas of the number {schema.id}")
 
     def _record_content(self, opcode: int, offset: int, length: int) -> memoryview:
-        """Content of the record at an offset of the MCAP file."""
+        """Content of the MCAP record at an offset."""
         data = memoryview(self._read_bytes(offset, length))
         found = next(iterate_records(data), None)
         if found is None or found != (opcode, RECORD_HEAD.size, length):
@@ -367,7 +364,7 @@ class McapIndex:
             return checked_metadata(name, record.metadata, self.has_digests)
 
     def read_chunk(self, entry: ChunkEntry) -> Any:
-        """Uncompressed records of an MCAP file's chunk; a view where they are stored so."""
+        """Uncompressed records of an MCAP file's chunk; a view where stored so."""
         with convert_read_errors(self.path):
             if entry.is_loose:
                 return memoryview(self._mapped_file)[entry.offset : entry.offset + entry.length]

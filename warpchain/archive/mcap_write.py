@@ -1,4 +1,4 @@
-"""Writing an MCAP file: whole chunks appended in order, the summary at the end, its name only when it is whole."""
+"""Writing an MCAP file: whole chunks in order, the summary at the end, its name only when it is whole."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from warpchain.errors import ArchiveError
 from warpchain.files import WholeFile, refusals_as_errors
 
 ZSTD_LEVEL = 1
-"""As small as the default level 3 on trajectories, and faster."""
+"""Level of zstd for MCAP chunks: as small as 3 on trajectories, and faster."""
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -29,10 +29,10 @@ class PackedChunk(NamedTuple):
 
     Attributes:
         compression: "zstd", "lz4" or "".
-        data: the records, compressed.
+        data: compressed records.
         size, crc: bytes and CRC-32 of the records uncompressed.
         start, end: least and greatest log time [ns].
-        indexes: for each channel, (messages, 2) log times [ns] and offsets in the records.
+        indexes: (messages, 2) log times [ns] and offsets by channel.
     """
 
     compression: str
@@ -45,7 +45,7 @@ class PackedChunk(NamedTuple):
 
 
 def chunk_compressor(compression: str) -> Callable[[Any], Any]:
-    """Function that compresses a chunk's records."""
+    """Function that compresses an MCAP chunk's records."""
     if compression == "zstd":
         import zstandard
 
@@ -66,7 +66,7 @@ def pack_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compress
 
 
 def name_taken_error(path: Path) -> ArchiveError:
-    """Error that a file exists already."""
+    """Error that an archive's file exists already."""
     return ArchiveError(f"{path}: exists already; give another name, or overwrite=True")
 
 
@@ -76,7 +76,6 @@ class McapWriter:
     Args:
         path: the file's name when whole.
         library: name of the writing program.
-        overwrite: replace a file of that name.
         claimed: the caller holds the lock of the archive's name.
 
     Raises:
@@ -118,7 +117,7 @@ class McapWriter:
         return len(self._chunks)
 
     def _write_bytes(self, data: Any) -> int:
-        """Appends bytes to the MCAP file; returns where they begin."""
+        """Appends bytes to the MCAP file; returns their offset."""
         at = self._at
         with refusals_as_errors(self.path, ArchiveError):
             self._file.stream.write(data)
@@ -136,11 +135,11 @@ class McapWriter:
         self._write_record(self._schemas[number])
 
     def has_schema(self, number: int) -> bool:
-        """Whether a schema of that number was written."""
+        """Whether an MCAP schema of that number was written."""
         return number in self._schemas
 
     def add_channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
-        """Appends an MCAP channel with its digest; its schema must be written."""
+        """Appends an MCAP channel with its digest, after its schema."""
         record = kinds.Channel(
             id=number,
             schema_id=schema,
@@ -154,7 +153,7 @@ class McapWriter:
         self._write_record(record)
 
     def has_channel(self, number: int) -> bool:
-        """Whether a channel of that number was written."""
+        """Whether an MCAP channel of that number was written."""
         return number in self._channels
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
@@ -230,7 +229,7 @@ class McapWriter:
         self._write_bytes(self._summary_bytes())
 
     def finish_file(self) -> None:
-        """Writes the MCAP summary, flushes to the disk and gives the file its name."""
+        """Writes the MCAP summary, flushes it to disk and gives the file its name."""
         self._write_end()
         with refusals_as_errors(self.path, ArchiveError):
             try:
@@ -278,13 +277,13 @@ class McapWriter:
 
 
 def _record_bytes(record: Any) -> bytes:
-    """Bytes of a record of `mcap.records`."""
+    """Bytes of an MCAP record."""
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())
 
 
 def _message_index_bytes(channel: int, index: NDArray[np.uint64]) -> bytes:
-    """Bytes of a MessageIndex record."""
+    """Bytes of an MCAP MessageIndex record."""
     data = np.ascontiguousarray(index, dtype="<u8").tobytes()
     return struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(data), channel, len(data)) + data

@@ -20,14 +20,14 @@ class ArchiveOptions:
 
     Attributes:
         compression: of the chunks, "zstd", "lz4" or "none".
-        values: "run" keeps rollers in the run's own precision, bitwise; "float32" halves the archive of a float64 run.
+        values: "run" keeps rollers in the run's precision, bitwise; "float32" halves the archive of a float64 run.
         exact_positions: with values = "float32", positions also as float64, on a topic of their own.
-        split_size: begin another file when one has reached this size [bytes]; None does not.
-        split_variants: recorded variants in one file; None puts all into one. Not together with `split_size`.
+        split_size: size [bytes] at which another file begins; None does not split.
+        split_variants: recorded variants in one file; None does not split. Not together with `split_size`.
         encoders: threads that lay out and compress chunks; None takes one a core, four at most.
         numbers: what the archive calls the run's variants, one each; None calls them 0, 1, 2, ...
         seed: of the design whose variants these are.
-        attachments: further files to put into the archive, by name, such as {"study.toml": b"..."}.
+        attachments: further files by name, such as {"study.toml": b"..."}.
 
     Raises:
         ArchiveError: a value that is not allowed.

@@ -1,4 +1,4 @@
-"""Work in other threads whose results are passed on in the order in which the work came."""
+"""Work in threads whose results are passed on in the order in which it came."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ ResultType = TypeVar("ResultType")
 class OrderedWork(Generic[JobType, ResultType]):
     """Threads that work on jobs and pass their results on in order.
 
-    An error comes out of the caller's next `submit_job` or of `wait_for_jobs`; later jobs are dropped.
+    An error comes out of the next `submit_job` or of `wait_for_jobs`; later jobs are dropped.
 
     Args:
-        work: called in one of several threads.
+        work: called in one of `threads` threads.
         sink: called with each result, in order, in a thread of its own.
-        threads: number of threads for `work`.
         room: jobs under way at most.
     """
 
@@ -58,7 +57,7 @@ class OrderedWork(Generic[JobType, ResultType]):
             raise self._error
 
     def wait_for_jobs(self, drop: bool = False) -> None:
-        """Waits until all jobs are done; `drop` gives the rest up and raises nothing."""
+        """Waits until all jobs are done; `drop` drops the rest and raises nothing."""
         if drop:
             self._dropped = True
         if self._thread.is_alive():

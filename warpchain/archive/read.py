@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ENDED_RECOVERED = "recovered"
-"""End of a run whose archive was restored."""
+"""Value of `ended` of a run whose archive was restored."""
 
 
 @dataclass(frozen=True, repr=False)
 class Archive(Run):
-    """A run that lies in an archive; drives and trajectories are read when they are asked for.
+    """A run in an archive; drives and trajectories are read when they are asked for.
 
     `archive[i]` is the whole trajectory of the variant that it calls i; `read` and `blocks` give parts of it.
     """
@@ -99,8 +99,7 @@ class Archive(Run):
         """Part of a variant's trajectory in an archive; reads only the chunks that hold it.
 
         Args:
-            variant: a recorded variant.
-            start, end: first and last time [s], inclusive; None is that of the recording.
+            start, end: first and last time [s], inclusive; None is the recording's.
             channels: which channels; the others are None.
 
         Raises:
@@ -117,14 +116,14 @@ class Archive(Run):
         end: FiniteNumber | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of a variant's trajectory chunk by chunk, as read-only views of an archive's bytes (see `read`).
+        """Part of a variant's trajectory chunk by chunk, as read-only views of an archive's bytes; see `read`.
 
         The arrays are neither aligned nor contiguous. Sprocket channels come as float64.
         """
         return self._checked_trajectories(variant, channels).iterate_blocks(variant, start, end, channels)
 
     def _checked_trajectories(self, variant: int, channels: Sequence[str]) -> ArchiveTrajectories:
-        """Trajectories of the archive; refuses unknown variants and channels."""
+        """Trajectories of the archive, once variant and channels are known."""
         check_channel_names("channels", channels)
         if variant not in self.trajectories:
             self[variant]  # raises, and names the variants there are
@@ -136,7 +135,7 @@ def read_archive(path: str | Path) -> Archive:
     """Opens an archive of a run; drives and trajectories are read when they are asked for.
 
     Args:
-        path: an MCAP file written by warpchain; of a split archive, its name or any of its files.
+        path: an MCAP file of warpchain; of a split archive, its name or any of its files.
 
     Raises:
         ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's.

@@ -1,8 +1,7 @@
 """Restoring an archive that was cut or damaged: what can be trusted goes into a new file that is whole.
 
-A right and complete summary says where everything lies. Any other file is read record by record, and channels and
-metadata go by their digests (`archive.digest`). Whole chunks are copied as they are; messages that another program
-mixed are sorted by variant. The result is read back before it has its name.
+A right and complete summary says where everything is. Any other file is read record by record, and channels and
+metadata go by their digests (`archive.digest`). Messages that another program mixed are sorted by variant.
 """
 
 from __future__ import annotations
@@ -69,8 +68,8 @@ class Recovery:
         left_out: what else was left out, in words.
         unreadable: recorded variants that cannot be read, with the reason.
         lost: bytes after the last whole record.
-        set_name: name that all files of a split archive share.
-        next_frames: number of each variant's next frame, and its last log time [ns].
+        set_name: common name of a split archive's files.
+        next_frames: each variant's next frame number and last log time [ns].
     """
 
     path: Path
@@ -113,7 +112,7 @@ class Recovery:
 
 
 def _first_words(words: Sequence[str]) -> str:
-    """First eight of some words, in a line."""
+    """First eight left-out things of a recovery, in a line."""
     return ", ".join(words[:8]) + (", ..." if len(words) > 8 else "")
 
 
@@ -121,9 +120,8 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
     """Restores a broken archive into a new one; returns what was restored and lost.
 
     Args:
-        broken: the file; of a split archive, its name: all of its files are restored.
-        output: the archive to write; it appears under this name only when whole.
-        overwrite: replace an archive of that name.
+        broken: the file, or a split archive's name.
+        output: appears under this name only when whole.
 
     Raises:
         ArchiveError: no archive of warpchain, nothing that can be restored, or a folder or disk that refuses.
@@ -187,7 +185,7 @@ def _source_files(path: Path) -> list[Path]:
 
 
 def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
-    """Reads the restored archive back; notes unreadable variants and the frames of the others."""
+    """Reads the restored archive back; notes unreadable variants and frames of the others."""
     with ExitStack() as drafts:
         paths = [drafts.enter_context(copy.readable_draft(len(copies))) for copy in copies]
         try:
@@ -215,7 +213,7 @@ def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
 
 
 def _short_reason(error: ArchiveError, paths: Sequence[Path]) -> str:
-    """Error's message without temporary files' names and advice."""
+    """Message of an archive's error without temporary files' names and advice."""
     text = str(error).removesuffix("; see warpchain recover")
     for path in paths:
         text = text.replace(f"{path}: ", "")
@@ -234,7 +232,7 @@ class _FileCopy:
         self._mixed: dict[int, bytearray] = {}
 
     def copy_file(self) -> bool:
-        """Copies a broken file's records; returns whether there was a whole chunk."""
+        """Copies a broken archive file's records; returns whether there was a whole chunk."""
         data = _mapped_bytes(self.path)
         if len(data) >= len(MCAP_MAGIC) and bytes(data[: len(MCAP_MAGIC)]) != MCAP_MAGIC:
             raise ArchiveError(f"{self.path}: is not an MCAP file")
@@ -247,7 +245,7 @@ class _FileCopy:
         return self.file.chunks_written > 0
 
     def _copy_listed_records(self, data: Any, index: McapIndex) -> None:
-        """Copies the records that a right summary lists."""
+        """Copies the broken archive file's records that a right summary lists."""
         self._topics = TrustedTopics(index)
         places = [(entry.offset, entry.length, Opcode.CHUNK, "") for entry in index.chunks]
         places += [(*at, Opcode.ATTACHMENT, name) for name, at in index.attachments.items()]
@@ -261,7 +259,7 @@ class _FileCopy:
                 self._copy_record(opcode, data[offset + RECORD_HEAD.size : end], name)
 
     def _copy_all_records(self, data: Any) -> None:
-        """Copies a broken file's whole records, one by one."""
+        """Copies a broken archive file's whole records, one by one."""
         loose = self._gather_descriptions(data)
         at = len(MCAP_MAGIC)
         for opcode, begin, end in group_loose_messages(_whole_records(data)):
@@ -279,7 +277,7 @@ class _FileCopy:
         self.result.lost += max(0, len(data) - at)
 
     def _gather_descriptions(self, data: Any) -> bool:
-        """Takes metadata, channels and schemas; returns whether messages outside of chunks can be trusted."""
+        """Gathers a broken file's metadata, channels, schemas; returns whether its loose messages can be trusted."""
         used: set[int] = set()
         loose, right = False, True
         for opcode, begin, end in _whole_records(data):
@@ -305,7 +303,7 @@ class _FileCopy:
         return right
 
     def _note_left_out(self, opcode: int, name: str = "") -> None:
-        """Notes that a recovery left out a record."""
+        """Notes in the recovery that a record was left out."""
         if opcode == Opcode.CHUNK:
             self.result.damaged += 1
         else:
@@ -314,7 +312,7 @@ class _FileCopy:
             self.result.note_left_out(f"{what} {name}".strip())
 
     def require_run(self) -> None:
-        """Refuses a broken file that says nothing of a run."""
+        """Refuses a broken archive file that says nothing of a run."""
         if self._start is None:
             raise ArchiveError(
                 f"{self.path}: is not an archive of warpchain, or was cut before its first record, or that is damaged"
@@ -331,16 +329,16 @@ class _FileCopy:
             self._note_left_out(Opcode.ATTACHMENT, archive_format.METRICS_ATTACHMENT)
 
     def readable_draft(self, parts: int) -> AbstractContextManager[Path]:
-        """Gives the restored file as a whole one, to be read back."""
+        """Gives the restored archive file as a whole one, to be read back."""
         return self.file.readable_draft(archive_format.END_METADATA, self._end_metadata(parts))
 
     def finish_file(self, parts: int) -> None:
-        """Ends the restored file and gives it its name."""
+        """Ends the restored archive file and gives it its name."""
         self.file.add_metadata(archive_format.END_METADATA, self._end_metadata(parts))
         self.file.finish_file()
 
     def _end_metadata(self, parts: int) -> dict[str, str]:
-        """Metadata at a restored archive's end."""
+        """Metadata at the restored archive file's end."""
         assert self._start is not None  # as required
         wall_time = self._old_end.get("wall_time", "0.0")
         ended = {"ended": ENDED_RECOVERED, "wall_time": wall_time, "lost_bytes": str(self.result.lost)}
@@ -356,7 +354,7 @@ class _FileCopy:
         return archive_format.end_with_start_copy(ended, self._start)
 
     def _copy_record(self, opcode: int, data: Any, name: str = "") -> None:
-        """Copies a broken file's record if it is right, else notes it; `name` is what the summary calls it."""
+        """Copies a broken archive's record if it is right, else notes it; `name` is from the summary."""
         try:
             if opcode == Opcode.METADATA:
                 metadata = kinds.Metadata.read(RecordReader(data))
@@ -378,7 +376,7 @@ class _FileCopy:
             self._note_left_out(opcode, name)
 
     def _copy_attachment(self, name: str, attached: kinds.Attachment) -> None:
-        """Copies an attachment; raises ValueError for another one of its name."""
+        """Copies a broken archive's attachment; raises ValueError for another one of its name."""
         if attached.name != name or self._held.setdefault(name, attached.data) != attached.data:
             raise ValueError("another one of this name")
         if name == archive_format.METRICS_ATTACHMENT:
@@ -386,7 +384,7 @@ class _FileCopy:
         self.file.add_attachment(name, attached.media_type, attached.data)
 
     def _copy_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Copies a metadata record, or keeps what it says of the run."""
+        """Copies a broken archive's metadata record, or keeps what it says of the run."""
         if name == archive_format.RUN_METADATA:
             self._copy_start_metadata(values)
         elif name == archive_format.END_METADATA:
@@ -397,7 +395,7 @@ class _FileCopy:
             self.file.add_metadata(name, values)
 
     def _copy_start_metadata(self, values: dict[str, str]) -> None:
-        """Copies the metadata at a broken file's start; refuses another format or archive."""
+        """Copies the metadata at a broken archive file's start; refuses another format or archive."""
         if self._start is not None:
             raise ValueError("another one of this name")
         if values.get("format_version") != archive_format.FORMAT_VERSION:
@@ -416,7 +414,7 @@ class _FileCopy:
         return named[0] if named else -1
 
     def _copy_chunk(self, chunk: kinds.Chunk) -> None:
-        """Copies a chunk as it is, or sorts its messages where it mixes variants."""
+        """Copies a broken archive's chunk as it is, or sorts its messages where it mixes variants."""
         content = decompress_chunk(chunk)
         indexes = message_indexes(content)
         if len(set(map(self._owner_variant, indexes))) > 1:
@@ -428,7 +426,7 @@ class _FileCopy:
         self._append_chunk(PackedChunk(chunk.compression, chunk.data, size, crc, start, end, indexes), content)
 
     def _sort_mixed_messages(self, content: Any, indexes: Iterable[int]) -> None:
-        """Sorts messages that another program mixed, by variant."""
+        """Sorts by variant the messages that another program mixed in a broken archive."""
         if not all(map(self._topics.is_known, indexes)):
             raise ValueError("a topic is not described")
         for opcode, begin, end in iterate_records(content):
@@ -443,7 +441,7 @@ class _FileCopy:
         )
 
     def _write_mixed_chunks(self, owners: Iterable[int]) -> None:
-        """Writes sorted messages of some variants as chunks."""
+        """Writes sorted messages of some variants as chunks of the restored archive."""
         for owner in list(owners):
             content = bytes(self._mixed.pop(owner))
             try:
@@ -452,10 +450,10 @@ class _FileCopy:
                 self._note_left_out(Opcode.CHUNK)
 
     def _append_chunk(self, chunk: PackedChunk, content: Any) -> None:
-        """Appends a variant's chunk to the restored file, and counts its frames.
+        """Appends a variant's chunk to the restored archive file, and counts its frames.
 
         Raises:
-            ValueError: its frames came before or are out of order, or a topic of it is not described.
+            ValueError: frames came before or are out of order, or a topic is not described.
         """
         result = self.result
         named = map(self._topics.variant_and_topic, chunk.indexes)
@@ -487,18 +485,18 @@ def _trusted_index(path: Path) -> McapIndex | None:
 
 
 def _is_message_index(data: Any) -> bool:
-    """Whether a record is a MessageIndex by its size."""
+    """Whether an MCAP record is a MessageIndex by its size."""
     return len(data) >= 6 and int.from_bytes(data[2:6], "little") == len(data) - 6 and len(data) % 16 == 6
 
 
 def _frame_numbers(content: Any, index: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Numbers of the frames (messages,) of a chunk's messages."""
+    """Frame numbers (messages,) of an MCAP chunk's messages."""
     found = [struct.unpack_from("<I", content, int(at) + RECORD_HEAD_BYTES + 2)[0] for at in index[:, 1]]
     return np.array(found, dtype=np.int64)
 
 
 def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
-    """Log times [ns] and offsets (messages, 2) of each channel's messages in a chunk."""
+    """Log times [ns] and offsets (messages, 2) of each channel's messages in an MCAP chunk."""
     found: dict[int, list[tuple[int, int]]] = {}
     for opcode, begin, _ in iterate_records(content):
         if opcode == MESSAGE_OPCODE:
@@ -509,7 +507,7 @@ def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
 
 
 def _whole_records(data: Any) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each record of a file, up to the first that makes no sense."""
+    """Opcode, begin and end of each MCAP record, up to the first that makes no sense."""
     at = len(MCAP_MAGIC)
     while at + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at)
@@ -521,7 +519,7 @@ def _whole_records(data: Any) -> Iterator[tuple[int, int, int]]:
 
 
 def _mapped_bytes(path: Path) -> memoryview:
-    """Memory map of a file's bytes."""
+    """Memory map of a broken archive file's bytes."""
     try:
         with open(open_regular_file(path), "rb") as file:
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))

@@ -1,4 +1,4 @@
-"""Outlines for Foxglove: teeth, pitch circles and guide-bars of a drive as a `foxglove.SceneUpdate`."""
+"""Outlines of a drive for Foxglove: teeth, pitch circles and guides as a `foxglove.SceneUpdate`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TEETH_COLOR = {"r": 0.55, "g": 0.58, "b": 0.62, "a": 1.0}
 PITCH_COLOR = {"r": 0.35, "g": 0.40, "b": 0.48, "a": 0.6}
 GUIDE_COLOR = {"r": 0.75, "g": 0.55, "b": 0.30, "a": 1.0}
 LINE_WIDTH = 2.0
-"""Width of the lines [pixels]."""
+"""Width of an outline's lines [pixels]."""
 POINT_DTYPE = np.dtype(
     [
         ("head", "u1", (3,)),
@@ -31,21 +31,21 @@ POINT_DTYPE = np.dtype(
         ("z", "<f8"),
     ]
 )
-"""Field 5 (points) of a LinePrimitive."""
+"""Dtype of a LinePrimitive's field 5, a point."""
 
 
 def scene_update_bytes(content: FrameContent, drive: Drive) -> bytes:
     """Serialized `foxglove.SceneUpdate` of a drive's outlines [m].
 
     An entity `sprocket/NAME` has teeth and pitch circle (closed), an entity `guide/NAME` face and ends (open), each in
-    the coordinate frame of its body where frames hold how that lies, else in the drive's.
+    the coordinate frame of its body where frames hold its pose, else in the drive's.
     """
     entities = [entity for chain in chain_drives(drive) for entity in _chain_entities(content, chain.drive)]
     return b"".join(_field_bytes(2, entity) for entity in entities)
 
 
 def _chain_entities(content: FrameContent, drive: Drive) -> list[bytes]:
-    """Serialized entities of a chain's sprockets and guides."""
+    """Serialized Foxglove entities of a chain's sprockets and guides."""
     entities = []
     turn = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -69,12 +69,12 @@ def _chain_entities(content: FrameContent, drive: Drive) -> list[bytes]:
 
 
 def _field_bytes(number: int, data: bytes) -> bytes:
-    """Length-delimited protobuf field."""
+    """Length-delimited protobuf field of a Foxglove message."""
     return varint_bytes(number << 3 | 2) + varint_bytes(len(data)) + data
 
 
 def _entity_bytes(frame: str, name: str, facts: dict[str, str], lines: list[bytes]) -> bytes:
-    """Serialized SceneEntity with metadata and lines."""
+    """Serialized Foxglove SceneEntity with metadata and lines."""
     entity: Any = message_class("foxglove.SceneEntity")(frame_id=frame, id=name)
     for key, value in facts.items():
         entity.metadata.add(key=key, value=value)
@@ -82,7 +82,7 @@ def _entity_bytes(frame: str, name: str, facts: dict[str, str], lines: list[byte
 
 
 def _line_bytes(kind: str, points: NDArray[np.floating], color: dict[str, float]) -> bytes:
-    """Serialized LinePrimitive through points (P, 2) [m]."""
+    """Serialized Foxglove LinePrimitive through points (P, 2) [m]."""
     line: Any = message_class("foxglove.LinePrimitive")(thickness=LINE_WIDTH, scale_invariant=True, color=color)
     line.type = line.Type.Value(kind)
     line.pose.orientation.w = 1.0

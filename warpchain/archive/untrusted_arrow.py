@@ -1,7 +1,6 @@
 """Arrow files from untrusted bytes: a table that is never larger than the bytes.
 
-A message with compression or dictionaries, which warpchain never writes and Arrow expands to any stated size, is
-refused by its head, a flatbuffer.
+A message with compression or dictionaries, which Arrow expands to any stated size, is refused by its head.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ def _content_field_offset(head: bytes, field: int) -> int:
 
 
 def _table_field_offset(head: bytes, table: int, field: int) -> int:
-    """Offset of a field in its flatbuffer table; 0 where absent."""
+    """Offset of a field in its table of an Arrow message's flatbuffer; 0 where absent."""
     fields = table - struct.unpack_from("<i", head, table)[0]
     if fields < 0 or struct.unpack_from("<H", head, fields)[0] <= 4 + 2 * field:
         return 0

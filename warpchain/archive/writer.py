@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["ArchiveOptions", "ArchiveWriter", "read_archive", "write_archive"]
 
 CHUNK_BYTES = 2**20
-"""Uncompressed size of a chunk, about."""
+"""Uncompressed size of an archive's chunk, about."""
 MOST_PENDING_CHUNKS = 32
 MOST_WAITING_BYTES = 64 * 2**20
 COLOR_SAMPLES = 4096
@@ -39,7 +39,7 @@ COLOR_SAMPLES = 4096
 
 @dataclass
 class _WaitingFrames:
-    """Frames of a variant that wait for their chunk to fill."""
+    """Frames of an archive's variant that wait for their chunk to fill."""
 
     variant: int
     layout: ChunkLayout
@@ -51,7 +51,7 @@ class _WaitingFrames:
 
 
 class _ChunkJob(NamedTuple):
-    """Consecutive frames of one variant that become a chunk."""
+    """Consecutive frames of one variant that become an archive's chunk."""
 
     track: _WaitingFrames
     chunks: list[Trajectory]
@@ -62,12 +62,11 @@ class ArchiveWriter:
     """Writer of an archive while a run goes on.
 
     Args:
-        path: the file to write; with a split, `run.mcap` becomes `run.part0000.mcap` and so on.
+        path: with a split, `run.mcap` becomes `run.part0000.mcap` and so on.
         drives: all drives of the run.
         recorded: indices of the variants that frames will come for.
         info: how the run is made; `finish` adds how it ended.
-        options: compression, split, threads; None takes the defaults.
-        overwrite: replace an archive of that name.
+        options: None takes the defaults.
         salvage: keep what was written of an unfinished archive, and name it in the error or a warning.
 
     Raises:
@@ -115,7 +114,7 @@ class ArchiveWriter:
             raise self._parts.refusal_error(error) from None
 
     def _append_frames(self, variant: int, chunk: Trajectory) -> None:
-        """Puts frames of a variant into chunks; sends the full ones."""
+        """Adds a variant's frames to an archive's chunks; sends the full ones."""
         number = self._numbers[variant]
         track = self._tracks.get(number) or self._begin_variant(number, chunk)
         size = track.layout.frame_bytes
@@ -132,13 +131,13 @@ class ArchiveWriter:
             self._send_all_waiting()
 
     def _add_waiting(self, track: _WaitingFrames, frames: Trajectory) -> None:
-        """Adds frames to those that wait for a chunk."""
+        """Adds frames to those that wait for an archive's chunk."""
         track.waiting.append(frames)
         track.count += len(frames.time)
         self._waiting += len(frames.time) * track.layout.frame_bytes
 
     def _send_waiting(self, track: _WaitingFrames) -> None:
-        """Gives a variant's waiting frames to the encoders."""
+        """Sends a variant's waiting frames to the archive's encoders."""
         job = _ChunkJob(track, track.waiting, track.frames)
         self._waiting -= track.count * track.layout.frame_bytes
         track.frames += track.count
@@ -146,7 +145,7 @@ class ArchiveWriter:
         self._pipeline.submit_job(job)
 
     def _send_all_waiting(self) -> None:
-        """Gives all waiting frames to the encoders."""
+        """Sends all waiting frames to the archive's encoders."""
         for track in self._tracks.values():
             if track.count:
                 self._send_waiting(track)
@@ -162,7 +161,7 @@ class ArchiveWriter:
         return track
 
     def _encode_chunk(self, job: _ChunkJob) -> tuple[_ChunkJob, list[PackedChunk]]:
-        """Compressed chunks of a job, a variant's first behind its outlines; in a thread of its own."""
+        """Compressed chunks of an archive's job, a variant's first behind its outlines; in a thread of its own."""
         track = job.track
         frames = track.layout.encode_frames(job.chunks, job.first, track.channels, track.full_scale)
         starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.frame_bytes)
@@ -175,13 +174,13 @@ class ArchiveWriter:
         return job, [chunk] if job.first else [self._scene_chunk(job, int(stamps[0])), chunk]
 
     def _scene_chunk(self, job: _ChunkJob, stamp: int) -> PackedChunk:
-        """Chunk of a variant's outlines."""
+        """Compressed chunk of an archived variant's outlines."""
         number = archive_format.channel_numbers(self._parts.place_in_part(self._position[job.track.variant]))["scene"]
         record = message_record(number, 0, stamp, scene_update_bytes(job.track.layout.content, job.chunks[0].drive))
         return pack_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
 
     def _write_chunks(self, result: tuple[_ChunkJob, list[PackedChunk]]) -> None:
-        """Writes chunks to their file, in the only thread that touches the files."""
+        """Writes chunks to their archive file, in the only thread that touches the files."""
         job, chunks = result
         track = job.track
         facts = {"color_tension_max": repr(track.full_scale)}
@@ -223,7 +222,7 @@ class ArchiveWriter:
 
 
 def _slice_frames(chunk: Trajectory, start: int, stop: int, copy: bool = False) -> Trajectory:
-    """Frames start to stop of a trajectory, as views or copies."""
+    """Frames start to stop of a trajectory to archive, as views or copies."""
     if start == 0 and stop == len(chunk.time):
         return chunk
     held = {"time": chunk.time, **chunk.channels()}
@@ -232,7 +231,7 @@ def _slice_frames(chunk: Trajectory, start: int, stop: int, copy: bool = False) 
 
 
 def _color_scale_end(chunk: Trajectory) -> float:
-    """Tension at the end of a trajectory's color scale [N]."""
+    """Tension [N] at the end of an archived variant's color scale."""
     if chunk.tension is None:
         return 1.0
     values = chunk.tension.reshape(-1)
@@ -245,8 +244,7 @@ def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: 
 
     Args:
         run: what `simulate` or `read_archive` returned.
-        path: the file to write; it appears under this name only when whole.
-        overwrite: replace an archive of that name.
+        path: appears under this name only when whole.
         options: compression, split, threads; None takes the defaults.
 
     Raises:
