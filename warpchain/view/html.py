@@ -1,4 +1,4 @@
-"""Pieces of a self-contained HTML page: sections, tables, numbers, figures as data. Nothing is fetched."""
+"""Pieces of a self-contained HTML page: sections, tables, numbers, figures as data."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ th, td { border-bottom: 1px solid #e4e8ec; padding: 0.25rem 0.7rem; text-align: 
 th { background: #f1f4f7; font-weight: 600; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
 """
-"""CSS that pages of a run and of a study share."""
+"""CSS that HTML pages of a run and of a study share."""
 PRINT_STYLE = """
 img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
 @media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
 """
-"""CSS of a page without a script of its own."""
+"""CSS of an HTML page without a script."""
 
 
 class PageSection(NamedTuple):
-    """A section of an HTML page: its anchor, its title, and its parts as HTML."""
+    """A section of an HTML page: anchor, title, and parts as HTML."""
 
     name: str
     title: str
     parts: tuple[str, ...]
 
     def section_html(self) -> str:
-        """The section as HTML."""
+        """The page section as HTML."""
         inside = "\n".join(part for part in self.parts if part)
         return f'<section id="{escape(self.name)}">\n<h2>{escape(self.title)}</h2>\n{inside}\n</section>'
 
@@ -74,7 +74,7 @@ def page_html(title: str, sections: Sequence[PageSection], style: str = PRINT_ST
 
 
 def page_section(name: str, title: str, *parts: str) -> PageSection:
-    """A section of an HTML page from anchor, title and parts; empty parts are left out."""
+    """A section of an HTML page from anchor, title and those parts that are not empty."""
     return PageSection(name, title, parts)
 
 
@@ -94,7 +94,7 @@ def bullets_html(lines: Iterable[str]) -> str:
 
 
 def engineering_number(value: float, digits: int = 5) -> str:
-    """A number as text: plain from 0.001 to a million, with a power of ten beyond."""
+    """A number as text for HTML pages: plain from 0.001 to a million, with a power of ten beyond."""
     if value != value:
         return "\N{EN DASH}"
     size = abs(value)
@@ -106,7 +106,7 @@ def engineering_number(value: float, digits: int = 5) -> str:
 
 
 def column_number(value: float, decimals: int) -> str:
-    """A number as text with its column's decimals, a small one with two digits at least."""
+    """A number as text with its table column's decimals, a small one with two digits at least."""
     return (
         engineering_number(value, significant_digits(value, decimals))
         if math.isfinite(value)
@@ -115,12 +115,12 @@ def column_number(value: float, decimals: int) -> str:
 
 
 def significant_digits(value: float, decimals: int) -> int:
-    """Significant digits (2 to 15) of a number that is written with so many decimals."""
+    """Significant digits (2 to 15) of a table's number that is written with so many decimals."""
     return max(2, min(15, decimals + 1 + math.floor(math.log10(abs(value))))) if value else 2
 
 
 def _cell_text(value: Any) -> str:
-    """A table cell's value as text, a dash for None."""
+    """An HTML table cell's value as text, a dash for None."""
     if value is None:
         return "\N{EN DASH}"
     return engineering_number(value) if isinstance(value, float) else str(value)
@@ -130,17 +130,17 @@ _NUMBER_PATTERN = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?|\N{EN DASH}")
 
 
 def _is_number_cell(value: Any) -> bool:
-    """Whether a table cell is a number, as text too, or is empty."""
+    """Whether an HTML table cell is a number, as text too, or is empty."""
     return isinstance(value, int | float) or bool(_NUMBER_PATTERN.fullmatch(_cell_text(value)))
 
 
 def _breakable_name(word: str) -> str:
-    """A column's name as HTML that may be broken behind its dots and underscores."""
+    """A column's name as HTML that may break behind dots and underscores."""
     return re.sub(r"([._])", r"\1<wbr>", escape(word))
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table as HTML; columns of numbers are set to the right."""
+    """A table as HTML, columns of numbers on the right."""
     rows = [list(row) for row in rows]
     right = [bool(rows) and all(_is_number_cell(row[k]) for row in rows) for k in range(len(heads))]
     kinds = [' class="n"' if r else "" for r in right]
@@ -154,7 +154,7 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def picture_html(figure: Figure, words: str, kind: str = "svg+xml") -> str:
-    """A figure as an HTML image, SVG or PNG data; `words` is its description."""
+    """A figure as an HTML image, SVG or PNG data; `words` describe it."""
     import matplotlib
 
     buffer = io.BytesIO()

@@ -30,11 +30,7 @@ class Markup(str):
 
 
 def notebook_html(thing: Any) -> str:
-    """A drive, run or trajectory as HTML for notebooks.
-
-    Raises:
-        TypeError: anything else.
-    """
+    """A drive, run or trajectory as HTML for notebooks; raises TypeError for anything else."""
     if isinstance(thing, Drive):
         return _drive_html(thing)
     if isinstance(thing, Run):
@@ -45,7 +41,7 @@ def notebook_html(thing: Any) -> str:
 
 
 def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
-    """A table as HTML for notebooks; cells are escaped, but for those that are `Markup`."""
+    """A table as HTML for notebooks; cells are escaped unless they are `Markup`."""
 
     def row_html(cells: Sequence[str], tag: str) -> str:
         words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
@@ -64,7 +60,7 @@ def status_html(status: str) -> Markup:
 
 
 def value_with_unit(value: Any, unit: str) -> str:
-    """A value [SI] as text with a fitting unit, such as 42.2 kN; "-" for None."""
+    """A value [SI] as text with a fitting unit for notebooks, such as 42.2 kN; "-" for None."""
     if value is None:
         return "-"
     bare = isinstance(value, bool | str) or not math.isfinite(value)
@@ -72,7 +68,7 @@ def value_with_unit(value: Any, unit: str) -> str:
 
 
 def _side_by_side_html(left: str, right: str) -> str:
-    """HTML of two elements beside each other."""
+    """HTML of two elements side by side."""
     return f'<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">{left}<div>{right}</div></div>'
 
 

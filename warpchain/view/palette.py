@@ -25,17 +25,17 @@ CURVE_PALETTE: tuple[Color, ...] = (
     *((90, 170, 240), (250, 165, 100), (125, 210, 125), (220, 110, 200), (230, 220, 90), (120, 225, 225)),
     *((240, 130, 125), (170, 145, 250), (185, 150, 115), (165, 230, 50), (150, 190, 165), (245, 180, 225)),
 )
-"""Colors of curves in Rerun, and of compared variants: distinct on a dark ground."""
+"""Colors of curves in Rerun and of compared variants, distinct on a dark ground."""
 EXTREME_COLORS: dict[str, Color] = {"largest": (255, 75, 75), "mean": (240, 240, 240), "smallest": (95, 120, 255)}
 """Colors of the curves of the largest, mean and smallest tension."""
 SHOWN_DOT, RECORDED_DOT, BEST_DOT, OTHER_DOT = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
 """Colors of variants' dots: played, recorded, on the Pareto front, all others."""
 BREAKING_LOAD = "breaking"
-"""Word for the chain's breaking load."""
+"""Word for the chain's breaking load as the tension scale's end."""
 QUANTILE_FRAMES = 500
-"""Frames that the tension quantile is taken of, about."""
+"""Frames, about, from which the tension scale's quantile is taken."""
 ScaleTop = float | str | None
-"""Upper end of the tension scale: a tension [N], `BREAKING_LOAD`, or None for a quantile."""
+"""Upper end of the tension color scale: a tension [N], `BREAKING_LOAD`, or None for a quantile."""
 
 
 def variant_shades(color: Color) -> tuple[Color, ...]:
@@ -50,7 +50,7 @@ def _mixed_color(color: Color, share: float, gray: int) -> Color:
 
 
 def curve_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
-    """Color of every curve by its part's name; shades of the variant's color where there is one."""
+    """Color of every curve by its part's name; shades of the color of `variant` if given."""
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     others = [part.name for parts in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(drive, parts)]
     if variant is None:
@@ -79,7 +79,7 @@ def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np
 
 
 def packed_tension_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Colors of steps of the tension scale as Rerun's integers."""
+    """Colors of the tension scale's steps as Rerun's integers."""
     return _packed_color_table()[steps]
 
 
@@ -97,10 +97,9 @@ def tension_colormap() -> ListedColormap:
 
 
 def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = None) -> float:
-    """Tension at the red end of the color scale of recordings [N].
+    """Tension [N] at the red end of the color scale of recordings.
 
-    None takes `tension_colors.SCALE_PERCENTILE` of all links' tensions in the latter half, the largest of all
-    recordings.
+    None takes `tension_colors.SCALE_PERCENTILE` of link tensions in the latter half, the largest of all recordings.
 
     Raises:
         SimulationError: a limit that is no positive number, or the breaking load of a chain without a size.
@@ -125,7 +124,7 @@ def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = Non
 
 
 def _scale_quantile(trajectory: Trajectory) -> float:
-    """Percentile of a recording's link tensions [N]."""
+    """Percentile of a recording's link tensions [N] for the color scale."""
     (tension,) = require_channels(trajectory, "tension")
     part = tension[latter_half_frames(trajectory)]
     return tension_scale_end(part[:: max(len(part) // QUANTILE_FRAMES, 1)])

@@ -38,11 +38,11 @@ class RecordedVariant:
 
 
 def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[str] = DRIVE_CHANNELS) -> RecordedVariant:
-    """A recorded variant of a run or archive, the first one where none is named.
+    """A recorded variant of a run or archive to draw, the first one where none is named.
 
     Raises:
         ArchiveError: an archive that cannot be read.
-        SimulationError: nothing recorded, a variant that was not, a channel that is missing, or fewer than two frames.
+        SimulationError: nothing recorded, a variant or channel that was not, or fewer than two frames.
     """
     from warpchain.archive import read_archive
 
@@ -57,7 +57,7 @@ def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[st
 
 
 def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
-    """A recorded variant's chains, each as a variant of its own."""
+    """Chains of a recorded variant, each as a variant of its own to draw."""
     if not one.trajectory.drive.chains:
         return [one]
     chains = chain_trajectories(one.trajectory).items()
@@ -65,7 +65,7 @@ def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
 
 
 def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Trajectory:
-    """A trajectory at some of its frames."""
+    """A recorded trajectory at some of its frames."""
     return trajectory.at(frames)
 
 
@@ -75,11 +75,9 @@ def compared_variants(
     others: Sequence[str | int | Run | Path],
     needed: Sequence[str] = DRIVE_CHANNELS,
 ) -> list[RecordedVariant]:
-    """The recorded variants to compare, each once, with labels that differ.
+    """Recorded variants to compare in a picture, each once, with labels that differ.
 
-    Args:
-        variant: the first of them, of `source`; None is the first recorded.
-        others: each a variant's number in `source`, another run or archive, or "ARCHIVE:NUMBER".
+    `others` are each a variant's number in `source`, another run or archive, or "ARCHIVE:NUMBER".
 
     Raises:
         ArchiveError, SimulationError: as `recorded_variant`.
@@ -117,7 +115,7 @@ def compared_variants(
 
 
 def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None]:
-    """Run or path (None: the same run) and number of a compared variant."""
+    """Run or path (None: the same run) and number of a variant to compare."""
     if isinstance(word, int):
         return None, word
     if isinstance(word, Run):
@@ -132,7 +130,7 @@ def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, in
 
 
 def varied_inputs(run: Run) -> dict[str, np.ndarray]:
-    """Numbers of the drive that differ between a run's variants: (V,) values by key path."""
+    """Numbers of the drive that differ between a run's variants: values (V,) by key path."""
     flat = [_numbers_by_path(drive.as_read.model_dump()) for drive in run.drives]
     names: dict[str, None] = {}
     for values in flat:
@@ -142,7 +140,7 @@ def varied_inputs(run: Run) -> dict[str, np.ndarray]:
 
 
 def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
-    """Numbers in nested tables and lists by key path, elements of lists by their names."""
+    """Numbers in a drive's nested tables and lists by key path, elements of lists by name."""
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return {}
     if isinstance(node, (int, float)):

@@ -35,15 +35,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WATERFALL_ROWS = 1200
-"""Spells of time that the waterfall is drawn in."""
+"""Spells of time that the tension waterfall is drawn in."""
 ANGLE_BIN = 1.0
 """Width of the bins of contact angles [degrees]."""
 MOST_DOTS = 20_000
-"""Most dots of one sprocket."""
+"""Most dots of one sprocket in the figure of contact angles."""
 
 
 def hardest_pressed_roller(trajectory: Trajectory) -> int:
-    """The roller that guide-bars, or else sprockets, press hardest in the chain's last round."""
+    """Number of the roller that guides, or else sprockets, press hardest in the chain's last round."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     part = last_round_frames(trajectory)
     by_guides = guide_force[part].max(axis=0)
@@ -69,7 +69,7 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
 
 
 def guide_force_figure(trajectory: Trajectory) -> Figure:
-    """Figure of every guide-bar's force and rollers in contact over time."""
+    """Figure of every guide's force and rollers in contact over time."""
     drive, forces = trajectory.drive, guide_forces_and_rollers(trajectory)
     figure, axes = panel_column(
         2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory

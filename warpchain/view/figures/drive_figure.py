@@ -46,16 +46,16 @@ PART_STYLES: dict[str, dict[str, Any]] = {
     "housing": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 1},
     "plunger": {"fc": "0.65", "ec": STEEL, "lw": 0.7, "zorder": 0.5},
 }
-"""Styles of the kinds of parts; those with a face are closed outlines, the others lines."""
+"""Styles of a drive picture's parts by kind; those with a face are closed outlines, the others lines."""
 
 
 def drive_figure(
     of: Drive | Trajectory, frame: int | None = None, top: float | None = None, size: float = 8.5
 ) -> Figure:
-    """Picture of a drive at its start, or of a trajectory at one instant with its tensions and contact forces.
+    """Picture of a drive at its start, or of a trajectory at one instant with tensions and contact forces.
 
     Args:
-        frame: which; None is three quarters through.
+        frame: None is three quarters through.
         top: tension at the red end of the color scale [N]; None takes `tension_scale_top`.
         size: of the drive's longer side [in].
 
@@ -119,7 +119,7 @@ def drive_figure(
 
 
 TITLE_LETTERS = 9.0
-"""Letters of a title in an inch of a figure's width, beside the scale of colors."""
+"""Letters of a drive picture's title in an inch of width, beside the color scale."""
 
 
 class _PosedChain(NamedTuple):
@@ -131,7 +131,7 @@ class _PosedChain(NamedTuple):
 
 
 def _chain_at_start(drive: Drive) -> _PosedChain:
-    """A drive's chain along its path, bodies as drawn in the drive file."""
+    """A drive's chain to draw along its path, bodies as in the drive file."""
     path = chain_path(drive)
     return _PosedChain(drive, pose_at_start(drive, path), chain_outline(drive, path))
 
@@ -184,7 +184,7 @@ def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: 
 
 
 def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
-    """Contact forces (N, 2) [N] at a frame of sprockets and of guide-bars, and the largest; [] if not recorded."""
+    """Contact forces (N, 2) [N] at a frame of sprockets and of guides, and the largest; [] if not recorded."""
     needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
     if any(getattr(chain, channel) is None for chain in chains for channel in needed):
         return [], 0.0
@@ -194,7 +194,7 @@ def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array]
 
 
 def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
-    """Lower left and upper right corner [m] of a picture around lines, with a margin."""
+    """Lower left and upper right corner [m] of a drive's picture around lines, with a margin."""
     points = np.concatenate(lines)
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -209,7 +209,7 @@ def _figure_size(tall: float, size: float) -> tuple[float, float]:
 
 
 TEXT_SPACE = 17.0
-"""Height that a text at a sprocket takes [pt]."""
+"""Height [pt] of a text at a sprocket in a drive's picture."""
 TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
 
 
@@ -266,7 +266,7 @@ def arm_stop_lines(drive: Drive, pose: DrivePose) -> list[Array]:
 
 
 def text_count_at(axis: Any, point: Any) -> int:
-    """Number of texts that a picture has at a point."""
+    """Number of texts that a drive's picture has at a point."""
     return sum(np.allclose(text.xy, point) for text in axis.texts)
 
 
@@ -279,6 +279,6 @@ def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
 
 
 def _length_text(meters: float) -> str:
-    """A length [m] as text with a fitting unit."""
+    """A length [m] as text with a fitting unit for a drive's picture."""
     unit, factor = display_unit("m", meters)
     return f"{factor * meters:.4g} {unit}"

@@ -24,12 +24,12 @@ Array = NDArray[np.float64]
 
 FIGURE_KINDS = ("png", "svg")
 SPROCKET_COLORS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
-"""Colors of sprockets, where they must differ."""
+"""Colors of sprockets in figures where they must differ."""
 LINE_COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 _STEADY = 0.01
-"""Relative: of the top speed, within which a mean is that."""
+"""Share of the top speed within which a mean speed is that."""
 CURVE_SPELLS = 4000
-"""Spells that a curve is thinned to, the smallest and largest value of each kept."""
+"""Spells that a figure's curve is thinned to, the smallest and largest value of each kept."""
 
 
 def strand_label(name: str) -> str:
@@ -49,7 +49,7 @@ def run_line(of: Drive | Trajectory) -> str:
 
 
 def driver_speed_text(of: Drive | Trajectory) -> str:
-    """The driver's name and speed in words; of a run its mean, named where it is not the top speed."""
+    """The driver's name and speed in words; of a run its mean, where that is not the top speed."""
     drive = of if isinstance(of, Drive) else of.drive
     name, top = drive.sprockets[drive.driver].name, drive.driver_speed
     if isinstance(of, Drive):
@@ -71,7 +71,7 @@ def rpm_of_speed(speed: float) -> float:
 def panel_column(
     rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True
 ) -> tuple[Figure, list[Any]]:
-    """An empty figure, `height` inches high, of panels below each other; its title names what was run."""
+    """An empty figure, `height` [in] high, of panels below each other, titled by what was run; and its axes."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     figure = PlainFigure(figsize=(10.0, height), layout="constrained")
@@ -99,7 +99,7 @@ def draw_tooth_orders(axis: Any, teeth: int) -> None:
 
 
 def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
-    """An empty figure of panels in rows of `columns`, each `width` by `height` [in]."""
+    """An empty figure of panels in rows of `columns`, each `width` by `height` [in]; and its axes."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     columns = min(columns, count)

@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LABEL_DISTANCES, LABEL_DIRECTIONS = (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0), 24
-"""Distances of a label from its point that are tried [pt], and the number of directions."""
+"""Distances [pt] of a label from its point to try, and the number of directions."""
 TEXT_COST, MOVE_COST = 20.0, 2.0
-"""Cost of a covered pixel of another label, and of a point that a label moves; a part's covered pixel costs 1."""
+"""Cost of a covered pixel of another label, and of a point that a label moves; a part's pixel costs 1."""
 
 
 def move_labels(axis: Any, fixed: Array) -> None:
     """Moves a picture's labels, the widest first, to where they cover least beside their point.
 
-    Args:
-        axis: of the picture, its limits set; all texts are annotations at offsets in points.
-        fixed: (n, 2) points whose texts stay.
+    `axis` has its limits set, and texts at offsets in points; those at `fixed` (n, 2) stay.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -51,7 +49,7 @@ def move_labels(axis: Any, fixed: Array) -> None:
 
 
 def _label_moves(box: Array, point: Array, scale: float) -> Array:
-    """Moves (n, 2) [px] to try for a label's box: none, and to all sides of a point."""
+    """Moves (n, 2) [px] to try for a label's box: none, and to all sides of its point."""
     half, middle = 0.5 * (box[2:] - box[:2]), 0.5 * (box[2:] + box[:2])
     angle = np.arange(LABEL_DIRECTIONS) * (2.0 * np.pi / LABEL_DIRECTIONS)
     to = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -61,7 +59,7 @@ def _label_moves(box: Array, point: Array, scale: float) -> Array:
 
 
 def _box_pixels(box: Array) -> tuple[slice, slice]:
-    """Rows and columns of a box's pixels."""
+    """Rows and columns of a label box's pixels."""
     left, bottom, right, top = np.maximum(box, 0.0).round().astype(int)
     return slice(bottom, top), slice(left, right)
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SPEED_SPELLS = 24
-"""Spells of time, sorted by speed, that friction power is averaged over."""
+"""Spells of time, sorted by speed, over which friction power is averaged."""
 STEADY_SPREAD = 0.2
-"""Speeds that differ by less than this share of the largest are one speed."""
+"""Share of the largest speed within which speeds are one in a figure of friction."""
 
 
 def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
@@ -60,7 +60,7 @@ def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
 
 
 def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
-    """Unit and factor for values of a unit; one per meter is shown per millimeter."""
+    """Unit and factor to show values of a unit; one per meter is shown per millimeter."""
     if not unit.endswith("/m"):
         return display_unit(unit, values)
     word, factor = display_unit(unit.removesuffix("/m"), 1e-3 * values)
@@ -96,7 +96,7 @@ def friction_power_figure(found: EngineeringReport) -> Figure | None:
 
 
 def draw_stacked_areas(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
-    """Draws rows of values as areas above each other, with a legend."""
+    """Draws rows of values into a panel as areas above each other, with a legend."""
     axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINE_COLORS, alpha=0.75, lw=0)
     axis.set_xlim(x[0], x[-1])
     axis.legend(loc="upper left", fontsize=8)
@@ -113,7 +113,7 @@ def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Ar
 
 
 def _spell_means(values: Array, spells: int) -> Array:
-    """Means of values over at most `spells` equal spells of time."""
+    """Means of a figure's values over at most `spells` equal spells of time."""
     return np.array([part.mean() for part in np.array_split(values, min(spells, len(values)))])
 
 
@@ -149,7 +149,7 @@ def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Arr
 
 
 def body_figure(found: EngineeringReport, kind: str, k: int) -> Figure | None:
-    """Figure of all channels recorded of body k over time; None where there are none."""
+    """Figure of all channels recorded of body `k` over time; None where there are none."""
     held = body_channels(found.whole, kind)
     if not held:
         return None

@@ -38,10 +38,10 @@ FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
     "order-spectrum": lambda t, *_: order_spectrum_figure(t),
     "contact-angle": lambda t, *_: contact_angle_figure(t),
 }
-"""Figures of a variant by name, from trajectory, roller and color limit [N]; None where there is nothing to draw."""
+"""Figures of a variant by name, from trajectory, roller and color limit [N]; None where nothing is to draw."""
 
 RESONANCE_MULTIPLE = 8.0
-"""Multiple of the highest transverse frequency up to which a diagram shows resonances."""
+"""Multiple of the highest transverse frequency up to which a Campbell diagram shows resonances."""
 
 
 def draw_figures(
@@ -51,7 +51,7 @@ def draw_figures(
     roller: int | None = None,
     scale: ScaleTop = None,
 ) -> dict[str, Figure]:
-    """The figures of one variant by name; arguments and errors are those of `plot_figures`."""
+    """Figures of one variant by name; arguments and errors as of `plot_figures`."""
     for name in only:
         if name not in FIGURES:
             raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
@@ -100,8 +100,8 @@ def plot_figures(
 
     Args:
         source: a run, or an archive's path.
-        folder: where they go; made if need be.
-        variant: which variant; None is the first recorded.
+        folder: made if need be.
+        variant: None is the first recorded.
         kind: file ending, "png" or "svg", or both.
         only: names of `FIGURES` to draw; () is all.
         roller: whose contact forces and link's tension are drawn; None takes the hardest pressed one.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SIGNAL_COLORS = (("simulated", "tab:blue"), ("measured", "tab:orange"))
 BAR, MILLI = 1e-5, 1e3
 SHOWN_CYCLES = 2
-"""Cycles that are drawn over time, the last ones."""
+"""Last cycles of a tensioner's ride that are drawn over time."""
 
 
 def measured_figure(trajectory: Trajectory, found: SignalComparison) -> Figure:
@@ -76,16 +76,14 @@ def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor
 
 
 def _arrays_by_column(table: pa.Table) -> dict[str, NDArray[np.float64]]:
-    """A table's columns as arrays by name."""
+    """Columns of a tensioner's table as arrays by name."""
     return {name: np.asarray(table[name]) for name in table.column_names}
 
 
 def tensioner_loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figure:
     """Figure of a tensioner's force over displacement, with pressure and valve lift, in its last cycles.
 
-    Args:
-        tables: samples of rides by their labels.
-        cycles: of each ride.
+    `tables` are samples of rides by label, each of `cycles`.
     """
     from warpchain.view.figures.plain_figure import PlainFigure
 
@@ -141,9 +139,7 @@ SWEEP_PANELS: tuple[tuple[str, str, Sequence[tuple[str, str]], float], ...] = (
 def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, title: str) -> Figure:
     """Figure of a tensioner's extreme forces and pressures, work and leakage over frequency or temperature.
 
-    Args:
-        rides: tables of rides by their labels, a curve each; their rows go with `x`.
-        axis: label of `x`.
+    `rides` are tables by label, a curve each, with rows at `x`; `axis` is the label of `x`.
     """
     from warpchain.view.figures.plain_figure import PlainFigure
 
@@ -174,7 +170,7 @@ def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], ax
 
 
 def _ride_colors(count: int) -> list[Any]:
-    """A color for each of `count` curves."""
+    """A color for each of `count` rides of a tensioner."""
     if count <= len(LINE_COLORS):
         return list(LINE_COLORS[:count])
     from matplotlib import colormaps

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HODOGRAPH_DOTS = 4000
-"""Most dots of one hodograph."""
+"""Most dots of one hub-force hodograph."""
 STEADY_SPREAD = 0.2
-"""Speeds that differ by less than this share of the largest are one speed."""
+"""Share of the largest speed within which a driver keeps one speed."""
 
 
 def hub_force_figure(found: EngineeringReport) -> Figure:
@@ -140,7 +140,7 @@ def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
 
 
 def least_finite(values: Array) -> float:
-    """The smallest finite value; nan where there is none."""
+    """The smallest finite value for a figure's axis; nan where there is none."""
     return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
 
 

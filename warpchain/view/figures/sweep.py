@@ -33,21 +33,21 @@ if TYPE_CHECKING:
 TOOTH_MULTIPLES = 3
 """Multiples of the tooth-passing frequency that a Campbell diagram marks."""
 COLOR_DECADES = 3.0
-"""Decades of amplitude that the colors span."""
+"""Decades of amplitude that a Campbell diagram's colors span."""
 
 STRAND_SIGNALS: dict[str, tuple[str, Callable[[Trajectory, int], NDArray[np.float64]]]] = {
     "displacement": ("displacement at mid-span [mm]", lambda t, k: 1e3 * strand_displacement(t, k)),
     "tension": ("tension at mid-strand [N]", strand_tension),
 }
-"""Signals of a strand by name, with their labels."""
+"""Signals of a strand by name, with their labels and values (F,)."""
 FEWEST_BLOCKS = 6
-"""Blocks that a run-up must have."""
+"""Blocks that a run-up must have for order cuts."""
 LEAST_RISE = 1.25
 """Fastest over slowest block from which a run counts as a run-up."""
 MOST_ORDERS = 6
 """Most orders that a run-up is cut at."""
 USUAL_ORDERS = (2.0, 4.0, 0.5, 1.0)
-"""Orders that are cut where motions and loads excite fewer."""
+"""Orders of a run-up to cut where motions and loads excite fewer."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +121,16 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
 
 
 def _driver_rpm(trajectory: Trajectory) -> float:
-    """Mean speed of the driver over the latter half [rpm]."""
+    """Mean speed [rpm] of the driver over a recording's latter half."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     part = sprocket_speed[latter_half_frames(trajectory), trajectory.drive.driver]
     return rpm_of_speed(float(abs(part.mean())))
 
 
 def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -> Figure:
-    """Figure of spectra over speed (Campbell diagram), a panel a sweep, with tooth-passing and natural frequencies.
+    """Campbell diagram of spectra over speed, a panel a sweep, with tooth-passing and natural frequencies.
 
-    Args:
-        highest: upper end of the frequency axis [Hz]; None shows `TOOTH_MULTIPLES` tooth passings at the highest speed.
+    `highest` ends the frequency axis [Hz]; None shows `TOOTH_MULTIPLES` tooth passings at the highest speed.
 
     Raises:
         SimulationError: nothing to draw.
@@ -195,7 +194,7 @@ def _spectrum_on_grid(
 
 
 def run_up_orders(drive: Drive) -> list[float]:
-    """Orders of the driver that a run-up is cut at: excited ones and tooth passing."""
+    """Orders of the driver to cut a run-up at: excited ones and tooth passing."""
     from warpchain.assembly.table_cells import shaft_ratio
 
     teeth = drive.sprockets[drive.driver].teeth

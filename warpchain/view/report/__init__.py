@@ -1,4 +1,4 @@
-"""The engineering report of a recorded run: one HTML page that needs nothing else."""
+"""The engineering report of a recorded run as one HTML page."""
 
 from warpchain.view.report.run_report import report, run_report_html
 

@@ -22,13 +22,13 @@ TABLE_DIGITS = 4
 
 
 def quantity_cells(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
-    """A value [SI] as two table cells, number and unit; `largest` picks the unit of a row."""
+    """A value [SI] as two report cells, number and unit; `largest` picks the unit of a row."""
     word, factor = display_unit_word(unit, value if largest is None else largest)
     return engineering_number(factor * value, TABLE_DIGITS), word
 
 
 def quantity_text(value: float, unit: str) -> str:
-    """A value [SI] as text with a fitting unit."""
+    """A value [SI] as a report's text with a fitting unit."""
     return " ".join(quantity_cells(value, unit)).strip()
 
 
@@ -38,7 +38,7 @@ def climb_share_text(margin: float) -> str:
 
 
 def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
-    """Table rows of the metrics that begin with a prefix: name, value, error, unit, title."""
+    """Report's table rows of metrics that begin with a prefix: name, value, error, unit, title."""
     for name, value in row.items():
         own = name.removeprefix(prefix)
         column = column_of_metric(name)
@@ -58,7 +58,7 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
 
 
 def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
-    """HTML tables of all metrics by the part they are of; the speed of sprockets in `alike` is another part's."""
+    """HTML tables of all metrics by part; the speed of sprockets in `alike` is another part's."""
     prefixes = [prefix for things in PART_PREFIXES.values() for prefix in things(drive)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
@@ -135,7 +135,7 @@ def guide_load_table(found: EngineeringReport, metrics: Mapping[str, float], row
 
 
 def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
-    """HTML table of each channel (F, count) of body k: extremes, mean, range, distance."""
+    """HTML table of each channel (F, count) of body `k`: extremes, mean, range, distance."""
     rows = []
     for title, (unit, values) in channels.items():
         moved = range_and_path(found.part.time, values[:, k])

@@ -30,12 +30,12 @@ Row = Mapping[str, Any]
 
 
 def figure_html(figure: Figure | None, words: str) -> str:
-    """A figure as HTML; "" for None."""
+    """A report's figure as HTML; "" for None."""
     return "" if figure is None else html.picture_html(figure, words)
 
 
 def summary_section(found: EngineeringReport, row: Row, info: RunInfo) -> html.PageSection:
-    """The report's summary: status, key numbers, run settings, the drive's picture."""
+    """The report's section of status, key numbers, run settings and the drive's picture."""
     status = row.get("status") or "unknown"
     boxes = [("" if status == "unknown" else status, status, "status")]
     metrics = found.metrics()
@@ -267,7 +267,7 @@ RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[EngineeringReport], 
     ("probes", "Probes", probe_parts, lambda found: bool(found.drive.probes)),
     ("metrics", "All metrics", metric_parts, lambda found: True),
 )
-"""The report's sections: anchor, title, function that yields its HTML, whether a drive has it."""
+"""Sections of a run's report: anchor, title, function that yields its HTML, whether a drive has it."""
 
 
 def variants_friction_html(run: Run) -> str:
@@ -281,7 +281,7 @@ def variants_friction_html(run: Run) -> str:
 
 
 def run_sections(found: EngineeringReport, row: Row, run: Run) -> Iterator[html.PageSection]:
-    """The sections of a run's report, one by one, missing channels named."""
+    """Sections of a run's report, one by one, missing channels named."""
     yield summary_section(found, row, run.info)
     for name, title, parts, has in RUN_SECTIONS:
         if not has(found):
@@ -304,7 +304,7 @@ def run_heading(found: EngineeringReport) -> str:
 def run_report_html(
     source: Run | str | Path, variant: int | None = None, title: str | None = None, wear: Wear | None = None
 ) -> str:
-    """The engineering report of a recorded variant as HTML; `report` has the arguments."""
+    """The engineering report of a recorded variant as HTML; arguments as of `report`."""
     chosen = recorded_variant(source, variant)
     row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
     made: list[html.PageSection] = []
@@ -330,7 +330,7 @@ def report(
     Args:
         source: a run, or an archive's path.
         path: the page's; one of that name is replaced.
-        variant: which variant; None is the first recorded.
+        variant: None is the first recorded.
         title: heading of the page; None says what was run.
         wear: how the joints wear; None takes the defaults.
 

@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 INK_COLOR, GRID_COLOR = (200, 200, 200), (60, 60, 60)
 BACKGROUND_COLOR = (13, 14, 16)
-"""Background of 2D views, in the viewer's light theme too."""
+"""Background color of Rerun's 2D views."""
 WIDE_CHART = 3.6
-"""Width over height of charts that fill a tab."""
+"""Width over height of charts that fill a Rerun tab."""
 MOST_INPUTS, MOST_METRICS = 3, 4
-"""Most inputs and metrics that scatters are drawn for where none are named."""
+"""Most inputs and metrics of scatters where none are named."""
 SCATTER_WIDTH = 1.1
 """Width over height of a scatter."""
 
 
 @dataclass(frozen=True)
 class ChartAxis:
-    """One axis of a chart in Rerun: label with unit, ends low < high, linear or logarithmic."""
+    """One axis of a Rerun chart: label with unit, ends low < high, linear or logarithmic."""
 
     label: str
     low: float
@@ -37,14 +37,14 @@ class ChartAxis:
     logarithmic: bool = False
 
     def axis_shares(self, values: Any) -> NDArray[np.float64]:
-        """Values as shares of the axis, 0 at its low end and 1 at its high end."""
+        """Values as shares of a chart's axis, 0 at its low end and 1 at its high end."""
         scale: Callable[[Any], Any] = np.log10 if self.logarithmic else np.asarray
         low, high = scale(self.low), scale(self.high)
         held = np.maximum(values, self.low) if self.logarithmic else values
         return np.asarray((scale(held) - low) / (high - low), dtype=float)
 
     def tick_values(self, most: int) -> NDArray[np.float64]:
-        """Round values between the axis's ends, about `most` of them."""
+        """Round values for ticks between a chart axis's ends, about `most` of them."""
         from matplotlib.ticker import LogLocator, MaxNLocator
 
         locator = LogLocator(numticks=8) if self.logarithmic else MaxNLocator(most)
@@ -64,11 +64,9 @@ def axis_around(values: Any, label: str) -> ChartAxis:
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart in a Rerun view: a rectangle of size `width` by 1 with ticks and labels, below one entity.
+    """A chart in a Rerun view: a rectangle of `width` by 1 with ticks and labels, below one entity.
 
-    Attributes:
-        beside: room for a key on its right.
-        few: whether there is room for a few ticks only.
+    `beside` is room for a key on its right; `few` lets it have few ticks.
     """
 
     stream: rr.RecordingStream
@@ -80,7 +78,7 @@ class Chart:
     few: bool = False
 
     def _chart_points(self, x: Any, y: Any) -> NDArray[np.float32]:
-        """Points (..., 2) of the Rerun view at values of both axes."""
+        """Points (..., 2) of the Rerun view at values of both chart axes."""
         return np.stack(
             np.broadcast_arrays(self.width * self.x.axis_shares(x), 1.0 - self.y.axis_shares(y)), -1
         ).astype(np.float32)
@@ -156,7 +154,7 @@ class Chart:
         self.stream.log(path, scale, rr.Image(pixels, draw_order=-10.0), static=True)
 
     def log_cursor(self, name: str, time: NDArray[np.floating]) -> None:
-        """Logs a line to Rerun that runs along the chart's time axis with the playback."""
+        """Logs a cursor to Rerun that runs along the chart's time axis with the playback."""
         import rerun as rr
 
         line = self._chart_points(np.asarray(time)[:, None], np.array([self.y.low, self.y.high]))
@@ -171,7 +169,7 @@ class Chart:
         )
 
     def chart_view(self, name: str) -> rrb.Spatial2DView:
-        """The Rerun view that shows the whole chart."""
+        """Rerun's 2D view that shows the whole chart."""
         import rerun.blueprint as rrb
 
         bounds = rrb.VisualBounds2D(x_range=[-0.2, self.width + self.beside], y_range=[-0.1, 1.2])
@@ -182,7 +180,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class AxisQuantity:
-    """Quantity on an axis of a scatter: a factor or metric, its values (R,), its unit."""
+    """Quantity on a Rerun scatter's axis: a factor or metric, its values (R,), its unit."""
 
     name: str
     values: NDArray[np.float64]
@@ -190,13 +188,13 @@ class AxisQuantity:
 
     @property
     def title(self) -> str:
-        """The quantity's name with its unit."""
+        """Name of a scatter's quantity with its unit."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
 @dataclass(frozen=True)
 class DotGroup:
-    """Dots of one kind in a scatter: name, color, size [px], and rows (K,)."""
+    """Dots of one kind in a Rerun scatter: name, color, size [px], and rows (K,)."""
 
     kind: str
     color: Color
@@ -216,7 +214,6 @@ def log_scatter(
     """Logs a scatter of two quantities to Rerun and returns its chart.
 
     Args:
-        root: first part of its path.
         groups: the dots, the last ones on top.
         variants: (R,) number of each row's variant.
         ranged: (R,) rows that the vertical axis holds; None is all.

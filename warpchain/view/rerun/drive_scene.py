@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     import rerun as rr
 
 ARROW_LENGTH = 0.12
-"""Length of the longest contact-force arrow over the drive's size."""
+"""Length of the longest contact-force arrow in Rerun over the drive's size."""
 STEEL, PLATES = (150, 155, 165), (105, 105, 110)
 DRAWN_FIRST = 5.0
-"""Draw order of what lies below the rollers, whose own is higher (Rerun's default for points is 30, for lines 20)."""
+"""Rerun's draw order of parts below the rollers."""
 
 
 def thinned_trajectory(trajectory: Trajectory, budget: int) -> Trajectory:
@@ -101,7 +101,7 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
 
 
 def _closed_lines(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Lines (F, N + 1, 2) of rollers (F, N, 2), closed."""
+    """Closed lines (F, N + 1, 2) through rollers (F, N, 2)."""
     return np.concatenate([x, x[:, :1]], axis=1)
 
 

@@ -37,10 +37,9 @@ def ensemble_metrics(drive: Drive) -> list[str]:
 
 
 def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -> tuple[list[Chart], int]:
-    """Logs the scatters of a run's ensemble to Rerun; dots of variants in `shown` are larger.
+    """Logs the scatters of a run's ensemble to Rerun; returns charts, a row an input, and the number of columns.
 
-    Returns:
-        The charts, a row an input, and the number of columns, a metric each; [] and 0 where nothing varies.
+    [] and 0 where nothing varies. Dots of variants in `shown` are larger.
     """
     inputs = varied_inputs(run)
     metrics = _varied_metrics(run)
@@ -70,7 +69,7 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
 
 
 def _row_indices(rows: Collection[int]) -> NDArray[np.intp]:
-    """Sorted row numbers as an array."""
+    """Sorted row numbers of a scatter as an array."""
     return np.array(sorted(rows), dtype=np.intp)
 
 
@@ -88,7 +87,7 @@ def _varied_metrics(run: Run) -> Values:
 
 
 def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
-    """Names of the inputs that correlate most with any metric."""
+    """Names of the varied inputs that correlate most with any metric."""
 
     def correlation(values: NDArray[np.float64]) -> float:
         best = 0.0

@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 TURN_SECONDS = 2.0
 """Seconds in which playback shows a revolution of the driver."""
 LEAST_SECONDS, MOST_SECONDS = 5.0, 30.0
-"""Seconds that playback takes at least and at most."""
+"""Least and most seconds of a playback."""
 FRAME_BUDGET = 1000
-"""Frames that a recording is shown with, unless another number is given."""
+"""Frames of a recording to show in Rerun, unless another number is given."""
 
 
 def playback_blueprint(
@@ -59,7 +59,7 @@ def playback_blueprint(
         images: each variant's tension along the chain.
         ensemble: scatters row by row, and the number of columns.
         top: tension at which the color scale ends [N].
-        tab: which tab is open at first, by its name or how it begins; None is the first.
+        tab: the tab open at first, by how its name begins; None is the first.
 
     Raises:
         SimulationError: a tab that is not there.
@@ -199,22 +199,21 @@ def view(
 
     Args:
         source: a run, or an archive's path.
-        variant: which variant; None is the first recorded.
+        variant: None is the first recorded.
         save: file (.rrd) to write instead of opening a viewer; it appears under this name only when whole.
-        compare: further variants to lay beside it and over it: numbers in `source`, other runs or archives (their first
-            recorded variant), or "ARCHIVE:NUMBER".
-        frames: budget of frames to draw; longer recordings are thinned out without losing peaks (docs/playback.md).
+        compare: further variants to lay over it: numbers in `source`, other runs or archives (their first recorded
+            variant), or "ARCHIVE:NUMBER".
+        frames: most frames to draw; longer recordings are thinned without losing peaks (docs/playback.md).
         web: serve the web viewer until interrupted, instead of the native one.
         bind: address that the viewer listens at.
-        tab: the tab that is open at first, by its name or the beginning of it; None is the first.
+        tab: the tab open at first, by how its name begins; None is the first.
         scale: link tension at the red end of the color scale [N], or "breaking", the chain's breaking load; None takes
             99.9 % of the tensions in the latter half of the recording.
-        measured: signals from a rig (`warpchain.results.measured`) that are drawn over the first variant's curves.
+        measured: signals from a rig (`warpchain.results.measured`) to draw over the first variant's curves.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a recording that cannot be written.
-        SimulationError: a variant or channel that was not recorded, a budget below 2, an unknown tab or scale, no
-            viewer.
+        SimulationError: a variant or channel not recorded, a budget below 2, an unknown tab or scale, no viewer.
     """
     if frames < 2:
         raise SimulationError(f"frames = {frames}: allowed is a whole number of at least 2")

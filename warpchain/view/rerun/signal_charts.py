@@ -55,13 +55,13 @@ CURVE_GROUPS = {
 DISPLAY_FACTORS = {"displacement": 1e3, "extension": 1e3, "pressure": 1e-5} | dict.fromkeys(
     ("error", "twist", "arm"), DEGREES
 )
-"""Factors from SI for groups of curves that are shown in another unit."""
+"""Factors from SI for groups of curves shown in another unit."""
 MOST_COLUMNS = 4096
-"""Most columns of an image: a texture's least guaranteed limit is 8192."""
+"""Most columns of a tension image in Rerun: a texture's least guaranteed limit is 8192."""
 
 
 def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
-    """Group, name and values (F,) of every curve that a trajectory has."""
+    """Group, name and values (F,) of every curve that Rerun shows of a trajectory."""
     (tension,) = require_channels(trajectory, "tension")
     drive = trajectory.drive
     yield "tension", "largest", tension.max(axis=1)
@@ -96,9 +96,7 @@ def log_curves(
 ) -> None:
     """Logs every curve of a trajectory to Rerun, thinned to the budget with peaks kept.
 
-    Args:
-        colors: of the curves by name, gray where there is none.
-        own: whether curves are named after the variant.
+    `own`: curves are named after the variant.
     """
     import pyarrow as pa
     import rerun as rr
@@ -142,7 +140,7 @@ def log_measured_signals(
 
 
 def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
-    """Range of a curve group's vertical axis, of ratios and errors in the latter half; None is all."""
+    """Range of a curve group's vertical axis, by ratios and errors in the latter half; None is all."""
     held = [np.zeros(0)]
     for trajectory in shown:
         drive, part = trajectory.drive, latter_half_frames(trajectory)

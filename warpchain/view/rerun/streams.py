@@ -22,7 +22,7 @@ TIMELINE = "sim_time"
 
 @dataclass(frozen=True)
 class ComponentValues:
-    """A Rerun component's values at every time of `send_columns`."""
+    """Values of a Rerun component at every time of `send_columns`."""
 
     descriptor: Any
     array: pa.Array
@@ -57,7 +57,7 @@ def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int |
 
 
 def vector_array(values: NDArray[np.float32]) -> pa.Array:
-    """An Arrow array of vectors of D from (..., D) floats."""
+    """An Arrow array of D-vectors from floats (..., D)."""
     import pyarrow as pa
 
     kind = pa.list_(pa.field("item", pa.float32(), nullable=False), values.shape[-1])
@@ -65,7 +65,7 @@ def vector_array(values: NDArray[np.float32]) -> pa.Array:
 
 
 def line_strip_array(points: NDArray[np.float32]) -> pa.Array:
-    """An Arrow array of line strips of P points from (..., P, 2) floats."""
+    """An Arrow array of line strips of P points from floats (..., P, 2)."""
     import pyarrow as pa
 
     inner = vector_array(points)

@@ -29,24 +29,20 @@ while viewer.poll() is None:
         os.killpg(0, signal.SIGTERM)
 sys.exit(viewer.returncode)
 """
-"""Program that runs the viewer and ends it when this process ends in any way."""
+"""Program that runs Rerun's viewer and ends it when this process ends."""
 DATA_PORT, PAGE_PORT = 9876, 9090
-"""Ports that are tried first: of the data, of the web page."""
+"""Ports tried first by Rerun's viewer: of the data, of the web page."""
 LISTEN_PATIENCE = 30.0
-"""Seconds that the viewer may take to listen."""
+"""Seconds that Rerun's viewer may take to listen."""
 FLUSH_TIMEOUT = 0.5
-"""Seconds between checks that a viewer that takes data still runs."""
+"""Seconds between checks that a viewer which takes data still runs."""
 OPENING_SECONDS = 1.5
 """Seconds in which a native viewer that cannot open a window ends."""
 OTHER_WAYS = "use --web for a browser, --save OUT.rrd for a file, or a machine with a display"
 
 
 def viewer_program() -> str:
-    """Path of the `rerun` program, beside this Python or on the search path.
-
-    Raises:
-        SimulationError: there is none.
-    """
+    """Path of the `rerun` program, beside this Python or on the search path; raises SimulationError without one."""
     beside = Path(sys.executable).with_name("rerun")
     found = str(beside) if beside.exists() else shutil.which("rerun")
     if found is None:
@@ -71,7 +67,7 @@ def free_port(address: str, wanted: int) -> int:
 
 
 def has_display() -> bool:
-    """Whether windows can open here, as far as a Linux process's environment tells."""
+    """Whether windows can open here, by a Linux process's environment."""
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
@@ -79,7 +75,7 @@ class Viewer:
     """Rerun's viewer as a process, within a `with` block; a native one stays open after it.
 
     Args:
-        address: IP address to listen at, such as "127.0.0.1".
+        address: IP address to listen at.
         kind: "native", "web" (served until interrupted) or "headless" (for pictures).
 
     Attributes:
@@ -119,7 +115,7 @@ class Viewer:
             self._wait_for_port(host, needed)
 
     def _wait_for_port(self, host: str, port: int) -> None:
-        """Waits until the viewer listens at a port; raises the error with which it ended."""
+        """Waits until Rerun's viewer listens at a port; raises the error with which it ended."""
         end = time.monotonic() + LISTEN_PATIENCE
         while time.monotonic() < end and self._process.poll() is None:
             try:
@@ -131,7 +127,7 @@ class Viewer:
         raise self._viewer_error("the Rerun viewer does not open")
 
     def _viewer_error(self, what: str) -> SimulationError:
-        """The error of a viewer that has ended, with the reason it gave."""
+        """Error of a Rerun viewer that has ended, with the reason it gave."""
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
         errors = [line for line in lines if "error" in line.lower()] or lines
@@ -140,7 +136,7 @@ class Viewer:
 
     @contextlib.contextmanager
     def connection(self, stream: rr.RecordingStream) -> Iterator[None]:
-        """Sends what is logged to a stream in a `with` block to the viewer.
+        """Sends what is logged to a stream in a `with` block to Rerun's viewer.
 
         Raises:
             SimulationError: the viewer ended before it had everything.
@@ -163,12 +159,12 @@ class Viewer:
         stream.disconnect()
 
     def wait(self) -> None:
-        """Waits until the viewer ends or the user interrupts."""
+        """Waits until Rerun's viewer ends or the user interrupts."""
         with contextlib.suppress(KeyboardInterrupt):
             self._process.wait()
 
     def close(self) -> None:
-        """Ends the viewer and the process that it started."""
+        """Ends Rerun's viewer and the process that it started."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGTERM)
         self._process.wait()
