@@ -1,7 +1,4 @@
-"""Format of an archive: protobuf messages, topics, attachments, metadata, packed rollers, JointState.
-
-`docs/archive.md` describes it. The messages are in a descriptor pool apart from other packages'.
-"""
+"""Format of an archive (`docs/archive.md`): protobuf messages, topics, attachments, metadata, packed rollers."""
 
 from __future__ import annotations
 
@@ -55,7 +52,7 @@ MESSAGE_FIELDS = {
     "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in BODY_CHANNELS)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
-"""Fields of each archived protobuf message, numbered from 1, behind the messages that it uses."""
+"""Fields of each archived protobuf message, numbered from 1."""
 ENUM_VALUES = {
     "PackedElementField.NumericType": "UNKNOWN UINT8 INT8 UINT16 INT16 UINT32 INT32 FLOAT32 FLOAT64",
     "LinePrimitive.Type": "LINE_STRIP LINE_LOOP LINE_LIST",
@@ -65,7 +62,7 @@ SCALAR_TYPES = ("bool", "bytes", "double", "fixed32", "string")
 
 
 def message_class(name: str) -> type[Any]:
-    """Protobuf class of an archived message by its full name, such as "foxglove.PointCloud"."""
+    """Protobuf class of an archived message by its full name."""
     return _message_classes()[name]
 
 
@@ -119,7 +116,7 @@ def _proto_file(full_name: str) -> FileDescriptorProto:
 def _add_proto_field(
     described: DescriptorProto, number: int, package: str, message: str, words: list[str]
 ) -> list[str]:
-    """Adds a field to a protobuf message; returns the .proto files that its type needs."""
+    """Adds a field to a protobuf message; returns .proto files of its type."""
     from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 
     field = described.field.add(name=words[-1], number=number, label=Field.LABEL_OPTIONAL)
@@ -182,16 +179,16 @@ TOPICS = {
 }
 """Schema of each topic of a recorded variant."""
 MOST_VARIANTS = 65535 // len(TOPICS)
-"""Most recorded variants in an archive file: MCAP's channel numbers have 16 bits."""
+"""Most recorded variants in an archive file, by MCAP's channel numbers."""
 
 
 def end_with_start_copy(end: Mapping[str, str], start: Mapping[str, str]) -> dict[str, str]:
-    """Metadata at an archive file's end, with a copy of those at its start."""
+    """Metadata at an archive file's end, with those at its start."""
     return {**end, "run": json.dumps(dict(start))}
 
 
 def start_copy_of_end(end: Mapping[str, str]) -> dict[str, str]:
-    """Copy of the start's metadata in those at an archive file's end; {} in earlier versions."""
+    """Start's metadata that an archive file's end repeats, or {}."""
     return {str(name): str(value) for name, value in parse_json(end.get("run", "{}")).items()}
 
 
@@ -209,7 +206,7 @@ def variant_and_topic(path: str) -> tuple[int, str] | None:
 
 
 def channel_numbers(place: int) -> dict[str, int]:
-    """MCAP channel number of each topic of the variant at a place in its file."""
+    """MCAP channel number of each topic of an archive file's variant."""
     return {topic: 1 + place * len(TOPICS) + k for k, topic in enumerate(TOPICS)}
 
 
@@ -236,7 +233,7 @@ def drive_copy_name(variant: int) -> str:
 
 
 def roller_dtype(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
-    """Packed dtype of one roller in an archive: its channels, z = 0 behind a position, its color."""
+    """Packed dtype of one archived roller: its channels, z = 0, its color."""
     code = "<f8" if precision == "float64" else "<f4"
     names: list[str] = []
     for channel in ROLLER_CHANNELS:
@@ -246,7 +243,7 @@ def roller_dtype(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
 
 
 def constant_point_cloud_bytes(layout: np.dtype[np.void]) -> bytes:
-    """Bytes that all PointClouds of a variant share: frame id, pose, stride, fields."""
+    """Bytes that all archived PointClouds of a variant share."""
     cloud = message_class("foxglove.PointCloud")(frame_id="drive", point_stride=layout.itemsize)
     cloud.pose.orientation.w = 1.0
     for name, (kind, offset, *_) in (layout.fields or {}).items():
@@ -265,10 +262,7 @@ def varint_bytes(value: int) -> bytes:
 
 
 def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, dict[str, int], int]:
-    """CDR bytes of a JointState of zeros, offsets of its arrays' first doubles, and offset of its stamp.
-
-    `arrays` are the filled ones of "position", "velocity", "effort".
-    """
+    """CDR bytes of an archived JointState of zeros, offsets of its `arrays`, and of its stamp."""
     out = bytearray(b"\x00\x01\x00\x00")  # encapsulation: CDR, little-endian; alignment counts from here
 
     def append_padding(size: int) -> None:

@@ -1,7 +1,7 @@
 """File names of an archive: one or a set, what a killed run left of them, and the writer's lock.
 
-A set is `run.part0000.mcap`, `run.part0001.mcap` and so on. One that replaces another is a further edition,
-`run.part0000-2.mcap`; it is the archive once its last part, which alone says how many there are, has its name.
+A set is `run.part0000.mcap`, `run.part0001.mcap` and so on. One that replaces another is an edition,
+`run.part0000-2.mcap`; it is the archive once its last part, which says how many there are, has its name.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from warpchain.errors import ArchiveError
 from warpchain.files import PARTIAL_PATTERN, WriteLock, refusals_as_errors, target_of_path
 
 PART_STEM = re.compile(r"(.*)\.part(\d{4,9})(?:-(\d{1,9}))?")
-"""Stem of an archive part's file name: archive, number, edition unless the first."""
+"""Stem of an archive part's file name: archive, number, edition."""
 
 
 class PartName(NamedTuple):
@@ -38,13 +38,13 @@ def part_path(path: Path, number: int, edition: int = 1) -> Path:
 
 
 def parse_part_name(path: Path) -> PartName | None:
-    """Archive, number and edition that a file name states; None if it is no archive part's."""
+    """Archive, number and edition that a part's file name states, or None."""
     found = PART_STEM.fullmatch(path.stem)
     return found and PartName(path.with_name(found[1] + path.suffix), int(found[2]), int(found[3] or 1))
 
 
 def files_by_edition(path: Path) -> dict[int, list[Path]]:
-    """Files of the sets that have an archive's name, in order by edition."""
+    """Files of an archive's sets, in order by edition."""
     found: dict[int, dict[int, Path]] = {}
     if path.parent.is_dir():
         for file in path.parent.iterdir():
@@ -64,7 +64,7 @@ def part_files(path: Path) -> list[Path]:
 
 
 def is_whole_set(files: list[Path]) -> bool:
-    """Whether a set of archive files has its last part and all before it."""
+    """Whether a set of archive files is whole."""
     try:
         end = McapIndex(files[-1]).read_metadata(archive_format.END_METADATA) or {}
     except ArchiveError:
@@ -73,7 +73,7 @@ def is_whole_set(files: list[Path]) -> bool:
 
 
 def unfinished_files(path: Path) -> list[Path]:
-    """Unfinished files of an archive's name, of a killed run or a running one."""
+    """Unfinished files of an archive's name, left or in use."""
     if not path.parent.is_dir():
         return []
     left = re.compile(rf"({re.escape(path.stem)}(\.part\d+(-\d+)?)?{re.escape(path.suffix)}){PARTIAL_PATTERN}")
@@ -86,7 +86,7 @@ def finished_path(file: Path) -> Path:
 
 
 def archive_files(path: Path) -> list[Path]:
-    """Files of an archive, in order, by its name or that of one of its parts."""
+    """Files of an archive, in order, by its name or a part's."""
     named = parse_part_name(path)
     is_file = os.path.isfile(path)  # False also of a name too long, where a path's own method raises
     if named and is_file:
@@ -95,11 +95,7 @@ def archive_files(path: Path) -> list[Path]:
 
 
 class ArchiveTarget:
-    """Name that an archive is written to, locked for one writer.
-
-    Args:
-        path: its present archive stays whole until `remove_replaced`.
-        split: a set of files, rather than one.
+    """Name that an archive is written to, locked for one writer; `split` makes a set of files.
 
     Raises:
         ArchiveError: an archive of that name and no `overwrite`, another writer, a folder, or a disk that refuses.
@@ -126,7 +122,7 @@ class ArchiveTarget:
         return McapWriter(path, library, self.overwrite, claimed=True)
 
     def check_free(self) -> None:
-        """Refuses to go on where another archive has the name and must stay."""
+        """Refuses to go on where another archive must keep the name."""
         there = [
             file for edition, files in files_by_edition(self.path).items() if edition != self._edition for file in files
         ]

@@ -1,4 +1,4 @@
-"""Writing the files of an archive: one, or a set split by size or by number of variants."""
+"""Writing an archive's files: one, or a set split by size or number of variants."""
 
 from __future__ import annotations
 
@@ -37,9 +37,7 @@ class ArchivePart:
     ) -> None:
         """Begins a variant's topics in this archive file, unless that was done.
 
-        Args:
-            place: of the variant in this file, which numbers its channels.
-            facts: further metadata of the channel.
+        `place`, of the variant in this file, numbers its channels; `facts` are metadata.
         """
         if variant in self._variants:
             return
@@ -59,7 +57,7 @@ class ArchivePart:
             self.open_topic(numbers[topic], variant, topic, held if topic == "rollers" else {})
 
     def open_topic(self, number: int, variant: int, topic: str, metadata: Mapping[str, str]) -> None:
-        """Begins a topic in this archive file, with its schema if that is new."""
+        """Begins a topic in this archive file, with its schema if new."""
         name = archive_format.TOPICS[topic]
         kind = 1 + list(archive_format.TOPICS).index(topic)
         encoding, data = archive_format.topic_schema(name)
@@ -70,7 +68,7 @@ class ArchivePart:
 
 
 def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
-    """Appends variants' drive files to an archive file, then all of them again."""
+    """Appends variants' drive files to an archive file, and copies of them."""
     texts = {variant: dumps_drive(drive).encode() for variant, drive in drives.items()}
     for name in (archive_format.drive_attachment_name, archive_format.drive_copy_name):
         for variant, text in texts.items():
@@ -78,11 +76,7 @@ def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
 
 
 class ArchiveParts:
-    """Files of an archive, being written; the first is there from the beginning.
-
-    Raises:
-        ArchiveError: here and in every method, an existing archive, a folder or disk that refuses.
-    """
+    """Files of an archive, being written; raises ArchiveError wherever a folder or disk refuses."""
 
     def __init__(
         self,
@@ -140,7 +134,7 @@ class ArchiveParts:
         return position % self._per_part
 
     def part_for_chunk(self, position: int) -> ArchivePart:
-        """Archive file for the next chunk of the variant recorded in a position."""
+        """Archive file for the next chunk of the variant at a position."""
         limit = self._options.split_size
         if limit is not None:
             current = self._parts[-1]
@@ -159,7 +153,7 @@ class ArchiveParts:
         part.file.finish_file()
 
     def finish_archive(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends all files of the archive; the last holds metrics and the run's end."""
+        """Ends all files of the archive, the last with metrics and the run's end."""
         self._target.check_free()
         last = self._parts[-1]
         for part in self._parts[:-1]:
@@ -184,7 +178,7 @@ class ArchiveParts:
         ]
 
     def _kept_files_text(self) -> str:
-        """Words that name the kept files of an unfinished archive, "" without any."""
+        """Words that name the kept files of an unfinished archive, or ""."""
         whole = [part.file.path for part in self._parts if self._salvage and part.file.is_finished]
         words = [str(file.partial_path) for file in self._unfinished_files()]
         if whole:
@@ -193,14 +187,14 @@ class ArchiveParts:
         return f"what was written until then is in {', '.join(words)}: see warpchain recover" if words else ""
 
     def refusal_error(self, error: ArchiveError) -> ArchiveError:
-        """Archive error of a disk that refuses; with `salvage` it names the kept files."""
+        """Archive error of a disk that refuses, naming kept files."""
         kept = self._kept_files_text()
         return ArchiveError(f"{error}; {kept}") if kept else error
 
     def close_unfinished(self, named: bool = False) -> None:
-        """Ends unfinished files of the archive: drops them, or with `salvage` keeps those with frames.
+        """Drops unfinished files of the archive, or with `salvage` keeps those with frames.
 
-        A warning names kept files, unless an error has `named` them.
+        A warning names these, unless an error has `named` them.
         """
         left, kept = self._unfinished_files(), self._kept_files_text()
         for part in self._parts:
@@ -235,7 +229,7 @@ def _run_metadata(info: RunInfo) -> dict[str, str]:
 
 
 def variant_numbers(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int]:
-    """Numbers by which an archive calls a run's variants; raises ArchiveError unless one a variant."""
+    """Numbers by which an archive calls a run's variants; raises ArchiveError for a wrong count."""
     if options.numbers is None:
         return range(len(drives))
     if len(options.numbers) != len(drives):

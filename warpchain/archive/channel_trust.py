@@ -1,4 +1,4 @@
-"""Channels of a broken archive that can be trusted: by its summary, their digests or their numbers."""
+"""Channels of a broken archive that can be trusted, by its summary, digests or numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from warpchain.archive.mcap_write import McapWriter
 
 
 def untrusted_channel(index: McapIndex) -> Channel | None:
-    """First channel of an archive whose digest is wrong; None if none is."""
+    """First channel of an archive whose digest is wrong, or None."""
     if not index.has_digests:
         return None
     recorded: list[str] | None = None
@@ -29,7 +29,7 @@ def untrusted_channel(index: McapIndex) -> Channel | None:
 
 
 def _recorded_numbers(start: Mapping[str, str]) -> list[str]:
-    """Numbers, as words, of the recorded variants that one archive file can hold."""
+    """Numbers, as words, of the variants that one archive file can hold."""
     return start.get("recorded", "").split()[: archive_format.MOST_VARIANTS]
 
 
@@ -39,7 +39,7 @@ def _is_foreign(channel: Channel) -> bool:
 
 
 def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Sequence[str]) -> bool:
-    """Whether a channel's digest is right under a number that warpchain gives to its topic, as after a rewrite."""
+    """Whether a channel's digest is right under a number that warpchain gives to its topic."""
     named = archive_format.variant_and_topic(channel.topic)
     if named is None:
         return False
@@ -49,9 +49,9 @@ def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Se
 
 
 class TrustedTopics:
-    """Channels and schemas found in a broken archive, each copied when a chunk asks for it.
+    """Channels and schemas of a broken archive, each copied when a chunk asks for it.
 
-    `index` is a right summary, whose channels are trusted; None goes by those that are added.
+    With a right summary, `index`, its channels are trusted.
     """
 
     def __init__(self, index: McapIndex | None = None) -> None:
@@ -62,7 +62,7 @@ class TrustedTopics:
         self._variants: dict[int, int | None] = {}
 
     def add_schema(self, found: Schema) -> None:
-        """Adds a broken archive's schema; raises ValueError where another one has its number."""
+        """Adds a broken archive's schema; raises ValueError for another one's number."""
         if self._schemas.setdefault(found.id, found) != found:
             raise ValueError("two schemas of a number")
 
@@ -74,8 +74,7 @@ class TrustedTopics:
     def decide_trust(self, start: Mapping[str, str], used: Collection[int]) -> int:
         """Decides which added channels of a broken archive can be trusted; returns how many cannot.
 
-        A number that is not warpchain's own is believed only where every message's channel is described, by one record.
-        `used` are numbers of messages' channels.
+        `used` are channel numbers of messages; all must be described where one is not warpchain's own.
         """
         others: dict[int, list[Channel]] = {}
         wrong = 0
@@ -105,7 +104,7 @@ class TrustedTopics:
         return wrong
 
     def _has_digest(self, channel: Channel) -> bool:
-        """Whether a channel's digest is right, with warpchain's own schema for a damaged one."""
+        """Whether a channel has its digest, or with warpchain's own schema."""
         wanted = channel.metadata.get(DIGEST_KEY)
         named = archive_format.variant_and_topic(channel.topic)
         known = self._schemas.get(channel.schema_id)
@@ -121,10 +120,7 @@ class TrustedTopics:
         return False
 
     def _has_own_number(self, channel: Channel, start: Mapping[str, str]) -> bool:
-        """Whether a channel without digest has the number that warpchain gives to its topic.
-
-        Where one of a variant's numbers names another variant, none is trusted.
-        """
+        """Whether a channel without digest has the number that warpchain gives to its topic."""
         named = archive_format.variant_and_topic(channel.topic)
         if named is None:
             return True
@@ -140,7 +136,7 @@ class TrustedTopics:
         return False
 
     def variant_and_topic(self, number: int) -> tuple[int, str] | None:
-        """Variant and topic of a broken archive's channel; None if it cannot be trusted."""
+        """Variant and topic of a broken archive's channel, or None."""
         channel = self._channels.get(number)
         return archive_format.variant_and_topic(channel.topic) if channel else None
 
@@ -149,11 +145,7 @@ class TrustedTopics:
         return number in self._channels and self._channels[number].schema_id in self._schemas
 
     def copy_topics(self, file: McapWriter, numbers: Iterable[int]) -> None:
-        """Copies trusted channels and their schemas into an archive file, unless that was done.
-
-        Raises:
-            ValueError: one is not described, or its description is damaged.
-        """
+        """Copies trusted channels and schemas into an archive file; raises ValueError for others."""
         wanted = [number for number in numbers if not file.has_channel(number)]
         for number in wanted:
             if not self.is_known(number):

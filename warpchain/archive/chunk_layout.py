@@ -1,6 +1,6 @@
-"""Byte layout of a variant's frames in an MCAP chunk: messages of fixed size, so that a chunk is an array of frames.
+"""Byte layout of a variant's frames in an MCAP chunk, which is an array of frames of one size.
 
-Zeros, which protobuf would drop, are written, and varints of timestamps are padded to five bytes.
+Zeros, which protobuf would drop, are written; varints of timestamps have five bytes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ COLOR_STEPS = 1024
 
 
 class _BodyBuilder:
-    """Builder of a message body's dtype and template, from constant bytes and named values."""
+    """Builder of an archived message body's dtype and template."""
 
     def __init__(self) -> None:
         self.template = bytearray()
@@ -77,17 +77,14 @@ class _BodyBuilder:
 
 @dataclass(frozen=True)
 class FrameContent:
-    """Content of an archived variant's frames, which fixes their layout in bytes.
+    """Content of an archived variant's frames, which fixes their layout.
 
     Attributes:
-        links: number of rollers and links N.
+        links: N, as of rollers.
         sprockets, arms: names.
-        channels: recorded ones.
-        precision: of the run, "float64" or "float32".
-        values: of packed rollers, "float64" or "float32".
+        precision, values: "float64" or "float32", of the run and of packed rollers.
         has_exact_positions: whether positions also come as float64.
         variant: number that names coordinate frames.
-        tensioners, shafts, couplings, valves: numbers.
     """
 
     links: int
@@ -105,7 +102,7 @@ class FrameContent:
 
     @classmethod
     def from_trajectory(cls, variant: int, trajectory: Trajectory, values: str | None, exact: bool) -> FrameContent:
-        """Content of the frames of a trajectory; `values` None keeps its own precision."""
+        """Content of a trajectory's frames; `values` None keeps its precision."""
         held = trajectory.channels()
         precision = str(next(iter(held.values())).dtype) if held else "float64"
         drive = trajectory.drive
@@ -133,7 +130,7 @@ class FrameContent:
 
     @property
     def turning_bodies(self) -> tuple[str, ...]:
-        """Names of the bodies whose Foxglove frame turns: sprockets, then arms with recorded angles."""
+        """Names of bodies whose Foxglove frame turns: sprockets, arms."""
         return self.sprockets + (self.arms if "arm_angle" in self.channels else ())
 
     @property
@@ -160,12 +157,7 @@ class FrameContent:
 
 @dataclass(frozen=True)
 class ChunkLayout:
-    """Byte layout of one frame in an MCAP chunk.
-
-    Attributes:
-        dtype: a field a topic, each with `head` (`MESSAGE_HEADER`) and `body`.
-        template: bytes of a frame of zeros.
-    """
+    """Byte layout of one frame in an MCAP chunk: `dtype` has a field a topic, `template` is zeros."""
 
     content: FrameContent
     dtype: np.dtype[np.void]
@@ -183,13 +175,9 @@ class ChunkLayout:
     def encode_frames(
         self, chunks: Sequence[Trajectory], first: int, channels: Sequence[int], full_scale: float
     ) -> Any:
-        """Archived frames as an array (frames,) of `dtype`, whose bytes are an MCAP chunk's messages.
+        """Archived frames as an array (frames,) of `dtype`, the bytes of an MCAP chunk.
 
-        Args:
-            chunks: consecutive frames.
-            first: number of the first frame.
-            channels: MCAP channel of each topic.
-            full_scale: tension where the color scale ends [N].
+        `first` numbers the first frame; tension colors end at `full_scale` [N].
         """
         count = sum(len(chunk.time) for chunk in chunks)
         raw = np.empty((count, self.frame_bytes), dtype=np.uint8)
@@ -378,7 +366,7 @@ def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
 
 @functools.cache
 def _color_table() -> NDArray[np.uint32]:
-    """Packed colors of tensions up to the archived scale's end, then of an unknown one."""
+    """Packed colors of archived tensions, then of an unknown one."""
     share = np.append(np.linspace(0.0, 1.0, COLOR_STEPS), np.nan)
     return tension_colors(share, 1.0).view("<u4")[:, 0]
 

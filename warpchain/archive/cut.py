@@ -1,4 +1,4 @@
-"""Cutting an archive: some of its variants, between two times, as an archive of its own."""
+"""Cutting an archive: some variants, between two times, as one of its own."""
 
 from __future__ import annotations
 
@@ -27,12 +27,11 @@ def cut_archive(
 ) -> dict[int, int]:
     """Cuts an archive, bit by bit as it was recorded; returns the number of frames of each variant.
 
-    Drives, metrics, attachments and provenance of the kept variants come along.
+    Drives, metrics, attachments and provenance come along.
 
     Args:
-        source: the archive; of a split one its name or any of its files.
-        output: appears under this name only when whole.
-        start, end: first and last time of frames [s], inclusive; None is the recording's.
+        source: of a split archive its name or any of its files.
+        start, end: first and last time of frames [s]; None is the recording's.
         variants: recorded variants to keep; None keeps all, recorded or not.
         compression: "zstd", "lz4" or "none".
 
@@ -78,7 +77,7 @@ def _time_text(time: float | None, word: str) -> str:
 
 
 def _cut_options(run: Archive, numbers: Sequence[int], variant: int, compression: str) -> ArchiveOptions:
-    """Options to write a cut as its archive was written, with variants of these numbers."""
+    """Options to write a cut as its archive was written."""
     content = run.trajectories.chunk_layout(variant).content
     packed = content.values == "float32" and content.precision == "float64"
     return ArchiveOptions(
@@ -92,7 +91,7 @@ def _cut_options(run: Archive, numbers: Sequence[int], variant: int, compression
 
 
 def _whole_precision_blocks(run: Archive, variant: int, start: float | None, end: float | None) -> Iterator[Trajectory]:
-    """Frames of an archived variant chunk by chunk, all channels in the run's precision."""
+    """Frames of an archived variant chunk by chunk, in the run's precision."""
     precision = run.trajectories.chunk_layout(variant).content.precision
     for block in run.blocks(variant, start, end):
         held = {name: np.array(values, dtype=precision) for name, values in block.channels().items()}

@@ -61,10 +61,7 @@ def has_right_digest(channel: Channel, schemas: Mapping[int, Schema]) -> bool:
 
 
 def checked_metadata(name: str, values: Mapping[str, str], has_digests: bool) -> dict[str, str]:
-    """Values of an MCAP metadata record without their digest; raises ValueError for a wrong or missing one.
-
-    `has_digests` is False for archives of earlier versions.
-    """
+    """Values of an MCAP metadata record without their digest; raises ValueError for a wrong one."""
     if values.get(DIGEST_KEY, None if has_digests else metadata_digest(name, values)) != metadata_digest(name, values):
         raise ValueError(f"metadata {name}: their digest is wrong")
     return metadata_without_digest(values)

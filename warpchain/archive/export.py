@@ -1,4 +1,4 @@
-"""Export of a recorded variant for other programs: numpy, CSV, Parquet, HDF5, MATLAB; of metrics as a table."""
+"""Export of a recorded variant as numpy, CSV, Parquet, HDF5 or MATLAB, and of metrics as a table."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def export_metrics(archive: str | Path, output: str | Path) -> Path:
 
 
 def export_orders(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Exports `results.housing.order_levels` of an archived variant as CSV or Parquet; returns the path.
+    """Exports `order_levels` of an archived variant as CSV or Parquet; returns the path.
 
     Raises:
         ArchiveError, SimulationError: as `export`; or a driver that does not turn one way.
@@ -57,13 +57,9 @@ def _read_trajectory(archive: str | Path, variant: int | None) -> Trajectory:
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
     """Exports one variant's trajectory in a format of `TRAJECTORY_WRITERS` by the file's ending; returns the path.
 
-    Values are in SI units, which each format states. In .npz, .h5 and .mat a channel is an array (F, ...); in .csv and
-    .parquet every number has a column, such as `position.12.x` or `sprocket_speed.camshaft`, one row a frame. .unv,
-    .uff and .mf4 hold the loads on the housing.
-
-    Args:
-        output: appears under this name only when whole.
-        variant: None is the first recorded.
+    Values are in SI units. In .npz, .h5 and .mat a channel is an array (F, ...); in .csv and .parquet every number has
+    a column, such as `position.12.x` or `sprocket_speed.camshaft`, one row a frame. .unv, .uff and .mf4 hold the loads
+    on the housing. `variant` None is the first recorded.
 
     Raises:
         ArchiveError: an unreadable archive, a file that cannot be written, or another ending.
@@ -83,7 +79,7 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
 
 
 def flat_table(trajectory: Trajectory) -> pa.Table:
-    """Table of a trajectory with a column a number, named CHANNEL.INDEX or CHANNEL.NAME, with .x or .y for vectors."""
+    """Table of a trajectory with a column a number: CHANNEL.INDEX or CHANNEL.NAME, vectors with .x, .y."""
     import pyarrow as pa
 
     columns: dict[str, NDArray[Any]] = {"time": trajectory.time}
@@ -117,7 +113,7 @@ def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
 
 
 def _write_npz(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes a trajectory as .npz: an array a channel, `units` with names and units."""
+    """Writes a trajectory as .npz: an array a channel, and `units`."""
     arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
     np.savez_compressed(file, units=np.array([(name, CHANNEL_UNITS[name]) for name in arrays]), **arrays)
 
@@ -137,7 +133,7 @@ def _write_parquet(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes a trajectory as HDF5: a dataset a channel with `units`, `description` and dimension labels."""
+    """Writes a trajectory as HDF5: a dataset a channel with `units` and `description`."""
     import h5py
 
     # in memory first: where a disk refuses, the library's own writing ends the process when it is cleaned up
@@ -160,7 +156,7 @@ def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _write_matlab(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes a trajectory as MATLAB's format 5: a variable a channel, a struct `units`, bodies' names as cells."""
+    """Writes a trajectory as MATLAB's format 5: a variable a channel, a struct `units`."""
     from scipy.io import savemat
 
     channels = trajectory.channels()

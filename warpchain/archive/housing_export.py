@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from warpchain.results.run import Trajectory
 
 UFF_FORCE, UFF_TIME, UFF_TIME_RESPONSE, UFF_MOMENT_ABOUT_Z = 13, 17, 1, 6
-"""Codes of UFF dataset 58: excitation force, time; time response; direction of a moment about z."""
+"""Codes of UFF dataset 58: force, time; time response; moment about z."""
 
 
 def write_universal_file(file: IO[bytes], trajectory: Trajectory) -> None:
@@ -50,7 +50,7 @@ def write_universal_file(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
-    """Name, unit and values of MDF4 signals: housing loads, angle and speed of every sprocket."""
+    """Name, unit and values of MDF4 signals: housing loads, sprockets' angles and speeds."""
     for name, values in components(trajectory).items():
         yield name, "N*m" if name.endswith(".moment") else "N", values
     for channel in ("sprocket_angle", "sprocket_speed"):
@@ -74,11 +74,7 @@ def write_mdf4(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _copy_written_file(file: IO[bytes], ending: str, write: Any) -> None:
-    """Copies into an open export file what a library writes by a path.
-
-    Raises:
-        OSError: the system refused, even where the library raises another error.
-    """
+    """Copies into an open export file what a library writes by a path; raises OSError if refused."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"loads{ending}"
         try:

@@ -1,4 +1,4 @@
-"""Drives and recorded trajectories in an archive's files, read when they are asked for."""
+"""Drives and recorded trajectories in an archive's files, read when asked for."""
 
 from __future__ import annotations
 
@@ -28,17 +28,15 @@ from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.run import Trajectory
 
 READ_TOPICS = ("rollers", "state", "positions")
-"""Topics of an archive that are read; the others repeat them for viewers."""
+"""Topics of an archive that are read; others repeat them for viewers."""
 RECOVER_ADVICE = "see warpchain recover"
 PRECISIONS = ("float64", "float32")
 
 
 class LazyDrives(Sequence[Drive]):
-    """Drives of an archived run, each read from its attachment when it is asked for.
+    """Drives of an archived run, each read from its attachment when asked for.
 
-    Args:
-        numbers: what the archive calls the variants, in order.
-        gaps: whether a drive may be missing until it is asked for.
+    `numbers` are the archive's of the variants; with `gaps` a drive may be missing.
     """
 
     def __init__(self, files: Sequence[McapIndex], numbers: Sequence[int], gaps: bool = False) -> None:
@@ -65,7 +63,7 @@ class LazyDrives(Sequence[Drive]):
         return self.drive_of(self.numbers[place])
 
     def drive_of(self, variant: int) -> Drive:
-        """Drive of an archived variant by its number, from the copy where the first is damaged."""
+        """Drive of an archived variant by its number, from the copy if damaged."""
         if variant not in self._held:
             try:
                 self._held[variant] = self._read_drive(archive_format.drive_attachment_name(variant))
@@ -101,13 +99,7 @@ class VariantChunks:
 
 
 class ArchiveTrajectories(Mapping[int, Trajectory]):
-    """Trajectories of an archive's recorded variants, each read when it is asked for.
-
-    Args:
-        files: in order.
-        drives: of the run.
-        gaps: whether frames may be missing, as in a recovered archive.
-    """
+    """Trajectories of an archive's recorded variants, each read when asked for; with `gaps` frames may be missing."""
 
     def __init__(self, files: tuple[McapIndex, ...], drives: LazyDrives, gaps: bool) -> None:
         self.files, self._drives, self._gaps = files, drives, gaps
@@ -210,7 +202,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         end: float | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of an archived variant's trajectory chunk by chunk, as views of the chunks' bytes."""
+        """Part of an archived variant's trajectory, as views of one chunk after another."""
         layout, drive = self.chunk_layout(variant), self._drives.drive_of(variant)
         low = 0 if start is None else max(0, int(start * 1e9) - 1)
         high = 2**63 if end is None else max(0, int(end * 1e9) + 2)
@@ -232,7 +224,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
                 yield Trajectory(drive, time[part], **{n: v[part] for n, v in held.items() if n in channels})
 
     def _iterate_frames(self, variant: int, layout: ChunkLayout, low: int, high: int) -> Iterator[Any]:
-        """Frames of an archive's chunks that overlap a range of log times [ns]."""
+        """Frames of an archive's chunks that overlap log times [ns]."""
         last = np.zeros(0, dtype=MESSAGE_HEADER)
         for place in self._chunks_by_variant[variant]:
             chosen = [chunk for chunk in place.chunks if chunk.end >= low and chunk.start <= high]
@@ -262,10 +254,7 @@ def _concatenate_blocks(parts: Sequence[Any], kind: str, shape: tuple[int, ...])
 
 
 def _numbered_frames(frames: Any, last: Any) -> Any:
-    """Archived frames with `sequence` counted on where their writer left it zero.
-
-    `last` is the (1,) head of the frame before them, (0,) where there is none.
-    """
+    """Archived frames with `sequence` counted on from `last`, a head (1,) or (0,), where left zero."""
     head = frames["state"]["head"]
     if head["sequence"].any() or len(last) + len(head) == 1 or (last["log_time"] >= head["log_time"][:1]).any():
         return frames
@@ -275,7 +264,7 @@ def _numbered_frames(frames: Any, last: Any) -> Any:
 
 
 def _frames_from_chunk(data: Any, layout: ChunkLayout, numbers: Mapping[str, int]) -> Any:
-    """Frames of an archive chunk's records, as a view; None if these are not as warpchain writes them."""
+    """Frames of an archive chunk, as a view; None if not as warpchain writes them."""
     if len(data) % layout.frame_bytes or not set(layout.content.topics) <= set(numbers):
         return None
     frames = np.frombuffer(data, dtype=layout.dtype)
@@ -293,10 +282,7 @@ def _frames_from_mixed_chunks(
 ) -> Any:
     """Frames of archive chunks in which another program mixed topics and variants.
 
-    With `gaps` a frame that lacks a topic's message is left out.
-
-    Raises:
-        ValueError: a frame that lacks a message or has two of a topic, or a message of another size.
+    With `gaps` a frame that lacks a message is left out, else it raises ValueError, as other faults do.
     """
     topics = [topic for topic in layout.content.topics if topic in READ_TOPICS]
     found: dict[int, dict[int, bytes]] = {numbers[topic]: {} for topic in topics}

@@ -1,6 +1,6 @@
-"""Reading an MCAP file: its summary at once, everything else where the summary says it is.
+"""Reading an MCAP file by its summary, or all of it where the summary does not account for all records.
 
-Where the summary does not account for all records, the data are read through once. Every failure is an `ArchiveError`.
+Every failure is an `ArchiveError`.
 """
 
 from __future__ import annotations
@@ -36,10 +36,7 @@ MOST_STRETCH_BYTES = 2**20
 
 
 class ChunkEntry(NamedTuple):
-    """Place of a chunk in an MCAP file, with its log times [ns] and channels.
-
-    With `is_loose` it is messages in a row outside of chunks.
-    """
+    """Place of a chunk, or of messages outside of chunks, in an MCAP file, with log times [ns] and channels."""
 
     offset: int
     length: int
@@ -50,10 +47,7 @@ class ChunkEntry(NamedTuple):
 
 
 class RecordReader(ReadDataStream):
-    """Reader of an MCAP record's content for the parsers of `mcap.records`.
-
-    A text that is cut is a ValueError.
-    """
+    """Reader of an MCAP record's content for the parsers of `mcap.records`; raises ValueError for cut text."""
 
     def __init__(self, data: Any) -> None:
         self._data, self._count = data, 0
@@ -78,7 +72,7 @@ class RecordReader(ReadDataStream):
 
 
 def iterate_records(data: Any, at: int = 0) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each MCAP record's content; raises ValueError at one that is cut."""
+    """Opcode, begin and end of each MCAP record's content; raises ValueError if cut."""
     while at < len(data):
         if at + RECORD_HEAD.size > len(data):
             raise ValueError("a record is cut")
@@ -91,7 +85,7 @@ def iterate_records(data: Any, at: int = 0) -> Iterator[tuple[int, int, int]]:
 
 
 def is_data_checksum(data: Any, crc: int) -> bool:
-    """Whether an MCAP DataEnd record's checksum is 0, or that of the bytes before it."""
+    """Whether an MCAP DataEnd record's checksum is 0 or right."""
     return crc in (0, zlib.crc32(data)) or crc == zlib.crc32(data[len(MCAP_MAGIC) :])
 
 
@@ -106,10 +100,7 @@ def attachment_from_bytes(data: Any) -> Attachment:
 
 
 def decompress_chunk(chunk: Chunk) -> Any:
-    """Uncompressed records of an MCAP chunk, of right size and checksum; a view if stored so.
-
-    Nothing larger than the chunk states, or than `MOST_CHUNK_BYTES`, is made.
-    """
+    """Uncompressed records of an MCAP chunk, checked, never larger than stated; a view if stored so."""
     import lz4.frame
     import zstandard
 
@@ -136,7 +127,7 @@ def decompress_chunk(chunk: Chunk) -> Any:
 
 @contextmanager
 def convert_read_errors(path: Path) -> Iterator[None]:
-    """Turns every failure of an MCAP file's bytes into an ArchiveError of one line."""
+    """Turns every failure of an MCAP file's bytes into an ArchiveError."""
     try:
         yield
     except OSError as error:
@@ -165,10 +156,7 @@ class MessageSpan:
 
 
 def group_loose_messages(found: Iterable[tuple[int, int, int]]) -> Iterator[tuple[int, int, int]]:
-    """MCAP records of `iterate_records`, with runs of messages as one item of up to `MOST_STRETCH_BYTES`.
-
-    A run's item has a message's opcode and begins at its first record.
-    """
+    """MCAP records of `iterate_records`, runs of messages as one item of a message's opcode."""
     first = end = 0
     for opcode, begin, stop in found:
         if end > first and (opcode != Opcode.MESSAGE or stop - first > MOST_STRETCH_BYTES):
@@ -190,7 +178,7 @@ class McapIndex:
         channels, schemas: by number.
         has_checked_summary: whether the summary is complete and right by its checksum.
         chunks: in the file's order.
-        attachments, metadata: offset and length of each record, by name.
+        attachments, metadata: offset and length by name.
 
     Raises:
         ArchiveError: here and in every method, a missing, foreign, cut or damaged file.
@@ -255,7 +243,7 @@ class McapIndex:
         return self._map
 
     def _parse_summary(self, summary: bytes) -> bool:
-        """Fills the index from an MCAP summary; returns whether it accounts for every record."""
+        """Fills the index from an MCAP summary; returns whether that is complete."""
         stated, messages = None, 0
         for opcode, begin, end in iterate_records(summary):
             if opcode == Opcode.CHUNK_INDEX:
@@ -325,7 +313,7 @@ class McapIndex:
         return span
 
     def _add_description(self, opcode: int, data: Any) -> None:
-        """Adds an MCAP channel or schema; raises ValueError where another one has its number."""
+        """Adds an MCAP channel or schema; raises ValueError for another one's number."""
         if opcode == Opcode.CHANNEL:
             channel = Channel.read(RecordReader(bytes(data)))
             if channel_without_digest(self.channels.setdefault(channel.id, channel)) != channel_without_digest(channel):

@@ -1,4 +1,4 @@
-"""Writing an MCAP file: whole chunks in order, the summary at the end, its name only when it is whole."""
+"""Writing an MCAP file: chunks in order, the summary at the end, its name only when whole."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from warpchain.errors import ArchiveError
 from warpchain.files import WholeFile, refusals_as_errors
 
 ZSTD_LEVEL = 1
-"""Level of zstd for MCAP chunks: as small as 3 on trajectories, and faster."""
+"""Level of zstd for MCAP chunks."""
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -28,9 +28,7 @@ class PackedChunk(NamedTuple):
     """A compressed MCAP chunk, ready to be written.
 
     Attributes:
-        compression: "zstd", "lz4" or "".
-        data: compressed records.
-        size, crc: bytes and CRC-32 of the records uncompressed.
+        size, crc: of the records uncompressed.
         start, end: least and greatest log time [ns].
         indexes: (messages, 2) log times [ns] and offsets by channel.
     """
@@ -73,10 +71,7 @@ def name_taken_error(path: Path) -> ArchiveError:
 class McapWriter:
     """Writer of one MCAP file, under a temporary name until `finish_file`.
 
-    Args:
-        path: the file's name when whole.
-        library: name of the writing program.
-        claimed: the caller holds the lock of the archive's name.
+    `claimed`: the caller holds the lock of the archive's name.
 
     Raises:
         ArchiveError: here and in every method, another writer, or a folder or disk that refuses.
@@ -208,7 +203,7 @@ class McapWriter:
 
     @contextmanager
     def readable_draft(self, name: str, values: Mapping[str, str]) -> Iterator[Path]:
-        """Gives the temporary MCAP file with an end, to be read back; then cuts that off."""
+        """Gives the temporary MCAP file with an end, to be read back."""
         at, held = self._at, len(self._metadata)
         self.add_metadata(name, values)
         self._write_end()
@@ -229,7 +224,7 @@ class McapWriter:
         self._write_bytes(self._summary_bytes())
 
     def finish_file(self) -> None:
-        """Writes the MCAP summary, flushes it to disk and gives the file its name."""
+        """Writes the MCAP summary, flushes, and gives the file its name."""
         self._write_end()
         with refusals_as_errors(self.path, ArchiveError):
             try:

@@ -19,13 +19,13 @@ class ArchiveOptions:
     """Options of writing an archive.
 
     Attributes:
-        compression: of the chunks, "zstd", "lz4" or "none".
+        compression: "zstd", "lz4" or "none".
         values: "run" keeps rollers in the run's precision, bitwise; "float32" halves the archive of a float64 run.
-        exact_positions: with values = "float32", positions also as float64, on a topic of their own.
-        split_size: size [bytes] at which another file begins; None does not split.
-        split_variants: recorded variants in one file; None does not split. Not together with `split_size`.
-        encoders: threads that lay out and compress chunks; None takes one a core, four at most.
-        numbers: what the archive calls the run's variants, one each; None calls them 0, 1, 2, ...
+        exact_positions: with values = "float32", positions also as float64.
+        split_size: size [bytes] at which another file begins.
+        split_variants: recorded variants in one file. Not together with `split_size`.
+        encoders: threads that compress chunks; None takes one a core, four at most.
+        numbers: what the archive calls the run's variants; None calls them 0, 1, 2, ...
         seed: of the design whose variants these are.
         attachments: further files by name, such as {"study.toml": b"..."}.
 

@@ -1,4 +1,4 @@
-"""Work in threads whose results are passed on in the order in which it came."""
+"""Work in threads whose results are passed on in order."""
 
 from __future__ import annotations
 
@@ -13,14 +13,10 @@ ResultType = TypeVar("ResultType")
 
 
 class OrderedWork(Generic[JobType, ResultType]):
-    """Threads that work on jobs and pass their results on in order.
+    """Threads that call `work` on jobs, and `sink` with each result, in order, in a thread of its own.
 
-    An error comes out of the next `submit_job` or of `wait_for_jobs`; later jobs are dropped.
-
-    Args:
-        work: called in one of `threads` threads.
-        sink: called with each result, in order, in a thread of its own.
-        room: jobs under way at most.
+    An error comes out of the next `submit_job` or of `wait_for_jobs`; later jobs are dropped. At most `room` jobs are
+    under way.
     """
 
     def __init__(
@@ -57,7 +53,7 @@ class OrderedWork(Generic[JobType, ResultType]):
             raise self._error
 
     def wait_for_jobs(self, drop: bool = False) -> None:
-        """Waits until all jobs are done; `drop` drops the rest and raises nothing."""
+        """Waits until all jobs are done; `drop` drops the rest and any error."""
         if drop:
             self._dropped = True
         if self._thread.is_alive():

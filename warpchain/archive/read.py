@@ -1,4 +1,4 @@
-"""Reading an archive lazily: opening is quick, and a variant or a time range touches only its chunks."""
+"""Reading an archive lazily: a variant or a time range touches only its chunks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ENDED_RECOVERED = "recovered"
 
 @dataclass(frozen=True, repr=False)
 class Archive(Run):
-    """A run in an archive; drives and trajectories are read when they are asked for.
+    """A run in an archive, which reads drives and trajectories when asked for.
 
     `archive[i]` is the whole trajectory of the variant that it calls i; `read` and `blocks` give parts of it.
     """
@@ -79,11 +79,7 @@ class Archive(Run):
 
     @check_arguments(ArchiveError)
     def attachment(self, name: str) -> bytes:
-        """Data of an attachment of the archive.
-
-        Raises:
-            ArchiveError: no attachment of that name, or a damaged one.
-        """
+        """Data of an attachment of the archive; raises ArchiveError for a missing or damaged one."""
         return next(
             (f for f in self.trajectories.files if name in f.attachments), self.trajectories.files[0]
         ).read_attachment(name)
@@ -100,7 +96,7 @@ class Archive(Run):
 
         Args:
             start, end: first and last time [s], inclusive; None is the recording's.
-            channels: which channels; the others are None.
+            channels: the others are None.
 
         Raises:
             ArchiveError: a damaged archive.
@@ -116,7 +112,7 @@ class Archive(Run):
         end: FiniteNumber | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of a variant's trajectory chunk by chunk, as read-only views of an archive's bytes; see `read`.
+        """Part of a variant's trajectory, as read-only views of one archive chunk after another; see `read`.
 
         The arrays are neither aligned nor contiguous. Sprocket channels come as float64.
         """
@@ -132,10 +128,7 @@ class Archive(Run):
 
 @check_arguments(ArchiveError)
 def read_archive(path: str | Path) -> Archive:
-    """Opens an archive of a run; drives and trajectories are read when they are asked for.
-
-    Args:
-        path: an MCAP file of warpchain; of a split archive, its name or any of its files.
+    """Opens an archive of a run, by its MCAP file, or of a split one by its name or any file.
 
     Raises:
         ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's.
@@ -148,7 +141,7 @@ def read_archive(path: str | Path) -> Archive:
 
 
 def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
-    """Archive of a name and its open files, in order; raises as `read_archive`."""
+    """Archive of a name and its open files; raises as `read_archive`."""
     starts = [_start_metadata(file) for file in files]
     ends = [file.read_metadata(archive_format.END_METADATA) for file in files]
     _check_set(name, files, starts, ends)
@@ -163,7 +156,7 @@ def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
 
 
 def numbers_from_metadata(start: Mapping[str, str]) -> Sequence[int]:
-    """Numbers of a run's variants, from an archive's metadata; raises KeyError or ValueError."""
+    """Numbers of a run's variants, from an archive's metadata; raises KeyError, ValueError."""
     variants = int(start["variants"])
     if not 1 <= variants < 2**31:
         raise ValueError(f"variants = {variants}")
@@ -189,7 +182,7 @@ def _run_info(start: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
 
 
 def _refuse_missing(path: Path) -> None:
-    """Raises the error that there is no such archive, with what a killed run left."""
+    """Raises the error of a missing archive, with what a killed run left."""
     left = unfinished_files(path)
     hint = ""
     if left:
@@ -232,7 +225,7 @@ def _check_set(
 
 
 def _archived_metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
-    """Metrics table of an archive; only the column `variant` where a recovered one lost it."""
+    """Metrics table of an archive; only `variant` where a recovered one lost it."""
     import pyarrow as pa
 
     if ended == ENDED_RECOVERED and archive_format.METRICS_ATTACHMENT not in file.attachments:
@@ -244,7 +237,7 @@ def _archived_metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa
 
 
 def metrics_from_attachment(data: bytes, numbers: Sequence[int]) -> pa.Table:
-    """Metrics table of variants of these numbers, from an attachment's bytes; raises ValueError."""
+    """Metrics table of these variants from an archive's attachment; raises ValueError."""
     import pyarrow as pa
 
     try:

@@ -1,4 +1,4 @@
-"""Restoring an archive that was cut or damaged: what can be trusted goes into a new file that is whole.
+"""Restoring a cut or damaged archive: what can be trusted goes into a new file that is whole.
 
 A right and complete summary says where everything is. Any other file is read record by record, and channels and
 metadata go by their digests (`archive.digest`). Messages that another program mixed are sorted by variant.
@@ -59,13 +59,11 @@ class Recovery:
     """Result of the recovery of an archive.
 
     Attributes:
-        path: the archive written.
-        files: its files.
-        frames: frames of each variant.
-        chunks: whole chunks of frames.
-        damaged: chunks left out.
+        path, files: of the archive written.
+        frames: of each variant.
+        chunks, damaged: chunks of frames copied and left out.
         missing: frames missing between others.
-        left_out: what else was left out, in words.
+        left_out: other things left out, in words.
         unreadable: recorded variants that cannot be read, with the reason.
         lost: bytes after the last whole record.
         set_name: common name of a split archive's files.
@@ -117,11 +115,7 @@ def _first_words(words: Sequence[str]) -> str:
 
 
 def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = False) -> Recovery:
-    """Restores a broken archive into a new one; returns what was restored and lost.
-
-    Args:
-        broken: the file, or a split archive's name.
-        output: appears under this name only when whole.
+    """Restores a broken archive, by its file's or a split one's name; returns what was restored and lost.
 
     Raises:
         ArchiveError: no archive of warpchain, nothing that can be restored, or a folder or disk that refuses.
@@ -185,7 +179,7 @@ def _source_files(path: Path) -> list[Path]:
 
 
 def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
-    """Reads the restored archive back; notes unreadable variants and frames of the others."""
+    """Reads the restored archive back; notes frames and unreadable variants."""
     with ExitStack() as drafts:
         paths = [drafts.enter_context(copy.readable_draft(len(copies))) for copy in copies]
         try:
@@ -232,7 +226,7 @@ class _FileCopy:
         self._mixed: dict[int, bytearray] = {}
 
     def copy_file(self) -> bool:
-        """Copies a broken archive file's records; returns whether there was a whole chunk."""
+        """Copies a broken archive file's records; returns whether it had chunks."""
         data = _mapped_bytes(self.path)
         if len(data) >= len(MCAP_MAGIC) and bytes(data[: len(MCAP_MAGIC)]) != MCAP_MAGIC:
             raise ArchiveError(f"{self.path}: is not an MCAP file")
@@ -277,7 +271,7 @@ class _FileCopy:
         self.result.lost += max(0, len(data) - at)
 
     def _gather_descriptions(self, data: Any) -> bool:
-        """Gathers a broken file's metadata, channels, schemas; returns whether its loose messages can be trusted."""
+        """Gathers a broken archive's metadata, channels, schemas; returns whether loose messages can be trusted."""
         used: set[int] = set()
         loose, right = False, True
         for opcode, begin, end in _whole_records(data):
@@ -319,7 +313,7 @@ class _FileCopy:
             )
 
     def due_variants(self) -> set[int]:
-        """Variants whose frames a broken archive must hold: all recorded ones of a run that ended."""
+        """Variants whose frames a broken archive of an ended run must hold."""
         recorded = (self._start or {}).get("recorded", "") if self._old_end.get("ended") == "complete" else ""
         return {int(word) for word in recorded.split() if word.isdigit()}
 
@@ -329,7 +323,7 @@ class _FileCopy:
             self._note_left_out(Opcode.ATTACHMENT, archive_format.METRICS_ATTACHMENT)
 
     def readable_draft(self, parts: int) -> AbstractContextManager[Path]:
-        """Gives the restored archive file as a whole one, to be read back."""
+        """Gives the restored archive file as whole, to be read back."""
         return self.file.readable_draft(archive_format.END_METADATA, self._end_metadata(parts))
 
     def finish_file(self, parts: int) -> None:
@@ -354,7 +348,7 @@ class _FileCopy:
         return archive_format.end_with_start_copy(ended, self._start)
 
     def _copy_record(self, opcode: int, data: Any, name: str = "") -> None:
-        """Copies a broken archive's record if it is right, else notes it; `name` is from the summary."""
+        """Copies a broken archive's record if right, else notes it."""
         try:
             if opcode == Opcode.METADATA:
                 metadata = kinds.Metadata.read(RecordReader(data))
@@ -376,7 +370,7 @@ class _FileCopy:
             self._note_left_out(opcode, name)
 
     def _copy_attachment(self, name: str, attached: kinds.Attachment) -> None:
-        """Copies a broken archive's attachment; raises ValueError for another one of its name."""
+        """Copies a broken archive's attachment; raises ValueError for another of its name."""
         if attached.name != name or self._held.setdefault(name, attached.data) != attached.data:
             raise ValueError("another one of this name")
         if name == archive_format.METRICS_ATTACHMENT:
@@ -384,7 +378,7 @@ class _FileCopy:
         self.file.add_attachment(name, attached.media_type, attached.data)
 
     def _copy_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Copies a broken archive's metadata record, or keeps what it says of the run."""
+        """Copies a broken archive's metadata record, or keeps those of the run."""
         if name == archive_format.RUN_METADATA:
             self._copy_start_metadata(values)
         elif name == archive_format.END_METADATA:
@@ -395,7 +389,7 @@ class _FileCopy:
             self.file.add_metadata(name, values)
 
     def _copy_start_metadata(self, values: dict[str, str]) -> None:
-        """Copies the metadata at a broken archive file's start; refuses another format or archive."""
+        """Copies a broken archive's first metadata; refuses another format or archive."""
         if self._start is not None:
             raise ValueError("another one of this name")
         if values.get("format_version") != archive_format.FORMAT_VERSION:
@@ -414,7 +408,7 @@ class _FileCopy:
         return named[0] if named else -1
 
     def _copy_chunk(self, chunk: kinds.Chunk) -> None:
-        """Copies a broken archive's chunk as it is, or sorts its messages where it mixes variants."""
+        """Copies a broken archive's chunk, or sorts its messages if it mixes variants."""
         content = decompress_chunk(chunk)
         indexes = message_indexes(content)
         if len(set(map(self._owner_variant, indexes))) > 1:
@@ -426,7 +420,7 @@ class _FileCopy:
         self._append_chunk(PackedChunk(chunk.compression, chunk.data, size, crc, start, end, indexes), content)
 
     def _sort_mixed_messages(self, content: Any, indexes: Iterable[int]) -> None:
-        """Sorts by variant the messages that another program mixed in a broken archive."""
+        """Sorts by variant the mixed messages of a broken archive."""
         if not all(map(self._topics.is_known, indexes)):
             raise ValueError("a topic is not described")
         for opcode, begin, end in iterate_records(content):
@@ -450,11 +444,7 @@ class _FileCopy:
                 self._note_left_out(Opcode.CHUNK)
 
     def _append_chunk(self, chunk: PackedChunk, content: Any) -> None:
-        """Appends a variant's chunk to the restored archive file, and counts its frames.
-
-        Raises:
-            ValueError: frames came before or are out of order, or a topic is not described.
-        """
+        """Appends a variant's chunk to the restored archive, and counts frames; raises ValueError if out of order."""
         result = self.result
         named = map(self._topics.variant_and_topic, chunk.indexes)
         states = {v[0]: number for v, number in zip(named, chunk.indexes, strict=True) if v and v[1] == "state"}
@@ -476,7 +466,7 @@ class _FileCopy:
 
 
 def _trusted_index(path: Path) -> McapIndex | None:
-    """Index of an MCAP file whose summary and digests are right, else None."""
+    """Index of an MCAP file if its summary and digests are right, else None."""
     try:
         index = McapIndex(path)
     except ArchiveError:
@@ -496,7 +486,7 @@ def _frame_numbers(content: Any, index: NDArray[np.uint64]) -> NDArray[np.int64]
 
 
 def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
-    """Log times [ns] and offsets (messages, 2) of each channel's messages in an MCAP chunk."""
+    """Log times [ns] and offsets (messages, 2) by channel in an MCAP chunk."""
     found: dict[int, list[tuple[int, int]]] = {}
     for opcode, begin, _ in iterate_records(content):
         if opcode == MESSAGE_OPCODE:
@@ -507,7 +497,7 @@ def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
 
 
 def _whole_records(data: Any) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each MCAP record, up to the first that makes no sense."""
+    """Opcode, begin and end of each MCAP record up to the first fault."""
     at = len(MCAP_MAGIC)
     while at + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at)

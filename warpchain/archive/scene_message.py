@@ -1,4 +1,4 @@
-"""Outlines of a drive for Foxglove: teeth, pitch circles and guides as a `foxglove.SceneUpdate`."""
+"""Outlines of a drive for Foxglove: teeth, pitch circles and guides."""
 
 from __future__ import annotations
 
@@ -35,10 +35,9 @@ POINT_DTYPE = np.dtype(
 
 
 def scene_update_bytes(content: FrameContent, drive: Drive) -> bytes:
-    """Serialized `foxglove.SceneUpdate` of a drive's outlines [m].
+    """Serialized `foxglove.SceneUpdate` of a drive's outlines [m]: `sprocket/NAME` and `guide/NAME`.
 
-    An entity `sprocket/NAME` has teeth and pitch circle (closed), an entity `guide/NAME` face and ends (open), each in
-    the coordinate frame of its body where frames hold its pose, else in the drive's.
+    Each is in the coordinate frame of its body where frames hold its pose, else in the drive's.
     """
     entities = [entity for chain in chain_drives(drive) for entity in _chain_entities(content, chain.drive)]
     return b"".join(_field_bytes(2, entity) for entity in entities)

@@ -16,10 +16,10 @@ CONTENT_FIELD, COMPRESSION_FIELD = 2, 3
 
 
 def table_from_untrusted_bytes(data: bytes) -> pa.Table:
-    """Table of an Arrow file that anybody may have made; compression and dictionaries are refused.
+    """Table of an Arrow file that anybody may have made.
 
     Raises:
-        ValueError: a file with these, or whose columns share bytes; `pyarrow.ArrowException` for other bytes.
+        ValueError: compression, dictionaries, or columns that share bytes; `pyarrow.ArrowException` for other bytes.
     """
     import pyarrow as pa
 
@@ -39,7 +39,7 @@ def table_from_untrusted_bytes(data: bytes) -> pa.Table:
 
 
 def _content_field_offset(head: bytes, field: int) -> int:
-    """Offset of a field in the content of an Arrow message's head; 0 where absent."""
+    """Offset of a field in an Arrow message's content, or 0."""
     (message,) = struct.unpack_from("<I", head)
     content = message + _table_field_offset(head, message, CONTENT_FIELD)
     (content_offset,) = struct.unpack_from("<I", head, content)
@@ -47,7 +47,7 @@ def _content_field_offset(head: bytes, field: int) -> int:
 
 
 def _table_field_offset(head: bytes, table: int, field: int) -> int:
-    """Offset of a field in its table of an Arrow message's flatbuffer; 0 where absent."""
+    """Offset of a field in an Arrow message's flatbuffer table, or 0."""
     fields = table - struct.unpack_from("<i", head, table)[0]
     if fields < 0 or struct.unpack_from("<H", head, fields)[0] <= 4 + 2 * field:
         return 0

@@ -64,9 +64,7 @@ class ArchiveWriter:
     Args:
         path: with a split, `run.mcap` becomes `run.part0000.mcap` and so on.
         drives: all drives of the run.
-        recorded: indices of the variants that frames will come for.
-        info: how the run is made; `finish` adds how it ended.
-        options: None takes the defaults.
+        recorded: indices of the variants to record.
         salvage: keep what was written of an unfinished archive, and name it in the error or a warning.
 
     Raises:
@@ -99,7 +97,7 @@ class ArchiveWriter:
     def append(self, variant: int, chunk: Trajectory) -> None:
         """Appends consecutive frames of a variant to an archive, from any thread; waits while too much is under way.
 
-        Leave the arrays as they are until `finish`: other threads read them later.
+        Leave the arrays as they are until `finish`.
 
         Raises:
             ArchiveError: a disk that is full or gone, now or since an earlier call.
@@ -161,7 +159,7 @@ class ArchiveWriter:
         return track
 
     def _encode_chunk(self, job: _ChunkJob) -> tuple[_ChunkJob, list[PackedChunk]]:
-        """Compressed chunks of an archive's job, a variant's first behind its outlines; in a thread of its own."""
+        """Compressed chunks of an archive's job, outlines before a variant's first."""
         track = job.track
         frames = track.layout.encode_frames(job.chunks, job.first, track.channels, track.full_scale)
         starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.frame_bytes)
@@ -180,7 +178,7 @@ class ArchiveWriter:
         return pack_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
 
     def _write_chunks(self, result: tuple[_ChunkJob, list[PackedChunk]]) -> None:
-        """Writes chunks to their archive file, in the only thread that touches the files."""
+        """Writes chunks to their archive file, all in one thread."""
         job, chunks = result
         track = job.track
         facts = {"color_tension_max": repr(track.full_scale)}
@@ -208,7 +206,7 @@ class ArchiveWriter:
         self._ended = True
 
     def abort(self) -> None:
-        """Ends an unfinished archive: what was written is kept with `salvage`, else dropped."""
+        """Ends an unfinished archive, kept with `salvage`, else dropped."""
         if not self._ended:
             self._ended = True
             self._pipeline.wait_for_jobs(drop=True)
@@ -222,7 +220,7 @@ class ArchiveWriter:
 
 
 def _slice_frames(chunk: Trajectory, start: int, stop: int, copy: bool = False) -> Trajectory:
-    """Frames start to stop of a trajectory to archive, as views or copies."""
+    """Frames start to stop of a trajectory, as views or copies."""
     if start == 0 and stop == len(chunk.time):
         return chunk
     held = {"time": chunk.time, **chunk.channels()}
@@ -241,11 +239,6 @@ def _color_scale_end(chunk: Trajectory) -> float:
 @check_arguments(ArchiveError)
 def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: ArchiveOptions | None = None) -> Path:
     """Writes a run to an MCAP archive; returns the path, which `read_archive` takes.
-
-    Args:
-        run: what `simulate` or `read_archive` returned.
-        path: appears under this name only when whole.
-        options: compression, split, threads; None takes the defaults.
 
     Raises:
         ArchiveError: an existing file, a folder or disk that refuses.

@@ -62,7 +62,7 @@ class PageSection(NamedTuple):
 
 
 def page_html(title: str, sections: Sequence[PageSection], style: str = PRINT_STYLE, end: str = "") -> str:
-    """A whole HTML document of sections, with links to them; `end` goes at the body's end."""
+    """A whole HTML page of sections, with links to them, and `end`."""
     links = " ".join(f'<a href="#{escape(s.name)}">{escape(s.title)}</a>' for s in sections)
     body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.section_html() for s in sections)])
     return (
@@ -74,7 +74,7 @@ def page_html(title: str, sections: Sequence[PageSection], style: str = PRINT_ST
 
 
 def page_section(name: str, title: str, *parts: str) -> PageSection:
-    """A section of an HTML page from anchor, title and those parts that are not empty."""
+    """A section of an HTML page from anchor, title and nonempty parts."""
     return PageSection(name, title, parts)
 
 
@@ -94,7 +94,7 @@ def bullets_html(lines: Iterable[str]) -> str:
 
 
 def engineering_number(value: float, digits: int = 5) -> str:
-    """A number as text for HTML pages: plain from 0.001 to a million, with a power of ten beyond."""
+    """A number as a page's text: plain from 0.001 to a million, else with a power of ten."""
     if value != value:
         return "\N{EN DASH}"
     size = abs(value)
@@ -106,7 +106,7 @@ def engineering_number(value: float, digits: int = 5) -> str:
 
 
 def column_number(value: float, decimals: int) -> str:
-    """A number as text with its table column's decimals, a small one with two digits at least."""
+    """A number as text with its table column's decimals, at least two digits."""
     return (
         engineering_number(value, significant_digits(value, decimals))
         if math.isfinite(value)
@@ -115,7 +115,7 @@ def column_number(value: float, decimals: int) -> str:
 
 
 def significant_digits(value: float, decimals: int) -> int:
-    """Significant digits (2 to 15) of a table's number that is written with so many decimals."""
+    """Significant digits (2 to 15) of a table's number with so many decimals."""
     return max(2, min(15, decimals + 1 + math.floor(math.log10(abs(value))))) if value else 2
 
 
@@ -130,7 +130,7 @@ _NUMBER_PATTERN = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?|\N{EN DASH}")
 
 
 def _is_number_cell(value: Any) -> bool:
-    """Whether an HTML table cell is a number, as text too, or is empty."""
+    """Whether an HTML table cell is a number, or empty."""
     return isinstance(value, int | float) or bool(_NUMBER_PATTERN.fullmatch(_cell_text(value)))
 
 
@@ -154,7 +154,7 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def picture_html(figure: Figure, words: str, kind: str = "svg+xml") -> str:
-    """A figure as an HTML image, SVG or PNG data; `words` describe it."""
+    """A figure as an HTML image of SVG or PNG, described by `words`."""
     import matplotlib
 
     buffer = io.BytesIO()

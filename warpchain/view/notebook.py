@@ -30,7 +30,7 @@ class Markup(str):
 
 
 def notebook_html(thing: Any) -> str:
-    """A drive, run or trajectory as HTML for notebooks; raises TypeError for anything else."""
+    """A drive, run or trajectory as HTML for notebooks; raises TypeError otherwise."""
     if isinstance(thing, Drive):
         return _drive_html(thing)
     if isinstance(thing, Run):
@@ -41,7 +41,7 @@ def notebook_html(thing: Any) -> str:
 
 
 def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
-    """A table as HTML for notebooks; cells are escaped unless they are `Markup`."""
+    """A table as HTML for notebooks; cells but `Markup` are escaped."""
 
     def row_html(cells: Sequence[str], tag: str) -> str:
         words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
@@ -60,7 +60,7 @@ def status_html(status: str) -> Markup:
 
 
 def value_with_unit(value: Any, unit: str) -> str:
-    """A value [SI] as text with a fitting unit for notebooks, such as 42.2 kN; "-" for None."""
+    """A value [SI] as a notebook's text, such as 42.2 kN, or "-"."""
     if value is None:
         return "-"
     bare = isinstance(value, bool | str) or not math.isfinite(value)
@@ -73,7 +73,7 @@ def _side_by_side_html(left: str, right: str) -> str:
 
 
 def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
-    """A drive's picture as HTML, or the error's words where it cannot be drawn."""
+    """A drive's picture as HTML for notebooks, or the error's words."""
     try:
         return picture_html(drive_figure(of, frame, size=PICTURE_SIZE), "the drive", "png")
     except WarpchainError as error:

@@ -1,4 +1,4 @@
-"""Colors of pictures: of curves and dots, and the scale of link tension from blue (0 N) to red."""
+"""Colors of pictures: curves, dots, and the scale of link tension from blue (0 N) to red."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CURVE_PALETTE: tuple[Color, ...] = (
     *((90, 170, 240), (250, 165, 100), (125, 210, 125), (220, 110, 200), (230, 220, 90), (120, 225, 225)),
     *((240, 130, 125), (170, 145, 250), (185, 150, 115), (165, 230, 50), (150, 190, 165), (245, 180, 225)),
 )
-"""Colors of curves in Rerun and of compared variants, distinct on a dark ground."""
+"""Colors of curves in Rerun and of compared variants."""
 EXTREME_COLORS: dict[str, Color] = {"largest": (255, 75, 75), "mean": (240, 240, 240), "smallest": (95, 120, 255)}
 """Colors of the curves of the largest, mean and smallest tension."""
 SHOWN_DOT, RECORDED_DOT, BEST_DOT, OTHER_DOT = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
@@ -35,7 +35,7 @@ BREAKING_LOAD = "breaking"
 QUANTILE_FRAMES = 500
 """Frames, about, from which the tension scale's quantile is taken."""
 ScaleTop = float | str | None
-"""Upper end of the tension color scale: a tension [N], `BREAKING_LOAD`, or None for a quantile."""
+"""Upper end of the tension color scale: [N], `BREAKING_LOAD`, or None for a quantile."""
 
 
 def variant_shades(color: Color) -> tuple[Color, ...]:
@@ -50,7 +50,7 @@ def _mixed_color(color: Color, share: float, gray: int) -> Color:
 
 
 def curve_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
-    """Color of every curve by its part's name; shades of the color of `variant` if given."""
+    """Colors of curves by part's name, shades of `variant` if given."""
     bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
     others = [part.name for parts in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(drive, parts)]
     if variant is None:
@@ -71,7 +71,7 @@ def tension_color_table() -> NDArray[np.uint8]:
 
 
 def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
-    """Tensions [N] as steps 0 to 255 of the color scale up to `top` [N]; not finite: 0."""
+    """Tensions [N] as steps 0 to 255 of the color scale up to `top` [N]."""
     share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
     share += np.float32(0.5)
     np.clip(share, 0.0, 255.0, out=share)
@@ -99,7 +99,7 @@ def tension_colormap() -> ListedColormap:
 def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = None) -> float:
     """Tension [N] at the red end of the color scale of recordings.
 
-    None takes `tension_colors.SCALE_PERCENTILE` of link tensions in the latter half, the largest of all recordings.
+    None takes `tension_colors.SCALE_PERCENTILE` of the latter half's link tensions.
 
     Raises:
         SimulationError: a limit that is no positive number, or the breaking load of a chain without a size.

@@ -29,7 +29,7 @@ RunSource = Run | str | Path
 
 @dataclass(frozen=True)
 class RecordedVariant:
-    """A recorded variant to draw: its run, number, trajectory, and label beside others."""
+    """A recorded variant to draw, with its label beside others."""
 
     run: Run
     index: int
@@ -38,7 +38,7 @@ class RecordedVariant:
 
 
 def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[str] = DRIVE_CHANNELS) -> RecordedVariant:
-    """A recorded variant of a run or archive to draw, the first one where none is named.
+    """A recorded variant of a run or archive to draw; None takes the first.
 
     Raises:
         ArchiveError: an archive that cannot be read.
@@ -57,7 +57,7 @@ def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[st
 
 
 def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
-    """Chains of a recorded variant, each as a variant of its own to draw."""
+    """Chains of a recorded variant, each as a variant to draw."""
     if not one.trajectory.drive.chains:
         return [one]
     chains = chain_trajectories(one.trajectory).items()
@@ -77,10 +77,8 @@ def compared_variants(
 ) -> list[RecordedVariant]:
     """Recorded variants to compare in a picture, each once, with labels that differ.
 
-    `others` are each a variant's number in `source`, another run or archive, or "ARCHIVE:NUMBER".
-
-    Raises:
-        ArchiveError, SimulationError: as `recorded_variant`.
+    `others` are each a variant's number in `source`, another run or archive, or "ARCHIVE:NUMBER"; raises as
+    `recorded_variant`.
     """
     first = recorded_variant(source, variant, needed)
     home = "" if isinstance(source, Run) else Path(source).stem
@@ -115,7 +113,7 @@ def compared_variants(
 
 
 def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None]:
-    """Run or path (None: the same run) and number of a variant to compare."""
+    """Run or path, or None, and number of a variant to compare."""
     if isinstance(word, int):
         return None, word
     if isinstance(word, Run):
@@ -130,7 +128,7 @@ def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, in
 
 
 def varied_inputs(run: Run) -> dict[str, np.ndarray]:
-    """Numbers of the drive that differ between a run's variants: values (V,) by key path."""
+    """Numbers of the drive that vary in a run: values (V,) by key path."""
     flat = [_numbers_by_path(drive.as_read.model_dump()) for drive in run.drives]
     names: dict[str, None] = {}
     for values in flat:
@@ -140,7 +138,7 @@ def varied_inputs(run: Run) -> dict[str, np.ndarray]:
 
 
 def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
-    """Numbers in a drive's nested tables and lists by key path, elements of lists by name."""
+    """Numbers in a drive's nested tables and lists by key path."""
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return {}
     if isinstance(node, (int, float)):

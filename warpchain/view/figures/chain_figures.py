@@ -43,7 +43,7 @@ MOST_DOTS = 20_000
 
 
 def hardest_pressed_roller(trajectory: Trajectory) -> int:
-    """Number of the roller that guides, or else sprockets, press hardest in the chain's last round."""
+    """Number of the roller that guides, or else sprockets, press hardest."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     part = last_round_frames(trajectory)
     by_guides = guide_force[part].max(axis=0)
@@ -51,7 +51,7 @@ def hardest_pressed_roller(trajectory: Trajectory) -> int:
 
 
 def strand_displacement_figure(trajectory: Trajectory) -> Figure:
-    """Figure of every strand's transverse displacement over time (the paper's Figures 9 and 10)."""
+    """Figure of strands' transverse displacement over time (the paper's Figures 9, 10)."""
     names = trajectory.drive.strand_names
     title = "Transverse displacement of each strand at mid-span"
     figure, axes = panel_column(len(names), 2.2 * len(names) + 0.9, title, trajectory)
@@ -90,7 +90,7 @@ def guide_force_figure(trajectory: Trajectory) -> Figure:
 
 
 def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
-    """Figure of one link's tension over the chain's last round (the paper's Figure 11)."""
+    """Figure of one link's tension in the chain's last round (the paper's Figure 11)."""
     whole, trajectory = trajectory, trajectory.at(last_round_frames(trajectory))
     (tension,) = require_channels(trajectory, "tension")
     figure, (axis,) = panel_column(1, 4.4, f"Tension of link {link} over the chain's last round", whole)
@@ -104,7 +104,7 @@ def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
 
 
 def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
-    """Figure of the contact forces on one roller over the chain's last round (the paper's Figure 12)."""
+    """Figure of contact forces on one roller in the chain's last round (the paper's Figure 12)."""
     whole, trajectory = trajectory, trajectory.at(last_round_frames(trajectory))
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     figure, (above, below) = panel_column(
@@ -121,7 +121,7 @@ def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
 
 
 def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> None:
-    """Shades the spells of a panel in which a roller is on each sprocket."""
+    """Shades a panel where a roller is on each sprocket."""
     on = engaged_sprockets(trajectory, np.array([roller]))[:, 0]
     named: set[int] = set()
     frame = 0
@@ -138,7 +138,7 @@ def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> No
 
 
 def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
-    """Figure of every link's tension over time as an image; `top` is the color scale's red end [N]."""
+    """Image figure of all links' tension over time, colors up to `top` [N]."""
     (tension,) = require_channels(trajectory, "tension")
     figure, (axis,) = panel_column(1, 7.0, "Tension of all links over time", trajectory)
     _, rows = peaks_over_time(tension, WATERFALL_ROWS)
@@ -155,7 +155,7 @@ def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -
 
 
 def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
-    """Figure of order spectra of strand tensions and transmission errors; None where there are none."""
+    """Figure of order spectra of strand tensions and transmission errors, or None."""
     groups = order_spectra(trajectory)
     if not groups:
         return None

@@ -1,4 +1,4 @@
-"""The picture of a drive: sprockets, chain, guides, arms and tensioners in place, and forces on the chain."""
+"""The picture of a drive: its parts in place, and forces on the chain."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ PART_STYLES: dict[str, dict[str, Any]] = {
     "housing": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 1},
     "plunger": {"fc": "0.65", "ec": STEEL, "lw": 0.7, "zorder": 0.5},
 }
-"""Styles of a drive picture's parts by kind; those with a face are closed outlines, the others lines."""
+"""Styles of a drive picture's parts by kind; a face closes the outline."""
 
 
 def drive_figure(
@@ -56,7 +56,7 @@ def drive_figure(
 
     Args:
         frame: None is three quarters through.
-        top: tension at the red end of the color scale [N]; None takes `tension_scale_top`.
+        top: tension at the red end of the color scale [N].
         size: of the drive's longer side [in].
 
     Raises:
@@ -119,11 +119,11 @@ def drive_figure(
 
 
 TITLE_LETTERS = 9.0
-"""Letters of a drive picture's title in an inch of width, beside the color scale."""
+"""Letters of a drive picture's title in an inch of width."""
 
 
 class _PosedChain(NamedTuple):
-    """A chain to draw: its drive, the pose of its bodies, and the rollers' centers [m]."""
+    """A chain to draw: drive, bodies' pose, and rollers' centers [m]."""
 
     drive: Drive
     pose: DrivePose
@@ -131,13 +131,13 @@ class _PosedChain(NamedTuple):
 
 
 def _chain_at_start(drive: Drive) -> _PosedChain:
-    """A drive's chain to draw along its path, bodies as in the drive file."""
+    """A drive's chain to draw along its path, at the start."""
     path = chain_path(drive)
     return _PosedChain(drive, pose_at_start(drive, path), chain_outline(drive, path))
 
 
 def draw_parts(axis: Any, drive: Drive, pose: DrivePose, parts: list[OutlinePart], factor: float) -> None:
-    """Draws a drive's parts with their names into a picture, `factor` axis units a meter."""
+    """Draws a drive's parts and names into a picture, `factor` units a meter."""
     from matplotlib.patheffects import withStroke
 
     halo: Any = {"path_effects": [withStroke(linewidth=2.0, foreground="white")], "zorder": 5}
@@ -160,7 +160,7 @@ def draw_parts(axis: Any, drive: Drive, pose: DrivePose, parts: list[OutlinePart
 
 
 def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
-    """Draws chains' links in the color of their tension, the scale up to `top` [N]."""
+    """Draws chains' links in the colors of tensions up to `top` [N]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
@@ -173,7 +173,7 @@ def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: floa
 
 
 def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
-    """Draws contact forces on rollers as arrows into a picture, `reach` meters a newton."""
+    """Draws contact forces on rollers into a picture, `reach` [m] a newton."""
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
     straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002, "zorder": 4}
     for force, (color, label) in zip(arrows, kinds, strict=True):
@@ -184,7 +184,7 @@ def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: 
 
 
 def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
-    """Contact forces (N, 2) [N] at a frame of sprockets and of guides, and the largest; [] if not recorded."""
+    """Contact forces (N, 2) [N] at a frame, of sprockets and of guides, and the largest."""
     needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
     if any(getattr(chain, channel) is None for chain in chains for channel in needed):
         return [], 0.0
@@ -194,7 +194,7 @@ def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array]
 
 
 def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
-    """Lower left and upper right corner [m] of a drive's picture around lines, with a margin."""
+    """Lower left and upper right corner [m] of a drive's picture."""
     points = np.concatenate(lines)
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -203,7 +203,7 @@ def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
 
 
 def _figure_size(tall: float, size: float) -> tuple[float, float]:
-    """Width and height [in] of a figure around a drawing `tall` times as high as wide."""
+    """Width and height [in] of a figure of a drawing `tall` times as high as wide."""
     wide = float(np.clip(size / max(tall, 1e-9), 3.2, size + 0.5))
     return wide + 1.7, min(wide * tall, size + 1.0) + (1.9 if tall > 1.0 else 1.4)
 
@@ -214,7 +214,7 @@ TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "z
 
 
 def draw_dimensions(axis: Any, drive: Drive, pose: DrivePose, travel: list[Array], factor: float) -> None:
-    """Writes teeth, radii, wrap angles, links and arm angles into a picture, `factor` axis units a meter."""
+    """Writes teeth, radii, wrap angles, links and arm angles into a drive's picture."""
     from matplotlib.patheffects import withStroke
 
     path = chain_path(drive)
@@ -271,7 +271,7 @@ def text_count_at(axis: Any, point: Any) -> int:
 
 
 def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
-    """Words for each strand's number of links, or its pitches where the chain does not fit."""
+    """Words for each strand's number of links, or pitches where the chain does not fit."""
     try:
         return [f"{links} links" for links in assemble(drive).strand_links]
     except DriveError:
@@ -279,6 +279,6 @@ def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
 
 
 def _length_text(meters: float) -> str:
-    """A length [m] as text with a fitting unit for a drive's picture."""
+    """A length [m] as a picture's text with a fitting unit."""
     unit, factor = display_unit("m", meters)
     return f"{factor * meters:.4g} {unit}"

@@ -1,4 +1,4 @@
-"""Style of all figures: panels, titles with what was run, line colors, curves thinned to their peaks, files."""
+"""Style of all figures: panels, titles, line colors, curves thinned to their peaks, files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LINE_COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "
 _STEADY = 0.01
 """Share of the top speed within which a mean speed is that."""
 CURVE_SPELLS = 4000
-"""Spells that a figure's curve is thinned to, the smallest and largest value of each kept."""
+"""Spells of a figure's curve, of each the smallest and largest value drawn."""
 
 
 def strand_label(name: str) -> str:
@@ -38,7 +38,7 @@ def strand_label(name: str) -> str:
 
 
 def run_line(of: Drive | Trajectory) -> str:
-    """Title line of a drive or run: links, pitch, the driver's speed, temperature."""
+    """Figure's title line of a drive or run: links, pitch, driver's speed, temperature."""
     drive = of if isinstance(of, Drive) else of.drive
     chains = chain_drives(drive.as_read)
     pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(chain.drive.chain.pitch for chain in chains))
@@ -49,7 +49,7 @@ def run_line(of: Drive | Trajectory) -> str:
 
 
 def driver_speed_text(of: Drive | Trajectory) -> str:
-    """The driver's name and speed in words; of a run its mean, where that is not the top speed."""
+    """The driver's name and speed in words, of a run its mean if not the top speed."""
     drive = of if isinstance(of, Drive) else of.drive
     name, top = drive.sprockets[drive.driver].name, drive.driver_speed
     if isinstance(of, Drive):
@@ -71,7 +71,7 @@ def rpm_of_speed(speed: float) -> float:
 def panel_column(
     rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True
 ) -> tuple[Figure, list[Any]]:
-    """An empty figure, `height` [in] high, of panels below each other, titled by what was run; and its axes."""
+    """An empty figure of panels below each other, each figure `height` [in] high, with its axes."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     figure = PlainFigure(figsize=(10.0, height), layout="constrained")
@@ -85,7 +85,7 @@ def panel_column(
 
 
 def draw_legend(axis: Any) -> None:
-    """Draws a panel's legend on its right; none where no curve has a name."""
+    """Draws a panel's legend on its right, if curves have names."""
     if axis.get_legend_handles_labels()[0]:
         beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.005, 1.0), "borderaxespad": 0.0}
         axis.legend(fontsize=8, frameon=False, handlelength=1.4, **beside)
@@ -99,7 +99,7 @@ def draw_tooth_orders(axis: Any, teeth: int) -> None:
 
 
 def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
-    """An empty figure of panels in rows of `columns`, each `width` by `height` [in]; and its axes."""
+    """An empty figure of panels of `width` by `height` [in] in `columns`, with its axes."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     columns = min(columns, count)
@@ -114,17 +114,13 @@ def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[F
 
 
 def draw_curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
-    """Draws a curve into a panel, a long one thinned to its peaks."""
+    """Draws a curve into a panel, thinned to its peaks."""
     kept = peak_frames(y, CURVE_SPELLS)
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Writes a figure as its path's ending says; the file appears only when whole.
-
-    Raises:
-        ArchiveError: a file that cannot be written.
-    """
+    """Writes a figure as its path's ending says, whole or not at all; raises ArchiveError."""
     with refusals_as_errors(path, ArchiveError), whole_file(path) as file:
         figure.savefig(file, format=path.suffix[1:], dpi=130)
 

@@ -10,16 +10,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LABEL_DISTANCES, LABEL_DIRECTIONS = (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0), 24
-"""Distances [pt] of a label from its point to try, and the number of directions."""
+"""Distances [pt] of a label from its point to try, and number of directions."""
 TEXT_COST, MOVE_COST = 20.0, 2.0
-"""Cost of a covered pixel of another label, and of a point that a label moves; a part's pixel costs 1."""
+"""Cost of another label's covered pixel and of a point's move; a part's pixel costs 1."""
 
 
 def move_labels(axis: Any, fixed: Array) -> None:
-    """Moves a picture's labels, the widest first, to where they cover least beside their point.
-
-    `axis` has its limits set, and texts at offsets in points; those at `fixed` (n, 2) stay.
-    """
+    """Moves a picture's labels, the widest first, to where they cover least; those at `fixed` (n, 2) stay."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure, texts = axis.figure, list(axis.texts)
@@ -49,7 +46,7 @@ def move_labels(axis: Any, fixed: Array) -> None:
 
 
 def _label_moves(box: Array, point: Array, scale: float) -> Array:
-    """Moves (n, 2) [px] to try for a label's box: none, and to all sides of its point."""
+    """Moves (n, 2) [px] to try for a label's box."""
     half, middle = 0.5 * (box[2:] - box[:2]), 0.5 * (box[2:] + box[:2])
     angle = np.arange(LABEL_DIRECTIONS) * (2.0 * np.pi / LABEL_DIRECTIONS)
     to = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -65,7 +62,7 @@ def _box_pixels(box: Array) -> tuple[slice, slice]:
 
 
 def _covering_cost(covered: Array, box: Array, inside: Array) -> float:
-    """Sum of the covered pixels below a label's box; infinite where it leaves the axes."""
+    """Pixels that a label's box covers; infinite where it leaves the axes."""
     if (box[:2] < inside[:2]).any() or (box[2:] > inside[2:]).any():
         return np.inf
     return float(covered[_box_pixels(box)].sum())

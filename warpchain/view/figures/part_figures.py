@@ -1,4 +1,4 @@
-"""Figures of a report on parts: load of guides, friction power, wear of joints, bodies over time, probes."""
+"""Figures of a report on parts: load of guides, friction, wear, bodies over time, probes."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 SPEED_SPELLS = 24
 """Spells of time, sorted by speed, over which friction power is averaged."""
 STEADY_SPREAD = 0.2
-"""Share of the largest speed within which speeds are one in a figure of friction."""
+"""Share of the largest speed within which a friction figure has one speed."""
 
 
 def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
-    """Figure of a guide's load along its face: force per length, largest roller force, p v."""
+    """Figure of a guide's load along its face: force per length, roller force, p v."""
     load: GuideLoad = found.guide_loads[g]
     inside = load.mean > 0.0
     span = load.place[inside] if inside.any() else load.place
@@ -60,7 +60,7 @@ def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
 
 
 def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
-    """Unit and factor to show values of a unit; one per meter is shown per millimeter."""
+    """Unit and factor to show values, one per meter as per millimeter."""
     if not unit.endswith("/m"):
         return display_unit(unit, values)
     word, factor = display_unit(unit.removesuffix("/m"), 1e-3 * values)
@@ -68,7 +68,7 @@ def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
 
 
 def friction_power_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of friction power by group over the driver's speed, or over time; None without friction."""
+    """Figure of friction power by group over the driver's speed or time, or None."""
     groups = friction_power_by_group(found.drive, found.friction_power)
     if not groups:
         return None
@@ -96,14 +96,14 @@ def friction_power_figure(found: EngineeringReport) -> Figure | None:
 
 
 def draw_stacked_areas(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
-    """Draws rows of values into a panel as areas above each other, with a legend."""
+    """Draws rows of values into a panel as stacked areas with a legend."""
     axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINE_COLORS, alpha=0.75, lw=0)
     axis.set_xlim(x[0], x[-1])
     axis.legend(loc="upper left", fontsize=8)
 
 
 def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
-    """Figure of variants' mean friction power [W] by group over the driver's speed (V,) [rad/s]."""
+    """Figure of variants' mean friction power [W] by group over speed (V,) [rad/s]."""
     figure, (axis,) = panel_column(1, 3.4, "", None)
     unit, factor = display_unit("W", np.sum(list(groups.values()), axis=0))
     draw_stacked_areas(axis, rpm_of_speed(1.0) * speed, {name: factor * values for name, values in groups.items()})
@@ -113,12 +113,12 @@ def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Ar
 
 
 def _spell_means(values: Array, spells: int) -> Array:
-    """Means of a figure's values over at most `spells` equal spells of time."""
+    """Means of a figure's values over at most `spells` equal spells."""
     return np.array([part.mean() for part in np.array_split(values, min(spells, len(values)))])
 
 
 def joint_wear_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of every joint's force times sliding speed in the window; None without a pin radius."""
+    """Figure of every joint's force times sliding speed, or None without pin radius."""
     if found.joint_wear is None:
         return None
     rate = found.joint_wear.loaded / found.joint_wear.seconds
@@ -134,11 +134,11 @@ def joint_wear_figure(found: EngineeringReport) -> Figure | None:
 
 
 BODY_LISTS = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings", "valve": "valves"}
-"""Kinds of bodies with channels of their own, and the drive's list of each."""
+"""Lists of a drive by kinds of bodies with channels of their own."""
 
 
 def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
-    """Recorded channels of a kind of body: title, unit and values (F, bodies)."""
+    """Recorded channels of a kind of body: unit and values (F, bodies) by title."""
     return {
         channel.description: (channel.unit, np.asarray(values, dtype=float))
         for channel in CHANNELS
@@ -149,7 +149,7 @@ def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Arr
 
 
 def body_figure(found: EngineeringReport, kind: str, k: int) -> Figure | None:
-    """Figure of all channels recorded of body `k` over time; None where there are none."""
+    """Figure of all channels of body `k` over time, or None."""
     held = body_channels(found.whole, kind)
     if not held:
         return None
@@ -164,7 +164,7 @@ def body_figure(found: EngineeringReport, kind: str, k: int) -> Figure | None:
 
 
 def probe_figure(found: EngineeringReport, name: str) -> Figure:
-    """Figure of a probe's tension, speed along the chain and transverse displacement over time."""
+    """Figure of a probe's tension, chain speed and transverse displacement over time."""
     seen = found.probe_signals[name]
     figure, axes = panel_column(3, 5.6, "", None)
     rows = (("tension", "N", seen.tension), ("speed", "m/s", seen.speed), ("displacement", "m", seen.displacement))

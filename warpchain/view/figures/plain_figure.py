@@ -9,7 +9,7 @@ from matplotlib.text import Text
 
 
 class PlainFigure(Figure):
-    """A matplotlib figure whose texts may hold any character; ticks keep powers of ten."""
+    """A matplotlib figure whose texts may hold any character."""
 
     def draw(self, renderer: Any) -> None:
         """Draws the figure, all texts but ticks as plain text."""

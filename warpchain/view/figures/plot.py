@@ -1,4 +1,4 @@
-"""Figures of runs by name, drawn or written as files: those of one variant, and Campbell diagrams of several."""
+"""Figures of runs by name, drawn or written: those of one variant, and Campbell diagrams of several."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
     "order-spectrum": lambda t, *_: order_spectrum_figure(t),
     "contact-angle": lambda t, *_: contact_angle_figure(t),
 }
-"""Figures of a variant by name, from trajectory, roller and color limit [N]; None where nothing is to draw."""
+"""Functions of figures by name, from trajectory, roller and color limit [N]."""
 
 RESONANCE_MULTIPLE = 8.0
-"""Multiple of the highest transverse frequency up to which a Campbell diagram shows resonances."""
+"""Multiple of the highest transverse frequency up to which a Campbell diagram marks resonances."""
 
 
 def draw_figures(
@@ -62,7 +62,7 @@ def draw_figures(
 
 
 def _figures_by_chain(whole: Trajectory, only: Sequence[str], roller: int | None, scale: ScaleTop) -> dict[str, Figure]:
-    """Figures of a drive of several chains by "CHAIN NAME", the drive's picture once."""
+    """Figures of a drive of several chains by "CHAIN NAME"."""
     drawn: dict[str, Figure] = {}
     chosen = only or tuple(FIGURES)
     if "drive" in chosen:
@@ -100,9 +100,8 @@ def plot_figures(
 
     Args:
         source: a run, or an archive's path.
-        folder: made if need be.
         variant: None is the first recorded.
-        kind: file ending, "png" or "svg", or both.
+        kind: "png" or "svg", or both.
         only: names of `FIGURES` to draw; () is all.
         roller: whose contact forces and link's tension are drawn; None takes the hardest pressed one.
         scale: link tension at the red end of the color scale, as `warpchain.view.rerun.view` takes it.
@@ -120,8 +119,7 @@ def plot_sweep(
     """Writes the Campbell diagrams of `draw_sweep` as image files and returns their paths.
 
     Raises:
-        ArchiveError: an archive that cannot be read, or a folder that cannot be written.
-        SimulationError: as `draw_sweep`.
+        ArchiveError, SimulationError: as `draw_sweep`, or a folder that cannot be written.
     """
     return save_figures(draw_sweep(sources), folder, kind)
 

@@ -33,7 +33,7 @@ SHOWN_CYCLES = 2
 
 
 def measured_figure(trajectory: Trajectory, found: SignalComparison) -> Figure:
-    """Figure of a measured and a simulated signal over time, and of their order spectra."""
+    """Figure of a measured and a simulated signal over time and order."""
     measured = found.measured
     signals = [(found.time, found.simulated), (measured.time, measured.values)]
     first, last = max(time[0] for time, _ in signals), min(time[-1] for time, _ in signals)
@@ -56,7 +56,7 @@ def measured_figure(trajectory: Trajectory, found: SignalComparison) -> Figure:
 
 
 def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor: float) -> None:
-    """Draws the order spectra of a measured and a simulated signal into a panel."""
+    """Draws the order spectra of measured and simulated signals into a panel."""
     driver = drive.sprockets[drive.driver]
     last = (TOOTH_PASSINGS + 0.5) * driver.teeth
     peak = 0.0
@@ -81,9 +81,9 @@ def _arrays_by_column(table: pa.Table) -> dict[str, NDArray[np.float64]]:
 
 
 def tensioner_loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figure:
-    """Figure of a tensioner's force over displacement, with pressure and valve lift, in its last cycles.
+    """Figure of a tensioner's force, pressure and valve lift over displacement in its last cycles.
 
-    `tables` are samples of rides by label, each of `cycles`.
+    `tables` are samples of rides by label.
     """
     from warpchain.view.figures.plain_figure import PlainFigure
 
@@ -133,13 +133,13 @@ SWEEP_PANELS: tuple[tuple[str, str, Sequence[tuple[str, str]], float], ...] = (
     ("work", "energy [J/cycle]", (("work", "-"),), 1.0),
     ("leaked", "leaked [mm\N{SUPERSCRIPT THREE}/cycle]", (("leaked", "-"),), 1e9),
 )
-"""Panels of a tensioner's sweep: name, label, columns with line styles, the unit's factor."""
+"""Panels of a tensioner's sweep: name, label, columns with line styles, unit factor."""
 
 
 def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, title: str) -> Figure:
     """Figure of a tensioner's extreme forces and pressures, work and leakage over frequency or temperature.
 
-    `rides` are tables by label, a curve each, with rows at `x`; `axis` is the label of `x`.
+    `rides` are tables by label, a curve each, with rows at `x`.
     """
     from warpchain.view.figures.plain_figure import PlainFigure
 

@@ -1,4 +1,4 @@
-"""Figures of a report on shafts: hub forces, phase errors, the cycle of two turns, tooth jump."""
+"""Figures of a report on shafts: hub forces, phase errors, the driver's cycle, tooth jump."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STEADY_SPREAD = 0.2
 
 
 def hub_force_figure(found: EngineeringReport) -> Figure:
-    """Figure of the chain's force on every shaft as hodographs over the window."""
+    """Figure of the chain's force on every shaft as hodographs."""
     drive, hubs = found.drive, found.hub_forces
     unit, factor = display_unit("N", hubs)
     figure, axes = panel_grid(len(drive.sprockets), 3, 3.6, 3.6)
@@ -48,7 +48,7 @@ def hub_force_figure(found: EngineeringReport) -> Figure:
 
 
 def phase_error_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of shafts' phase errors over time, in degrees of the driver; None with the driver alone."""
+    """Figure of shafts' phase errors over time, in degrees of the driver, or None."""
     drive = found.drive
     driven = list(found.phase_errors)
     if not driven:
@@ -68,7 +68,7 @@ def phase_error_figure(found: EngineeringReport) -> Figure | None:
 
 
 def phase_error_order_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of phase errors' amplitudes by order; None without a whole cycle in the window."""
+    """Figure of phase errors' amplitudes by order, or None without a whole cycle."""
     phases = {s: phase for s, phase in found.phase_errors.items() if phase.amplitude is not None}
     if not phases:
         return None
@@ -98,7 +98,7 @@ def has_even_speed(found: EngineeringReport) -> bool:
 
 
 def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of tensions, hub forces and phase errors over two driver turns; None where its speed varies."""
+    """Figure of tensions, hub forces and phase errors over two driver turns, or None."""
     if not has_even_speed(found):
         return None
     drive, part = found.drive, found.part
@@ -140,7 +140,7 @@ def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
 
 
 def least_finite(values: Array) -> float:
-    """The smallest finite value for a figure's axis; nan where there is none."""
+    """The smallest finite value for a figure's axis, or nan."""
     return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
 
 

@@ -1,4 +1,4 @@
-"""Spectra over speed: Campbell diagrams of several runs, and order cuts over the speeds of one run-up."""
+"""Spectra over speed: Campbell diagrams of several runs, order cuts of one run-up."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class SpeedSweep:
         speed: (R,) mean speed of the driver [rpm], ascending.
         frequency, amplitude: R arrays [Hz], [unit of the signal].
         teeth: of the driver.
-        natural: (R,) first transverse frequency of the strand [Hz]; None leaves it out.
+        natural: (R,) first transverse frequency of the strand [Hz], or None.
         excited: orders that motions and loads excite.
     """
 
@@ -78,7 +78,6 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
     """Spectra of every strand over the speeds of recorded variants that are ok, a sweep a strand.
 
     Args:
-        sources: runs, or archives' paths.
         signal: one of `STRAND_SIGNALS`.
 
     Raises:
@@ -128,12 +127,9 @@ def _driver_rpm(trajectory: Trajectory) -> float:
 
 
 def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -> Figure:
-    """Campbell diagram of spectra over speed, a panel a sweep, with tooth-passing and natural frequencies.
+    """Campbell diagram of spectra over speed, a panel a sweep; raises SimulationError without any.
 
-    `highest` ends the frequency axis [Hz]; None shows `TOOTH_MULTIPLES` tooth passings at the highest speed.
-
-    Raises:
-        SimulationError: nothing to draw.
+    `highest` ends the frequency axis [Hz]; None shows `TOOTH_MULTIPLES` tooth passings.
     """
     from matplotlib.colors import LogNorm
 
@@ -181,7 +177,7 @@ def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -
 def _spectrum_on_grid(
     even: NDArray[np.float64], frequency: NDArray[np.float64], amplitude: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A spectrum's amplitudes at even frequencies: the largest line near each, else the nearest."""
+    """A spectrum's amplitudes at even frequencies, largest lines kept."""
     step = even[1]
     at = np.rint(frequency / step).astype(int)
     inside = at < len(even)
@@ -194,7 +190,7 @@ def _spectrum_on_grid(
 
 
 def run_up_orders(drive: Drive) -> list[float]:
-    """Orders of the driver to cut a run-up at: excited ones and tooth passing."""
+    """Orders to cut a run-up at: excited ones and tooth passing."""
     from warpchain.assembly.table_cells import shaft_ratio
 
     teeth = drive.sprockets[drive.driver].teeth
@@ -210,7 +206,7 @@ def run_up_orders(drive: Drive) -> list[float]:
 
 
 def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, OrderCuts]]]:
-    """Order cuts of a run-up's speeds, tensions and hub forces by title, with unit; {} where speeds hardly differ."""
+    """Order cuts of a run-up's speeds, tensions and hub forces by title, with unit, or {}."""
     drive, whole = found.drive, found.whole
     if any(getattr(whole, name) is None for name in ("sprocket_speed", "sprocket_angle", "position", "tension")):
         return {}
@@ -244,7 +240,7 @@ def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, Orde
 
 
 def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, OrderCuts]) -> Figure:
-    """Figure of each order's amplitude over the driver's speed, a panel a shaft or strand."""
+    """Figure of each order's amplitude over the driver's speed, by shaft or strand."""
     figure, axes = panel_column(len(found), 1.9 * len(found) + 0.7, "", None)
     word, factor = display_unit(unit, *(cuts.amplitude for cuts in found.values()))
     for axis, (name, cuts) in zip(axes, found.items(), strict=True):

@@ -22,7 +22,7 @@ TABLE_DIGITS = 4
 
 
 def quantity_cells(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
-    """A value [SI] as two report cells, number and unit; `largest` picks the unit of a row."""
+    """A value [SI] as two report cells, number and unit fit for `largest`."""
     word, factor = display_unit_word(unit, value if largest is None else largest)
     return engineering_number(factor * value, TABLE_DIGITS), word
 
@@ -33,12 +33,12 @@ def quantity_text(value: float, unit: str) -> str:
 
 
 def climb_share_text(margin: float) -> str:
-    """A margin to tooth jump over the whole climb as text in percent."""
+    """A margin to tooth jump as text in percent of the climb."""
     return f"{100.0 * min(1.0, margin):.3g} %"
 
 
 def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
-    """Report's table rows of metrics that begin with a prefix: name, value, error, unit, title."""
+    """Report's rows of metrics with a prefix: name, value, error, unit, title."""
     for name, value in row.items():
         own = name.removeprefix(prefix)
         column = column_of_metric(name)
@@ -58,7 +58,7 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
 
 
 def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
-    """HTML tables of all metrics by part; the speed of sprockets in `alike` is another part's."""
+    """HTML tables of all metrics by part."""
     prefixes = [prefix for things in PART_PREFIXES.values() for prefix in things(drive)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
@@ -76,7 +76,7 @@ def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]
 
 
 def hub_force_table(found: EngineeringReport, row: Mapping[str, Any]) -> str:
-    """HTML table of mean and largest force on each shaft, of every step where known, else of frames."""
+    """HTML table of mean and largest force on each shaft."""
     rows: list[list[Any]] = []
     for s, sprocket in enumerate(found.drive.sprockets):
         frames = found.hub_forces[:, s]
@@ -109,7 +109,7 @@ def phase_error_table(found: EngineeringReport) -> str:
 
 
 def guide_load_table(found: EngineeringReport, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
-    """HTML table of each guide's load, with pressures where the width is known."""
+    """HTML table of each guide's load and pressure."""
     rows = []
     for g, guide in enumerate(found.drive.guides):
         load, width = found.guide_loads[g], found.drive.guide_contact(g).width
@@ -135,7 +135,7 @@ def guide_load_table(found: EngineeringReport, metrics: Mapping[str, float], row
 
 
 def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
-    """HTML table of each channel (F, count) of body `k`: extremes, mean, range, distance."""
+    """HTML table of body k's channels (F, count): extremes, mean, range, distance."""
     rows = []
     for title, (unit, values) in channels.items():
         moved = range_and_path(found.part.time, values[:, k])
@@ -150,7 +150,7 @@ def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str
 
 
 def check_valve_text(found: EngineeringReport, k: int) -> str:
-    """A sentence on the openings of tensioner k's check valve; "" without oil."""
+    """A sentence on the openings of tensioner k's check valve, or ""."""
     tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
     if pressure is None or tensioner.valve is None or tensioner.oil is None or tensioner.oil.supply_table is not None:
         return ""
@@ -163,7 +163,7 @@ def check_valve_text(found: EngineeringReport, k: int) -> str:
 
 
 def friction_power_table(found: EngineeringReport, row: Mapping[str, Any]) -> str:
-    """HTML table of mean friction powers, of every step and of the frames."""
+    """HTML table of mean friction powers, of steps and of frames."""
     seconds = found.end - found.start
     inside = found.whole.time >= found.start - 1e-12
     means = {name: float(values[inside].mean()) for name, values in found.friction_power.items()}

@@ -1,4 +1,4 @@
-"""The engineering report of a run as an HTML page, section by section."""
+"""The engineering report of a run as an HTML page."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def figure_html(figure: Figure | None, words: str) -> str:
 
 
 def summary_section(found: EngineeringReport, row: Row, info: RunInfo) -> html.PageSection:
-    """The report's section of status, key numbers, run settings and the drive's picture."""
+    """The report's section of status, key numbers, settings and picture."""
     status = row.get("status") or "unknown"
     boxes = [("" if status == "unknown" else status, status, "status")]
     metrics = found.metrics()
@@ -267,11 +267,11 @@ RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[EngineeringReport], 
     ("probes", "Probes", probe_parts, lambda found: bool(found.drive.probes)),
     ("metrics", "All metrics", metric_parts, lambda found: True),
 )
-"""Sections of a run's report: anchor, title, function that yields its HTML, whether a drive has it."""
+"""Sections of a run's report: anchor, title, HTML function, whether a drive has it."""
 
 
 def variants_friction_html(run: Run) -> str:
-    """HTML figure of friction power over the speeds of a run's variants; "" for fewer than three."""
+    """HTML figure of friction power over speeds of a run's variants, or ""."""
     known = friction_power_over_speed(run) if len(run.drives) > 2 else None
     return (
         ""
@@ -304,7 +304,7 @@ def run_heading(found: EngineeringReport) -> str:
 def run_report_html(
     source: Run | str | Path, variant: int | None = None, title: str | None = None, wear: Wear | None = None
 ) -> str:
-    """The engineering report of a recorded variant as HTML; arguments as of `report`."""
+    """The engineering report of a recorded variant as HTML; see `report`."""
     chosen = recorded_variant(source, variant)
     row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
     made: list[html.PageSection] = []
@@ -332,7 +332,7 @@ def report(
         path: the page's; one of that name is replaced.
         variant: None is the first recorded.
         title: heading of the page; None says what was run.
-        wear: how the joints wear; None takes the defaults.
+        wear: how the joints wear.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a page that cannot be written.

@@ -29,7 +29,7 @@ SCATTER_WIDTH = 1.1
 
 @dataclass(frozen=True)
 class ChartAxis:
-    """One axis of a Rerun chart: label with unit, ends low < high, linear or logarithmic."""
+    """One axis of a Rerun chart: label, ends, linear or logarithmic."""
 
     label: str
     low: float
@@ -37,14 +37,14 @@ class ChartAxis:
     logarithmic: bool = False
 
     def axis_shares(self, values: Any) -> NDArray[np.float64]:
-        """Values as shares of a chart's axis, 0 at its low end and 1 at its high end."""
+        """Values as shares of a chart's axis, from 0 to 1."""
         scale: Callable[[Any], Any] = np.log10 if self.logarithmic else np.asarray
         low, high = scale(self.low), scale(self.high)
         held = np.maximum(values, self.low) if self.logarithmic else values
         return np.asarray((scale(held) - low) / (high - low), dtype=float)
 
     def tick_values(self, most: int) -> NDArray[np.float64]:
-        """Round values for ticks between a chart axis's ends, about `most` of them."""
+        """Round values for a chart axis's ticks, about `most`."""
         from matplotlib.ticker import LogLocator, MaxNLocator
 
         locator = LogLocator(numticks=8) if self.logarithmic else MaxNLocator(most)
@@ -64,7 +64,7 @@ def axis_around(values: Any, label: str) -> ChartAxis:
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart in a Rerun view: a rectangle of `width` by 1 with ticks and labels, below one entity.
+    """A chart in a Rerun view: a rectangle of `width` by 1 with axes, below one entity.
 
     `beside` is room for a key on its right; `few` lets it have few ticks.
     """
@@ -78,7 +78,7 @@ class Chart:
     few: bool = False
 
     def _chart_points(self, x: Any, y: Any) -> NDArray[np.float32]:
-        """Points (..., 2) of the Rerun view at values of both chart axes."""
+        """Points (..., 2) of the Rerun view at values of both axes."""
         return np.stack(
             np.broadcast_arrays(self.width * self.x.axis_shares(x), 1.0 - self.y.axis_shares(y)), -1
         ).astype(np.float32)
@@ -154,7 +154,7 @@ class Chart:
         self.stream.log(path, scale, rr.Image(pixels, draw_order=-10.0), static=True)
 
     def log_cursor(self, name: str, time: NDArray[np.floating]) -> None:
-        """Logs a cursor to Rerun that runs along the chart's time axis with the playback."""
+        """Logs a cursor to Rerun that runs along the chart with the playback."""
         import rerun as rr
 
         line = self._chart_points(np.asarray(time)[:, None], np.array([self.y.low, self.y.high]))
@@ -180,7 +180,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class AxisQuantity:
-    """Quantity on a Rerun scatter's axis: a factor or metric, its values (R,), its unit."""
+    """Quantity on a Rerun scatter's axis: name, values (R,), unit."""
 
     name: str
     values: NDArray[np.float64]
@@ -194,7 +194,7 @@ class AxisQuantity:
 
 @dataclass(frozen=True)
 class DotGroup:
-    """Dots of one kind in a Rerun scatter: name, color, size [px], and rows (K,)."""
+    """Dots of one kind in a Rerun scatter, of rows (K,)."""
 
     kind: str
     color: Color
@@ -213,10 +213,7 @@ def log_scatter(
 ) -> Chart:
     """Logs a scatter of two quantities to Rerun and returns its chart.
 
-    Args:
-        groups: the dots, the last ones on top.
-        variants: (R,) number of each row's variant.
-        ranged: (R,) rows that the vertical axis holds; None is all.
+    `variants` (R,) numbers each row's variant; `ranged` (R,) are the rows that the vertical axis holds.
     """
     held = y.values if ranged is None else y.values[ranged]
     axes = axis_around(x.values, x.name), axis_around(held, "")

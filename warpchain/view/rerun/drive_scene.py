@@ -45,7 +45,7 @@ def thinned_trajectory(trajectory: Trajectory, budget: int) -> Trajectory:
 def log_drive(
     stream: rr.RecordingStream, root: str, shown: Trajectory, top: float, colors: Mapping[str, Color] | None = None
 ) -> None:
-    """Logs the drive in motion to Rerun below `root`; colors end at a tension of `top` [N]."""
+    """Logs the drive in motion to Rerun below `root`, colors up to `top` [N]."""
     (position,) = require_channels(shown, "position")
     x = flipped_points(position)
     colors = curve_colors(shown.drive) if colors is None else colors
@@ -58,7 +58,7 @@ def log_drive(
 
 
 def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int]) -> None:
-    """Logs the moving chain to Rerun as one thin line of one color."""
+    """Logs the moving chain to Rerun as one thin line."""
     import rerun as rr
 
     (position,) = require_channels(shown, "position")
@@ -73,7 +73,7 @@ def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, 
 
 
 def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32], top: float) -> None:
-    """Logs the chain to Rerun: rollers in the color of the next link's tension, on a line."""
+    """Logs the chain to Rerun: rollers colored by tension, on a line."""
     import pyarrow as pa
     import rerun as rr
 
@@ -144,7 +144,7 @@ def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors
 
 
 def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
-    """Logs arms to Rerun: pivots, and lines to guides' ends and to tensioners."""
+    """Logs arms to Rerun: pivots, lines to guides and tensioners."""
     import rerun as rr
 
     if shown.arm_angle is None:

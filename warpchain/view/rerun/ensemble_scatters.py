@@ -22,7 +22,7 @@ Values = dict[str, NDArray[np.float64]]
 
 
 def ensemble_metrics(drive: Drive) -> list[str]:
-    """Names of the metrics that an ensemble's scatters show, the most important first."""
+    """Names of the metrics of an ensemble's scatters in Rerun, by importance."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
     chains = [f"{chain.name}." for chain in drive.chains] or [""]
     return [
@@ -37,9 +37,9 @@ def ensemble_metrics(drive: Drive) -> list[str]:
 
 
 def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -> tuple[list[Chart], int]:
-    """Logs the scatters of a run's ensemble to Rerun; returns charts, a row an input, and the number of columns.
+    """Logs the scatters of a run's ensemble to Rerun; returns charts row by row and the number of columns.
 
-    [] and 0 where nothing varies. Dots of variants in `shown` are larger.
+    Dots of variants in `shown` are larger.
     """
     inputs = varied_inputs(run)
     metrics = _varied_metrics(run)

@@ -42,7 +42,7 @@ TURN_SECONDS = 2.0
 LEAST_SECONDS, MOST_SECONDS = 5.0, 30.0
 """Least and most seconds of a playback."""
 FRAME_BUDGET = 1000
-"""Frames of a recording to show in Rerun, unless another number is given."""
+"""Frames of a recording to show in Rerun by default."""
 
 
 def playback_blueprint(
@@ -59,10 +59,7 @@ def playback_blueprint(
         images: each variant's tension along the chain.
         ensemble: scatters row by row, and the number of columns.
         top: tension at which the color scale ends [N].
-        tab: the tab open at first, by how its name begins; None is the first.
-
-    Raises:
-        SimulationError: a tab that is not there.
+        tab: the tab open at first, by how its name begins; raises SimulationError for another.
     """
     import rerun.blueprint as rrb
 
@@ -200,13 +197,12 @@ def view(
     Args:
         source: a run, or an archive's path.
         variant: None is the first recorded.
-        save: file (.rrd) to write instead of opening a viewer; it appears under this name only when whole.
-        compare: further variants to lay over it: numbers in `source`, other runs or archives (their first recorded
-            variant), or "ARCHIVE:NUMBER".
+        save: file (.rrd) to write instead of opening a viewer.
+        compare: further variants to lay over it: numbers in `source`, other runs or archives, or "ARCHIVE:NUMBER".
         frames: most frames to draw; longer recordings are thinned without losing peaks (docs/playback.md).
         web: serve the web viewer until interrupted, instead of the native one.
         bind: address that the viewer listens at.
-        tab: the tab open at first, by how its name begins; None is the first.
+        tab: the tab open at first, by how its name begins.
         scale: link tension at the red end of the color scale [N], or "breaking", the chain's breaking load; None takes
             99.9 % of the tensions in the latter half of the recording.
         measured: signals from a rig (`warpchain.results.measured`) to draw over the first variant's curves.
@@ -239,7 +235,7 @@ def log_recording(
     scale: ScaleTop = None,
     measured: Sequence[SignalComparison] = (),
 ) -> rrb.Blueprint:
-    """Logs variants, their comparison and their run's ensemble to Rerun; returns the layout."""
+    """Logs variants, comparison and ensemble to Rerun; returns the layout."""
     shown = [chain for one in shown for chain in variants_by_chain(one)]
     several = len(shown) > 1
     top = tension_scale_top([one.trajectory for one in shown], scale)
@@ -265,7 +261,7 @@ def log_recording(
 def log_variant(
     stream: rr.RecordingStream, one: RecordedVariant, frames: int, top: float, color: Color | None = None
 ) -> Chart:
-    """Logs one variant's drive, curves and tension image to Rerun; returns the image's chart."""
+    """Logs one variant's drive, curves and tension image to Rerun; returns the chart."""
     drawn = thinned_trajectory(one.trajectory, frames)
     colors = curve_colors(one.trajectory.drive, color)
     log_drive(stream, one.label, drawn, top, colors)

@@ -1,4 +1,4 @@
-"""Signals of a run in Rerun: curves over time, tension along the chain as image, order spectra."""
+"""Signals of a run in Rerun: curves over time, tension image, order spectra."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ DISPLAY_FACTORS = {"displacement": 1e3, "extension": 1e3, "pressure": 1e-5} | di
 )
 """Factors from SI for groups of curves shown in another unit."""
 MOST_COLUMNS = 4096
-"""Most columns of a tension image in Rerun: a texture's least guaranteed limit is 8192."""
+"""Most columns of a tension image in Rerun."""
 
 
 def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
-    """Group, name and values (F,) of every curve that Rerun shows of a trajectory."""
+    """Group, name and values (F,) of every curve shown of a trajectory."""
     (tension,) = require_channels(trajectory, "tension")
     drive = trajectory.drive
     yield "tension", "largest", tension.max(axis=1)
@@ -94,10 +94,7 @@ def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[
 def log_curves(
     stream: rr.RecordingStream, root: str, trajectory: Trajectory, budget: int, colors: Mapping[str, Color], own: bool
 ) -> None:
-    """Logs every curve of a trajectory to Rerun, thinned to the budget with peaks kept.
-
-    `own`: curves are named after the variant.
-    """
+    """Logs a trajectory's curves to Rerun, thinned with peaks kept, named after the variant if `own`."""
     import pyarrow as pa
     import rerun as rr
 
@@ -118,7 +115,7 @@ def log_curves(
 def log_measured_signals(
     stream: rr.RecordingStream, root: str, found: Sequence[SignalComparison], budget: int
 ) -> list[SpectrumLine]:
-    """Logs measured signals to Rerun beside simulated curves; returns spectrum lines of tensions."""
+    """Logs measured signals to Rerun beside simulated curves; returns spectrum lines."""
     import pyarrow as pa
     import rerun as rr
 
@@ -140,7 +137,7 @@ def log_measured_signals(
 
 
 def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
-    """Range of a curve group's vertical axis, by ratios and errors in the latter half; None is all."""
+    """Range of a curve group's vertical axis in Rerun; None is all."""
     held = [np.zeros(0)]
     for trajectory in shown:
         drive, part = trajectory.drive, latter_half_frames(trajectory)
@@ -161,7 +158,7 @@ def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, fl
 def log_tension_image(
     stream: rr.RecordingStream, root: str, trajectory: Trajectory, shown: Trajectory, budget: int, top: float
 ) -> Chart:
-    """Logs the tension of all links over time to Rerun as an image that keeps peaks; returns its chart."""
+    """Logs the tension of all links over time to Rerun as an image; returns its chart."""
     (tension,) = require_channels(trajectory, "tension")
     _, peaks = peaks_over_time(tension, min(budget, MOST_COLUMNS))
     packed = packed_tension_colors(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
@@ -187,7 +184,7 @@ class SpectrumLine(NamedTuple):
 
 
 def spectrum_lines(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[str, list[SpectrumLine]]:
-    """Order spectra of a recording as colored lines by chart title; {} where there are none."""
+    """Order spectra of a recording as colored lines by chart title."""
     return {
         title: [SpectrumLine(one.name, colors.get(one.name, INK_COLOR), one.orders, one.amplitude) for one in found]
         for title, found in order_spectra(trajectory).items()
@@ -197,7 +194,7 @@ def spectrum_lines(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[
 def log_spectrum_charts(
     stream: rr.RecordingStream, found: dict[str, list[SpectrumLine]], teeth: Sequence[int]
 ) -> list[Chart]:
-    """Logs charts of order spectra to Rerun, tooth-passing orders marked; returns the charts."""
+    """Logs charts of order spectra with tooth-passing orders to Rerun; returns them."""
     charts = []
     for title, lines in found.items():
         peak = max(float(line.amplitude.max()) for line in lines)

@@ -1,4 +1,4 @@
-"""Rerun streams: columns sent from numpy arrays without a loop over frames, recordings as files (.rrd)."""
+"""Rerun streams: columns sent from numpy arrays, recordings as files (.rrd)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ComponentValues:
 
 
 def flipped_points(points: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Points (..., 2) [m] with y turned around for Rerun's 2D views, whose y points down."""
+    """Points (..., 2) [m] with y turned around for Rerun's 2D views."""
     out = np.empty(points.shape, dtype=np.float32)
     out[..., 0] = points[..., 0]
     np.negative(points[..., 1], out=out[..., 1], casting="same_kind")
@@ -45,7 +45,7 @@ def flipped_points(points: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
-    """An Arrow array of elements grouped into a list for each of `count` times."""
+    """An Arrow array of elements grouped into `count` lists."""
     import pyarrow as pa
 
     if isinstance(lengths, int):
@@ -65,7 +65,7 @@ def vector_array(values: NDArray[np.float32]) -> pa.Array:
 
 
 def line_strip_array(points: NDArray[np.float32]) -> pa.Array:
-    """An Arrow array of line strips of P points from floats (..., P, 2)."""
+    """An Arrow array of line strips from floats (..., P, 2)."""
     import pyarrow as pa
 
     inner = vector_array(points)

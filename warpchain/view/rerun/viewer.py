@@ -1,4 +1,4 @@
-"""Rerun's viewer as a process: native, in the browser or headless, listening at a given address."""
+"""Rerun's viewer as a process: native, in the browser or headless."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ sys.exit(viewer.returncode)
 """
 """Program that runs Rerun's viewer and ends it when this process ends."""
 DATA_PORT, PAGE_PORT = 9876, 9090
-"""Ports tried first by Rerun's viewer: of the data, of the web page."""
+"""Ports tried first by Rerun's viewer: data, web page."""
 LISTEN_PATIENCE = 30.0
 """Seconds that Rerun's viewer may take to listen."""
 FLUSH_TIMEOUT = 0.5
@@ -42,7 +42,7 @@ OTHER_WAYS = "use --web for a browser, --save OUT.rrd for a file, or a machine w
 
 
 def viewer_program() -> str:
-    """Path of the `rerun` program, beside this Python or on the search path; raises SimulationError without one."""
+    """Path of the `rerun` program; raises SimulationError without one."""
     beside = Path(sys.executable).with_name("rerun")
     found = str(beside) if beside.exists() else shutil.which("rerun")
     if found is None:
@@ -51,11 +51,7 @@ def viewer_program() -> str:
 
 
 def free_port(address: str, wanted: int) -> int:
-    """The port `wanted`, or a free one where that is taken.
-
-    Raises:
-        SimulationError: an address that this machine does not have.
-    """
+    """The port `wanted`, or a free one; raises SimulationError for a foreign address."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     for port in (wanted, 0):
         try:
@@ -74,13 +70,8 @@ def has_display() -> bool:
 class Viewer:
     """Rerun's viewer as a process, within a `with` block; a native one stays open after it.
 
-    Args:
-        address: IP address to listen at.
-        kind: "native", "web" (served until interrupted) or "headless" (for pictures).
-
-    Attributes:
-        data: URL that recordings are sent to.
-        page: URL of the web viewer with the recording.
+    `kind` is "native", "web" (served until interrupted) or "headless" (for pictures). `data` is the URL that recordings
+    are sent to, `page` that of the web viewer.
 
     Raises:
         SimulationError: no display, no viewer, an address that cannot be listened at, or a viewer that ends at once.
@@ -115,7 +106,7 @@ class Viewer:
             self._wait_for_port(host, needed)
 
     def _wait_for_port(self, host: str, port: int) -> None:
-        """Waits until Rerun's viewer listens at a port; raises the error with which it ended."""
+        """Waits until Rerun's viewer listens at a port; raises its error."""
         end = time.monotonic() + LISTEN_PATIENCE
         while time.monotonic() < end and self._process.poll() is None:
             try:
@@ -127,7 +118,7 @@ class Viewer:
         raise self._viewer_error("the Rerun viewer does not open")
 
     def _viewer_error(self, what: str) -> SimulationError:
-        """Error of a Rerun viewer that has ended, with the reason it gave."""
+        """Error of a Rerun viewer that has ended, with its reason."""
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
         errors = [line for line in lines if "error" in line.lower()] or lines
@@ -136,11 +127,7 @@ class Viewer:
 
     @contextlib.contextmanager
     def connection(self, stream: rr.RecordingStream) -> Iterator[None]:
-        """Sends what is logged to a stream in a `with` block to Rerun's viewer.
-
-        Raises:
-            SimulationError: the viewer ended before it had everything.
-        """
+        """Sends what is logged in a `with` block to Rerun's viewer; raises SimulationError if that ends."""
         stream.connect_grpc(self.data)
         yield
         while True:
