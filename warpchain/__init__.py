@@ -74,7 +74,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Imports a public name when it is first used, so that `import warpchain` stays light."""
+    """Imports a public name when first used, so that `import warpchain` stays light."""
     if name == "__version__":
         from warpchain.version import installed_version
 
@@ -85,12 +85,12 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names, whether imported yet or not."""
+    """Public names of warpchain, imported or not."""
     return sorted(__all__)
 
 
 def _render_notebook(thing: Any) -> str:
-    """HTML of a drive, run or trajectory; loads what draws it on first use."""
+    """HTML of a drive, run or trajectory for notebooks."""
     return str(import_module("warpchain.view.notebook").notebook_html(thing))
 
 

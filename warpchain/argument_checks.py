@@ -1,7 +1,7 @@
-"""Checks of public functions' arguments by their annotations; one that does not fit ends in one line.
+"""Checks of public functions' arguments by their annotations; a misfit is an error of one line.
 
-An annotation is a class, a union, a `Literal`, a tuple or sequence of such, or one of the kinds of numbers below.
-Numbers of numpy are numbers, its arrays are sequences, and neither True nor False is a number.
+Annotations are classes, unions, `Literal`, tuples or sequences of such, or the numbers below. Numbers of numpy are
+numbers, its arrays are sequences, and neither True nor False is a number.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ValueTest = Callable[[Any], bool]
 
 @dataclass(frozen=True)
 class AllowedRange:
-    """The numbers of a type that are allowed, in words and as a test of a number."""
+    """Numbers of a type that an argument allows, in words and as a test."""
 
     words: str
     holds: ValueTest
@@ -36,7 +36,7 @@ PositiveNumber = Annotated[float, AllowedRange("a finite number above 0", lambda
 Count = Annotated[int, AllowedRange("a whole number of at least 1", lambda n: n >= 1)]
 Index = Annotated[int, AllowedRange("a whole number of at least 0", lambda n: n >= 0)]
 MOST_WORKERS = 1024
-"""Most threads that can be asked for; each takes memory of its own."""
+"""Most threads that can be asked for."""
 Workers = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_WORKERS}", lambda n: 1 <= n <= MOST_WORKERS)]
 
 _PLAIN_KINDS: Mapping[Any, tuple[str, type]] = {
@@ -50,12 +50,12 @@ _PLAIN_KINDS: Mapping[Any, tuple[str, type]] = {
 
 
 def number_text(value: float) -> str:
-    """A number as text for messages, to 12 digits, without rounding's last ones."""
+    """A number as text for messages, to 12 digits."""
     return repr(float(f"{value:.12g}"))
 
 
 class _ShortRepr(reprlib.Repr):
-    """Values in messages, cut short, floats as `number_text` writes them."""
+    """Values in messages, cut short, floats by `number_text`."""
 
     def repr_float(self, value: float, level: int) -> str:
         return number_text(value)
@@ -67,11 +67,9 @@ _SHORT_REPR = _ShortRepr()
 
 
 def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[CheckedFunction], CheckedFunction]:
-    """Decorator: a function or dataclass raises `error` for the first argument that its annotation does not allow.
+    """Decorator that raises `error` for the first argument which its annotation does not allow.
 
-    Args:
-        error: raised with the line `NAME = VALUE: must be WHAT`.
-        prefix: of the names, such as "record.".
+    The error's line is `NAME = VALUE: must be WHAT`; `prefix` goes before names, such as "record.".
     """
 
     def wrap(function: Any) -> Any:
@@ -100,7 +98,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
 
 
 def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction], CheckedFunction]:
-    """Decorator: a method of an index raises `error` where that is none of the object's `parts` (an attribute)."""
+    """Decorator that raises `error` for an index which is none of the object's attribute `parts`."""
 
     def wrap(method: Any) -> Any:
         name = list(inspect.signature(method).parameters)[1]
@@ -122,7 +120,7 @@ def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction
 
 
 class _UnimportedType(type):
-    """An empty class for a name that only type checkers import, and for names in it."""
+    """An empty class for names that only type checkers import."""
 
     def __getattr__(cls, name: str) -> Any:
         if name.startswith("_"):
@@ -187,5 +185,5 @@ def _is_sequence(value: Any) -> bool:
 
 
 def _is_no_number(value: Any) -> bool:
-    """Whether a value is True or False, or an integer of more than 63 bits."""
+    """Whether an argument is True, False, or an integer beyond 63 bits."""
     return isinstance(value, bool) or (isinstance(value, int) and value.bit_length() > 63)

@@ -1,4 +1,4 @@
-"""Errors that warpchain raises for a user's mistake or a machine's refusal, each message one clear line."""
+"""Errors and warnings of warpchain, each message one clear line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterable
 MOST_ERROR_LINES = 100
 """Most lines of an error, but one that counts the rest."""
 _SKIPPED_PACKAGES = ("warpchain", "pydantic", "contextlib")
-"""Packages whose frames lie between a caller of warpchain and a warning."""
+"""Packages whose frames are between a caller of warpchain and a warning."""
 
 
 class WarpchainError(Exception):
@@ -24,12 +24,12 @@ class DriveError(WarpchainError):
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """The lines of the message, `key.path = value: what is allowed`, behind the file's name if there is one."""
+        """Lines of the message, `key.path = value: what is allowed`, behind the file's name if known."""
         return tuple(str(self).split("\n"))
 
 
 def drive_error(lines: Iterable[str], source: str = "") -> DriveError:
-    """A `DriveError` of these lines, each behind `source` and once; of very many the first `MOST_ERROR_LINES`."""
+    """A `DriveError` of these lines, each once and behind `source`, `MOST_ERROR_LINES` at most."""
     prefix = f"{source}: " if source else ""
     unlike = list(dict.fromkeys(prefix + line for line in lines))
     if len(unlike) > MOST_ERROR_LINES + 1:
@@ -62,10 +62,7 @@ class SuspectWarning(UserWarning):
 
 
 def warn_caller(text: str, kind: type[Warning] = UserWarning) -> None:
-    """Warns as from the line outside warpchain that called it; of the command line, from its outermost line.
-
-    `warnings.warn` has `skip_file_prefixes` for that from Python 3.12 on.
-    """
+    """Warns as from the line outside warpchain that called it, or the outermost one."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _SKIPPED_PACKAGES:
         level, frame = level + 1, frame.f_back

@@ -1,4 +1,4 @@
-"""Packages that are extras of an install: asked for before work begins, in one line that says how to install them."""
+"""Packages that are extras of an install, asked for before work begins."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ EXTRA_MODULES = {
     "optimize": (*SURROGATE_MODULES, "pymoo"),
     "calibrate": (*SURROGATE_MODULES, "emcee"),
 }
-"""Modules that code imports, by the extra of pyproject.toml that brings them."""
+"""Modules that code imports, by their extra in pyproject.toml."""
 
 
 def install_command(extra: str) -> str:
-    """The command that adds an extra to this install, from its checkout if it came from one."""
+    """Command that adds an extra to this install."""
     try:
         origin = json.loads(distribution("warpchain").read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, ValueError):
@@ -43,10 +43,7 @@ def install_command(extra: str) -> str:
 def require_extra(extra: str, what: str, error: Callable[[str], Exception]) -> None:
     """Raises an error if an extra's modules are not installed, without importing them.
 
-    Args:
-        extra: one of `EXTRA_MODULES`.
-        what: what needs it, for the message.
-        error: makes the error from the message.
+    `error` makes it from the message, which names `what` needs the extra.
     """
     missing = [module for module in EXTRA_MODULES[extra] if find_spec(module) is None]
     if missing:

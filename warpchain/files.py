@@ -1,11 +1,8 @@
-"""Files written whole or not at all, by one writer at a time, and text read; a refusal of the system is one line.
+"""Files written whole or not at all, by one writer at a time, and text read.
 
-A file is written under a temporary name in its own folder, flushed, and then given its name. Whoever reads that name,
-after any end of the writing process, finds the old file whole, or the new one.
-
-A writer holds the lock of `.NAME.lock` beside the name, which the system takes back when the process ends; a second
-writer learns who that is. The temporary file is locked too, so that what a killed process left can be told from what is
-being written. File systems without flock do without.
+A file is written under a temporary name in its own folder, flushed, and then given its name. A writer holds the lock
+of `.NAME.lock`, which the system takes back when the process ends. The temporary file is locked too, so that leftovers
+can be told from files in use. File systems without flock do without.
 """
 
 from __future__ import annotations
@@ -33,16 +30,15 @@ except ImportError:  # a system without flock
 WRITER_PATIENCE = 10.0
 """Seconds that writers of small files wait for one another."""
 MOST_BYTES = 64 << 20
-"""Most bytes of a text or a drawing that is read."""
+"""Most bytes of a text or a drawing file that is read."""
 LONGEST_NAME = 255
 """Most bytes of a file's name."""
 
 
 class WriteLock:
-    """The right to write a file's name, until `release` or the end of the process.
+    """Lock on writing a file's name, until `release` or the end of the process.
 
-    Args:
-        patience: how long to wait for another writer to end [s].
+    `patience` is how long to wait for another writer [s].
 
     Raises:
         OSError: another one writes it (the reason says who), or a folder that refuses.
@@ -73,7 +69,7 @@ class WriteLock:
                     os.close(handle)
 
     def release(self) -> None:
-        """Gives the right to write back. Raises nothing, and may be called again."""
+        """Releases the lock on a file's name; raises nothing."""
         handle, self._handle = self._handle, None
         if handle is not None:
             try:
@@ -91,7 +87,7 @@ def _writer_text() -> str:
 
 
 def _open_lock_file(path: Path) -> int:
-    """Opens a lock's file, made where there is none; another user's for reading alone."""
+    """Opens a lock's file, made where missing; returns its descriptor."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except PermissionError:
@@ -101,7 +97,7 @@ def _open_lock_file(path: Path) -> int:
 
 
 def _lock_open_file(handle: int) -> bool:
-    """Locks an open file; False if another process holds it. A file system without locks always agrees."""
+    """Locks an open file; returns False if another process holds it."""
     if fcntl is None:
         return True
     try:
@@ -122,7 +118,7 @@ def _has_name(handle: int, path: Path) -> bool:
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a running process writes a temporary file, or holds a lock's file."""
+    """Whether a running process writes a temporary file or holds a lock's file."""
     if fcntl is None:
         return True
     try:
@@ -139,7 +135,7 @@ def is_being_written(path: Path) -> bool:
 
 
 def remove_leftovers(paths: Iterable[Path]) -> None:
-    """Removes temporary files and locks that no process holds. Raises nothing."""
+    """Removes temporary files and locks that no process holds; raises nothing."""
     for path in paths:
         with contextlib.suppress(OSError):
             handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -152,12 +148,12 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
 
 
 def leftover_files(folder: Path) -> list[Path]:
-    """Temporary files and locks below a folder, whether left or in use."""
+    """Temporary files and locks below a folder, left or in use."""
     return [path for path in sorted(folder.rglob("*")) if LEFTOVER_PATTERN.fullmatch(path.name) and path.is_file()]
 
 
 def target_of_path(path: Path) -> Path:
-    """The regular file that writing to a path makes or replaces; a symbolic link to one stays a link.
+    """Regular file that writing to a path makes or replaces, by a symbolic link too.
 
     Raises:
         OSError: a folder, a device, a FIFO, a symbolic link to nothing.
@@ -176,7 +172,7 @@ def target_of_path(path: Path) -> Path:
 
 
 def _check_regular(kind: int) -> None:
-    """Raises an error for the mode of what is no regular file."""
+    """Raises an error for the mode of no regular file."""
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(kind):
@@ -184,11 +180,7 @@ def _check_regular(kind: int) -> None:
 
 
 def open_regular_file(path: str | os.PathLike[str]) -> int:
-    """Opens a regular file to read, nothing that could block, and returns its descriptor.
-
-    Raises:
-        OSError: a folder, a device, a FIFO, or what the system refuses.
-    """
+    """Opens a regular file to read and returns its descriptor; raises OSError for others."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
     try:
         _check_regular(os.fstat(handle).st_mode)
@@ -199,7 +191,7 @@ def open_regular_file(path: str | os.PathLike[str]) -> int:
 
 
 def temporary_name(path: Path, hidden: bool = True) -> Path:
-    """A temporary name beside a path that no other writer has, in any container; see `PARTIAL_PATTERN`."""
+    """Temporary name beside a path that no other writer has; see `PARTIAL_PATTERN`."""
     token = f"{os.getpid()}-{secrets.token_hex(8)}"
     return path.with_name(f".{path.name[:40]}.{token}.partial" if hidden else f"{path.name}.{token}.partial")
 
@@ -207,17 +199,16 @@ def temporary_name(path: Path, hidden: bool = True) -> Path:
 PARTIAL_PATTERN = r"\.\d+(-[0-9a-f]{16})?\.partial"
 """Regular expression of what follows the name in a temporary name that is not hidden."""
 LEFTOVER_PATTERN = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL_PATTERN}")
-"""Names of temporary files and locks."""
+"""Pattern of names of temporary files and locks."""
 
 
 class WholeFile:
     """A file written under a temporary name, which `finish` turns into its own and `drop` removes.
 
     Args:
-        path: its name when whole.
-        overwrite: replace a file of that name; without it, of several processes the first one to finish decides.
+        overwrite: replace a file of that name; without it the first process to finish decides.
         hidden: whether the temporary name begins with a dot.
-        patience: how long to wait for another writer of the name [s]; None if the caller holds its lock.
+        patience: how long to wait for another writer [s]; None if the caller holds the lock.
 
     Attributes:
         partial: the temporary name.
@@ -226,7 +217,7 @@ class WholeFile:
 
     Raises:
         FileExistsError: in `finish`, a file of its own name and no `overwrite`.
-        OSError: here and in `finish`, another writer of the name, or a folder or disk that refuses.
+        OSError: here and in `finish`, another writer, or a folder or disk that refuses.
     """
 
     def __init__(self, path: Path, overwrite: bool = True, hidden: bool = True, patience: float | None = 0.0) -> None:
@@ -239,7 +230,7 @@ class WholeFile:
             raise
 
     def _open_temporary(self, hidden: bool) -> tuple[Path, IO[bytes]]:
-        """Opens a temporary file, locked before another process could take it for a leftover."""
+        """Opens a temporary file, locked; returns its path and stream."""
         while True:
             partial = temporary_name(self.path, hidden)
             stream = partial.open("xb")
@@ -248,12 +239,12 @@ class WholeFile:
             stream.close()
 
     def _release_lock(self) -> None:
-        """Gives the right to write the name back."""
+        """Releases the file's lock."""
         if self._lock is not None:
             self._lock.release()
 
     def finish(self) -> None:
-        """Flushes the file to the disk and gives it its name."""
+        """Flushes the file to disk and gives it its name."""
         self.stream.flush()
         os.fsync(self.stream.fileno())
         if self.overwrite:
@@ -266,7 +257,7 @@ class WholeFile:
         self._release_lock()
 
     def drop(self, keep: bool = False) -> None:
-        """Ends an unfinished file: removes it, or keeps it under its temporary name. Raises nothing."""
+        """Removes an unfinished file, or keeps it under its temporary name; raises nothing."""
         with contextlib.suppress(OSError):  # a full disk, which was said already
             self.stream.close()
         if not (keep or self.finished):
@@ -276,7 +267,7 @@ class WholeFile:
 
 
 def _rename_unless_taken(partial: Path, path: Path) -> None:
-    """Renames a file unless the new name is taken, in one step of the file system where it knows links."""
+    """Renames a file unless the new name is taken, at once where the file system knows links."""
     try:
         os.link(partial, path)
     except FileExistsError:
@@ -290,7 +281,7 @@ def _rename_unless_taken(partial: Path, path: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flushes a folder's entries to the disk, where the system lets one open it."""
+    """Flushes a folder's entries to disk, where possible."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
@@ -303,10 +294,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Iterator[IO[bytes]]:
-    """A binary file to write in a `with` block, whose end gives it its name; an error leaves the old file.
-
-    Its `name` is the temporary one. `WholeFile` has the arguments and errors.
-    """
+    """A binary file to write in a `with` block, whose end gives it its name; see `WholeFile`."""
     file = WholeFile(path, overwrite, patience=patience)
     try:
         yield file.stream
@@ -316,7 +304,7 @@ def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Ite
 
 
 def write_text_file(path: Path, text: str, overwrite: bool = True) -> None:
-    """Writes a text file (UTF-8) whole, after others that write it; `WholeFile` has the errors."""
+    """Writes a text file (UTF-8) whole; errors as of `WholeFile`."""
     with whole_file(path, overwrite, WRITER_PATIENCE) as file:
         file.write(text.encode())
 
@@ -335,12 +323,12 @@ def refusals_as_errors(path: str | Path, error: type[Exception]) -> Iterator[Non
 
 
 def refusal_reason(error: Exception) -> str:
-    """Why the system or a library refused, in a few words; the error's kind where it says nothing."""
+    """Reason, in a few words, why the system or a library refused."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def read_regular_file(path: str | os.PathLike[str]) -> bytes:
-    """The bytes of a regular file, `MOST_BYTES` at most.
+    """Bytes of a regular file, `MOST_BYTES` at most.
 
     Raises:
         OSError: another or a larger file, or what the system refuses.
@@ -352,11 +340,7 @@ def read_regular_file(path: str | os.PathLike[str]) -> bytes:
 
 
 def check_file_size(path: str | os.PathLike[str]) -> None:
-    """Raises an error for a file that `read_regular_file` refuses, without reading it.
-
-    Raises:
-        OSError: as `read_regular_file`.
-    """
+    """Raises an OSError for a file that `read_regular_file` refuses, without reading it."""
     with open(open_regular_file(path), "rb") as file:
         _check_byte_count(os.fstat(file.fileno()).st_size)
 
@@ -368,11 +352,7 @@ def _check_byte_count(length: int) -> None:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        ValueError: no JSON, or one nested too deeply to be read.
-    """
+    """Value of a JSON text; raises ValueError, also if nested too deeply."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -380,11 +360,9 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def read_text_file(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
-    """The text of a regular file (UTF-8, with or without a byte order mark), line ends as they are.
+    """Text of a regular file (UTF-8, with or without a byte order mark), line ends as they are.
 
-    Args:
-        kind: what it should be, such as "TOML", for the error's line.
-        error: makes the error from `cannot be read: REASON` or `not KIND: byte N is not UTF-8`.
+    `kind` is what it should be, such as "TOML", and `error` makes the error from a line.
     """
     try:
         return read_regular_file(path).decode("utf-8-sig")

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 RARE_THRESHOLD = 50_000
-"""New objects after which a collection begins, in place of 700."""
+"""New objects after which a garbage collection begins, in place of 700."""
 
 
 @contextmanager
 def rare_collections() -> Iterator[None]:
-    """Collects garbage less often in a `with` block, which saves a seventh of a start."""
+    """Collects garbage less often in a `with` block."""
     usual = gc.get_threshold()
     if usual[0] == 0 or usual[0] >= RARE_THRESHOLD:  # the caller's wish, or of a call that this one is inside
         yield

@@ -1,4 +1,4 @@
-"""HTML of drives, runs and trajectories for notebooks, by a function that is registered once."""
+"""HTML of drives, runs and trajectories for notebooks, by a registered function."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ _renderers: list[Callable[[Any], str]] = []
 
 
 def register_renderer(renderer: Callable[[Any], str]) -> None:
-    """Makes `renderer` the function that `rendered_html` calls."""
+    """Registers the function that `rendered_html` calls."""
     _renderers[:] = [renderer]
 
 
 def rendered_html(thing: Any) -> str:
-    """A drive, run or trajectory as HTML for notebooks, by the registered renderer."""
+    """HTML of a drive, run or trajectory for notebooks, by the registered renderer."""
     return _renderers[0](thing)

@@ -12,14 +12,14 @@ from contextlib import contextmanager
 from typing import Any
 
 ProgressReport = Callable[[str, float, float], None]
-"""Function called with (phase, done, total): a key of `PHASES`, how much is done and how much there is."""
+"""Function called with (phase, done, total), the phase a key of `PHASES`."""
 Progress = bool | ProgressReport
-"""What functions take as `progress`: False shows nothing, True a bar; a `ProgressReport` is called."""
+"""Argument `progress` of functions: False, True for a bar, or a `ProgressReport` to call."""
 
 COMPILING, RUNNING, RECORDING = "compiling", "running", "recording"
-"""Phases: kernels are compiled, variants of a study run, and are recorded in a second pass."""
+"""Phases of progress: kernels are compiled, variants run, and are recorded in a second pass."""
 BAR_TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
-"""The words of a progress bar."""
+"""Words of a progress bar."""
 PHASES: dict[str, dict[str, Any]] = {
     COMPILING: {
         "name": "compiling kernels (first run of this kind of drive only)",
@@ -40,7 +40,7 @@ PHASES: dict[str, dict[str, Any]] = {
 
 
 class ProgressLines:
-    """A progress bar for what is no terminal: a line every `LINE_INTERVAL` seconds, none of quick work.
+    """A progress bar for what is no terminal: a line every `LINE_INTERVAL` seconds.
 
     Attributes:
         n: how much is done.
@@ -55,7 +55,7 @@ class ProgressLines:
         self.printed = self.start_t - (LINE_INTERVAL if few else 0.0)
 
     def update(self, more: float) -> None:
-        """Notes that more is done; prints a line when it is time."""
+        """Adds to the progress done; prints a line when due."""
         self.n += more
         now = time.monotonic()
         if now - self.printed >= LINE_INTERVAL:
@@ -84,7 +84,7 @@ LINE_INTERVAL = 10.0
 
 
 def duration_text(seconds: float) -> str:
-    """A time in words: "31 s", "2 min 5 s", "1 h 18 min"."""
+    """A time [s] in words: "31 s", "2 min 5 s", "1 h 18 min"."""
     whole = max(0, round(seconds))
     if whole < 60:
         return f"{whole} s"
@@ -96,7 +96,7 @@ def duration_text(seconds: float) -> str:
 def progress_bar(
     total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
 ) -> Any:
-    """A progress bar on standard error, with `update`, `n` and `close`; lines where that is no terminal.
+    """A progress bar on standard error with `update`, `n` and `close`; lines where that is no terminal.
 
     Args:
         total, initial: how much there is to do, and is done before.
@@ -117,9 +117,9 @@ def ignore_progress(phase: str, done: float, total: float) -> None:
 
 
 def partial_report(report: ProgressReport, phase: str, begin: float, end: float, total: float = 1.0) -> ProgressReport:
-    """A `ProgressReport` for one part of some work, which goes from `begin` to `end` of `total` meanwhile.
+    """A `ProgressReport` for a part of some work, from `begin` to `end` of `total`.
 
-    Kernels that are compiled are reported as they are.
+    Compiling is reported as it is.
     """
 
     def report_part(part: str, done: float, size: float) -> None:
@@ -133,10 +133,9 @@ def partial_report(report: ProgressReport, phase: str, begin: float, end: float,
 
 @contextmanager
 def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[ProgressReport]:
-    """A function to call as work goes on, in a `with` block: it shows nothing, a bar, or calls the user's.
+    """A `ProgressReport` for a `with` block, which shows nothing, a bar, or calls the user's.
 
-    Args:
-        settings: of bars, by phases, in place of those of `PHASES`.
+    `settings` of bars, by phase, take the place of `PHASES`.
     """
     if callable(progress):
         yield progress
@@ -169,10 +168,7 @@ def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iter
 
 
 class StopRequest:
-    """Whether the user asked to stop; as a signal's handler it notes the first Ctrl-C, a second one interrupts.
-
-    An exception in the midst of anything may be lost, such as in C code that calls Python.
-    """
+    """Whether the user asked to stop; a signal's handler, for which a second Ctrl-C interrupts."""
 
     def __init__(self, around: StopRequest | None = None) -> None:
         self._around, self._asked = around, False
@@ -196,8 +192,7 @@ class StopRequest:
 def interruptible_work() -> Iterator[StopRequest]:
     """Makes the first Ctrl-C in a `with` block a request that work checks between its parts.
 
-    Within another such block the request is to both. In a thread other than the main one, and where a shell had the
-    signal ignored, signals are left as they are.
+    Blocks may be nested. Signals stay as they are in other threads and where a shell had them ignored.
     """
     before = signal.getsignal(signal.SIGINT)
     around = before if isinstance(before, StopRequest) else None
@@ -214,11 +209,7 @@ def interruptible_work() -> Iterator[StopRequest]:
 
 
 def completed_futures(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
-    """Futures as they are done, with checks between them for a request to stop.
-
-    Raises:
-        KeyboardInterrupt: the user asked to stop.
-    """
+    """Futures as they are done; raises KeyboardInterrupt if the user asked to stop."""
     left = set(futures)
     while left:
         done, left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED)
@@ -227,11 +218,7 @@ def completed_futures(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
 
 
 def raise_if_stopped() -> None:
-    """Ends work in an `interruptible_work` block if the user asked to stop.
-
-    Raises:
-        KeyboardInterrupt: the user asked to stop.
-    """
+    """Raises KeyboardInterrupt in an `interruptible_work` block if the user asked to stop."""
     handler = signal.getsignal(signal.SIGINT)
     if isinstance(handler, StopRequest) and handler.is_asked:
         raise KeyboardInterrupt

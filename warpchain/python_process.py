@@ -1,6 +1,6 @@
 """Another Python process that runs a module of this package, on one core and without a GPU.
 
-It does not import the program that runs here, as those of `multiprocessing` do, so scripts need no guard.
+Unlike those of `multiprocessing` it does not import the program that runs here, so scripts need no guard.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment that keeps the libraries below numpy to one core."""
+"""Environment that keeps numpy's libraries to one core."""
 
 
 def can_start_python() -> bool:
@@ -19,10 +19,9 @@ def can_start_python() -> bool:
 
 
 def start_python(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
-    """Starts a process that runs a module of this package and reads from its standard input.
+    """Starts a Python process that runs a module of this package and reads from its standard input.
 
-    Args:
-        answers: its standard output, as `subprocess.Popen` takes it.
+    `answers` is its standard output, as `subprocess.Popen` takes it.
     """
     paths = os.pathsep.join(filter(None, map(str, sys.path)))
     return subprocess.Popen(

@@ -69,12 +69,12 @@ def better_command(arguments: argparse.Namespace) -> int:
 
 
 def _progress_text(found: DriveComparison) -> str:
-    """The difference of two drives so far, in one line."""
+    """Line on the difference of two compared drives so far."""
     return f"{found.found.pairs} pairs: B less A {_difference_text(found)}"
 
 
 def _difference_text(found: DriveComparison) -> str:
-    """The mean difference of two drives with its confidence interval, in words."""
+    """Mean difference of two compared drives with its confidence interval, in words."""
     from warpchain.results.units import quantity_words
 
     of = found.found

@@ -24,10 +24,9 @@ DONE, UNFINISHED, WRONG, NOT_OK = 0, 1, 2, 3
 
 
 def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
-    """Makes a command start Warp first, and print on Ctrl-C that it can be run again to go on.
+    """Decorator of a command: starts Warp first, and prints on Ctrl-C that running it again goes on.
 
-    Args:
-        kept: what is kept then, with its verb.
+    `kept` is what is kept then, with its verb.
     """
 
     def wrap(run: CommandBody) -> CommandBody:
@@ -48,7 +47,7 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
 
 
 def _print_lines(lines: Iterable[str]) -> int:
-    """Prints lines as they come; returns the exit status of a command that is done."""
+    """Prints a command's lines as they come; returns its exit status, done."""
     for line in lines:
         print(line)
     return DONE
@@ -290,7 +289,7 @@ def _run_json(drive: Drive, run: Run, arguments: argparse.Namespace) -> Iterator
 
 
 def _channels_from_words(words: list[str]) -> tuple[str, ...]:
-    """The channels that words name, each once; "default" means those that are not on request."""
+    """Channels that --channels' words name, each once; "default" means those that are not on request."""
     from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
 
     for word in words:

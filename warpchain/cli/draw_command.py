@@ -77,7 +77,7 @@ def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
 
 
 def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
-    """Lines on a watched drive as it now stands, errors as lines too."""
+    """Lines on a watched drive, errors as lines too."""
     try:
         return draw_lines(load(), path)
     except WarpchainError as error:
@@ -85,7 +85,7 @@ def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
 
 
 def _file_state(file: Path) -> tuple[int, int, int] | None:
-    """A watched file's state, another after each save; None while an editor has it away."""
+    """State of a watched drive file, another after each save; None while an editor has it away."""
     try:
         now = file.stat()
     except OSError:

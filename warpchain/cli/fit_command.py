@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 FIT_DIGITS = 15
-"""Significant digits of fitted centers in the file."""
+"""Significant digits of fitted centers in the drive file."""
 ANGLE_TOLERANCE = 1.0
-"""Difference from a wanted arm angle that is not told [degrees]."""
+"""Difference [degrees] from a wanted arm angle that goes without a line."""
 
 
 def fit_drive_file(arguments: Namespace) -> list[str]:
@@ -94,7 +94,7 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
 
 
 def _check_wrap(arguments: Namespace, moving: bool) -> None:
-    """Refuses a wanted wrap without a sprocket to move, or beside other things that its place decides."""
+    """Refuses `warpchain fit`'s wanted wrap without a sprocket to move, or beside what its place decides."""
     if arguments.wrap is None and arguments.around is not None:
         raise DriveError("--around: needs --wrap")
     if arguments.wrap is not None and not moving:
@@ -105,7 +105,7 @@ def _check_wrap(arguments: Namespace, moving: bool) -> None:
 
 
 def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
-    """The wanted angle of an arm by its name [degrees]; None where none is asked for."""
+    """Wanted angle [degrees] of an arm by its name, for `warpchain fit`; None where none is asked for."""
     if arguments.angle is None:
         if arguments.arm is not None:
             raise DriveError("--arm: needs --angle")
@@ -116,7 +116,7 @@ def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | 
 
 
 def _direction_from_word(word: str) -> list[float]:
-    """The direction (x, y) of --along DX,DY."""
+    """Direction (x, y) of `warpchain fit --along DX,DY`."""
     try:
         direction = [float(part) for part in word.split(",")]
     except ValueError:

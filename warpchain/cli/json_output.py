@@ -22,7 +22,7 @@ def json_text(values: Mapping[str, Any]) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """A value with None for numbers that are not finite, however deep."""
+    """A JSON value with None for numbers that are not finite, however deep."""
     if isinstance(value, Mapping):
         return {key: _finite(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):

@@ -37,14 +37,14 @@ def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
 
 
 def margin_to_jump(jump: Jump, by: str) -> float | None:
-    """The torque that holds over the drive's own, or the wear that holds less its own; None without a torque."""
+    """Margin to a tooth jump: torque that holds over the drive's own, or wear less its own; None without a torque."""
     if by == "wear":
         return jump.holds - jump.own
     return jump.holds / abs(jump.own) if jump.own else None
 
 
 def _jump_json(jump: Jump, by: str) -> dict[str, object]:
-    """A search's result for JSON, in SI units."""
+    """A tooth jump's search for JSON, in SI units."""
     values = {key: value for key, value in asdict(jump).items() if key != "direction"}
     known = {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
     return known | {"margin": margin_to_jump(jump, by)}

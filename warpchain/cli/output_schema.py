@@ -16,49 +16,49 @@ from warpchain.drive.thermal import Expansion
 from warpchain.results.statuses import STATUSES
 
 FORMAT = 1
-"""Number of the output's format: another one has other keys."""
+"""Format of `check --json` and `run --json`: another number has other keys."""
 
 Schema = dict[str, Any]
 
 
 def _value_schema(kind: str, text: str, null: bool, **more: Any) -> Schema:
-    """Schema of a value of a JSON type, or also of null."""
+    """JSON schema of a value of a type, or also of null."""
     return {"type": [kind, "null"] if null else kind, "description": text, **more}
 
 
 def _number_schema(unit: str, text: str, null: bool = False) -> Schema:
-    """Schema of a number in a unit."""
+    """JSON schema of a number with its unit."""
     return _value_schema("number", text, null, unit=unit)
 
 
 def _count_schema(text: str) -> Schema:
-    """Schema of a whole number from 0 on."""
+    """JSON schema of a whole number from 0 on."""
     return _value_schema("integer", text, False, unit="1", minimum=0)
 
 
 def _text_schema(text: str, null: bool = False, **more: Any) -> Schema:
-    """Schema of a text."""
+    """JSON schema of a text."""
     return _value_schema("string", text, null, **more)
 
 
 def _flag_schema(text: str) -> Schema:
-    """Schema of true or false."""
+    """JSON schema of true or false."""
     return _value_schema("boolean", text, False)
 
 
 def _list_schema(text: str, item: Schema, null: bool = False) -> Schema:
-    """Schema of a list of like items."""
+    """JSON schema of a list of like items."""
     return _value_schema("array", text, null, items=item)
 
 
 def _table_schema(text: str, values: Schema, null: bool = False, optional: tuple[str, ...] = ()) -> Schema:
-    """Schema of an object with these keys and no others; all but the optional ones are there."""
+    """JSON schema of an object with these keys and no others, all required but the optional ones."""
     required = [key for key in values if key not in optional]
     return _value_schema("object", text, null, properties=values, required=required, additionalProperties=False)
 
 
 def _mapping_schema(text: str, item: Schema) -> Schema:
-    """Schema of an object whose keys are names."""
+    """JSON schema of an object whose keys are names."""
     return _value_schema("object", text, False, additionalProperties=item)
 
 

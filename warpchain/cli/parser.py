@@ -60,15 +60,15 @@ JSON_HELP = "print JSON, in SI units (warpchain schema output; docs/scripts.md)"
 
 
 class _OneLineParser(argparse.ArgumentParser):
-    """An argument parser that prints a mistake in one line, without the usage."""
+    """The command line's argument parser, which prints a mistake in one line, without the usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Ends the program with a mistake in one line."""
+        """Ends the program with a mistake of the command line in one line."""
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
 def _add_function_command(commands: Any, run: CommandBody, text: str, example: str) -> Any:
-    """Adds a command whose name begins its body's; returns its parser."""
+    """Adds a command whose name begins its function's to the command line; returns its parser."""
     return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
@@ -583,7 +583,7 @@ COMMAND_ADDERS = (
     add_better_command,
     add_calibrate_command,
 )
-"""Functions that add a command each, in the order of the help."""
+"""Functions that add a command each to the command line, in the order of the help."""
 
 
 def command_line_parser() -> argparse.ArgumentParser:
@@ -654,13 +654,13 @@ def _run_parsed_command(top: argparse.ArgumentParser, arguments: argparse.Namesp
 
 
 def _print_error_line(line: str) -> None:
-    """Prints a line on standard error, where that can be."""
+    """Prints a line on standard error, if possible."""
     with contextlib.suppress(OSError):
         print(f"warpchain: {line}", file=sys.stderr)
 
 
 def _discard_output() -> None:
-    """Lets what could not be printed go nowhere, or Python would try once more at its end."""
+    """Discards output that could not be printed, which Python would try once more at its end."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -673,7 +673,7 @@ def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The script, by shtab, with which a shell completes commands, options and file names.
+    """Script by shtab with which a shell completes the command line.
 
     Raises:
         WarpchainError: without the package shtab.

@@ -22,23 +22,23 @@ from warpchain.drive.power_rating import (
 from warpchain.errors import DriveError
 
 LEAST_TEETH, MOST_TEETH = 9, 150
-"""Teeth of a sprocket."""
+"""Fewest and most teeth of a sprocket of `warpchain select`."""
 MOST_RATIO = 10.0
-"""Largest ratio of speeds of one chain."""
+"""Largest ratio of speeds of a selected chain."""
 CENTER_PITCHES, MOST_PITCHES = 40.0, 80.0
 """Distance of centers over the pitch where none is given, and the largest (ISO 10823)."""
 LEAST_WRAP = math.radians(120.0)
-"""Of the smaller sprocket (ACA)."""
+"""Least wrap of the smaller sprocket of a selected chain (ACA) [rad]."""
 MOST_SURPLUS = 4.0
-"""Rated power over what is asked beyond which a size is not listed."""
+"""Rated over wanted power beyond which a chain's size is not listed."""
 
 
 class Selection(NamedTuple):
-    """A size that does.
+    """A chain's size that does for a power.
 
     Attributes:
         chain: row of the catalog.
-        rated: its rated power.
+        rated: its rated power [W].
         links, centers: links, and distance of centers of the chain when taut [m].
         speed: of the chain [m/s].
         pull: of the power that is asked for, without a service factor [N].
@@ -96,7 +96,7 @@ def select_chain(arguments: Namespace) -> list[str]:
 
 
 def _power_request(arguments: Namespace) -> PowerRequest:
-    """The request of the command's arguments."""
+    """Power that `warpchain select`'s arguments ask a chain for."""
     for name in ("power", "speed", "ratio", "service", "centers"):
         value = getattr(arguments, name)
         if value is not None and not (0.0 < value < math.inf):
@@ -114,7 +114,7 @@ def _power_request(arguments: Namespace) -> PowerRequest:
 
 
 def selections(asked: PowerRequest) -> list[Selection]:
-    """The sizes that do, by pitch, each with the fewest strands; of the heavy series, which is rated as A, none."""
+    """Chain sizes that do for a power, by pitch, each with the fewest strands, without the heavy series."""
     found: dict[str, Selection] = {}
     for chain in CHAINS.values():
         series = chain.size.partition("-")[0]
@@ -127,7 +127,7 @@ def selections(asked: PowerRequest) -> list[Selection]:
 
 
 def _selection(asked: PowerRequest, chain: CatalogueChain) -> Selection | None:
-    """A size as a selection; None where it is too weak or far too strong, or does not fit between the centers."""
+    """A chain's size as a selection; None where too weak or far too strong, or not fit for the centers."""
     pitch, small = chain.pitch, min(asked.teeth)
     speed = asked.speed * asked.teeth[0] * pitch / math.tau
     rated = rated_power(chain.size, small, asked.speed * asked.teeth[0] / small)
@@ -147,14 +147,14 @@ def _selection(asked: PowerRequest, chain: CatalogueChain) -> Selection | None:
 
 
 def _even_links(centers: float, teeth: tuple[int, int]) -> int:
-    """The even number of links that is nearest to a distance of centers in pitches (ISO 10823, f_3)."""
+    """Even number of links nearest to a distance of centers in pitches (ISO 10823, f_3)."""
     a, b = teeth
     exact = 2.0 * centers + 0.5 * (a + b) + ((b - a) / math.tau) ** 2 / centers
     return 2 * round(0.5 * exact)
 
 
 def _center_pitches(links: int, teeth: tuple[int, int]) -> float:
-    """Distance of centers in pitches of a number of links, nan for too few."""
+    """Distance of centers in pitches for a number of links, nan for too few."""
     a, b = teeth
     free, turned = links - 0.5 * (a + b), (b - a) / math.tau
     square = free * free - 8.0 * turned * turned
@@ -162,7 +162,7 @@ def _center_pitches(links: int, teeth: tuple[int, int]) -> float:
 
 
 def _selection_lines(asked: PowerRequest, found: list[Selection]) -> list[str]:
-    """The table of the sizes that do, and what it means."""
+    """Table of the chain sizes that do for a power, and what it means, as lines."""
     design = asked.service * asked.power
     rows: list[tuple[str, ...]] = []
     for one in found:

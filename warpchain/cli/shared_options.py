@@ -13,7 +13,7 @@ from typing import Any
 from warpchain.argument_checks import MOST_WORKERS
 
 CommandBody = Callable[[argparse.Namespace], int]
-"""Function that does a command: takes the parsed arguments and returns the exit status."""
+"""Function of a command, from parsed arguments to exit status."""
 
 
 def add_command(commands: Any, name: str, run: CommandBody | None, text: str, example: str) -> Any:
@@ -36,10 +36,10 @@ def add_command(commands: Any, name: str, run: CommandBody | None, text: str, ex
 
 
 def number_from_word(word: str) -> float:
-    """Any number of the command line.
+    """A number from a word of the command line.
 
     Raises:
-        argparse.ArgumentTypeError: in one line, as of all values here.
+        argparse.ArgumentTypeError: in one line, as of all words here.
     """
     try:
         return float(word)
@@ -48,7 +48,7 @@ def number_from_word(word: str) -> float:
 
 
 def _quantity_from_word(word: str, unit: str, units: str) -> float:
-    """A number of a unit, or a quantity such as 3000rpm; `units` are named where it is neither."""
+    """A number in `unit` from a word, or a quantity such as 3000rpm; `units` are named where it is neither."""
     from warpchain.drive.quantities import converted_number
 
     value = converted_number(word, unit)
@@ -82,7 +82,7 @@ def time_from_word(word: str) -> float:
 
 
 def service_factor_from_word(word: str) -> float:
-    """A factor of service: a number, or LOAD or LOAD,SOURCE of the tables of makers."""
+    """A service factor from a word: a number, or LOAD or LOAD,SOURCE of makers' tables."""
     from warpchain.drive.power_rating import SERVICE_FACTORS
 
     load, _, source = word.partition(",")
@@ -97,22 +97,22 @@ def service_factor_from_word(word: str) -> float:
 
 
 def number_or_auto_from_word(word: str) -> float | str:
-    """A number, or the word "auto"."""
+    """A number from a word, or the word "auto"."""
     return word if word == "auto" else number_from_word(word)
 
 
 def page_path_from_word(word: str) -> Path:
-    """The path of an HTML page (.html, .htm)."""
+    """Path of an HTML page (.html, .htm) from a word."""
     return _path_with_ending(word, ".html", ".htm")
 
 
 def archive_path_from_word(word: str) -> Path:
-    """The path of an archive (.mcap)."""
+    """Path of an archive (.mcap) from a word."""
     return _path_with_ending(word, ".mcap")
 
 
 def _path_with_ending(word: str, *endings: str) -> Path:
-    """A path that must have one of these endings."""
+    """Path from a word that must have one of these endings."""
     path = Path(word)
     if path.suffix.lower() not in endings:
         raise argparse.ArgumentTypeError(f"{word!r}: must end in {', '.join(endings)}")
@@ -120,7 +120,7 @@ def _path_with_ending(word: str, *endings: str) -> Path:
 
 
 def bytes_from_gibibytes(word: str) -> int:
-    """A memory budget in GiB as a number of bytes."""
+    """Memory budget in bytes from a word in GiB."""
     gib = number_from_word(word)
     if not (math.isfinite(gib * 2**30) and gib > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
@@ -128,7 +128,7 @@ def bytes_from_gibibytes(word: str) -> int:
 
 
 def bytes_from_mebibytes(word: str) -> int:
-    """A size in MiB as a number of bytes."""
+    """Size in bytes from a word in MiB."""
     mib = number_from_word(word)
     if not (math.isfinite(mib * 2**20) and mib * 2**20 >= 1.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
@@ -136,14 +136,14 @@ def bytes_from_mebibytes(word: str) -> int:
 
 
 def whole_number_from_word(word: str) -> int:
-    """A whole number above 0."""
+    """A whole number above 0 from a word."""
     if not (word.isdecimal() and int(word) > 0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number above 0")
     return int(word)
 
 
 def workers_from_word(word: str) -> int:
-    """A number of worker threads."""
+    """A number of worker threads from a word."""
     if not (word.isdecimal() and 1 <= int(word) <= MOST_WORKERS):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number from 1 to {MOST_WORKERS}")
     return int(word)
@@ -196,7 +196,7 @@ SHARED_OPTIONS: OptionSettings = {
         "help": "tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
     },
 }
-"""Arguments of several commands, as `add_argument` takes them."""
+"""Arguments that several commands share, as `add_argument` takes them."""
 
 
 def add_shared_options(parser: Any, *names: str) -> None:

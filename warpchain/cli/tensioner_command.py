@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 FIGURE_ENDINGS, TABLE_ENDINGS = (".png", ".svg"), (".csv", ".parquet")
 SWEEP_RANGES = {"frequency": (1.0, 500.0), "temperature": (20.0, 140.0)}
-"""Default ranges of sweeps [Hz], [degrees C]."""
+"""Default ranges of a tensioner's sweeps [Hz], [degrees C]."""
 MOST_POINTS = 1000
 COLDEST, HOTTEST = -60.0, 300.0
-"""Temperatures that the law of viscosity is taken for [degrees C]."""
+"""Temperatures [degrees C] between which a tensioner's oil follows the law of viscosity."""
 
 
 def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
@@ -108,7 +108,7 @@ def _ride_sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 def _asked_shakes(
     arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float | None]
 ) -> list[PlungerMotion]:
-    """Sines of every frequency with every viscosity; None is the drive's own oil."""
+    """Motions of a tensioner's plunger, every frequency with every viscosity; None is the drive's own oil."""
     from warpchain.engine.tensioner_bench import PlungerMotion
 
     return [
@@ -119,7 +119,7 @@ def _asked_shakes(
 
 
 def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
-    """The range of --range or its default [Hz], [degrees C]."""
+    """Range of a tensioner's sweep [Hz], [degrees C], of --range or the default."""
     low, high = arguments.range or SWEEP_RANGES[arguments.sweep]
     bottom, top = (0.0, math.inf) if arguments.sweep == "frequency" else (COLDEST, HOTTEST)
     if not bottom < low < high < top:
@@ -133,7 +133,7 @@ def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
 
 
 def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
-    """Viscosities of the drive's oil at temperatures [m^2/s]."""
+    """Viscosities [m^2/s] of a drive's tensioner oil at temperatures."""
     from warpchain.drive.viscosity import SWEPT_FROM, THICKEST, THINNEST, walther_from_slope
     from warpchain.engine.tensioner_bench import tensioner_by_name
 
@@ -160,12 +160,12 @@ def _ride_tensioner(
 
 
 def _oil_text(viscosity: float | None) -> str:
-    """An oil's viscosity in words; None is the drive's oil."""
+    """A tensioner oil's viscosity in words; None is the drive's oil."""
     return "the drive's oil" if viscosity is None else f"{1e6 * viscosity:.4g} mm\N{SUPERSCRIPT TWO}/s"
 
 
 def _ride_label(row: dict[str, Any], shakes: Sequence[PlungerMotion]) -> str:
-    """A ride's label among others, by frequency and oil."""
+    """A tensioner ride's label among others, by frequency and oil."""
     words = []
     if len({one.frequency for one in shakes}) > 1:
         words.append(f"{row['frequency']:g} Hz")
@@ -181,7 +181,7 @@ def _figure_title(arguments: argparse.Namespace) -> str:
 
 
 def _common_conditions_text(rides: pa.Table) -> str:
-    """Frequency and oil that all rides have in common, for a title."""
+    """Frequency and oil that all rides of a tensioner have in common, for a title."""
     found = {name: set(rides[name].to_pylist()) for name in ("frequency", "viscosity")}
     said = f" at {found['frequency'].pop():g} Hz" if len(found["frequency"]) == 1 else ""
     viscosity = found["viscosity"].pop() if len(found["viscosity"]) == 1 else math.nan
@@ -189,7 +189,7 @@ def _common_conditions_text(rides: pa.Table) -> str:
 
 
 def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
-    """Lines on a ride's last cycle: force, pressure, valve."""
+    """Lines on a tensioner ride's last cycle: force, pressure, valve."""
     head = f"{row['frequency']:g} Hz, {1e3 * row['amplitude']:g} mm about {1e3 * row['extension']:g} mm"
     oil = not math.isnan(row["viscosity"])
     lines = [
@@ -208,7 +208,7 @@ def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
 
 
 def _sweep_lines(label: str, x: Sequence[float], axis: str, table: pa.Table, named: bool) -> list[str]:
-    """Lines of a table of a sweep's rides."""
+    """Lines of a table of a tensioner sweep's rides."""
     head = "       Hz" if "Hz" in axis else "        C"
     lines = [label] if named else []
     lines.append(f"{head}   mm^2/s   force [N]           pressure [bar]    work [J]  leaked [mm^3]")
@@ -222,7 +222,7 @@ def _sweep_lines(label: str, x: Sequence[float], axis: str, table: pa.Table, nam
 
 
 def _add_temperature_column(rides: pa.Table, temperatures: Sequence[float], curves: int) -> pa.Table:
-    """A table of rides with their temperatures as first column."""
+    """A tensioner's table of rides with their temperatures as first column."""
     import numpy as np
     import pyarrow as pa
 
