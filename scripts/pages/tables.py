@@ -63,11 +63,13 @@ def channel_table() -> str:
 
 
 def metric_table(groups: Iterable[MetricGroup]) -> str:
-    """The table of some metrics; what several kinds of things have stands once."""
+    """The table of some metrics; what several kinds of things have stands once, a standard error beside its mean."""
     names: dict[tuple[str, str], list[str]] = {}
     for group in groups:
+        titles = {column.name: column.title for column in group.columns}
         for column in group.columns:
-            names.setdefault((column.title, column.unit), []).append(f"`{OF[group.part]}{column.name}`")
+            title = titles.get(column.name.removesuffix("_se"), column.title)
+            names.setdefault((title, column.unit), []).append(f"`{OF[group.part]}{column.name}`")
     rows = [(", ".join(sorted(set(held), key=len)), unit, title) for (title, unit), held in names.items()]
     return markdown_table(("column", "unit", "what it is"), rows)
 
