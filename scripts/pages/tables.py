@@ -42,6 +42,11 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
 
 
+def with_unit(names: str, unit: str) -> str:
+    """Names with their unit in brackets; ratios, counts and texts have none."""
+    return names if unit in ("", "1") else f"{names} [{unit}]"
+
+
 def archive_place(channel: Channel) -> str:
     """A channel's place in an archive."""
     if channel in BODY_CHANNELS:
@@ -56,10 +61,10 @@ def archive_place(channel: Channel) -> str:
 def channel_table() -> str:
     """The table of channels."""
     rows = [
-        (f"`{c.name}`", c.unit, c.per, archive_place(c), c.description + "; on request" * c.on_request)
+        (with_unit(f"`{c.name}`", c.unit), c.per, archive_place(c), c.description + "; on request" * c.on_request)
         for c in CHANNELS
     ]
-    return markdown_table(("channel", "unit", "of each", "where", "what it is"), rows)
+    return markdown_table(("channel [unit]", "of each", "where", "what it is"), rows)
 
 
 def metric_table(groups: Iterable[MetricGroup]) -> str:
@@ -70,8 +75,8 @@ def metric_table(groups: Iterable[MetricGroup]) -> str:
         for column in group.columns:
             title = titles.get(column.name.removesuffix("_se"), column.title)
             names.setdefault((title, column.unit), []).append(f"`{OF[group.part]}{column.name}`")
-    rows = [(", ".join(sorted(set(held), key=len)), unit, title) for (title, unit), held in names.items()]
-    return markdown_table(("column", "unit", "what it is"), rows)
+    rows = [(with_unit(", ".join(sorted(set(held), key=len)), unit), title) for (title, unit), held in names.items()]
+    return markdown_table(("column [unit]", "what it is"), rows)
 
 
 def limit_table() -> str:
@@ -84,6 +89,25 @@ def limit_table() -> str:
     layout = f"at most {default.layout:g} findings"
     rows.append(("`layout`", layout, "[the layout](#the-layout)", "what the finding says"))
     return markdown_table(("limit", "default", "of the metrics", "what to change"), rows)
+
+
+def without_repeats(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
+    """Key, unit and description of values without names of parts; what several objects hold stands once, of a KIND."""
+    listed = [row for row in rows if not row[0].endswith("[].name")]
+    holders: dict[tuple[str, ...], set[str]] = {}
+
+    def common(key: str, unit: str, text: str) -> tuple[str, ...]:
+        holder, _, leaf = key.rpartition(".")
+        return holder.rpartition(".")[0], leaf, unit, text
+
+    for row in listed:
+        holders.setdefault(common(*row), set()).add(row[0].rpartition(".")[0])
+    found: dict[tuple[str, str, str], None] = {}
+    for key, unit, text in listed:
+        above, leaf, *_ = what = common(key, unit, text)
+        repeated = above and len(holders[what]) > 1
+        found[(f"{above}.KIND.{leaf}" if repeated else key, unit, text)] = None
+    return list(found)
 
 
 def output_tables() -> dict[str, str]:
@@ -99,7 +123,10 @@ def output_tables() -> dict[str, str]:
         "output_run": of_run,
     }
     return {
-        name: markdown_table(("key", "unit", "what it is"), [(f"`{key}`", unit, text) for key, unit, text in found])
+        name: markdown_table(
+            ("key [unit]", "what it is"),
+            [(with_unit(f"`{key}`", unit), text) for key, unit, text in without_repeats(found)],
+        )
         for name, found in parts.items()
     }
 
