@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ARCHIVE_COLUMNS = ("archive", "archive_variant")
-"""File of a recorded variant in the study's folder, and its number there."""
+"""Columns of a recorded variant's archive file in the study's folder, and number there."""
 ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
-"""Adjustments that make the chain fit: number of links, travel of the sprocket [m]."""
+"""Columns of adjustments that make the chain fit: links, travel of the sprocket [m]."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 """Ends of the adjustment columns of one of several chains."""
 TODAY_COLUMN = "today"
-"""Mark of the rows of today's design: whether they were added to the study's design; null in other rows."""
+"""Column that marks today's design: whether its rows were added; null in others."""
 RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
 SETTLING_COLUMNS = tuple(column.name for column in SETTLING_METRICS.columns)
 BOOKKEEPING_COLUMNS = (
@@ -43,16 +43,16 @@ BOOKKEEPING_COLUMNS = (
     *RUN_COLUMNS,
     *SETTLING_COLUMNS,
 )
-"""Columns that are neither factors nor metrics."""
+"""Columns of results that are neither factors nor metrics."""
 
 
 Array = NDArray[np.float64]
 NOISE, TIED_NOISE = "noise", "tied noise"
-"""`kind` in a field's metadata: a noise factor, and an expression that follows one."""
+"""Kinds in a field's metadata: a noise factor, and an expression that follows one."""
 DISTRIBUTION_KEY = "distribution"
-"""Key of a factor's distribution in its field's metadata: keys of the study file, as JSON."""
+"""Key of a factor's distribution in its field's metadata, as JSON."""
 SEARCH_TARGET_KEY = "search_target"
-"""Key of a search's target in the field metadata of rows that are no sample of the noise."""
+"""Key of a search's target in the field metadata of rows that are no sample."""
 ROUND_COLUMN = "round"
 MOST_LISTED = 12
 MOST_METRICS = 6
@@ -65,7 +65,7 @@ def search_target_of(table: pa.Table) -> str:
 
 
 def added_rows(table: pa.Table) -> NDArray[np.bool_]:
-    """Whether each row of a table was added to the study's design as today's (R,)."""
+    """(R,) whether each row of a table was added to the study's design as today's."""
     if TODAY_COLUMN not in table.column_names:
         return np.zeros(table.num_rows, dtype=bool)
     return np.array([mark is True for mark in table[TODAY_COLUMN].to_pylist()], dtype=bool)
@@ -73,11 +73,11 @@ def added_rows(table: pa.Table) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Results:
-    """A study's table with its columns by kind.
+    """Results of a study: a table with its columns by kind.
 
     Attributes:
-        factors: names of the columns that were varied.
-        metrics: names of the numeric columns that were measured.
+        factors: names of columns that were varied.
+        metrics: names of numeric columns that were measured.
     """
 
     table: pa.Table
@@ -85,7 +85,7 @@ class Results:
     metrics: tuple[str, ...]
 
     def _repr_html_(self) -> str:
-        """HTML for notebooks: how the rows ended, and factors and metrics of the first ones."""
+        """HTML of study results for notebooks."""
         from warpchain.view.notebook import SHOWN_ROWS, notebook_table, status_html, value_with_unit
 
         words = self.status
@@ -104,14 +104,14 @@ class Results:
 
     @property
     def variants(self) -> NDArray[np.int64]:
-        """Variant number of each row (R,); the row's own number if the table has none."""
+        """Variant numbers (R,) of rows; the row's own number if the table has none."""
         if "variant" in self.table.column_names:
             return np.asarray(self.table["variant"].to_pylist(), dtype=np.int64)
         return np.arange(self.table.num_rows)
 
     @property
     def run_counts(self) -> NDArray[np.int64]:
-        """Number of runs behind each row's metrics (R,); 1 if the table has none."""
+        """Number (R,) of runs behind each row's metrics."""
         if not self.has_replicates:
             return np.ones(self.table.num_rows, dtype=np.int64)
         return np.asarray(self.table[COUNT_COLUMN].to_numpy(), dtype=np.int64)
@@ -123,7 +123,7 @@ class Results:
         return COUNT_COLUMN in names and any(_is_error_column(self.table, name) for name in names)
 
     def standard_errors(self, metric: str) -> Array:
-        """Standard errors of a metric's means over equal runs (R,), NaN if there are none."""
+        """Standard errors (R,) of a metric's means over equal runs, NaN for none."""
         name = metric + ERROR_SUFFIX
         if not (self.has_replicates and name in self.table.column_names and _is_error_column(self.table, name)):
             return np.full(self.table.num_rows, np.nan)
@@ -138,51 +138,51 @@ class Results:
 
     @cached_property
     def ok(self) -> NDArray[np.bool_]:
-        """Whether each row is "ok": it ran to its end, and nothing is suspect (R,)."""
+        """(R,) whether each row is "ok": it ran to its end, nothing suspect."""
         return np.array([word == "ok" for word in self.status], dtype=bool)
 
     def reason_counts(self) -> list[tuple[str, str, int]]:
-        """(status, reason, number of rows) of the rows that are not ok, the most frequent first.
+        """Status, reason and number of rows that are not ok, the most frequent first.
 
-        Reasons alike but for numbers count as one, named by the first.
+        Reasons alike but for numbers count as one.
         """
         rows = np.flatnonzero(~self.ok).tolist()
         return common_reasons((self.status[row], self.reason(row)) for row in rows)
 
     def reason(self, row: int) -> str:
-        """The reason for which a row is not ok."""
+        """Reason for which a row is not ok."""
         held = self.table["reason"][row].as_py() if "reason" in self.table.column_names else None
         return held or "no reason given"
 
     def is_numeric(self, name: str) -> bool:
-        """Whether a column of the table holds numbers."""
+        """Whether a column of results holds numbers."""
         self._check_column(name)
         return _is_number_column(self.table, name)
 
     def _check_column(self, name: str) -> None:
-        """Refuses a column that is not in the table."""
+        """Raises StudyError for a column that is not in the table."""
         if name not in self.table.column_names:
             raise StudyError(
                 f"column {name!r}: not in the table; {nearest_key_text(name, self.table.column_names, MOST_LISTED)}"
             )
 
     def values(self, name: str) -> Array:
-        """Values of a numeric column (R,), NaN if empty.
+        """Values (R,) of a numeric column, NaN if empty.
 
         Raises:
-            StudyError: no such column, or not a column of numbers.
+            StudyError: no such column, or not of numbers.
         """
         if not self.is_numeric(name):
             raise StudyError(f"column {name!r}: holds {self.table.schema.field(name).type}, numbers are needed here")
         return np.array(self.table[name].cast("float64").to_numpy(), dtype=float)
 
     def text_values(self, name: str) -> list[str]:
-        """Values of a column as strings."""
+        """Values of a column of results as strings."""
         self._check_column(name)
         return [str(value) for value in self.table[name].to_pylist()]
 
     def column_unit(self, name: str) -> str:
-        """Unit of a column, from its field's metadata or a metric's name; "" for none."""
+        """Unit of a column, from its metadata or a metric's name; "" for none."""
         from warpchain.results.metric_columns import unit_of_metric
 
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
@@ -191,12 +191,12 @@ class Results:
 
     @property
     def noise_factors(self) -> tuple[str, ...]:
-        """Names of the noise factors, and of those that follow noise by an expression."""
+        """Names of noise factors, and of those that follow noise by an expression."""
         return tuple(name for name in self.factors if self._noise_kind(name) in (NOISE, TIED_NOISE))
 
     @property
     def free_noise_factors(self) -> tuple[str, ...]:
-        """Names of the noise factors that follow no other factor."""
+        """Names of noise factors that follow no other factor."""
         return tuple(name for name in self.factors if self._noise_kind(name) == NOISE)
 
     @property
@@ -205,7 +205,7 @@ class Results:
         return search_target_of(self.table)
 
     def check_sampled(self) -> None:
-        """Refuses rows that search for something, and so are no sample of the noise."""
+        """Raises StudyError for rows that search for something, and are no sample of the noise."""
         if self.search_target:
             raise StudyError(
                 f"noise: these rows look for {self.search_target} and are no sample of the noise: their shares, means, "
@@ -213,7 +213,7 @@ class Results:
             )
 
     def sampled_rows(self) -> Results:
-        """Results of the rows that are a sample: all of a study's, the first round of a search, no added rows.
+        """Results of the rows that are a sample: no later rounds of a search, no added rows.
 
         Raises:
             StudyError: all rows search for something.
@@ -227,23 +227,23 @@ class Results:
 
     @property
     def row_of_today(self) -> int | None:
-        """First row of today's design; None if there is none."""
+        """Index of the first row of today's design, or None."""
         if TODAY_COLUMN not in self.table.column_names:
             return None
         marks = self.table[TODAY_COLUMN].to_pylist()
         return next((row for row, mark in enumerate(marks) if mark is not None), None)
 
     def _noise_kind(self, factor: str) -> str:
-        """`kind` in a factor's field metadata: `NOISE`, `TIED_NOISE`, or ""."""
+        """Kind in a factor's metadata: `NOISE`, `TIED_NOISE`, or ""."""
         return (self.table.schema.field(factor).metadata or {}).get(b"kind", b"").decode()
 
     def distribution(self, factor: str) -> dict[str, Any] | None:
-        """Keys of a study file that say how a factor is distributed; None if the table has none."""
+        """Study-file keys of a factor's distribution; None if the table has none."""
         noted = (self.table.schema.field(factor).metadata or {}).get(DISTRIBUTION_KEY.encode())
         return None if noted is None else dict(json.loads(noted))
 
     def usable_rows(self, metric: str, factors: Iterable[str] = ()) -> NDArray[np.bool_]:
-        """Whether each row is ok, with finite values of a metric and of numeric factors (R,)."""
+        """(R,) whether each row is ok, with finite metric and numeric factors."""
         rows = self.ok & np.isfinite(self.values(metric))
         for factor in factors:
             if self.is_numeric(factor):
@@ -251,11 +251,11 @@ class Results:
         return rows
 
     def numeric_factors(self) -> tuple[str, ...]:
-        """Names of the factors that hold numbers and take more than one value."""
+        """Names of factors that hold numbers and vary."""
         return tuple(f for f in self.factors if self.is_numeric(f) and is_varying(self.values(f)))
 
     def factor_ties(self) -> dict[str, str]:
-        """Numeric factors that depend linearly on an earlier one, with the name of that one."""
+        """Names of numeric factors that depend linearly on an earlier one, with that one's."""
         kept: dict[str, Array] = {}
         tied: dict[str, str] = {}
         for name in self.numeric_factors():
@@ -268,17 +268,17 @@ class Results:
         return tied
 
     def independent_factors(self) -> tuple[str, ...]:
-        """Names of the numeric factors that depend linearly on no earlier one."""
+        """Names of numeric factors that depend linearly on no earlier one."""
         tied = self.factor_ties()
         return tuple(name for name in self.numeric_factors() if name not in tied)
 
     def varying_metrics(self) -> tuple[str, ...]:
-        """Names of the metrics that take more than one value among the ok rows."""
+        """Names of metrics that vary among the ok rows."""
         return tuple(m for m in self.metrics if is_varying(self.values(m)[self.ok]))
 
 
 def _standardized_values(values: Array) -> Array:
-    """Values less their mean, scaled to length 1 (R,): products are correlations."""
+    """Values (R,) less their mean, scaled to length 1: products are correlations."""
     x = np.nan_to_num(values - np.nanmean(values))
     return x / np.sqrt(x @ x)
 
@@ -290,7 +290,7 @@ def is_varying(values: Array) -> bool:
 
 
 def _is_number_column(table: pa.Table, name: str) -> bool:
-    """Whether a column of a table holds integers, floats or switches."""
+    """Whether a table's column holds integers, floats or switches."""
     import pyarrow.types as kinds
 
     kind = table.schema.field(name).type
@@ -298,7 +298,7 @@ def _is_number_column(table: pa.Table, name: str) -> bool:
 
 
 def _is_error_column(table: pa.Table, name: str) -> bool:
-    """Whether a column holds standard errors of a metric's mean, by its role or else its name."""
+    """Whether a column holds standard errors of a metric's mean."""
     role = (table.schema.field(name).metadata or {}).get(b"role")
     if role is not None:
         return bool(role == ROLE_OF_ERRORS.encode())
@@ -312,13 +312,12 @@ def _is_error_column(table: pa.Table, name: str) -> bool:
 def read_results(
     source: pa.Table | str | Path, factors: Iterable[str] | None = None, metrics: Iterable[str] | None = None
 ) -> Results:
-    """Reads a study's results from a table.
+    """Results of a study read from a table.
 
     Args:
         source: a pyarrow table, or the path of a Parquet or CSV file.
-        factors: the columns that were varied; None takes those whose field says role = "factor".
-        metrics: the columns that were measured; None takes every other numeric column, but no metric that qualifies
-            others (`results.metric_columns.Column.is_aside`).
+        factors: columns that were varied; None takes those of role "factor".
+        metrics: columns that were measured; None takes every other numeric column, but no metric that qualifies others.
 
     Raises:
         StudyError: a table that cannot be read, a column that it lacks, or factors that are not marked.
@@ -364,5 +363,5 @@ def read_results(
 
 
 def _columns_with_role(table: pa.Table, role: bytes) -> tuple[str, ...]:
-    """Names of a table's columns whose field metadata has a role."""
+    """Names of a table's columns whose metadata have a role."""
     return tuple(field.name for field in table.schema if (field.metadata or {}).get(b"role") == role)

@@ -1,8 +1,7 @@
 """Tables of a study on disk: read from Parquet and CSV, written whole or not at all, recognized by a digest.
 
-Parquet pages have checksums. A note in the schema's metadata (key `warpchain`, JSON) covers the rest: `table`, the name
-that the file was written under; `study`, the study it belongs to; `digest`, SHA-256 of names, types, metadata and
-values; `shape`, rows and columns; of a shard, `ended`, the statuses of its rows.
+A note in the schema's metadata (key `warpchain`, JSON) has `table`, the name that the file was written under; `study`;
+`digest`, SHA-256 of names, types, metadata and values; `shape`; of a shard, `ended`, its rows' statuses.
 """
 
 from __future__ import annotations
@@ -37,32 +36,27 @@ if TYPE_CHECKING:
 OUTCOME_COLUMNS = ("status", "reason")
 """Columns of a study's table: how a variant ended, and why if not "ok"."""
 ROW_STATUSES = (*JUDGED, "infeasible")
-"""Statuses of a row: those of a judged variant, and "infeasible" of a row without one."""
+"""Statuses of a row: those of a judged variant, and "infeasible"."""
 
 _VARIANT_PREFIX = re.compile(r"^variant \d+: ")
 NOTE_KEY = b"warpchain"
 NOTE_HEAD = b"\x18" + bytes([len(NOTE_KEY)]) + NOTE_KEY + b"\x18"
-"""Bytes before the note in a Parquet footer: Thrift's compact pair of strings, each after its length."""
+"""Bytes before the note in a Parquet footer: Thrift's compact pair of strings."""
 REMEDY_RERUN = "remove it, and run the study again"
 REMEDY_COPY = "copy it again, or, where a program has changed its values, drop the key warpchain of its metadata"
 
 
 def reason_from_error(error: WarpchainError) -> str:
-    """An error's message in one line, without the number of a variant in its call."""
+    """Message of an error in one line, without the number of a variant in its call."""
     return "; ".join(_VARIANT_PREFIX.sub("", str(error)).splitlines())
 
 
 @dataclass(frozen=True)
 class RowOutcomes:
-    """Counts of the statuses of a table's rows, and their reasons.
+    """Counts of the statuses of a study table's rows, and their reasons."""
 
-    Attributes:
-        counts: number of rows by status.
-        reasons: (status, reason, number of rows), the earliest first; reasons alike but for numbers count as one.
-    """
-
-    counts: dict[str, int]
-    reasons: list[tuple[str, str, int]]
+    counts: dict[str, int]  # rows by status
+    reasons: list[tuple[str, str, int]]  # (status, reason, number of rows), the earliest first
 
     @staticmethod
     def of_table(table: pa.Table) -> RowOutcomes:
@@ -73,17 +67,17 @@ class RowOutcomes:
 
 
 MOST_ROWS, MOST_CELLS = 10_000_000, 2**28
-"""Most rows and cells of a table that is given to a study; 2 GiB of numbers."""
+"""Most rows and cells of a table given to a study; 2 GiB of numbers."""
 
 
 def read_table(
     path: Path, columns: list[str] | None = None, study: str | None = None, bounded: bool = False
 ) -> pa.Table:
-    """Reads a table from a Parquet file, or chosen columns of it, or from a CSV file.
+    """Pyarrow table read from a Parquet file, or chosen columns, or from a CSV file.
 
     Args:
-        columns: names of the columns to read; the digest is checked only if all are read.
-        study: identity of the study that the table must belong to, under its own name; None accepts any table.
+        columns: the digest is checked only if all are read.
+        study: identity of the study that the table must belong to; None accepts any.
         bounded: whether to refuse more than `MOST_ROWS` or `MOST_CELLS`.
 
     Raises:
@@ -124,14 +118,14 @@ def read_table(
 
 
 def _check_table_size(rows: int, columns: int, path: Path) -> None:
-    """Refuses a given table with more than `MOST_ROWS` rows or `MOST_CELLS` cells."""
+    """Raises StudyError for a given table of more than `MOST_ROWS` rows or `MOST_CELLS` cells."""
     if rows > MOST_ROWS or rows * columns > MOST_CELLS:
         most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
         raise StudyError(f"{path}: {rows} rows of {columns} columns; allowed are at most {most} rows")
 
 
 def _check_unique_columns(table: pa.Table, path: Path) -> None:
-    """Refuses a table with two columns of one name."""
+    """Raises StudyError for a table with two columns of one name."""
     for k, name in enumerate(table.column_names):
         first = table.column_names.index(name)
         if first < k:
@@ -141,7 +135,7 @@ def _check_unique_columns(table: pa.Table, path: Path) -> None:
 
 
 def _check_decimal_points(table: pa.Table, path: Path) -> None:
-    """Refuses a CSV table with decimal commas, or with semicolons or tabs between cells."""
+    """Raises StudyError for a CSV table with decimal commas, or semicolons or tabs between cells."""
     text = "cells are separated by commas, and numbers have decimal points"
     if table.num_columns == 1 and any(sign in table.column_names[0] for sign in ";\t"):
         raise StudyError(f"{path}: {table.column_names[0]!r}: {text}")
@@ -153,7 +147,7 @@ def _check_decimal_points(table: pa.Table, path: Path) -> None:
 
 
 def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:
-    """A table without its note, after the note's study and digest have been checked."""
+    """Table without its note, after the note's study and digest have been checked."""
     held = dict(table.schema.metadata or {})
     note = parse_json(held.pop(NOTE_KEY, b"{}"))
     table = table.replace_schema_metadata(held or None)
@@ -168,7 +162,7 @@ def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None)
 
 
 def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
-    """Reads the statuses and reasons of a shard's rows, from its table's note or else from the table."""
+    """Statuses and reasons of a shard's rows, read from its table's note or else the table."""
     note = _footer_note(path) if study else {}
     try:
         held = note["ended"]
@@ -184,7 +178,7 @@ def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
 
 
 def _footer_note(path: Path) -> dict[str, Any]:
-    """The note in a Parquet file's footer, found without reading the table; empty if there is none."""
+    """Note in a Parquet file's footer, found without reading the table; empty for none."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -199,13 +193,13 @@ def _footer_note(path: Path) -> dict[str, Any]:
 
 
 def _note_digest(note: Mapping[str, Any]) -> str:
-    """SHA-256 of a note's entries but for `mark`, which holds this digest."""
+    """SHA-256 of a note's entries but for `mark`, which holds it."""
     held = {name: value for name, value in note.items() if name != "mark"}
     return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
 
 
 def table_digest(table: pa.Table) -> str:
-    """SHA-256 of a table's names, types, metadata and values, independent of its layout in memory."""
+    """SHA-256 of a table's names, types, metadata and values, independent of its layout."""
     import numpy as np
     import pyarrow as pa
 
@@ -226,7 +220,7 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
     """Writes a table as a Parquet file with checksums and a note, whole or not at all.
 
     Args:
-        keep: leave an existing file as it is, so that the first of several processes decides.
+        keep: leave an existing file, so that the first of several processes decides.
         study: identity of the study that the table belongs to.
         note_outcomes: whether the note lists the statuses of the rows.
 
@@ -254,13 +248,13 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
 
 
 def check_no_symlink(path: Path) -> None:
-    """Refuses to write a study's file through a symbolic link, which could lead out of the folder."""
+    """Raises StudyError for a symbolic link where a study would write a file."""
     if path.is_symlink():
         raise StudyError(f"{path}: is a symbolic link, where a study writes a file of its own; remove it")
 
 
 def check_archive_name(name: object) -> None:
-    """Refuses a name of a variant's archive that leads out of the study's folder."""
+    """Raises StudyError for an archive's name that leads out of the study's folder."""
     if not isinstance(name, str) or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
         raise StudyError(f"column 'archive': {name!r} is no file in the study's folder")
 
@@ -274,7 +268,7 @@ def file_digest(path: Path) -> str:
 
 
 def write_study_text(path: Path, text: str, keep: bool = False) -> None:
-    """Writes a text file of a study, whole or not at all; `keep` leaves an existing file as it is."""
+    """Writes a text file of a study, whole or not at all; `keep` leaves an existing one."""
     with _refusals_as_study_errors(path, keep):
         files.write_text_file(path, text, not keep)
 

@@ -1,8 +1,8 @@
 """Bayesian search of a study's next rows: costly runs that scatter, several objectives, limits, rows that fail.
 
-Each metric has a Gaussian process (`surrogate.gaussian_process`) over the rows that ran. Costs f are scaled to 0 .. 1
-from the best to the worst of the present front. The volume of costs that a set of rows dominates, up to r = 1.2, is for
-directions l drawn uniformly from the positive part of the unit sphere (Golovin and Zhang 2020)
+Each metric has a Gaussian process over the rows that ran. Costs f are scaled to 0 .. 1 from the best to the worst of
+the present front. The volume that rows dominate, up to r = 1.2, is for directions l drawn uniformly from the positive
+part of the unit sphere (Golovin and Zhang 2020)
 
     V ~ E_l max_rows s_l(f),      s_l(f) = min_i (max(0, r - f_i) / l_i)^M,                                       (a)
 
@@ -10,10 +10,8 @@ so that the expected gain of a row at x, times the chance that it counts, is
 
     a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok),                                                      (b)
 
-the mean over l and draws of the processes together, s_l* the largest s_l of the processes' means at rows that likely
-keep the limits. With one objective (b) is expected improvement. Rows of one batch are kept apart by taking the mean at
-each chosen one as measured (Ginsbourger et al. 2010). The maximum is searched among Sobol' points and points about the
-best rows, as whole numbers, choices and constraints allow.
+s_l* the largest s_l of the means at rows that likely keep the limits. With one objective (b) is expected improvement.
+Rows of a batch are kept apart by taking the mean at each as measured (Ginsbourger et al. 2010).
 """
 
 from __future__ import annotations
@@ -29,9 +27,9 @@ from warpchain.study.results import Array
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process
 
 GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
-"""Number of candidates all over, and about each of the best rows."""
+"""Number of search candidates all over, and about each of the best rows."""
 LOCAL_DEVIATIONS = (0.15, 0.04, 0.01)
-"""Deviations of candidates about a row."""
+"""Deviations of search candidates about a row."""
 BEST_ROWS = 6
 GAIN_DRAWS = 128
 REFERENCE_COST = 1.2
@@ -40,16 +38,11 @@ REFERENCE_COST = 1.2
 
 @dataclass(frozen=True)
 class SearchModel:
-    """Surrogates of a search: of each metric, and of rows ending well.
-
-    Attributes:
-        processes: Gaussian process by metric, also of a factor that is an objective.
-        ok: process of 1 for rows that are ok and 0 for others; None if none failed.
-    """
+    """Surrogates of a search: of each metric, and of rows ending well."""
 
     goals: Goals
-    processes: dict[str, GaussianProcess]
-    ok: GaussianProcess | None
+    processes: dict[str, GaussianProcess]  # by metric, also of a factor that is an objective
+    ok: GaussianProcess | None  # process of 1 for rows that are ok and 0 for others; None if none failed
 
     def predictions_at(self, x: Array) -> tuple[dict[str, tuple[Array, Array]], Array]:
         """Mean and deviation by metric at coordinates (C, D), and the probability that rows count."""
@@ -62,13 +55,13 @@ class SearchModel:
         return found, chance
 
     def model_with_row(self, x: Array) -> SearchModel:
-        """Search model with its means at coordinates (D,) as if they had been measured."""
+        """Search model with its means at coordinates (D,) taken as measured."""
         more = {n: p.process_with_row(x, float(p.predict(x[None])[0][0])) for n, p in self.processes.items()}
         return replace(self, processes=more)
 
 
 def fit_search_model(measured: GoalValues, x: Array) -> SearchModel:
-    """Fits Gaussian processes to the goals' metrics of rows at coordinates (R, D)."""
+    """Search model fitted to the goals' metrics of rows at coordinates (R, D)."""
     rows = measured.ok
     processes = {}
     for name, column in measured.columns.items():
@@ -80,11 +73,11 @@ def fit_search_model(measured: GoalValues, x: Array) -> SearchModel:
 
 
 def propose_points(cube: DesignCube, measured: GoalValues, points: Array, count: int, seed: int) -> Array:
-    """Next points of a search (count, D), fewer if the study has no more.
+    """Next points (count, D) of a Bayesian search, fewer if the study has no more.
 
     Args:
         measured: goal values of the rows that were run.
-        points: (R, D) points of these rows.
+        points: (R, D) of these rows.
     """
     rng = np.random.default_rng(seed)
     if measured.ok.sum() < 4:
@@ -119,21 +112,21 @@ def propose_points(cube: DesignCube, measured: GoalValues, points: Array, count:
 
 
 def _sobol_points(cube: DesignCube, rng: np.random.Generator, count: int) -> Array:
-    """Sobol' points in the unit cube (count, D)."""
+    """Sobol' points (count, D) in the unit cube."""
     from scipy.stats import qmc
 
     return np.asarray(qmc.Sobol(len(cube.axes), rng=rng).random(count), dtype=float)
 
 
 def _local_points(point: Array, count: int, rng: np.random.Generator) -> Array:
-    """Points about one point, some of whose coordinates move."""
+    """Search candidates about one point, some of whose coordinates move."""
     spreads = np.repeat(LOCAL_DEVIATIONS, count // len(LOCAL_DEVIATIONS))[:, None]
     moved = rng.random((len(spreads), len(point))) < max(0.3, 2.0 / len(point))
     return np.asarray(point + spreads * moved * rng.standard_normal(moved.shape))
 
 
 def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> Array:
-    """Candidates moved to allowed values that keep the constraints and were not run."""
+    """Search candidates moved to allowed values that keep constraints and were not run."""
     snapped = cube.snapped_points(candidates)
     seen = {tuple(row) for row in np.round(known, 9).tolist()}
     new = []
@@ -145,12 +138,12 @@ def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> A
 
 
 def _volume_scalars(costs: Array, ways: Array) -> Array:
-    """Volume that scaled costs (..., M) dominate along directions (..., M), s_l of eq. (a)."""
+    """Volume that scaled costs (..., M) dominate along directions (..., M), s_l of (a)."""
     return np.asarray((np.maximum(REFERENCE_COST - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
 
 
 def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[Array, Array, Array]:
-    """Mean costs of the rows that ran (R, M), and the costs that scale to 0 and 1 (M,), (M,)."""
+    """Mean costs (R, M) of rows that ran, and the costs (M,) that scale to 0 and 1."""
     means = np.stack(
         [
             sign * belief.processes[o.metric].predict(x)[0]
@@ -168,7 +161,7 @@ def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[
 
 
 def _best_points(belief: SearchModel, measured: GoalValues, cube: DesignCube, points: Array) -> Array:
-    """Points of the best rows, on the front of means or nearest to the limits (K, D)."""
+    """Points (K, D) of the best rows, on the front of means or nearest to the limits."""
     x = cube.model_coordinates(points)
     means, low, high = _cost_scaling(belief, measured, x)
     scaled = (means - low) / (high - low)
@@ -185,7 +178,7 @@ def _best_points(belief: SearchModel, measured: GoalValues, cube: DesignCube, po
 def _acquisition_values(
     belief: SearchModel, measured: GoalValues, cube: DesignCube, places: tuple[Array, Array], ways: Array, normal: Array
 ) -> Array:
-    """Expected gain of candidates (C,), eq. (b); `places` are points that ran, and candidates."""
+    """Expected gain (C,) of search candidates, eq. (b); `places` are points that ran, and candidates."""
     points, candidates = places
     means, low, high = _cost_scaling(belief, measured, cube.model_coordinates(points))
     found, chance = belief.predictions_at(cube.model_coordinates(candidates))

@@ -2,8 +2,8 @@
 
     A/  B/   folders of the runs of each drive, as those of searches (`design_search`): their n-th rows are a pair
 
-A pair has the same noise and, with replicates, begins in the same ways; design factors are held at each drive's values.
-The same study asks for the same runs, so that it can be resumed.
+A pair has the same noise and begins in the same ways; design factors are held at each drive's values. The same study
+asks for the same runs, so that it can be resumed.
 """
 
 from __future__ import annotations
@@ -42,11 +42,10 @@ class Comparison:
     """Settings of a comparison of two drives.
 
     Attributes:
-        metric: metric whose means are compared; None is the study's only objective.
+        metric: whose means are compared; None is the study's only objective.
         sense: "min" or "max", which is better; None is the objective's, or else "min".
-        level: probability with which no wrong sign is stated, however often it is looked for.
-        event: change of a pair's difference by rare events that a sure sign allows for, in SI units; None takes
-            `paired.EVENT_DEVIATIONS` deviations of the differences.
+        level: probability with which no wrong sign is stated.
+        event: change of a pair's difference by rare events, in SI units; None takes `paired.EVENT_DEVIATIONS`.
     """
 
     metric: str | None = None
@@ -69,43 +68,35 @@ DEFAULT_COMPARISON = Comparison()
 
 @dataclass(frozen=True)
 class DriveComparison:
-    """Two drives compared by the mean of a metric.
-
-    Attributes:
-        sense: "min" or "max", which is better.
-        differences: (P,) differences of the pairs, B less A; NaN if one of the two is not ok.
-        found: mean of the differences.
-        means: means of the metric over the same pairs, of A and of B.
-        copies: runs of each drive in a pair.
-    """
+    """Two drives compared by the mean of a metric."""
 
     metric: str
-    sense: str
+    sense: str  # "min" or "max", which is better
     results: tuple[Results, ...]
-    differences: Array
-    found: MeanDifference
-    means: tuple[float, ...]
-    copies: int
+    differences: Array  # (P,) of the pairs, B less A; NaN if one is not ok
+    found: MeanDifference  # mean of the differences
+    means: tuple[float, ...]  # of the metric over the pairs, of A and of B
+    copies: int  # runs of each drive in a pair
     budget: int
     folders: tuple[Path, ...]
 
     @property
     def sure_winner(self) -> str | None:
-        """ "A" or "B" if surely better, even if pairs missed rare events; else None."""
+        """Drive, "A" or "B", that is surely better, even if pairs missed rare events; or None."""
         return self._winner_of_sign(self.found.sure_sign)
 
     @property
     def shown_winner(self) -> str | None:
-        """ "A" or "B" if the pairs show it to be better; else None."""
+        """Drive, "A" or "B", that the pairs show to be better; or None."""
         return self._winner_of_sign(self.found.shown_sign)
 
     def _winner_of_sign(self, sign: int) -> str | None:
-        """ "A" or "B" by the sign of the mean difference, None for 0."""
+        """Better drive, "A" or "B", by the sign of the mean difference; None for 0."""
         return {1: "B", -1: "A"}.get(sign * (1 if self.sense == "max" else -1))
 
     @property
     def run_count(self) -> int:
-        """Number of runs of both drives."""
+        """Number of runs of both compared drives."""
         return 2 * self.copies * len(self.differences)
 
     @property
@@ -138,7 +129,7 @@ def find_better(
     progress: Progress = False,
     report: Callable[[DriveComparison], object] | None = None,
 ) -> DriveComparison:
-    """Runs two drives over the same noise until it is sure which has the better mean of a metric.
+    """Comparison of two drives, run over the same noise until the better mean of a metric is sure.
 
     Args:
         source: the study file, with noise factors.
@@ -186,7 +177,7 @@ def find_better(
 def _pair_differences(
     both: Sequence[Results], metric: str, by: Comparison
 ) -> tuple[Array, MeanDifference, tuple[float, ...]]:
-    """Differences of pairs, B less A, NaN if one is not ok; their mean; the metric's means of A and B."""
+    """Differences (P,) of pairs, B less A, their mean, and the metric's means of A and B."""
     values = np.array([_metric_of_runs(each, metric) for each in both])
     whole, differences = np.isfinite(values).all(axis=0), values[1] - values[0]
     if whole.sum() < 2:
@@ -197,14 +188,14 @@ def _pair_differences(
 
 
 def _metric_of_runs(results: Results, metric: str) -> Array:
-    """Values of a metric of runs (R,), NaN if they are not ok."""
+    """Metric values (R,) of runs, NaN if not ok."""
     if metric not in results.table.column_names:
         return np.full(len(results.status), np.nan)
     return np.where(results.ok, results.values(metric), np.nan)
 
 
 def _compared_metric(benches: Sequence[StudySession], by: Comparison) -> tuple[str, str]:
-    """Name of the metric that is compared, and its sense."""
+    """Name of the compared metric, and its sense."""
     study, metric = benches[0].study, by.metric
     if metric is None:
         if len(study.objectives) != 1:

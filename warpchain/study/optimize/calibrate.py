@@ -7,9 +7,8 @@
     posterior.csv               samples of the unknowns, to be the noise of other studies
     calibrated.toml             the drive at the posterior's means
 
-The first round is spread over the prior. Gaussian processes of the measured numbers give a posterior
-(`analysis.posterior`), which the next round is drawn from, and so on; the last round only checks the processes. A run
-scatters as the rig does, so the processes' own noise counts as an error of the measurement.
+The first round is spread over the prior, each next is drawn from the posterior by Gaussian processes of the measured
+numbers; the last only checks these. The processes' own noise counts as an error of the measurement.
 """
 
 from __future__ import annotations
@@ -55,23 +54,18 @@ from warpchain.study.store import read_table, write_study_text, write_table
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process, one_linear_algebra_thread
 
 COORDINATE_REACH = 3.0
-"""Standard normals from minus to plus this are the processes' coordinates from 0 to 1."""
+"""Standard normal that becomes coordinate 1 of the processes; its negative becomes 0."""
 MOST_CHECK_RUNS = 8
 PREDICTION_DRAWS = 2000
 LEAST_SPREAD = 1e-9
-"""Least standard deviation of an unknown a priori, in parts of its largest value."""
+"""Least prior deviation of an unknown, over its largest value."""
 
 
 @dataclass(frozen=True)
 class MeasuredNumber:
-    """A number that was measured on a rig.
+    """A number measured on a rig, with its standard deviation."""
 
-    Attributes:
-        name: a metric, or "SIGNAL: STATISTIC".
-        error: standard deviation of the value.
-    """
-
-    name: str
+    name: str  # a metric, or "SIGNAL: STATISTIC"
     unit: str
     value: float
     error: float
@@ -79,7 +73,7 @@ class MeasuredNumber:
 
 @dataclass(frozen=True)
 class MetricPrediction:
-    """Predictions of a metric a priori and a posteriori: (S,) samples of runs, and the processes' Q2."""
+    """Predictions of a metric a priori and a posteriori, (S,) samples of runs, and the processes' Q2."""
 
     metric: str
     before: Array
@@ -89,40 +83,27 @@ class MetricPrediction:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of a calibration.
-
-    Attributes:
-        normals: (R, D) the runs as independent standard normals.
-        runs: (R, J) the numbers of the runs, NaN if a run is not ok.
-        emulated: Gaussian processes of the numbers, of all rounds but the last.
-        checks: number of runs of the last round, the first of which is of the calibrated drive.
-        rounds: mean and standard deviation (D,) of the normals after each round.
-        before, after: (S, D) samples of the normals a priori, and of the posterior.
-        values_before, values: (S,) of each unknown at these.
-        directions: directions of the unknowns' normals, the least identified first.
-        residuals: (J,) measured less expected numbers, in standard deviations of both.
-        drive: file of the drive at the posterior's means.
-    """
+    """Result of a calibration: posterior samples, runs and predictions."""
 
     folder: Path
     study: Study
     results: Results
-    normals: Array
+    normals: Array  # (R, D) the runs as independent standard normals
     signals: dict[str, MeasuredSignal]
     numbers: tuple[MeasuredNumber, ...]
-    runs: Array
-    emulated: NumberEmulators
-    checks: int
-    rounds: tuple[tuple[Array, Array], ...]
-    before: Array
-    after: Array
-    values_before: dict[str, Array]
-    values: dict[str, Array]
+    runs: Array  # (R, J) numbers of the runs, NaN if not ok
+    emulated: NumberEmulators  # Gaussian processes of the numbers, without the last round
+    checks: int  # runs of the last round, the first of the calibrated drive
+    rounds: tuple[tuple[Array, Array], ...]  # mean and deviation (D,) of normals after each round
+    before: Array  # (S, D) samples of normals a priori
+    after: Array  # (S, D) samples of normals of the posterior
+    values_before: dict[str, Array]  # (S,) of each unknown
+    values: dict[str, Array]  # (S,) of each unknown
     independent: float
-    directions: tuple[PosteriorDirection, ...]
-    residuals: Array
+    directions: tuple[PosteriorDirection, ...]  # of normals, the least identified first
+    residuals: Array  # (J,) measured less expected, in standard deviations of both
     predictions: tuple[MetricPrediction, ...]
-    drive: Path
+    drive: Path  # file of the drive at the posterior's means
 
     @cached_property
     def check_counts(self) -> tuple[int, int]:
@@ -133,7 +114,7 @@ class Calibration:
 
 
 def check_prior_spreads(source: str | os.PathLike[str], study: Study) -> None:
-    """Refuses unknowns whose values are all but equal a priori."""
+    """Raises StudyError for unknowns whose values are all but equal a priori."""
     u = (np.arange(PREDICTION_DRAWS) + 0.5) / PREDICTION_DRAWS
     for i, factor in enumerate(study.factors):
         if factor.kind != NOISE:
@@ -149,11 +130,11 @@ def check_prior_spreads(source: str | os.PathLike[str], study: Study) -> None:
 
 
 class NumberEmulators:
-    """Gaussian processes of measured numbers over standard normals, for `posterior.NumbersModel`.
+    """Gaussian processes of measured numbers over standard normals, a `posterior.NumbersModel`.
 
     Args:
         normals: (R, D) of all runs.
-        values: (R', J) numbers of the first R' runs; NaN if there is none.
+        values: (R', J) numbers of the first R' runs, NaN for none.
     """
 
     def __init__(self, normals: Array, values: Array, names: Sequence[str]) -> None:
@@ -176,7 +157,7 @@ class NumberEmulators:
 
     @property
     def q2_values(self) -> list[float]:
-        """Cross-validated Q2 of each number."""
+        """Cross-validated Q2 of each measured number."""
         found = []
         for of in self.processes:
             observed, (predicted, _) = of.center + of.scale * of.z, of.leave_one_out()
@@ -210,7 +191,7 @@ class RigMeasurements:
                 self.signals[of.signal] = measured
 
     def measured_numbers(self, turns: float, results: Results) -> tuple[MeasuredNumber, ...]:
-        """Numbers of the rig, whose driver is taken to turn at `turns` [1/s]."""
+        """Numbers measured on the rig, whose driver is taken to turn at `turns` [1/s]."""
         found = []
         for of in self.of:
             if of.metric is not None:
@@ -227,7 +208,7 @@ class RigMeasurements:
         return tuple(found)
 
     def _measured_number(self, of: Measurement, name: str, unit: str, value: float, scatter: float) -> MeasuredNumber:
-        """A number with its error from the study file, its scatter and the model's error."""
+        """Measured number with its error from study file, scatter and model."""
         if not np.isfinite(value):
             raise StudyError(f"measured: {name}: the measured signal is too short or too coarse for it")
         said = of.error if of.error is not None else abs(value) * float(of.relative_error or 0.0)
@@ -289,11 +270,11 @@ class CalibrationRuns:
         self.results: Results
 
     def rows_of_normals(self, u: Array) -> list[dict[str, Any]]:
-        """Values by factor at standard normals (R, D), a mapping a row."""
+        """Study rows, values by factor, at standard normals (R, D)."""
         return [self._held | row for row in noise_rows_of_normals(self.bench.study, u)]
 
     def run_round(self, u: Array) -> None:
-        """Runs a round at standard normals (R, D), or reads the one that is there."""
+        """Runs a calibration's round at standard normals (R, D), or reads the one that is there."""
         import pyarrow as pa
 
         raise_if_stopped()
@@ -321,7 +302,7 @@ class CalibrationRuns:
 
     @property
     def run_numbers(self) -> Array:
-        """Numbers of all runs (R, J)."""
+        """Numbers (R, J) of all runs of a calibration."""
         return np.array(self._numbers)
 
 
@@ -336,7 +317,7 @@ def calibrate(
     progress: Progress = False,
     report: Callable[[str], object] | None = None,
 ) -> Calibration:
-    """Calibrates a study's noise factors to measurements, or resumes a calibration.
+    """Calibration of a study's noise factors to measurements, begun or resumed.
 
     Args:
         source: the study file, with `[[measured]]` and noise factors.
@@ -395,25 +376,25 @@ def calibrate(
 
 
 def _random_samples(u: Array, count: int, rng: np.random.Generator) -> Array:
-    """At most `count` of the samples, chosen by chance."""
+    """Random choice of at most `count` samples."""
     return u[rng.permutation(len(u))[:count]]
 
 
 def _directions_of_factors(found: Sequence[PosteriorDirection], mixing: Array) -> list[PosteriorDirection]:
-    """Directions of the factors' normal scores from those of the independent normals."""
+    """Directions of the factors' normal scores from those of independent normals."""
     turned = [mixing @ of.weights for of in found]
     return [PosteriorDirection(w / np.linalg.norm(w), of.left) for w, of in zip(turned, found, strict=True)]
 
 
 def _unknown_values(runs: CalibrationRuns, u: Array) -> dict[str, Array]:
-    """Values of each unknown at standard normals (S, D), by name."""
+    """Values (S,) of each unknown at standard normals (S, D), by name."""
     rows = runs.rows_of_normals(u)
     names = [factor.name for factor in runs.bench.study.noise_study.factors]
     return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
 
 
 def _write_posterior(folder: Path, runs: CalibrationRuns, mean: Array, after: Array) -> Path:
-    """Writes the samples, and the drive at the posterior's means; returns the drive's file."""
+    """Writes posterior samples, and the drive at their means; returns the drive's file."""
     columns = _unknown_values(runs, after)
     lines = [
         ",".join(columns),

@@ -48,24 +48,17 @@ from warpchain.study.store import read_table, write_study_text, write_table
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search for designs.
-
-    Attributes:
-        designs: the rows, or with noise the designs over it (`analysis.over_noise`).
-        recommended: recommended designs, the best compromise first.
-        today: today's design; None if the study did not ask for it.
-        archives: archive and number in it of each one's recording; None if it has none.
-    """
+    """Result of a search for designs."""
 
     folder: Path
     goals: Goals
     results: Results
-    designs: Results
+    designs: Results  # the rows, or with noise the designs over it (`analysis.over_noise`)
     rounds: int
-    recommended: tuple[RecommendedDesign, ...]
-    today: RecommendedDesign | None
+    recommended: tuple[RecommendedDesign, ...]  # the best compromise first
+    today: RecommendedDesign | None  # today's design, if the study asked for it
     drives: tuple[Path, ...]
-    archives: tuple[tuple[Path, int] | None, ...]
+    archives: tuple[tuple[Path, int] | None, ...]  # archive and number in it of each design's recording, or None
 
 
 @check_arguments(StudyError)
@@ -80,7 +73,7 @@ def optimize(
     report: Callable[[str], object] | None = None,
     known: Sequence[str | os.PathLike[str]] = (),
 ) -> SearchResult:
-    """Searches for the designs that a study file wants, or resumes a search.
+    """Search for the designs that a study file wants, begun or resumed; returns its result.
 
     Args:
         source: the study file, with `[[objectives]]`.
@@ -131,7 +124,7 @@ def optimize(
 
 
 def make_search_folder(path: Path, bench: StudySession) -> Path:
-    """Makes a search's folder, or opens the one that holds the same study; returns its path."""
+    """Path of a search's folder, made, or opened if it holds the same study."""
     try:
         (path / "rounds").mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Search for a study's next rows by ask and observe, from the rows that were run.
+"""Optimizer: search for a study's next rows by ask and observe, from the rows that were run.
 
 The same study, seed and results give the same rows, bit by bit.
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 LOST_EXCESS = 1e3
-"""Excess of a row without metrics, in spreads: worse than any that has them."""
+"""Excess of a row without metrics, in spreads."""
 
 
 class Population:
@@ -50,7 +50,7 @@ class Population:
         self._asked: Any = None
 
     def next_generation(self) -> Array:
-        """Points of the next generation (N, D)."""
+        """Points (N, D) of the next generation."""
         if self._asked is None:
             self._asked = self._algorithm.ask()
         return np.asarray(self._asked.get("X"), dtype=float)
@@ -72,10 +72,10 @@ class Population:
 
 
 class Optimizer:
-    """A search for a study's objectives within its limits; with noise factors, a search for designs.
+    """Search for a study's objectives within its limits; with noise factors, for designs.
 
     Args:
-        study: the study; its design is asked for first.
+        study: its design is asked for first.
         source: the study file, which errors name.
 
     Raises:
@@ -106,15 +106,15 @@ class Optimizer:
         """Next rows to run, values by factor: the study's design first, then what the engine proposes.
 
         Args:
-            count: number of designs, each with every row of noise; None takes `optimize.batch`. The design and
-                generations of a population come whole.
+            count: designs, each with every row of noise; None takes `optimize.batch`. The design and generations of a
+                population come whole.
         """
         if not self._tables:
             return make_design(self.study, self._source).select([f.name for f in self.study.factors]).to_pylist()
         return crossed_rows(self._proposed_rows(count), self._noise)
 
     def _proposed_rows(self, count: int | None) -> list[dict[str, Any]]:
-        """Rows that the engine proposes next, values by factor."""
+        """Rows, values by factor, that the search engine proposes next."""
         if self.settings.engine == "population":
             return self.cube.rows_of_points(self._current_population().next_generation())
         import pyarrow as pa
@@ -142,11 +142,11 @@ class Optimizer:
         self._points.append(points)
 
     def _goal_values(self, table: pa.Table) -> GoalValues:
-        """Values of the goals in a table of results."""
+        """Goal values of a table of results."""
         return self._over.goal_values(read_results(table, self._factors, ()))
 
     def _current_population(self) -> Population:
-        """The population, led through the results so far."""
+        """Population of the search, led through the results so far."""
         if self._population is None:
             sizes = len(self._over.objectives), len(self._over.bounds), self.settings.batch
             self._population = Population(np.vstack(self._points), *sizes, self.settings.seed)
@@ -154,7 +154,7 @@ class Optimizer:
         return self._population
 
     def _observe_population(self, rows: Sequence[dict[str, Any]], measured: GoalValues) -> None:
-        """Gives the population the results of its generation, refused if they are of other rows."""
+        """Gives the population its generation's results; raises StudyError for those of other rows."""
         asked = design_table_of_rows(
             self._designs, self.cube.rows_of_points(self._current_population().next_generation())
         ).to_pylist()

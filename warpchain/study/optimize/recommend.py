@@ -1,9 +1,8 @@
 """Recommended designs out of the rows that were run, with estimates of their metrics and reasons.
 
-The best of many rows that scatter is the best partly by luck, so rows that were run once are compared by surrogates.
-With noise, rows are designs and metrics statistics of their runs (`analysis.over_noise`). A design beats another if it
-is surely better in one objective, in pairs of runs with the same noise, and no worse in any; none is recommended that
-another one beats.
+Rows that were run once are compared by surrogates, as the best of many that scatter is so partly by luck. With noise,
+rows are designs and metrics statistics of their runs (`analysis.over_noise`). None is recommended that another design
+beats: surely better in one objective, over the same noise, and no worse in any.
 """
 
 from __future__ import annotations
@@ -34,39 +33,26 @@ SURE_PROBABILITY = 0.95
 
 @dataclass(frozen=True)
 class MetricEstimate:
-    """Estimate of a metric at the rows.
+    """Estimate of a metric at R rows."""
 
-    Attributes:
-        mean, deviation: (R,) of the metric without the scatter of a run; NaN of rows that were not ok.
-        source: source of the estimate, in words.
-    """
-
-    mean: Array
-    deviation: Array
-    source: str
+    mean: Array  # (R,) of the metric without a run's scatter; NaN if not ok
+    deviation: Array  # (R,)
+    source: str  # of the estimate, in words
 
 
 @dataclass(frozen=True)
 class MetricChange:
-    """Change of a goal's metric from today's design to another.
-
-    Attributes:
-        difference: of the metric; of what a surrogate estimates without noise.
-        half: half width of the interval of the difference: 95 % over the same noise, else two standard deviations.
-        sign: 1 or -1 if the metric is surely above or below today's, else 0.
-        sense: "min" or "max" of an objective, "" of another metric.
-        pairs: over the same noise, number of pairs of runs that differ in this way, and of all pairs; None without.
-    """
+    """Change of a goal's metric from today's design to another."""
 
     difference: float
-    half: float
-    sign: int
-    sense: str
-    pairs: tuple[int, int] | None = None
+    half: float  # half width of the difference's interval: 95 % over noise, else two deviations
+    sign: int  # 1 or -1 if the metric is surely above or below today's, else 0
+    sense: str  # "min" or "max" of an objective, "" of another metric
+    pairs: tuple[int, int] | None = None  # over noise, pairs of runs that differ so, and all pairs
 
     @property
     def verdict(self) -> str:
-        """Word on the change: better or worse of an objective, more or less of another metric, or not known."""
+        """Word on a metric's change: better, worse, more, less, or not known."""
         if not self.sign:
             return "not known"
         if not self.sense:
@@ -76,26 +62,17 @@ class MetricChange:
 
 @dataclass(frozen=True)
 class RecommendedDesign:
-    """A recommended design, or today's, with its reasons.
-
-    Attributes:
-        believed: mean and standard deviation by metric; with noise, of its runs.
-        measured: results of its run, by metric.
-        chance: probability that it keeps all limits; with noise, the share of its runs that do.
-        alike: number of other rows that are not surely different in its objectives.
-        spreads: with noise, spreads of its metrics.
-        changes: from today's design, by metric; none without one that is ok, and of today's itself.
-    """
+    """A recommended design, or today's, with its reasons."""
 
     row: int
     variant: int
     reasons: tuple[str, ...]
-    believed: dict[str, tuple[float, float]]
-    measured: dict[str, float]
-    chance: float
-    alike: int
-    spreads: tuple[NoiseSpread, ...] = ()
-    changes: Mapping[str, MetricChange] = field(default_factory=dict)
+    believed: dict[str, tuple[float, float]]  # mean and deviation by metric; with noise, of its runs
+    measured: dict[str, float]  # results of its run, by metric
+    chance: float  # probability that it keeps all limits; with noise, the share of runs
+    alike: int  # other rows that are not surely different in objectives
+    spreads: tuple[NoiseSpread, ...] = ()  # of its metrics over noise
+    changes: Mapping[str, MetricChange] = field(default_factory=dict)  # from today's design, by metric
 
 
 def metric_estimate(results: Results, metric: str) -> MetricEstimate:
@@ -121,30 +98,20 @@ def metric_estimate(results: Results, metric: str) -> MetricEstimate:
 
 @dataclass(frozen=True)
 class JudgedRows:
-    """All rows, judged by the goals.
-
-    Attributes:
-        believed: estimates by metric.
-        costs: (R, M) means of the objectives, all to be small.
-        spread: (R, M) their deviations.
-        measured: (R, M) objectives as they were run, all to be small.
-        within: (R,) whether each row keeps all limits as it was run.
-        chance: (R,) probability of keeping all limits; 0 if a row was not ok.
-        held: (R,) whether each row counts as keeping the limits; if none does, the likeliest.
-    """
+    """All R rows of results, judged by M objectives and limits."""
 
     goals: Goals
-    believed: dict[str, MetricEstimate]
-    costs: Array
-    spread: Array
-    measured: Array
-    within: NDArray[np.bool_]
-    chance: Array
-    held: NDArray[np.bool_]
+    believed: dict[str, MetricEstimate]  # estimates by metric
+    costs: Array  # (R, M) means of objectives, all to be small
+    spread: Array  # (R, M) their deviations
+    measured: Array  # (R, M) costs as they were run
+    within: NDArray[np.bool_]  # (R,) whether a row keeps all limits as run
+    chance: Array  # (R,) probability of keeping all limits; 0 if not ok
+    held: NDArray[np.bool_]  # (R,) whether a row counts as keeping the limits; if none, the likeliest
 
 
 def judge_rows(results: Results, goals: Goals) -> JudgedRows:
-    """Judges all rows by the goals: estimated costs and probabilities of keeping limits."""
+    """Rows of results judged by goals: estimated costs and probabilities of keeping limits."""
     measured = goals.goal_values(results)
     if not measured.ok.any():
         raise StudyError("objectives: no variant is ok and has all of " + ", ".join(goals.named_metrics))
@@ -170,9 +137,9 @@ def judge_rows(results: Results, goals: Goals) -> JudgedRows:
 
 
 def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
-    """Rows on the Pareto front of estimates, of those that keep the limits (P,).
+    """Rows (P,) on the Pareto front of estimates, of those that keep the limits.
 
-    If any of these is on the front as measured, too, only such rows.
+    If any is on the front as measured, too, only such rows.
     """
     rows = np.flatnonzero(judged.held)
     front = rows[is_non_dominated(judged.costs[rows])] if len(rows) else rows
@@ -191,13 +158,13 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
 
 
 def design_of_today(results: Results, judged: JudgedRows) -> RecommendedDesign | None:
-    """Today's design, described as recommended ones are; None if it was not run."""
+    """Today's design, described as recommended ones; None if it was not run."""
     row = results.row_of_today
     return None if row is None else _recommended_design(results, judged, row, [])
 
 
 def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[RecommendedDesign]:
-    """`recommend` of rows that are judged.
+    """Designs to recommend out of judged rows, at most `most`.
 
     Raises:
         StudyError: no row has a chance to keep the limits.
@@ -235,7 +202,7 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
 
 
 def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp], m: int) -> Array:
-    """Sign of the cost of other rows less that of a row (K,), in objective m; 0 if not sure."""
+    """Sign (K,) of other rows' cost less a row's, in objective m; 0 if not sure."""
     gap = judged.costs[others, m] - judged.costs[row, m]
     alike = np.abs(gap) <= 2.0 * np.hypot(judged.spread[others, m], judged.spread[row, m])
     signs = np.where(alike, 0.0, np.sign(gap))
@@ -255,7 +222,7 @@ def _beating_rows(results: Results, judged: JudgedRows, row: int, others: NDArra
 
 
 def _passed_over_lines(results: Results, judged: JudgedRows, row: int) -> list[str]:
-    """Line on why another design that beats a recommended one is passed over; none if none beats it."""
+    """Lines on why a design that beats a recommended one is passed over."""
     others = _beating_rows(results, judged, row, np.flatnonzero(judged.within))
     if not len(others):
         return []
@@ -286,7 +253,7 @@ def _chance_text(judged: JudgedRows, row: int) -> str:
 def _recommended_design(
     results: Results, judged: JudgedRows, row: int, reasons: list[tuple[str, int]]
 ) -> RecommendedDesign:
-    """Recommended design of a row, with its reasons as lines; without reasons one that is only shown."""
+    """Recommended design of a row, with its reasons as lines."""
     goals = judged.goals
     objectives = [m for _, m in reasons if m >= 0] or list(range(len(goals.objectives)))
     others = np.flatnonzero(judged.held)
@@ -337,7 +304,7 @@ def _recommended_design(
 
 
 def _metric_changes(results: Results, judged: JudgedRows, before: int, after: int) -> dict[str, MetricChange]:
-    """Changes of the goals' metrics from one row to another, by metric, of those that both have."""
+    """Changes of goals' metrics from one row to another, by metric."""
     senses = {objective.metric: objective.sense for objective in judged.goals.objectives}
     found = {}
     for name, of in judged.believed.items():
@@ -357,7 +324,7 @@ def _metric_changes(results: Results, judged: JudgedRows, before: int, after: in
 def rows_of_recommended(
     study: Study, drive: Drive, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[dict[str, Any]]:
-    """Values by factor of recommended designs; noise factors are at the base drive's values."""
+    """Study rows, values by factor, of recommended designs, noise at the base drive's values."""
     if not isinstance(designs, Designs):
         names = [factor.name for factor in study.factors]
         return list(designs.table.select(names).take([one.row for one in chosen]).to_pylist())

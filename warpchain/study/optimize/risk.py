@@ -48,62 +48,45 @@ from warpchain.study.store import write_study_text, write_table
 
 SUMMARY_FILE, TODAY_FOLDER = "risk.json", "today"
 NOT_OK_LIMIT = ("", "")
-"""Stands for a limit if a run is not ok."""
+"""Stands for a broken limit if a run is not ok."""
 LimitEnd = tuple[str, str]
 """A metric and the end that limits it, "min" or "max"."""
 
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A most likely way to break a limit.
+    """A most likely way to break a limit."""
 
-    Attributes:
-        variant: number of the run there.
-        distance: distance from the medians, in standard deviations [-].
-        deviations: normal score of each dimension of the noise [-].
-    """
-
-    variant: int
-    distance: float
-    deviations: dict[str, float]
+    variant: int  # number of the run there
+    distance: float  # from the medians, in standard deviations [-]
+    deviations: dict[str, float]  # normal score by dimension of the noise [-]
     broken: tuple[LimitEnd, ...]
 
 
 @dataclass(frozen=True)
 class RiskEstimate:
-    """Probability that a drive breaks a study's limits over its noise, by two ways.
-
-    Attributes:
-        drive: its file or example, as it was named.
-        joint: the estimate to state, or in words why there is none.
-        sampled: estimate by importance sampling, or in words why there is none.
-        search_runs: number of runs of the search for them.
-        shares: part of the failures that break each limit [-].
-        variant: number of the run that failed at the likeliest values.
-        distance: its distance from the medians, in standard deviations [-].
-        today: the same of the study's own drive, today's design; None where that is this drive.
-    """
+    """Probability that a drive breaks a study's limits over its noise, by two ways."""
 
     folder: Path
-    drive: str
+    drive: str  # its file or example, as named
     study: Study
     results: Results
-    joint: FailureEstimate | str
+    joint: FailureEstimate | str  # the estimate to state, or why there is none
     subset: FailureEstimate
-    sampled: FailureEstimate | str
+    sampled: FailureEstimate | str  # by importance sampling, or why there is none
     points: tuple[DesignPoint, ...]
-    search_runs: int
-    shares: dict[LimitEnd, float]
-    variant: int
-    distance: float
+    search_runs: int  # runs of the search for both
+    shares: dict[LimitEnd, float]  # part of the failures that break each limit [-]
+    variant: int  # number of the run that failed at the likeliest values
+    distance: float  # of that from the medians, in standard deviations [-]
     archive: Path
-    today: RiskEstimate | None = None
+    today: RiskEstimate | None = None  # of the study's own drive, unless that is this drive
 
     @property
     def sign_beside_today(self) -> int | None:
-        """-1 or 1 if it surely fails less or more often than today's design; 0 if not known, None without that.
+        """Sign, -1 or 1, if the drive surely fails less or more often than today's design; 0 if unknown.
 
-        Sure is where the two intervals of 95 % do not overlap.
+        Sure is where the 95 % intervals do not overlap; None without today's design.
         """
         if self.today is None:
             return None
@@ -114,7 +97,7 @@ class RiskEstimate:
 
 
 class LimitMargins:
-    """Least margin to a study's limits, in parts of them, over standard normals.
+    """Least margin to a study's limits, relative to them, over standard normals.
 
     Args:
         held: values of the design factors.
@@ -164,7 +147,7 @@ class LimitMargins:
         return np.array([known[point.tobytes()] for point in points], dtype=np.intp)
 
     def broken_limits(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Whether runs break each of the limits (N, L)."""
+        """(N, L) whether runs break each of the limits."""
         return np.asarray(np.vstack(self._each)[rows] <= 0.0)
 
     def likeliest_failure(self) -> tuple[int, float]:
@@ -187,19 +170,17 @@ def estimate_risk(
     progress: Progress = False,
     report: Callable[[str], object] | None = None,
 ) -> RiskEstimate:
-    """Estimates the probability that a study's limits on metrics are broken over its noise, and the likeliest ways.
+    """Estimate of the probability that limits on metrics are broken over a study's noise, and how.
 
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
         out: the folder; made if there is none.
-        drive: file of the drive, or the name of an example; the study's own drive, today's design, is then estimated
-            as well, unless it is the same. None is the study's own.
+        drive: file or example; the study's own, today's design, is then estimated as well. None is the study's own.
         progress: True shows a bar for each batch; see `StudySession.evaluate`.
-        report: called with a line on what is to be run, and with one after each batch.
+        report: called with a line on what is to be run, and one after each batch.
 
     Raises:
-        StudyError: an error of the study, a folder of another one, or no estimate, as failures are too unlikely or
-            subset simulation does not come to them.
+        StudyError: an error of the study, a folder of another one, or no estimate, as failures are too unlikely.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
     say = report or (lambda line: None)
@@ -222,12 +203,7 @@ def estimate_risk(
 def _estimate_drive_risk(
     bench: StudySession, name: str, machine: Mapping[str, Any], progress: Progress, say: Callable[[str], object]
 ) -> None:
-    """Estimates the risk of one drive, and writes it to its session's folder.
-
-    Args:
-        name: of the drive.
-        machine: threads and memory, as of `estimate_risk`.
-    """
+    """Estimates one drive's risk, and writes it to its session's folder."""
     source, study, settings = bench.source, bench.study, bench.study.risk or Risk()
     if not study.noise_names:
         raise StudyError(f'{source}: factors: none is noise; risk needs at least one of kind "noise"')
@@ -253,7 +229,7 @@ def _estimate_drive_risk(
 
 
 def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str, Any]:
-    """Both estimates and the design points, as the data of `SUMMARY_FILE`."""
+    """Both risk estimates and the design points, as data of `SUMMARY_FILE`."""
     subset = subset_simulation(margins, noise_dimensions(study), settings.count, settings.repeats, settings.seed)
     mixture = fit_mixture(subset.failed)
     sampled: FailureEstimate | str
@@ -292,7 +268,7 @@ def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str,
 def _limit_shares(
     margins: LimitMargins, subset: FailureEstimate, mixture: FailureMixture, sampled: FailureEstimate | str
 ) -> list[tuple[LimitEnd, float]]:
-    """Part of the failures that break each limit, by the weights of importance samples if there are any."""
+    """Part of the failures that break each limit, by importance weights if there are any."""
     by_weight = not isinstance(sampled, str)
     failed = np.vstack(sampled.failed if not isinstance(sampled, str) else subset.failed)
     weights = mixture.importance_weights(failed) if by_weight else np.ones(len(failed))
@@ -301,19 +277,19 @@ def _limit_shares(
 
 
 def _data_from_estimate(found: FailureEstimate | str) -> Any:
-    """Data of an estimate for `SUMMARY_FILE`, without its points."""
+    """Data of a risk estimate for `SUMMARY_FILE`, without points."""
     if isinstance(found, str):
         return found
     return {name: getattr(found, name) for name in ("probability", "low", "high", "evaluations")}
 
 
 def _estimate_from_data(found: Any) -> FailureEstimate | str:
-    """Estimate from the data of `SUMMARY_FILE`."""
+    """Risk estimate from the data of `SUMMARY_FILE`."""
     return found if isinstance(found, str) else FailureEstimate(**found, failed=())
 
 
 def read_risk(folder: str | os.PathLike[str]) -> RiskEstimate:
-    """Reads the result in a folder of `warpchain risk`; its estimates are without their points.
+    """Risk estimate read from a folder of `warpchain risk`, without points.
 
     Raises:
         StudyError: it is not done, or damaged.

@@ -1,7 +1,6 @@
 """A study to work with in Python: its rows as drives, its rows run in rounds, its surrogates and search.
 
-Each drive is run once: a row is known by its drive's content and by what else decides its metrics (run settings,
-limits, replicates).
+Each drive is run once: a row is known by its drive's content and by what else decides its metrics.
 """
 
 from __future__ import annotations
@@ -56,12 +55,12 @@ def round_folder_name(number: int) -> str:
 
 
 def round_table_path(folder: Path, number: int) -> Path:
-    """Path of the table of a round, which is there when the round is done."""
+    """Path of a round's table, which is there when the round is done."""
     return folder / round_folder_name(number) / "rows.parquet"
 
 
 def finished_round_count(folder: Path) -> int:
-    """Number of rounds that are done, from the first one on."""
+    """Number of rounds that are done, from the first on."""
     number = 0
     while round_table_path(folder, number).exists():
         number += 1
@@ -69,7 +68,7 @@ def finished_round_count(folder: Path) -> int:
 
 
 def read_rounds(folder: Path, rounds: int) -> pa.Table:
-    """Reads the rows of the first rounds, numbered through, with the number of their round."""
+    """Table of the rows of the first rounds, numbered through, with their round."""
     import pyarrow as pa
 
     tables = []
@@ -90,9 +89,9 @@ class StudySession:
     """A study with its base drive, for Python: rows as drives, runs, surrogates, search.
 
     Args:
-        folder: folder of rounds; None keeps rows in memory only.
-        drive: file of another base drive, or the name of an example; None is the study's own.
-        search_target: target of its rows, such as "failures", if they are no sample of the noise; tables say so.
+        folder: of rounds; None keeps rows in memory only.
+        drive: another base drive's file or example; None is the study's own.
+        search_target: such as "failures", if rows are no sample of the noise.
 
     Raises:
         StudyError: a line for each error of the study or its drive.
@@ -128,7 +127,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
-        """Drives of rows, adjusted so that they fit.
+        """Drives of a study's rows, adjusted so that they fit.
 
         Raises:
             StudyError: a line for each row that gives no drive.
@@ -147,18 +146,18 @@ class StudySession:
 
     @check_arguments(StudyError)
     def row_digests(self, design: pa.Table) -> list[str | None]:
-        """Digest of each row of a design by its drive and settings; None of one that gives no drive."""
+        """Digest of each design row by drive and settings; None if it gives no drive."""
         common = json.dumps({**run_settings_of(self.study), "warpchain": installed_version()}, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._built_variants(design)]
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 
     @check_arguments(StudyError)
     def evaluate(self, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Runs rows whose drive was not run yet; returns a table, a row each in this order.
+        """Table of results of study rows, in order, of which those not run yet are run.
 
         Args:
             rows: values by factor.
-            progress: True shows a bar; a function is called as that of `run_study`, for the rows that are run.
+            progress: True shows a bar; a function is called as that of `run_study`.
 
         Raises:
             StudyError: a factor is missing, or a folder or disk that refuses.
@@ -171,7 +170,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def run_round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Runs rows as a round of the folder, or reads the table of that round."""
+        """Table of study rows run as a round of the folder, or read if that is done."""
         assert self.folder is not None  # who asks for rounds has one
         name, done = round_folder_name(number), round_table_path(self.folder, number)
         place, design = self.folder / name, self._design_with_target(design_table_of_rows(self.study, rows))
@@ -204,7 +203,7 @@ class StudySession:
     def _run_new_rows(
         self, place: Path, prefix: str, design: pa.Table, progress: Progress, before: int = 0
     ) -> pa.Table:
-        """Runs the new rows of a design, recorded with numbers after `before`; returns all rows."""
+        """Table of a design's rows, new ones run and recorded with numbers after `before`."""
         import pyarrow as pa
 
         digests = self.row_digests(design)
@@ -239,14 +238,14 @@ class StudySession:
 
     @check_arguments(StudyError)
     def make_run_folder(self, study: Study, place: Path, design: pa.Table) -> StudyFolder:
-        """Makes a study's folder for rows of a study like this one."""
+        """Study folder made for rows of a study like this one."""
         runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
         size = study.run.shard or preferred_shard_size(study, self.drive, runs, 1, cores, self._memory)
         return make_folder(place, study, self.drive, design, size)
 
     @check_arguments(StudyError)
     def run_and_read(self, folder: StudyFolder, progress: Progress = False) -> pa.Table:
-        """Runs what is left of a folder; returns its table."""
+        """Results table of a study folder, after what was left of it ran."""
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
         assert outcome.table is not None  # all shards are done
         return read_table(outcome.table)
@@ -262,7 +261,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def learn_rows(self, folder: str | os.PathLike[str]) -> int:
-        """Adds rows that another study of the same drive has run to the known ones; their number."""
+        """Adds rows that another study of the same drive has run; returns their number."""
         import pyarrow as pa
 
         path = Path(folder)
@@ -293,12 +292,12 @@ class StudySession:
 
     @property
     def shown_factors(self) -> list[str]:
-        """Names of the factors of the results, without hidden ones."""
+        """Names of the study's factors without hidden ones."""
         return [factor.name for factor in self.study.factors if not factor.hidden]
 
     @check_arguments(StudyError)
     def remember_rows(self, table: pa.Table) -> None:
-        """Adds a table's rows to the known ones."""
+        """Adds a table's rows to those known as run."""
         for k, digest in enumerate(table[DIGEST_COLUMN].to_pylist()):
             if digest is not None:
                 self._known.setdefault(digest, (table, k))
@@ -323,7 +322,7 @@ class StudySession:
 
     @property
     def optimizer(self) -> Optimizer:
-        """The study's search, made when first asked for."""
+        """Optimizer of the study, made when first asked for."""
         if self._optimizer is None:
             self._optimizer = Optimizer(self.study, str(self.source))
         return self._optimizer
@@ -341,7 +340,7 @@ class StudySession:
 
 
 def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
-    """Rows of a table with the factors of a design, numbered from 0."""
+    """Table rows with the factors of a design, numbered from 0."""
     found = found.combine_chunks()
     for name in ("variant", *factors):
         at = found.column_names.index(name)
@@ -370,7 +369,7 @@ def open_study(
     workers: Workers | None = None,
     memory: Count = MEMORY,
 ) -> StudySession:
-    """Opens a study for Python: rows as drives, runs, surrogates, a search (`StudySession`).
+    """Study session opened from a study file: rows as drives, runs, surrogates, search.
 
     Raises:
         StudyError: a line for each error of the study or its drive.

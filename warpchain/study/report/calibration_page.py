@@ -22,7 +22,7 @@ from warpchain.study.store import write_study_text
 from warpchain.view import html
 
 UNEXPLAINED_DEVIATIONS = 3.0
-"""Standard deviations from which on a number is not explained."""
+"""Standard deviations from which on a measured number is not explained."""
 TRACE_POINTS, SPECTRUM_POINTS = 600, 800
 """Most points of a signal's trace, and of its spectrum."""
 LEAST_NAMED_WEIGHT = 0.25
@@ -30,7 +30,7 @@ LEAST_NAMED_WEIGHT = 0.25
 
 
 def write_calibration_page(found: Calibration) -> Path:
-    """Writes the HTML page of a calibration into its folder; returns the file."""
+    """Writes a calibration's HTML page into its folder; returns the file."""
     page = found.folder / "calibration.html"
     title = found.study.study.name or found.folder.resolve().name
     sections = [
@@ -46,7 +46,7 @@ def write_calibration_page(found: Calibration) -> Path:
 
 
 def calibration_lines(found: Calibration) -> list[str]:
-    """Lines of text that state the result of a calibration."""
+    """Lines of text on the result of a calibration."""
     runs, ok = len(found.results.status), int(found.results.ok.sum())
     lines = [f"{len(found.numbers)} measured numbers, {len(found.values)} unknowns, {runs} runs, {ok} of them ok"]
     for name in found.values:
@@ -56,17 +56,17 @@ def calibration_lines(found: Calibration) -> list[str]:
 
 
 def _mean_and_deviation_text(found: Calibration, name: str, values: dict[str, Array]) -> str:
-    """Mean and standard deviation of an unknown's samples as text, in its unit."""
+    """Text of mean and deviation of an unknown's samples, in its unit."""
     return quantity_words(float(values[name].mean()), _unknown_unit(found, name), float(values[name].std()))
 
 
 def _unknown_unit(found: Calibration, name: str) -> str:
-    """Unit of an unknown."""
+    """Unit of an unknown of the calibration."""
     return found.results.column_unit(name)
 
 
 def _direction_text(found: Calibration, of: PosteriorDirection) -> str:
-    """Direction of unknowns as text: "stiffness up with damping down"."""
+    """Text of a direction of unknowns: "stiffness up with damping down"."""
     parts = [
         f"{name} {'up' if weight > 0.0 else 'down'}"
         for name, weight in sorted(zip(_dimension_names(found), of.weights, strict=True), key=lambda one: -abs(one[1]))
@@ -76,14 +76,14 @@ def _direction_text(found: Calibration, of: PosteriorDirection) -> str:
 
 
 def _dimension_names(found: Calibration) -> list[str]:
-    """Names of the dimensions of the normals: unknowns, or groups of them."""
+    """Names of a calibration's dimensions: unknowns, or groups of them."""
     from warpchain.study.design.factor_values import design_dimensions
 
     return [axis.name for axis in design_dimensions(found.study.noise_study)]
 
 
 def _unidentified_lines(found: Calibration) -> list[str]:
-    """Lines on the directions that the measurements do not identify."""
+    """Lines on directions that the measurements do not identify."""
     return [
         f"not identified by the measurements: {_direction_text(found, of)}, which keeps "
         f"{100.0 * min(of.left, 1.0):.0f} % of its prior standard deviation"
@@ -93,7 +93,7 @@ def _unidentified_lines(found: Calibration) -> list[str]:
 
 
 def _unexplained_lines(found: Calibration) -> list[str]:
-    """Lines on the numbers that no values of the unknowns explain."""
+    """Lines on measured numbers that no values of the unknowns explain."""
     return [
         f"not explained: {of.name}, {abs(off):.1f} standard deviations {'above' if off > 0 else 'below'} the expected; "
         "the model lacks something, a prior is too narrow or an error too small"
@@ -119,7 +119,7 @@ def _emulator_trust_lines(found: Calibration) -> list[str]:
 
 
 def _calibration_summary(found: Calibration) -> html.PageSection:
-    """Section with the result of a calibration in short, and its files."""
+    """HTML section with the result of a calibration in short, and its files."""
     first, *lines = calibration_lines(found)
     files = (
         f"The drive at the posterior's means: {found.drive.name}. Samples of the unknowns: posterior.csv, which a "
@@ -131,7 +131,7 @@ def _calibration_summary(found: Calibration) -> html.PageSection:
 
 
 def _unknowns_section(found: Calibration) -> html.PageSection:
-    """Section on the unknowns: ranges and densities of prior and posterior."""
+    """HTML section on a calibration's unknowns: ranges and densities of prior and posterior."""
     rows, figures = [], []
     for k, name in enumerate(found.values):
         before, after = found.values_before[name], found.values[name]
@@ -152,7 +152,7 @@ def _unknowns_section(found: Calibration) -> html.PageSection:
 
 
 def _density_panel(label: str, before: Array, after: Array, named: bool) -> Panel:
-    """Panel of the densities of samples of the prior, as steps, and of the posterior, as columns."""
+    """Panel of the densities of prior and posterior samples."""
     low, high = np.percentile(before, (0.5, 99.5))
     low, high = min(low, after.min()), max(high, after.max())
     edges = np.linspace(low, high, 41)
@@ -178,7 +178,7 @@ def _density_panel(label: str, before: Array, after: Array, named: bool) -> Pane
 
 
 def _fit_section(found: Calibration) -> html.PageSection:
-    """Section on measured numbers beside those of prior, posterior and a calibrated run."""
+    """HTML section on measured numbers beside prior, posterior and a calibrated run."""
     calibrated = found.runs[len(found.runs) - found.checks]
     models = [found.emulated(u) for u in (found.before, found.after)]
     spans = [(m.mean(axis=0), np.sqrt(v.mean(axis=0) + m.var(axis=0))) for m, v in models]
@@ -201,7 +201,7 @@ def _fit_section(found: Calibration) -> html.PageSection:
 
 
 def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list[Panel]:
-    """Panel of the deviations from measured numbers by prior and posterior, in percent."""
+    """Panels of the deviations of prior and posterior from measured numbers, in percent."""
     values = np.array([of.value for of in found.numbers])
     shown = np.flatnonzero(values)
     if not len(shown):
@@ -222,7 +222,7 @@ def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list
 
 
 def _signal_sections(found: Calibration) -> list[html.PageSection]:
-    """Section on traces and spectra of the measured signals and of the last runs; none without signals."""
+    """HTML sections on traces and spectra of measured signals and of the last runs."""
     if not found.signals:
         return []
     results = found.results
@@ -249,7 +249,7 @@ def _signal_sections(found: Calibration) -> list[html.PageSection]:
 
 
 def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Array, Array]]) -> list[Panel]:
-    """Panels of the trace and the spectrum of a measured signal and of runs."""
+    """Panels of trace and spectrum of a measured signal and of runs."""
     span = min(float(of[0][-1]) for of in (rig, *runs))
     traces, spectra = [], []
     nyquist = min(0.5 / float(np.diff(of[0]).mean()) for of in (rig, *runs))
@@ -285,7 +285,7 @@ def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Ar
 
 
 def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
-    """Spectrum up to a frequency with at most `SPECTRUM_POINTS` points, each the largest of its neighbors."""
+    """Spectrum up to a frequency with at most `SPECTRUM_POINTS` points, the largest of neighbors."""
     lines, size = lines[lines <= most], size[lines <= most]
     wide = max(1, -(-len(lines) // SPECTRUM_POINTS))
     starts = np.arange(0, len(lines), wide)
@@ -293,7 +293,7 @@ def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Ar
 
 
 def _directions_section(found: Calibration) -> html.PageSection:
-    """Section on the directions of the unknowns, the least identified first."""
+    """HTML section on the directions of the unknowns, the least identified first."""
     words = [_direction_text(found, of) for of in found.directions]
     at = np.arange(len(words))[::-1]
     left = [100.0 * of.left for of in found.directions]
@@ -311,7 +311,7 @@ def _directions_section(found: Calibration) -> html.PageSection:
 
 
 def _correlated_pair_panels(found: Calibration) -> list[Panel]:
-    """Panel of samples of the two unknowns that the posterior correlates most; none of one unknown."""
+    """Panels of posterior samples of the two most correlated unknowns."""
     names = list(found.values)
     if len(names) < 2:
         return []
@@ -331,7 +331,7 @@ def _correlated_pair_panels(found: Calibration) -> list[Panel]:
 
 
 def _predictions_section(found: Calibration) -> html.PageSection | None:
-    """Section on predictions of metrics by prior and posterior; None without any."""
+    """HTML section on predictions of metrics by prior and posterior, or None."""
     if not found.predictions:
         return None
     rows, figures = [], []
@@ -360,7 +360,7 @@ def _predictions_section(found: Calibration) -> html.PageSection | None:
 
 
 def _rounds_section(found: Calibration) -> html.PageSection:
-    """Section on the posterior after each round."""
+    """HTML section on the posterior after each round."""
     axes = _dimension_names(found)
     rows = [
         (f"{k + 1}", *(f"{m:+.2f} \N{PLUS-MINUS SIGN} {s:.2f}" for m, s in zip(mean, deviation, strict=True)))

@@ -39,7 +39,7 @@ from warpchain.view import html
 DESIGN_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 STATISTIC_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
 MOST_FRONT_ROWS, MOST_LISTED_ROWS = 30, 60
-"""Most variants in the table of the front, and of those that are not ok."""
+"""Most variants in the tables of the front, and of those that are not ok."""
 MOST_AXES, MATRIX_COLUMNS = 12, 5
 """Columns that parallel coordinates show at first, and columns of the scatter matrix."""
 SURROGATE_NOTE = (
@@ -48,7 +48,7 @@ SURROGATE_NOTE = (
     "takes that out."
 )
 TODAY = "today"
-"""Stands in place of a letter for today's design, the base drive as it is."""
+"""Letter of today's design, the base drive as it is."""
 NO_TODAY_NOTE = (
     "The base drive as it is, today's design, was not run with these. With today = true in the study's [design] it is, "
     "and stands beside them."
@@ -66,32 +66,24 @@ OVER_NOISE_NOTE = (
 
 @dataclass(frozen=True)
 class ReportGoals:
-    """Objectives and limits of a report, and the study's folder.
-
-    Attributes:
-        objectives, bounds: of the study file.
-        folder: the study's folder, for the commands that play variants; None gives none.
-        recorded: whether the study's archives hold what playback needs.
-        keep: share of the noise in which limits must be kept.
-        page: name of the page without its ending, if recommended designs are drive files beside it.
-    """
+    """Objectives and limits of a report, and the study's folder."""
 
     objectives: tuple[Objective, ...] = ()
     bounds: tuple[Bound, ...] = ()
-    folder: str | None = None
+    folder: str | None = None  # for commands that play variants
     most: int = 4
-    recorded: bool = True
-    keep: float = Goals.keep
-    page: str | None = None
+    recorded: bool = True  # whether the study's archives hold what playback needs
+    keep: float = Goals.keep  # share of the noise in which limits must be kept
+    page: str | None = None  # name of the page without ending, if drive files go beside it
 
     @property
     def goals(self) -> Goals:
-        """Objectives and limits as goals."""
+        """Objectives and limits of the report as goals."""
         return Goals(self.objectives, self.bounds, self.keep)
 
 
 def report_goals(results: Results, objectives: Mapping[str, str] | None, wanted: ReportGoals | None) -> ReportGoals:
-    """Goals of a report: those of `wanted` that the table holds, with other objectives if some are given."""
+    """Goals of a report: those of `wanted` that the table holds, or given objectives."""
     found = wanted or ReportGoals()
     if objectives is not None:
         check_senses(objectives)
@@ -131,7 +123,7 @@ def variants_table_html(
 def recommended_section(
     results: Results, wanted: ReportGoals
 ) -> tuple[html.PageSection | None, list[RecommendedDesign]]:
-    """Section on recommended designs, and these designs; None and none without objectives."""
+    """HTML section on recommended designs, and these designs; None without objectives."""
     if not wanted.objectives:
         return None, []
     goals = wanted.goals
@@ -165,7 +157,7 @@ def recommended_section(
 
 
 def _limit_text(results: Results, bound: Bound) -> str:
-    """A limit on a metric as text: "tension_max at most 900 N"."""
+    """Text of a limit on a metric: "tension_max at most 900 N"."""
     unit = results.column_unit(bound.metric)
     ends = (("at least", bound.min), ("at most", bound.max))
     return (
@@ -194,7 +186,7 @@ def play_command(wanted: ReportGoals, results: Results, row: int) -> str:
 
 
 def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter: str, wanted: ReportGoals) -> str:
-    """HTML of a recommended design, or today's: reasons, metrics, what is other than today, command, drive file."""
+    """HTML of a recommended design, or today's: reasons, metrics, changes, command, drive file."""
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -222,10 +214,7 @@ def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter:
 
 
 def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
-    """A change from today's design with its interval and pairs, and the verdict on it, as texts; empty for None.
-
-    There is no interval where pairs that all agree tell more than it does.
-    """
+    """Texts of a change from today's design with its interval, and of the verdict; empty for None."""
     if change is None:
         return "", ""
     sign = "+" if change.difference > 0.0 else ""
@@ -235,14 +224,14 @@ def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
 
 
 def factor_value_text(results: Results, name: str, row: int) -> str:
-    """A factor and its value in a row as text."""
+    """Text of a factor and its value in a row."""
     value = results.table[name][row].as_py()
     words = quantity_words(value, results.column_unit(name)) if isinstance(value, float) else str(value)
     return f"{name} {words}"
 
 
 def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str, ...]]:
-    """Table lines of the statistics of a design's metrics over noise, a metric a column."""
+    """Table lines of the statistics of a design's metrics over noise."""
     lines = []
     for word, head in zip(SHOWN_STATISTICS, STATISTIC_HEADS, strict=True):
         held = [(of.statistics[word], results.column_unit(f"mean({of.metric})")) for of in one.spreads]
@@ -251,7 +240,7 @@ def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str
 
 
 def pareto_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
-    """Section on the Pareto front: an interactive view and a table; None with one objective."""
+    """HTML section on the Pareto front: a view and a table; None with one objective."""
     if len(objectives) < 2:
         return None
     front, today = pareto_front(results, objectives), results.row_of_today
@@ -278,7 +267,7 @@ def pareto_section(results: Results, objectives: Mapping[str, str], by_default: 
 
 
 def statuses_section(results: Results, left_out: LeftOut) -> html.PageSection:
-    """Section on how the variants ended, why, and which parts of factors' ranges are lost."""
+    """HTML section on how variants ended, why, and lost parts of factors' ranges."""
     reasons = results.reason_counts()
     if not reasons:
         return html.page_section("ends", "How the variants ended", html.paragraph_html("Every variant is ok."))
@@ -307,7 +296,7 @@ def statuses_section(results: Results, left_out: LeftOut) -> html.PageSection:
 
 
 def _lost_range_tables(left_out: LeftOut) -> list[str]:
-    """HTML of tables of the lost parts of factors' ranges, by results and by drives that were not built."""
+    """HTML tables of the lost parts of factors' ranges."""
     found = []
     heads = ("factor", "most were lost", "there", "elsewhere", "")
     for parts, words in ((left_out.lost_parts, "left out by their results"), (left_out.unbuilt_parts, "not built")):
@@ -341,7 +330,7 @@ def explorer_data(
 
     Args:
         telling: factors that matter most, first.
-        wanted: limits to begin with, and the study's folder for commands.
+        wanted: limits to begin with, and the study's folder.
     """
     bounds = wanted.bounds
     names = tuple(dict.fromkeys((*results.factors, *objectives, *(b.metric for b in bounds), *metrics)))
@@ -372,7 +361,7 @@ def explorer_data(
 
 
 def _explorer_column(results: Results, name: str, axis: ShownColumn) -> dict[str, Any]:
-    """Data of a column: name, unit, decimals or words, and values in that unit."""
+    """Data of a column for interactive views: name, unit, decimals or words, and values."""
     if not results.is_numeric(name):
         labels = results.text_values(name)
         words = sorted(set(labels))
@@ -385,7 +374,7 @@ def _explorer_column(results: Results, name: str, axis: ShownColumn) -> dict[str
 
 
 def _archive_cells(results: Results) -> list[list[Any] | None] | None:
-    """[archive, number] of each row, None of rows without a recording; None if the table has no archives."""
+    """Archive and number of each row's recording, or None; None without archives."""
     if not set(ARCHIVE_COLUMNS) <= set(results.table.column_names):
         return None
     files, numbers = (results.table[name].to_pylist() for name in ARCHIVE_COLUMNS)
@@ -393,7 +382,7 @@ def _archive_cells(results: Results) -> list[list[Any] | None] | None:
 
 
 def has_study_files(folder: str | None) -> bool:
-    """Whether a study's folder holds the files that drive files of its rows are made of."""
+    """Whether a study's folder holds what drive files of its rows are made of."""
     return folder is not None and all((Path(folder) / name).is_file() for name in ("study.toml", "drive.toml"))
 
 
@@ -403,8 +392,8 @@ def write_recommended_drives(
     """Writes recommended designs as drive files beside a page; returns the files.
 
     Args:
-        folder: the study's, with its study file and base drive, at whose values noise factors are.
-        designs: rows that were compared, or designs over their noise.
+        folder: the study's, with study file and base drive, at whose values noise factors are.
+        designs: rows that were compared, or designs over noise.
 
     Raises:
         StudyError: a row that gives no drive, or a folder that cannot be written.

@@ -37,7 +37,7 @@ MOST_DOTS = 300
 
 
 def report_page_html(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
-    """HTML document of a report: heading, links, sections, data of rows, and the script that draws panels."""
+    """HTML document of a report: sections, data of rows, and the script that draws panels."""
     style, script = (read_text_file(_FOLDER / name, "text", StudyError) for name in ("page.css", "page.js"))
     end = (
         f'<div id="tip"></div>\n<script type="application/json" id="report-data">{json_script_text(rows)}</script>\n'
@@ -47,7 +47,7 @@ def report_page_html(title: str, sections: Sequence[html.PageSection], rows: Map
 
 
 def json_script_text(values: Any) -> str:
-    """Values as JSON for a script element."""
+    """JSON of values for a script element."""
     text = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return text.replace("<", "\\u003c")
 
@@ -71,19 +71,19 @@ def placeholder_html(name: str, words: str = "") -> str:
 
 
 def rounded_numbers(values: Any, digits: int = 5) -> list[float | None]:
-    """Numbers rounded to significant digits, None in place of those that are not finite."""
+    """Numbers rounded to significant digits, None if not finite."""
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float).tolist()]
 
 
 class ShownColumn:
-    """A column of results as it is shown: unit by the largest value, decimals by the range.
+    """A column of results as shown: unit by the largest value, decimals by the range.
 
     Args:
-        rows: rows that are shown; None takes all, of a metric those that are ok.
+        rows: that are shown; None takes all, of a metric those that are ok.
 
     Attributes:
-        factor: shown value = SI value * factor.
-        decimals: of shown values; see `units.distinguishing_decimals`.
+        factor: shown over SI value.
+        decimals: of shown values.
     """
 
     def __init__(self, results: Results, column: str, rows: Sequence[int] | None = None) -> None:
@@ -103,17 +103,17 @@ class ShownColumn:
         return rounded_numbers(shown, max(5, html.significant_digits(largest, self.decimals)))
 
     def value_text(self, value: float) -> str:
-        """An SI value as a table shows it, below a head that has the unit."""
+        """Text of an SI value in a table whose head has the unit."""
         return html.column_number(self.factor * value, self.decimals)
 
     def group_text(self, label: str) -> str:
-        """A group's label of `Effect.labels`, "8" or "8 to 10", in the shown unit."""
+        """Text of a group's label of `Effect.labels`, "8 to 10", in the shown unit."""
         ends = [f"{self.factor * float(end):.4g}" for end in label.split(" to ")]
         return f"{' to '.join(ends)} {self.unit}".rstrip()
 
 
 def histogram_panels(results: Results, metrics: Sequence[str]) -> list[Panel]:
-    """Histogram of each metric over the ok variants, with its median."""
+    """Panels of each metric's histogram over the ok variants, with its median."""
     panels = []
     for k, metric in enumerate(metrics):
         axis = ShownColumn(results, metric)
@@ -135,7 +135,7 @@ def histogram_panels(results: Results, metrics: Sequence[str]) -> list[Panel]:
 
 
 def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]) -> list[Panel]:
-    """Runs of designs over the noise for each metric: all of them, their mean, and 5 to 95 %."""
+    """Panels of designs' runs over the noise for each metric, with mean and 5 to 95 %."""
     panels = []
     for k, metric in enumerate(dict.fromkeys(name[5:-1] for name in designs.metrics if name.startswith("mean("))):
         axis, x = ShownColumn(designs.runs, metric), np.arange(len(chosen))
@@ -171,10 +171,10 @@ def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]
 def effect_panels(
     results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], shares: bool
 ) -> list[Panel]:
-    """Means of a metric in each group of each factor, with two standard errors, and medians, on one scale.
+    """Panels of a metric's means and medians in each group of each factor, on one scale.
 
     Args:
-        shares: whether the panels say what part of the variance each factor explains.
+        shares: whether to say what part of the variance each factor explains.
     """
     axis = ShownColumn(results, metric)
     shown = list(found)[:8]
@@ -231,7 +231,7 @@ def effect_panels(
 def interaction_panels(
     results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction]
 ) -> list[Panel]:
-    """Means of a metric over one factor for low, middle and high values of another, with two standard errors.
+    """Panels of a metric's means over one factor for low, middle and high values of another.
 
     Args:
         found: main effects, of whose first three factors all pairs are drawn.
@@ -276,7 +276,7 @@ def interaction_panels(
 def variance_share_panels(
     metrics: Sequence[str], shares: Sequence[float], chances: Sequence[float | None]
 ) -> list[Panel]:
-    """Parts of each metric's variance: main effects, scatter between equal runs, and the rest."""
+    """Panels of each metric's variance: main effects, scatter between equal runs, rest."""
     at = np.arange(len(metrics))[::-1]
     by_factors = np.clip(shares, 0.0, 1.0)
     chance = np.array([chance or 0.0 for chance in chances])
@@ -305,7 +305,7 @@ def variance_share_panels(
 
 
 def correlation_panels(both: Correlation) -> list[Panel]:
-    """Heat map of rank correlations of factors with metrics; those that chance explains are faint."""
+    """Panels of rank correlations of factors with metrics; those that chance explains are faint."""
     a, b = np.meshgrid(np.arange(len(both.factors)), np.arange(len(both.metrics))[::-1], indexing="ij")
     values, noise = both.spearman.ravel(), both.noise_level()
     series = [
@@ -323,7 +323,7 @@ def correlation_panels(both: Correlation) -> list[Panel]:
 
 
 def _middle_row(results: Results, surrogate: Surrogate) -> dict[str, Any]:
-    """Row midway between the ends of the numeric factors, with the most frequent words."""
+    """Row midway between the ends of numeric factors, with the most frequent words."""
     row: dict[str, Any] = {}
     for name in surrogate.factors:
         if results.is_numeric(name):
@@ -342,9 +342,9 @@ def _dot_rows(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def surrogate_panels(results: Results, found: Surrogate, checked: CrossValidation) -> list[Panel]:
-    """Cuts of a surrogate along each factor, the others midway, with 95 % bands; and its cross-validation.
+    """Panels of a surrogate's cuts along each factor, with 95 % bands, and of its cross-validation.
 
-    Variants that are not ok are dots of another color, unless they are far away.
+    Variants that are not ok are dots of another color.
     """
     axis, middle = ShownColumn(results, found.metric), _middle_row(results, found)
     cuts: list[tuple[float, Panel]] = []
@@ -418,7 +418,7 @@ def _cross_validation_panel(axis: ShownColumn, checked: CrossValidation) -> Pane
 
 
 def sobol_panels(found: Sequence[SobolIndices]) -> list[Panel]:
-    """First-order and total Sobol' indices of each metric as bars, with confidence intervals."""
+    """Panels of first-order and total Sobol' indices of each metric, with intervals."""
     factors = found[0].factors
     at: Array = np.arange(len(factors))[::-1].astype(float)
     panels = []

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 PLAYBACK_FRAMES = 400
-"""Frames that a recorded variant is drawn with; its curves keep their peaks."""
+"""Frames that a recorded variant is drawn with; curves keep their peaks."""
 
 
 def view_study(
@@ -50,11 +50,11 @@ def view_study(
     """Shows a study in the Rerun viewer, or saves it as a Rerun recording.
 
     Args:
-        recorded: trajectories to play, by variant (`study.run.recordings.recorded_trajectories`).
+        recorded: trajectories to play, by variant.
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
         objectives: "min" or "max" by metric; drawn too, with the Pareto front or the best marked unless there is noise.
-        save: file (.rrd) to write instead of opening the viewer, whole or not at all.
+        save: file (.rrd) to write instead of opening the viewer.
 
     Raises:
         StudyError: an unknown column, nothing to draw, a file that cannot be written.
@@ -82,7 +82,7 @@ def log_study(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> rrb.Blueprint:
-    """Logs scatters and recorded variants of a study to Rerun; returns the layout."""
+    """Logs scatters and recorded variants of a study to Rerun; returns the blueprint."""
     import rerun.blueprint as rrb
 
     charts, columns = log_study_scatters(stream, results, list(recorded), factors, metrics, objectives)
@@ -94,7 +94,7 @@ def log_study(
 
 
 def _log_recorded_variant(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
-    """Logs a recorded variant to Rerun, drive and tension curves; returns its tab."""
+    """Logs a recorded variant's drive and tension curves to Rerun; returns its tab."""
     import rerun.blueprint as rrb
 
     missing = [channel for channel in DRIVE_CHANNELS if getattr(trajectory, channel) is None]
@@ -156,7 +156,7 @@ def log_study_scatters(
 
 
 def _telling_inputs(results: Results) -> tuple[str, ...]:
-    """Numeric factors that explain most of any telling metric; the first ones of rows that are no sample."""
+    """Names of the numeric factors that explain most of any telling metric."""
     from warpchain.study.analysis import main_effects
     from warpchain.study.analysis.left_out import LeftOut
 

@@ -34,7 +34,7 @@ LEAST_SHARE = 0.001
 
 
 def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: str | None = None) -> Path:
-    """Writes the HTML page of a risk estimate, into its folder unless `page` names a file; returns the file."""
+    """Writes a risk estimate's HTML page, into its folder or to `page`; returns the file."""
     target = found.folder / PAGE_FILE if page is None else Path(page)
     name = title or found.study.study.name or found.folder.resolve().name
     sections = [_risk_summary(found), _failures_section(found), _noise_section(found), _methods_section(found)]
@@ -43,7 +43,7 @@ def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: 
 
 
 def risk_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text that state a risk: the probability by each way, what fails, and the likeliest failure."""
+    """Lines of text on a risk: the probability by each way, what fails, the likeliest failure."""
     results, row = found.results, _row_of_variant(found, found.variant)
     held = _named_values(found, row, [name for name in results.factors if name not in results.noise_factors])
     at = f", at {', '.join(f'{name} = {value}' for name, value in held)}" if held else ""
@@ -68,7 +68,7 @@ def risk_lines(found: RiskEstimate) -> list[str]:
 
 
 def today_lines(found: RiskEstimate) -> list[str]:
-    """Lines on today's design beside a drive; none where it was not estimated."""
+    """Lines of text on today's design's risk beside a drive's."""
     if found.today is None:
         return []
     verdict = {
@@ -84,7 +84,7 @@ def today_lines(found: RiskEstimate) -> list[str]:
 
 
 def risk_warning_lines(found: RiskEstimate) -> list[str]:
-    """Lines on why a risk is uncertain beyond its interval."""
+    """Lines of text on why a risk is uncertain beyond its interval."""
     lines = []
     if isinstance(found.sampled, str) and not isinstance(found.joint, str):
         lines.append("LOOK AT: only subset simulation tells the probability; importance sampling does not check it")
@@ -98,7 +98,7 @@ def risk_warning_lines(found: RiskEstimate) -> list[str]:
 
 
 def _headline_text(found: RiskEstimate) -> str:
-    """Probability of failure to state, as text."""
+    """Text of the probability of failure to state."""
     if isinstance(found.joint, str):
         return f"probability of failure: {found.joint}"
     by = SUBSET_NAME if isinstance(found.sampled, str) else "importance sampling"
@@ -106,35 +106,35 @@ def _headline_text(found: RiskEstimate) -> str:
 
 
 def _estimate_text(of: FailureEstimate, runs: bool = True) -> str:
-    """A probability of failure with its interval, and its runs, as text."""
+    """Text of a probability of failure with its interval and runs."""
     words = f"{of.probability:.2g}, {of.low:.2g} to {of.high:.2g} with 95 % confidence"
     return f"{words}, {of.evaluations} runs" if runs else words
 
 
 def _named_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
-    """Estimates by subset simulation and by importance sampling, with their names."""
+    """Risk estimates by subset simulation and importance sampling, with names."""
     return ((SUBSET_NAME, found.subset), ("importance sampling", found.sampled))
 
 
 def _stated_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
-    """Estimates to state, of a drive and of today's design beside it, with their names."""
+    """Risk estimates to state, of a drive and of today's design, with names."""
     beside = () if found.today is None else ((f"today's design, {found.today.drive}", found.today.joint),)
     return ((f"stated: {found.drive}", found.joint), *beside)
 
 
 def _row_of_variant(found: RiskEstimate, variant: int) -> int:
-    """Row of a variant in the results."""
+    """Row of a variant in the risk's results."""
     return found.results.variants.tolist().index(variant)
 
 
 def _named_values(found: RiskEstimate, row: int, names: Any) -> list[tuple[str, str]]:
-    """(name, value with unit) of factors in a row."""
+    """Names and values with units of factors in a row."""
     cells = [(name, found.results.table[name][row].as_py()) for name in names]
     return [(n, quantity_words(v, found.results.column_unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
 
 
 def _limit_texts(found: RiskEstimate) -> list[str]:
-    """Limits of the study as texts: "tension_max at most 900 N"."""
+    """Texts of the study's limits: "tension_max at most 900 N"."""
     lines = []
     for bound in found.study.bounds:
         ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
@@ -146,26 +146,26 @@ def _limit_texts(found: RiskEstimate) -> list[str]:
 
 
 def _failure_text(limit: LimitEnd) -> str:
-    """A broken limit as text."""
+    """Text of a broken limit."""
     metric, end = limit
     return "run not ok" if limit == NOT_OK_LIMIT else f"{metric} {'above its max' if end == 'max' else 'below its min'}"
 
 
 def _frequent_failures(found: RiskEstimate) -> list[tuple[LimitEnd, float]]:
-    """(limit, share) of the limits that failures break, the most frequent first."""
+    """Limits that failures break, with shares, the most frequent first."""
     seen = [(limit, share) for limit, share in found.shares.items() if share >= LEAST_SHARE]
     return sorted(seen, key=lambda one: -one[1])
 
 
 def _failures_text(found: RiskEstimate) -> str:
-    """Limits that failures break, with their shares, as text."""
+    """Text of the limits that failures break, with shares."""
     return "; ".join(
         f"{_failure_text(limit)} in {100.0 * share:.3g} % of failures" for limit, share in _frequent_failures(found)
     )
 
 
 def _risk_summary(found: RiskEstimate) -> html.PageSection:
-    """Section with a risk in short: probability, interval, warnings, both estimates."""
+    """HTML section with a risk in short: probability, interval, warnings, both estimates."""
     joint, results = found.joint, found.results
     boxes = [("unknown", "probability of failure")]
     if not isinstance(joint, str):
@@ -204,12 +204,12 @@ def _risk_summary(found: RiskEstimate) -> html.PageSection:
 
 
 def _estimate_cells(of: FailureEstimate) -> tuple[str, str, str, str]:
-    """Table cells of an estimate: probability, interval, runs."""
+    """Table cells of a risk estimate: probability, interval, runs."""
     return f"{of.probability:.3g}", f"{of.low:.3g}", f"{of.high:.3g}", str(of.evaluations)
 
 
 def _interval_panels(found: RiskEstimate) -> list[Panel]:
-    """Panel of the intervals of both estimates over the logarithm of the probability."""
+    """Panels of the risk estimates' intervals over the logarithm of the probability."""
     named = (*_named_estimates(found), *_stated_estimates(found)[1:])
     known = [(way, of) for way, of in named if not isinstance(of, str)][::-1]
     low, middle, high = (
@@ -226,7 +226,7 @@ def _interval_panels(found: RiskEstimate) -> list[Panel]:
 
 
 def _failures_section(found: RiskEstimate) -> html.PageSection:
-    """Section on which limits failures break, and the design points."""
+    """HTML section on which limits failures break, and the design points."""
     rows = [(_failure_text(limit), f"{100.0 * share:.3g} %") for limit, share in _frequent_failures(found)]
     parts = [html.table_html(("what fails", "of the failures"), rows)]
     for k, point in enumerate(found.points, 1):
@@ -272,7 +272,7 @@ def _design_point_html(found: RiskEstimate, point: DesignPoint) -> list[str]:
 
 
 def _failure_panels(found: RiskEstimate) -> list[Panel]:
-    """Panel of runs that fail and that do not, over the two factors that deviate most."""
+    """Panels of runs that fail and that do not, over the two factors that deviate most."""
     results, sizes = found.results, found.points[0].deviations
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
     numeric = [name for name in members if name in results.numeric_factors() and members[name] in sizes]
@@ -302,7 +302,7 @@ def _failure_panels(found: RiskEstimate) -> list[Panel]:
 
 
 def _noise_section(found: RiskEstimate) -> html.PageSection:
-    """Section on the assumptions: distributions and correlations of the noise, held values."""
+    """HTML section on assumptions: distributions and correlations of the noise, held values."""
     results, noise = found.results, found.study.noise
     factors = [of for of in found.study.factors if of.name in found.study.noise_names]
     rows = [
@@ -334,14 +334,14 @@ def _noise_section(found: RiskEstimate) -> html.PageSection:
 
 
 def _target_text(factor: Factor) -> str:
-    """Places in the drive that a factor sets, as text."""
+    """Text of the places in the drive that a factor sets."""
     paths = ", ".join(path for _, path in factor.target_paths()) or factor.shift or factor.expression or ""
     way = "times " if factor.relative else "added to " if factor.offset else "moves " if factor.shift else ""
     return way + paths
 
 
 def _distribution_text(factor: Factor, unit: str) -> str:
-    """A factor's distribution as text, with units."""
+    """Text of a factor's distribution, with units."""
     if factor.value_source == "expression":
         return "follows other factors"
     words = [factor.value_source or "as the table of rows has it"]
@@ -360,7 +360,7 @@ def _distribution_text(factor: Factor, unit: str) -> str:
 
 
 def _methods_section(found: RiskEstimate) -> html.PageSection:
-    """Section on the methods and their runs."""
+    """HTML section on the methods of a risk estimate and their runs."""
     sampled = 0 if isinstance(found.sampled, str) else found.sampled.evaluations
     rest = len(found.results.status) - found.subset.evaluations - sampled - found.search_runs
     rows = [

@@ -23,7 +23,7 @@ KEEPING_NOTE = " and keep the limits as they were measured; pale dots do not."
 def search_section(
     results: Results, wanted: ReportGoals, recommended: Sequence[RecommendedDesign]
 ) -> html.PageSection | None:
-    """Section on the course of a search; None without objectives, or of a table that is no search's."""
+    """HTML section on the course of a search, or None."""
     if not wanted.objectives or ROUND_COLUMN not in results.table.column_names:
         return None
     measured, rounds = wanted.goals.goal_values(results), results.values(ROUND_COLUMN)
@@ -57,12 +57,12 @@ def search_section(
 
 
 def _best_costs(measured: GoalValues, k: int) -> np.ndarray:
-    """Least cost of objective k up to each row (R,), infinite before the first that keeps the limits."""
+    """Least cost (R,) of objective k up to each row, infinite before limits are kept."""
     return np.minimum.accumulate(np.where(measured.limits_kept, measured.costs[:, k], np.inf))
 
 
 def _best_value_line(results: Results, wanted: ReportGoals, measured: GoalValues, rounds: np.ndarray, k: int) -> str:
-    """Line on when the best value of objective k was found, and what the design alone had."""
+    """Line on when a search found the best value of objective k."""
     objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best_costs(measured, k)
     unit, at = results.column_unit(objective.metric), int(np.argmin(best))
     design = best[rounds == rounds[0]][-1]
@@ -73,7 +73,7 @@ def _best_value_line(results: Results, wanted: ReportGoals, measured: GoalValues
 
 
 def _progress_panel(results: Results, wanted: ReportGoals, measured: GoalValues, starts: np.ndarray, k: int) -> Panel:
-    """Panel of an objective over the evaluations, with the best so far as steps."""
+    """Panel of an objective over a search's evaluations, with the best so far."""
     objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best_costs(measured, k)
     axis, count = ShownColumn(results, objective.metric), np.arange(1, len(best) + 1)
     values = np.where(measured.ok, sign * measured.costs[:, k], np.nan)
@@ -103,7 +103,7 @@ def _progress_panel(results: Results, wanted: ReportGoals, measured: GoalValues,
 
 
 def _factor_panel(results: Results, name: str, rounds: np.ndarray, chosen: np.ndarray, named: bool) -> Panel:
-    """Panel of a factor's values over the evaluations: of the design, proposed, recommended."""
+    """Panel of a factor's values over a search's evaluations."""
     count = np.arange(1, len(rounds) + 1)
     y: dict[str, Any]
     if results.is_numeric(name):

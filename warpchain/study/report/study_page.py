@@ -66,7 +66,7 @@ EXTREME_VARIANTS = 3
 
 
 def telling_metrics(results: Results) -> tuple[str, ...]:
-    """Metrics to show: `TELLING_METRICS`, then others that vary and most variants have."""
+    """Names of metrics to show: `TELLING_METRICS`, then others that vary."""
     enough = results.ok.sum() / 2
     varying = [m for m in results.varying_metrics() if results.usable_rows(m).sum() > enough]
     ordered = [m for pattern in TELLING_METRICS for m in varying if _is_of_pattern(m, pattern)] + list(varying)
@@ -74,7 +74,7 @@ def telling_metrics(results: Results) -> tuple[str, ...]:
 
 
 def _is_of_pattern(metric: str, pattern: str) -> bool:
-    """Whether a metric matches a pattern of `TELLING_METRICS`, also with a chain's name before it."""
+    """Whether a metric matches a pattern of `TELLING_METRICS`, also behind a chain's name."""
     of_chain = "*" not in pattern and "->" not in metric
     return fnmatch(metric, pattern) or (of_chain and fnmatch(metric, f"*.{pattern}"))
 
@@ -90,11 +90,11 @@ def study_report_html(
     """HTML report of a study.
 
     Args:
-        metrics: metrics to show; none takes the objectives and the telling ones.
+        metrics: to show; none takes the objectives and the telling ones.
         objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`, or else the first two
             metrics, both low.
-        notes: further lines about the study, by name: its design, its drive, its seed.
-        wanted: objectives and limits of the study file, and its folder for the commands that play variants.
+        notes: further lines about the study, by name.
+        wanted: objectives and limits of the study file, and its folder.
 
     Raises:
         StudyError: an unknown metric or sense, or a table without a variant.
@@ -110,7 +110,7 @@ def _report_parts(
     notes: Mapping[str, str] | None,
     wanted: ReportGoals | None,
 ) -> tuple[str, Results, list[RecommendedDesign]]:
-    """HTML of the report, the rows or designs that were compared, and the recommended designs."""
+    """HTML report of a study, the rows or designs compared, and the recommended designs."""
     if not results.table.num_rows:
         raise StudyError("the study has no variant yet: nothing to report")
     for metric in metrics:
@@ -180,7 +180,7 @@ def _report_parts(
 
 
 def _sample_note(results: Results, sample: Results) -> str:
-    """Sentences on the rows that distributions and effects are of; "" if these are all."""
+    """Sentences on the rows that distributions and effects are of; "" for all."""
     some, today = len(sample.status), int(added_rows(results.table).sum())
     crowded = len(results.status) - some - today
     if not crowded + today:
@@ -202,7 +202,7 @@ EXPLORE_HINT = (
 
 
 def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
-    """Factors by the largest part of any metric that they explain."""
+    """Names of factors by the largest part of any metric that they explain."""
     weight: dict[str, float] = {}
     for found in effects.values():
         for effect in found:
@@ -217,20 +217,20 @@ MetricAnalyses: TypeAlias = (
 
 
 def _ordered_effects(results: Results, metric: str, ranked: bool) -> list[Effect]:
-    """Main effects on a metric, by span, or in the study's order if factors are not ranked."""
+    """Main effects on a metric, by span, or in the study's order if not ranked."""
     found = main_effects(results, metric)
     return found if ranked else sorted(found, key=lambda effect: results.factors.index(effect.factor))
 
 
 def _left_out_note(left_out: LeftOut, unranked: frozenset[str]) -> str:
-    """HTML line on rows that were left out, for sections whose figures lack them; "" if none are."""
+    """HTML line on rows that figures leave out; "" for none."""
     return html.paragraph_html(f"{left_out.rest_text()}: see How the variants ended.") if unranked else ""
 
 
 def _study_summary(
     results: Results, left_out: LeftOut, analyzed: MetricAnalyses, notes: Mapping[str, str]
 ) -> html.PageSection:
-    """Section with the study in short: statuses, rows left out, a verdict for each metric, notes."""
+    """HTML section with the study in short: statuses, a verdict for each metric, notes."""
     effects, pairs, chances, unranked = analyzed
     status = results.status
     boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
@@ -247,7 +247,7 @@ def _study_summary(
 
 
 def _range_text(results: Results, metric: str) -> str:
-    """Smallest and largest value of a metric, with their variants, as text."""
+    """Text of a metric's smallest and largest value, with variants."""
     rows = np.flatnonzero(results.usable_rows(metric))
     values, unit = results.values(metric)[rows], results.column_unit(metric)
     low, high = int(values.argmin()), int(values.argmax())
@@ -262,11 +262,12 @@ def _verdict_text(
 ) -> str:
     """Sentence on the factor that stands out in a metric's variance, and on scatter between runs.
 
-    A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors (Bonferroni). If none
-    does, pairs that act together are named.
+    A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors. If none does, pairs
+    that act
+    together are named.
 
     Args:
-        chance: part of the variance that is scatter between equal runs; None if unknown.
+        chance: part of the variance that is scatter between equal runs.
     """
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if not effects:
@@ -301,7 +302,7 @@ def _verdict_text(
 
 
 def _factors_section(results: Results) -> html.PageSection:
-    """Section on the factors: units, ranges, ties, noise."""
+    """HTML section on the factors: units, ranges, ties, noise."""
     rows, tied = [], results.factor_ties()
     for factor in results.factors:
         words = results.text_values(factor)
@@ -334,7 +335,7 @@ def _quantiles_table(results: Results, metrics: tuple[str, ...]) -> str:
 
 
 def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalyses) -> html.PageSection:
-    """Section on main effects, interactions and scatter between equal runs."""
+    """HTML section on main effects, interactions and scatter between equal runs."""
     effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
@@ -393,7 +394,7 @@ MOST_CORRELATED = 40
 
 
 def _correlation_section(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
-    """Section on rank correlations of factors and metrics; None if there are none."""
+    """HTML section on rank correlations of factors and metrics, or None."""
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.usable_rows(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
@@ -429,7 +430,7 @@ def _surrogates_of_metrics(results: Results, metrics: tuple[str, ...]) -> dict[s
 def _surrogates_section(
     results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str
 ) -> html.PageSection:
-    """Section on surrogates of the metrics: cuts, cross-validation."""
+    """HTML section on surrogates of the metrics: cuts, cross-validation."""
     parts, refused = [], []
     for metric, found in surrogates.items():
         if isinstance(found, StudyError):
@@ -459,7 +460,7 @@ def _surrogates_section(
 def _sobol_section(
     results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None
 ) -> html.PageSection:
-    """Section on Sobol' indices of the metrics."""
+    """HTML section on Sobol' indices of the metrics."""
     found: list[SobolIndices] = []
     lines, refused = [], False
     for metric, surrogate in surrogates.items():
@@ -486,7 +487,7 @@ def _sobol_section(
 
 
 def _sobol_advice(results: Results, folder: str) -> str:
-    """Commands for more variants or replicates, if there are no Sobol' indices."""
+    """Text with commands for more variants or replicates, for Sobol' indices."""
     if ROUND_COLUMN in results.table.column_names:
         going_on = f"raise optimize.count in the study file and go on: warpchain optimize STUDY.toml -o {folder}"
     else:
@@ -502,7 +503,7 @@ def _sobol_advice(results: Results, folder: str) -> str:
 
 
 def _extremes_section(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
-    """Section on the variants with the smallest and largest values of each metric."""
+    """HTML section on variants with the smallest and largest values of each metric."""
     parts = [rest]
     for metric in metrics:
         rows = np.flatnonzero(results.usable_rows(metric))
@@ -522,17 +523,14 @@ def write_report(
     notes: Mapping[str, str] | None = None,
     wanted: ReportGoals | None = None,
 ) -> list[Path]:
-    """Writes the report of a study, and of a study's folder the recommended designs as drive files beside it.
+    """Writes a study's HTML report, and recommended designs beside it; returns page and drive files.
 
     Args:
         source: results, a table, or the path of a Parquet or CSV file.
         output: the HTML file.
-        title: heading; None takes the table's file name.
+        title: None takes the table's file name.
         factors: columns that were varied; none takes those that the table marks.
         metrics, objectives, notes, wanted: see `study_report_html`.
-
-    Returns:
-        The page, and the drive files.
 
     Raises:
         StudyError: a table that cannot be read or lacks a column, or a folder that cannot be written.

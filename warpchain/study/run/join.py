@@ -1,8 +1,7 @@
 """Joins several studies' folders to one: the rows of all, each once, numbered through; the folders stay as they are.
 
-They must run the same: one drive, the same factors with whatever ranges, the same run settings. Drives that only begin
-differently (`run.phase`) get a hidden factor for that. The joined design is a table (`rows.parquet`): a first plan
-holds what was run, a second the rest. `merged.parquet` maps the rows.
+They must have one drive, the same factors with whatever ranges, and the same run settings. Drives that only begin
+differently (`run.phase`) get a hidden factor for that.
 """
 
 from __future__ import annotations
@@ -48,19 +47,19 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 START_DEFAULTS: Mapping[str, Any] = {"phase": 0.0}
-"""Keys of `run` that say how a drive begins, and their defaults; they become hidden factors."""
+"""Keys of `run` by which drives begin, and their defaults; they become hidden factors."""
 FREE_RUN_KEYS = ("shard", "device", "keep_states")
 GOAL_FIELDS = ("objectives", "bounds", "optimize")
 """Fields of a study that no run depends on."""
 SPREAD_KEYS = ("range", "levels", "choice", "points", "distribution", "mean", "std", "sample", "group")
-"""Keys of a factor that say how its values are spread, not what they do."""
+"""Keys of a factor on how its values are spread, not what they do."""
 ROWS_FILE, MERGED_FILE = "rows.parquet", "merged.parquet"
 """Files of the joined design's table, and of the rows' former numbers."""
 RowCopy = tuple[int, int]
 
 
 def joined_study(opened: Sequence[StudyFolder], rows: str) -> Study:
-    """The joined study of several folders, with a design table in the file `rows`.
+    """Joined study of several folders, with a design table in the file `rows`.
 
     Raises:
         StudyError: a line for each key in which they differ.
@@ -85,12 +84,12 @@ def joined_study(opened: Sequence[StudyFolder], rows: str) -> Study:
 
 
 def _factor_by_name(study: Study, name: str) -> Factor:
-    """The factor of a study with this name."""
+    """Factor of a study with this name."""
     return next(factor for factor in study.factors if factor.name == name)
 
 
 def _difference_lines(first: StudyFolder, other: StudyFolder) -> Iterator[str]:
-    """Differences that keep two folders from being joined, a line each."""
+    """Lines on the differences that keep two folders from being joined."""
     ours, theirs = _common_values(first), _common_values(other)
     if first.copies > 1 and other.copies > 1:
         for folder, fixed in ((first, ours), (other, theirs)):
@@ -143,13 +142,13 @@ def _differing_values(ours: Any, theirs: Any, path: tuple[str | int, ...] = ()) 
 
 
 def _short_value_text(value: Any) -> str:
-    """A value as text of at most 60 characters."""
+    """Text of a value, at most 60 characters."""
     text = "nothing" if value is None else "a table" if isinstance(value, dict) else value_text(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _joined_factor(factors: Sequence[Factor]) -> Factor | None:
-    """A factor whose range, levels or choice include those of all; None if there is none."""
+    """Factor whose range, levels or choice include those of all; or None."""
     first = factors[0].model_copy(update={"points": None})
     if all(factor.model_copy(update={"points": None}) == first for factor in factors):
         return first
@@ -165,48 +164,36 @@ def _joined_factor(factors: Sequence[Factor]) -> Factor | None:
 
 
 def _start_factors(opened: Sequence[StudyFolder]) -> Iterator[Factor]:
-    """Hidden factors for the start settings in which drives differ."""
+    """Hidden factors for the start settings in which joined drives differ."""
     for name in START_DEFAULTS:
         if len({start_value(folder.base_drive, name) for folder in opened}) > 1:
             yield Factor(name=name, path=f"run.{name}", hidden=True)
 
 
 def start_value(drive: Drive, name: str) -> Any:
-    """A drive's value of a key of `START_DEFAULTS`."""
+    """Value in a drive of a key of `START_DEFAULTS`."""
     value = getattr(drive.run, name)
     return START_DEFAULTS[name] if value is None else value
 
 
 @dataclass(frozen=True)
 class JoinedStudies:
-    """Result of joining folders.
-
-    Attributes:
-        together: number of rows of the joined study.
-        mapping: file of the rows' former numbers: columns `folder`, `before`, `variant`.
-    """
+    """Result of joining studies' folders."""
 
     outcome: StudyStatus
     rows: tuple[int, ...]
-    together: int
-    mapping: Path
+    together: int  # rows of the joined study
+    mapping: Path  # file of the rows' former numbers: `folder`, `before`, `variant`
 
 
 @dataclass
 class _JoinedRows:
-    """Rows of several folders, each once, and where their runs are.
+    """Rows of several folders, each once, and where their runs are."""
 
-    Attributes:
-        rows: values by factor of each joined row.
-        place: number of the joined row by its values.
-        runs: folder and row there of each joined run.
-        numbers: joined number of each row, by folder.
-    """
-
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    place: dict[tuple[Any, ...], int] = field(default_factory=dict)
-    runs: dict[RowCopy, tuple[int, int]] = field(default_factory=dict)
-    numbers: list[list[int]] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list)  # values by factor
+    place: dict[tuple[Any, ...], int] = field(default_factory=dict)  # joined number by values
+    runs: dict[RowCopy, tuple[int, int]] = field(default_factory=dict)  # folder and row there of each joined run
+    numbers: list[list[int]] = field(default_factory=list)  # joined number of each row, by folder
 
 
 @interruptible_work()
@@ -217,16 +204,16 @@ def join_studies(
     workers: int | None = None,
     memory: int = MEMORY,
 ) -> JoinedStudies:
-    """Makes one study's folder of several, which stay as they are.
+    """Makes one study's folder of several, which stay as they are; returns its status.
 
     Args:
         folders: two or more, finished or not; `run_study(OUT/study.toml, OUT)` runs what is left.
         out: the folder to make; it appears whole or not at all.
-        workers, memory: for worst variants that are still to be recorded; see `run_study`.
+        workers, memory: for worst variants still to be recorded; see `run_study`.
 
     Raises:
-        StudyError: fewer than two folders, studies that do not run the same (a line for each key), an existing `out`,
-            or a folder or disk that refuses.
+        StudyError: fewer than two folders, studies that do not run the same, an existing `out`, or a folder or disk
+            that refuses.
     """
     target = Path(out)
     if len(folders) < 2:
@@ -270,7 +257,7 @@ def _process_umask() -> int:
 
 
 def _joined_rows(opened: Sequence[StudyFolder], study: Study) -> _JoinedRows:
-    """Rows of all folders, each once, and where their runs are."""
+    """Rows of all joined folders, each once, and where their runs are."""
     pool = _JoinedRows()
     names = [factor.name for factor in study.factors]
     for f, folder in enumerate(opened):
@@ -291,7 +278,7 @@ def _joined_rows(opened: Sequence[StudyFolder], study: Study) -> _JoinedRows:
 
 
 def _write_joined_folder(place: Path, opened: Sequence[StudyFolder], study: Study, pool: _JoinedRows) -> None:
-    """Writes the joined folder without its whole table."""
+    """Writes the joined folder without its results table."""
     import pyarrow as pa
 
     (place / "shards").mkdir()
@@ -327,7 +314,7 @@ def _write_joined_folder(place: Path, opened: Sequence[StudyFolder], study: Stud
 
 
 def _row_mapping(opened: Sequence[StudyFolder], pool: _JoinedRows) -> pa.Table:
-    """Table of the folder and number that each row had before it was joined."""
+    """Table of the folder and number that each joined row had before."""
     import pyarrow as pa
 
     before = [v for folder in opened for v in folder.read_design()["variant"].to_pylist()]
@@ -392,7 +379,7 @@ def _copy_states(
 
 
 class _SourceTrajectories(Mapping[int, Trajectory]):
-    """Trajectories of a joined shard's recorded rows, read from their archives when asked for."""
+    """Trajectories of a joined shard's recorded rows, read from archives when asked for."""
 
     def __init__(self, places: Sequence[tuple[Path, int]]) -> None:
         self.places = places
@@ -411,7 +398,7 @@ class _SourceTrajectories(Mapping[int, Trajectory]):
 
 
 def _table_with_recordings(joined: StudyFolder, shard: int, table: pa.Table, owners: Sequence[StudyFolder]) -> pa.Table:
-    """A joined shard's table after its recordings have been written into its own archive."""
+    """Table of a joined shard after its recordings went into its own archive."""
     import pyarrow as pa
 
     from warpchain.archive import read_archive, write_archive

@@ -1,7 +1,7 @@
 """Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder.
 
 Growing adds a plan. More points or replicates only add runs. Another duration or window runs all rows once more, from
-the states at the end of the runs before if these were kept; the tables before stay, as `results.before-K.parquet`.
+kept states at the end of earlier runs; the tables before stay, as `results.before-K.parquet`.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SHARD_SECONDS = 30.0
-"""Time that a shard should take [s], so that little is lost when a run is killed."""
+"""Time that a shard should take [s]."""
 CORE_RATE, GPU_RATE = 1e8, 2e10
 """Assumed roller-steps a second of a core and of a GPU."""
 SETTLE_STEPS = 30_000
-"""Steps that take about as long as settling, 10,000 to 40,000 for most of the example drives."""
+"""Steps that take about as long as settling."""
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
 """Time of a core for a row's assembly, packing and table, and for its modes [s]."""
 CORE_VARIANTS, GPU_VARIANTS = 8, 4224
 """Fewest variants that a core and a GPU should have at once."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
-"""Approximate memory of a roller and of a variant while a shard is simulated."""
+"""Approximate memory of a roller and of a variant in a shard's simulation."""
 
 
 def prepare_folder(
@@ -78,7 +78,7 @@ def prepare_folder(
     memory: int,
     grow: bool = False,
 ) -> StudyFolder:
-    """Reads and checks a study, and makes, grows or opens its folder; arguments as in `run_study`."""
+    """Study folder of a checked study, made, grown or opened; arguments as in `run_study`."""
     study, drive, design = read_study(source)
     runs = design.num_rows * study.design.copies
     size = study.run.shard or preferred_shard_size(study, drive, runs, parts, workers or available_cores(), memory)
@@ -96,10 +96,9 @@ def prepare_folder(
 def read_study(
     source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None
 ) -> tuple[Study, Drive, pa.Table]:
-    """Reads a study, its base drive and its design table, checked against each other.
+    """Study, base drive and design table, read and checked against each other.
 
     Args:
-        source: the study file.
         base: file of another base drive, or the name of an example; None is the study's own.
 
     Raises:
@@ -154,7 +153,7 @@ def _drive_mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) 
 
 
 def _readable_study(source: str | os.PathLike[str]) -> Study | None:
-    """The valid parts of a study file with errors, to check against its drive; or None."""
+    """Valid parts of a study file with errors, to check against its drive; or None."""
     import tomllib
 
     try:
@@ -187,7 +186,7 @@ def _readable_study(source: str | os.PathLike[str]) -> Study | None:
 
 
 def _factor_without_values(factor: Any) -> dict[str, Any]:
-    """Keys of a mapping that say what a factor sets, with some range."""
+    """Keys of a mapping on what a factor sets, with some range."""
     keys = ("name", "path", "paths", "shift", "along", "relative", "offset")
     held = {key: factor[key] for key in keys if key in factor} if isinstance(factor, dict) else {}
     return {**held, "range": [0.0, 1.0]}
@@ -214,13 +213,13 @@ def stored_step_rate(gpus: int, cores: int) -> float:
 
 
 def overhead_seconds(study: Study, drive: Drive, gpus: int, cores: int) -> float:
-    """Approximate time of a run apart from its steps: settling, packing, modes [s]."""
+    """Approximate time [s] of a study's run apart from its steps: settling, packing, modes."""
     settling = drive.links * SETTLE_STEPS / stored_step_rate(gpus, cores) if drive.run.settle else 0.0
     return settling + (HOST_SECONDS + (MODES_SECONDS if study.metrics.modes is not None else 0.0)) / cores
 
 
 def gpu_count(device: str | None) -> int:
-    """Number of GPUs that a device names; all there are for None and "cuda"."""
+    """Number of GPUs that a device names; all for None and "cuda"."""
     if device in (None, "cuda"):
         import warp as wp
 
@@ -229,7 +228,7 @@ def gpu_count(device: str | None) -> int:
 
 
 def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> None:
-    """Checks the names of metrics and signals in a study against its drive."""
+    """Raises StudyError for names of metrics and signals in a study that its drive lacks."""
     from warpchain.results.metric_columns import MODE_METRICS, metric_names
 
     names, lines = metric_names(drive), []
@@ -261,7 +260,7 @@ def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str
 
 
 def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
-    """Errors in names of metrics of objectives, limits and a calibration, a line each."""
+    """Lines on unknown metrics in a study's objectives, limits and calibration."""
     from warpchain.results.measured import signal_units
     from warpchain.results.metric_columns import RECORDED_METRICS, groups_of_drive
 
@@ -295,7 +294,7 @@ def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> I
 
 
 def is_growable(known: Study, other: Study) -> bool:
-    """Whether the folder of the study `known` can grow to become that of `other`."""
+    """Whether the folder of the study `known` can grow to that of `other`."""
     if not set(differing_tables(known, other)) <= {"design", "run"}:
         return False
     design, run = known.design, known.run
@@ -317,11 +316,11 @@ def is_growable(known: Study, other: Study) -> bool:
 
 
 def grow_folder(folder: StudyFolder, study: Study, source: Path, shard: int) -> StudyFolder:
-    """Adds a plan to a study's folder for more points, more replicates, or another duration or window.
+    """Study folder with a plan added for more points, more replicates, or another duration or window.
 
     Args:
-        study: a study for which `is_growable` is true.
-        shard: number of runs of a new shard.
+        study: for which `is_growable` is true.
+        shard: runs of a new shard.
     """
     path, number = folder.path, folder.plan_count
     files = [folder.path / plan_file_name("study.toml", earlier) for earlier in range(folder.plan_count)]

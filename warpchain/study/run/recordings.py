@@ -27,7 +27,7 @@ MOST_RECORDINGS = 4
 
 
 def recording_places(results: Results) -> dict[int, tuple[str, int]]:
-    """Archive (file in the study's folder) and number in it of each recorded variant."""
+    """Archive in the study's folder, and number in it, of each recorded variant."""
     names = results.table.column_names
     if not set(ARCHIVE_COLUMNS) <= set(names):
         raise StudyError("the study recorded no variant: its table has no column 'archive'")
@@ -42,7 +42,7 @@ def recorded_trajectories(
     """Trajectories of recorded variants, by variant.
 
     Args:
-        variants: which; None takes the first `MOST_RECORDINGS` recorded ones, or the worst ones first.
+        variants: None takes the first `MOST_RECORDINGS` recorded ones, or the worst.
 
     Raises:
         StudyError: a variant that was not recorded, an archive of another study or shard.
@@ -79,7 +79,7 @@ def results_with_objectives(results: Results, folder: str | Path, woehler: Woehl
     """Results with the objectives of recorded variants as further metrics, else null.
 
     Args:
-        woehler: Woehler curve of a link; None leaves fatigue out.
+        woehler: curve of a link; None leaves fatigue out.
 
     Raises:
         StudyError: nothing was recorded.
@@ -110,11 +110,7 @@ def results_with_objectives(results: Results, folder: str | Path, woehler: Woehl
 
 @dataclass(frozen=True)
 class RepeatedRun:
-    """A variant to run again with its study's settings, for a recording to play.
-
-    Attributes:
-        study: study whose settings it was run with.
-    """
+    """A variant to run again with its study's settings, for a recording to play."""
 
     drive: Drive
     study: Study
@@ -163,7 +159,7 @@ class RepeatedRun:
 
 
 def recording_of_variant(folder: str | Path, variant: int) -> tuple[Path, int] | RepeatedRun:
-    """Archive of a variant and its number in it, or a `RepeatedRun` without a recording to play.
+    """Archive of a study's variant and number in it, or a `RepeatedRun` without a recording.
 
     Raises:
         StudyError: no such folder or variant, or one that gives no drive.

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from warpchain.study.spec.study_tables import Adjust
 
 DEFAULT_TRAVEL = 4.0
-"""Farthest that a sprocket moves either way unless the study says, in pitches."""
+"""Farthest travel of an adjusted sprocket either way by default, in pitches."""
 
 
 AdjustedDrive = tuple[Drive, dict[str, Any]]
@@ -42,7 +42,7 @@ AdjustedDrive = tuple[Drive, dict[str, Any]]
 
 
 def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: DriveChanges | None = None) -> Drive:
-    """The drive of a row before adjustments: values set, then parts shifted.
+    """Drive of a study's row before adjustments: values set, then parts shifted.
 
     Args:
         changes: of the base drive, if drives of many rows are made.
@@ -64,7 +64,7 @@ def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: Dri
 
 
 def _target_value(factor: Factor, own: Any, row: Mapping[str, Any]) -> Any:
-    """Value that a factor sets in the drive, given the drive's own; whole numbers stay whole."""
+    """Value that a factor sets in the drive, given the drive's own."""
     value = factor.value_from_cell(row[factor.name])
     if not (factor.relative or factor.offset):
         return value
@@ -73,7 +73,7 @@ def _target_value(factor: Factor, own: Any, row: Mapping[str, Any]) -> Any:
 
 
 def _drive_with_shift(drive: Drive, factor: Factor, path: str, by: float) -> Drive:
-    """Drive with a guide-bar or a sprocket shifted along the factor's direction [m]."""
+    """Drive with a guide or sprocket shifted along the factor's direction [m]."""
     part = drive.get_value(path)
     if factor.along is not None and factor.along != "normal":
         x, y = factor.along
@@ -90,12 +90,12 @@ def _drive_with_shift(drive: Drive, factor: Factor, path: str, by: float) -> Dri
 
 
 def _shifted_point(point: Sequence[float], step: Sequence[float]) -> list[float]:
-    """A point moved by a step [m]."""
+    """Point moved by a step [m]."""
     return [point[0] + step[0], point[1] + step[1]]
 
 
 def _shifted_guide_values(guide: Guide, step: Sequence[float]) -> dict[str, Any]:
-    """Values of a guide-bar's keys after a shift by a step [m]."""
+    """Values of a guide's keys after a shift by a step [m]."""
     found: dict[str, Any] = {}
     for name in ("start", "end"):
         if (own := getattr(guide, name)) is not None:
@@ -109,7 +109,7 @@ def _shifted_guide_values(guide: Guide, step: Sequence[float]) -> dict[str, Any]
 
 
 def _guide_normal(drive: Drive, guide: Guide) -> tuple[float, float]:
-    """Unit vector from the middle of a guide-bar's face towards the chain."""
+    """Unit vector from the middle of a guide's face towards the chain."""
     profile = drive.profile(drive.as_read.guides.index(guide))
     _, heading = profile.at(0.5 * profile.face_length)
     return -math.sin(heading), math.cos(heading)
@@ -118,11 +118,7 @@ def _guide_normal(drive: Drive, guide: Guide) -> tuple[float, float]:
 def adjusted_drives(
     drives: Sequence[Drive], adjusts: Sequence[Adjust], rows: Sequence[Mapping[str, Any]]
 ) -> list[AdjustedDrive | WarpchainError]:
-    """Drives of rows, adjusted so that their chains fit, or the errors that refuse them.
-
-    Args:
-        adjusts: adjustments, done one after the other.
-    """
+    """Drives of rows, adjusted so that their chains fit, or the errors that refuse them."""
     found: list[AdjustedDrive | WarpchainError] = [(drive, {}) for drive in drives]
     for key, before, adjust in named_adjustments(adjusts):
         going = [(v, *made) for v, made in enumerate(found) if isinstance(made, tuple)]
@@ -166,14 +162,14 @@ def _drives_with_adjustment(
 
 
 def _drive_with_links(drive: Drive, adjust: Adjust, links: int | None) -> Drive:
-    """The drive with a number of links of the adjusted chain; None leaves it."""
+    """Drive with a number of links of the adjusted chain; None leaves it."""
     if links is None:
         return drive
     return drive_with_numbers(drive, {links_place(drive, fitted_chain(drive, adjust.chain, adjust.sprocket)): links})
 
 
 def _adjusted_chain(drive: Drive, adjust: Adjust) -> Drive:
-    """The chain that is adjusted, as a drive of its own."""
+    """Adjusted chain as a drive of its own."""
     own: Drive = fitted_chain(drive, adjust.chain, adjust.sprocket).drive
     return own
 
@@ -227,7 +223,7 @@ def _drives_with_moved_sprocket(
 
 
 def _assembly_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, Any]) -> float:
-    """Strain at assembly that an adjustment wants in a row."""
+    """Strain at assembly [-] that an adjustment wants in a row."""
     name, asked = ("strain", adjust.strain) if adjust.strain is not None else ("preload", adjust.preload)
     try:
         value = evaluate_expression(asked, row) if isinstance(asked, str) else asked
@@ -244,10 +240,7 @@ def _assembly_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, A
 
 @dataclass
 class Variant:
-    """A run of a study: its row and copy, its drive, and its results.
-
-    Metrics are a row of a table of `simulate`, with those of the base drive's modes beside.
-    """
+    """A run of a study: its row and copy, its drive, and its results."""
 
     row: dict[str, Any]
     drive: Drive | None = None
@@ -265,7 +258,7 @@ class Variant:
     resumed: bool = False
 
     def mark_infeasible(self, error: WarpchainError) -> None:
-        """Removes the drive, with an error as the reason."""
+        """Removes the variant's drive, with an error as the reason."""
         self.drive, self.reason = None, reason_from_error(error)
 
     @property
@@ -274,7 +267,7 @@ class Variant:
         return "infeasible" if self.metrics_row is None else str(self._metrics_cell("status"))
 
     def outcome_reason(self) -> str | None:
-        """Reason for which the variant is not ok; None if it is."""
+        """Reason for which the variant is not ok, or None."""
         return self.reason if self.metrics_row is None else self._metrics_cell("reason") or None
 
     def _metrics_cell(self, column: str) -> Any:
@@ -285,7 +278,7 @@ class Variant:
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the variant by name, those of its modes included; empty without any."""
+        """Metrics of the variant by name, its modes' among them; empty without any."""
         if self.metrics_row is None:
             return {}
         table, row = self.metrics_row
@@ -294,7 +287,7 @@ class Variant:
 
 
 def build_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Makes the drives of variants, adjusted together; a variant without one gets the reason."""
+    """Builds the drives of variants, adjusted together; one without gets the reason."""
     changes = DriveChanges(base) if len(variants) > 1 else None
     for number, variant in enumerate(variants):
         if number % 64 == 0:
@@ -316,7 +309,7 @@ def build_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None
 
 
 def build_and_check_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Makes the drives of variants; one that cannot be assembled or stepped gets the reason."""
+    """Builds the drives of variants; one that cannot be assembled or stepped gets the reason."""
     build_drives(study, base, variants)
     for variant in variants:
         if variant.drive is not None:

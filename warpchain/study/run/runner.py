@@ -1,7 +1,7 @@
 """Runs a study: the shards that are left, the second pass for the worst variants, the whole table.
 
-Shards run here, one after the other, or on any executor of `concurrent.futures`, such as a Dask scheduler's (extra
-`dask`). After any end, the same call goes on from where it was.
+Shards run here, or on any executor of `concurrent.futures`, such as a Dask scheduler's (extra `dask`). After any end,
+the same call goes on from where it was.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ PARTIAL_FILE = "partial.parquet"
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
-    """The executor of a Dask scheduler, and its number of workers.
+    """Executor of a Dask scheduler, and its number of workers.
 
     Raises:
         StudyError: dask.distributed is not installed, no scheduler answers, or a shard has ended several workers.
@@ -85,7 +85,7 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
 
 
 def _check_listener(address: str) -> None:
-    """Refuses a TCP address where nobody listens, which Dask would try until its time is up."""
+    """Raises StudyError for a TCP address where nobody listens."""
     scheme, _, place = address.rpartition("://")
     host, _, port = place.strip("/").rpartition(":")
     if scheme not in ("", "tcp", "tls") or not (host and port.isdecimal()):
@@ -103,7 +103,7 @@ def _error_line(error: Exception) -> str:
 
 @interruptible_work()
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> StudyStatus:
-    """Makes the whole table of a study whose shards are done."""
+    """Makes the whole table of a study whose shards are done; returns its status."""
     folder = open_folder(Path(out))
     missing = [shard for shard in folder.shard_numbers if not folder.is_done(shard)]
     if missing:
@@ -118,7 +118,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 def finish_study(
     folder: StudyFolder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
 ) -> StudyStatus:
-    """Records the worst variants, writes the whole table, and removes leftover files."""
+    """Records a study's worst variants, writes its whole table, removes leftover files."""
     table = read_runs(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
@@ -152,7 +152,7 @@ def finish_study(
 
 
 def read_runs(folder: StudyFolder) -> pa.Table:
-    """Reads the table of all runs of the shards that are done, with the places of all recordings."""
+    """Table of all runs of a study's done shards, with the places of recordings."""
     table = _concatenated_shards(folder, [shard for shard in folder.shard_numbers if folder.is_done(shard)])
     for name, identity in folder.earlier_worst_shards:
         if folder.is_done(name):
@@ -163,7 +163,7 @@ def read_runs(folder: StudyFolder) -> pa.Table:
 
 
 def _archive_names(table: pa.Table) -> list[str]:
-    """Archives with a table's recorded variants."""
+    """Names of archives with a table's recorded variants."""
     name, _ = ARCHIVE_COLUMNS
     return sorted(set(table[name].to_pylist()) - {None}) if name in table.column_names else []
 
@@ -203,13 +203,13 @@ def write_partial_table(out: str | os.PathLike[str]) -> Path:
 
 
 def means_of_replicates(table: pa.Table) -> pa.Table:
-    """Table of a row a variant, from a table with a row for each copy."""
+    """Table of a row a variant, from a row for each copy."""
     first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
     return summarize_copies(table, "variant", first)
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """Variants (number, copy) to record in a second pass, the most extreme ones.
+    """Most extreme variants (number, copy) to record in a second pass.
 
     Rows are ranked by the mean of their copies; of the copies, the most extreme one is recorded.
     """
@@ -235,7 +235,7 @@ def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
 
 
 def _table_with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
-    """The table with the places of recordings of a second pass."""
+    """Table of runs with the places of recordings of a second pass."""
     import pyarrow as pa
 
     keys = ["variant", COPY_COLUMN] if COPY_COLUMN in table.column_names else ["variant"]
@@ -274,14 +274,14 @@ def run_study(
     progress: Progress = False,
     grow: bool = False,
 ) -> StudyStatus:
-    """Runs a study, or what is left of it.
+    """Runs a study, or what is left of it, in a folder; returns its status.
 
     Args:
         source: the study file.
         out: the study's folder; made if there is none.
         executor: runs the shards; its workers must see the folder under the same name. None runs them here.
-        part: (i, n) runs only the shards k with k mod n = i, 0 <= i < n, and leaves the second pass and the whole table
-            to `merge_study`.
+        part: (i, n) runs only the shards k with k mod n = i, and leaves the second pass and the whole table to
+            `merge_study`.
         parts: workers to keep busy: unless the study states `run.shard`, no shard of a new folder has more than
             rows / parts rows, rounded up.
         workers: CPU threads of a shard; None takes all cores.
@@ -290,9 +290,6 @@ def run_study(
             window (`study.run.prepare`).
         progress: True shows a bar; a function is called with (phase, done, total): "compiling", in kernels; "running"
             and, for the second pass of `record.worst`, "recording", in variants.
-
-    Returns:
-        The study's status.
 
     Raises:
         StudyError: an error of the file, or a folder of another study; one line each.
@@ -316,7 +313,7 @@ def run_folder(
     memory: int = MEMORY,
     progress: Progress = False,
 ) -> StudyStatus:
-    """Runs what is left of a study's folder; arguments as in `run_study`."""
+    """Runs what is left of a study's folder; returns its status. Arguments as in `run_study`."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shard_numbers if part is None or shard % part[1] == part[0]]
     left = [shard for shard in mine if not folder.is_done(shard)]
@@ -336,7 +333,7 @@ def run_folder(
 def _run_shards_here(
     folder: StudyFolder, shards: Sequence[int], options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Runs shards one after the other in this process."""
+    """Runs a study's shards one after the other in this process."""
     done, total = 0, float(sum(map(folder.shard_run_count, shards)))
     for shard in shards:
         raise_if_stopped()
@@ -348,7 +345,7 @@ def _run_shards_here(
 def _run_shards_on_executor(
     folder: StudyFolder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Runs shards on an executor, whose lost workers raise a StudyError."""
+    """Runs a study's shards on an executor, whose lost workers raise a StudyError."""
     futures: dict[Future[int], int] = {}
     done, total = 0, float(sum(map(folder.shard_run_count, shards)))
     try:

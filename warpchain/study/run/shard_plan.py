@@ -24,21 +24,16 @@ PLAN_FILES = ("study.toml", "drive.toml", "design.parquet")
 
 @dataclass(frozen=True)
 class RunBlock:
-    """Consecutive copies of consecutive rows, row by row.
+    """Consecutive copies of consecutive rows of a study, row by row."""
 
-    Attributes:
-        rows: the first row, and the one behind the last.
-        copies: the first copy of each row, and the one behind the last.
-    """
-
-    rows: tuple[int, int]
-    copies: tuple[int, int] = (0, 1)
+    rows: tuple[int, int]  # the first row, and the one behind the last
+    copies: tuple[int, int] = (0, 1)  # the first copy of each row, and the one behind the last
 
     def __len__(self) -> int:
         return (self.rows[1] - self.rows[0]) * (self.copies[1] - self.copies[0])
 
     def runs_between(self, begin: int, end: int) -> tuple[Indices, Indices]:
-        """Rows and copies of a block's runs from `begin` to `end`, as two arrays."""
+        """Rows and copies of a block's runs from `begin` to `end`, two arrays."""
         import numpy as np
 
         number, width = np.arange(begin, end), self.copies[1] - self.copies[0]
@@ -47,19 +42,13 @@ class RunBlock:
 
 @dataclass(frozen=True)
 class ShardPlan:
-    """Runs that one plan of a study's folder adds, cut into shards.
-
-    Attributes:
-        shard_size: number of runs of a shard; the last one may have fewer.
-        identity: the plan's digest, which its tables bear; "" in folders of earlier versions.
-        digests: SHA-256 of the files that the plan is made of.
-    """
+    """Runs that one plan of a study's folder adds, cut into shards."""
 
     blocks: tuple[RunBlock, ...]
-    shard_size: int
+    shard_size: int  # runs of a shard; the last may have fewer
     first_shard: int = 0
-    identity: str = ""
-    digests: Mapping[str, str] = field(default_factory=dict)
+    identity: str = ""  # the plan's digest, which its tables bear
+    digests: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of the plan's files
 
     @property
     def run_count(self) -> int:
@@ -76,7 +65,7 @@ class ShardPlan:
         return min(self.shard_size, self.run_count - (shard - self.first_shard) * self.shard_size)
 
     def shard_runs(self, shard: int) -> tuple[Indices, Indices]:
-        """Rows and copies of a shard's runs, as two arrays."""
+        """Rows and copies of a shard's runs, two arrays."""
         import numpy as np
 
         begin = (shard - self.first_shard) * self.shard_size
@@ -92,7 +81,7 @@ class ShardPlan:
 
 
 def blocks_of_runs(tasks: Iterable[tuple[int, int]], copies: int) -> tuple[RunBlock, ...]:
-    """Blocks of runs (row, copy) in ascending order, of a study that runs each row `copies` times."""
+    """Blocks of runs (row, copy) in ascending order, of a study with `copies` runs a row."""
     rows: dict[int, list[int]] = {}
     for row, copy in tasks:
         rows.setdefault(row, []).append(copy)
@@ -119,7 +108,7 @@ def _consecutive_spans(numbers: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def plan_file_name(name: str, number: int) -> str:
-    """Name of a file of the plan with this number: study.toml, study.1.toml, study.2.toml, ..."""
+    """Name of a file of the plan with this number: study.toml, study.1.toml, ..."""
     stem, _, ending = name.rpartition(".")
     return f"{stem}.{number}.{ending}" if number else name
 
@@ -141,7 +130,7 @@ def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
 
 
 def read_plan(path: Path, number: int, before: Sequence[ShardPlan]) -> tuple[int, ShardPlan, bool]:
-    """Reads a plan's file: number of rows of the design, the plan, and whether it begins anew."""
+    """Number of rows of the design, the plan, and whether it begins anew, from a plan's file."""
     file = path / plan_file_name("plan.json", number)
     try:
         plan = parse_json(file.read_text())
@@ -165,12 +154,12 @@ def read_plan(path: Path, number: int, before: Sequence[ShardPlan]) -> tuple[int
 
 
 def _plan_digest(plan: Mapping[str, Any]) -> str:
-    """SHA-256 of a plan's entries, which marks a study's tables as its own."""
+    """SHA-256 of a plan's entries, which marks a study's tables."""
     text = json.dumps({name: value for name, value in plan.items() if name != "digest"}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def check_plan_file(path: Path, digests: Mapping[str, str], name: str) -> None:
-    """Refuses a file of a study's folder that has changed since its plan was made."""
+    """Raises StudyError for a study folder's file changed since its plan was made."""
     if name in digests and file_digest(path / name) != digests[name]:
         raise StudyError(f"{path / name}: was changed or is damaged; give another folder")

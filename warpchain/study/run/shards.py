@@ -46,13 +46,12 @@ def simulate_variants(
     options: Mapping[str, Any],
     report: ProgressReport,
 ) -> None:
-    """Makes the drives of variants, simulates them, and archives those to be recorded.
+    """Builds drives of a study's variants, simulates them, and archives those to be recorded.
 
-    Recorded variants are held until the end if their trajectories fit into half of the memory; else they are simulated
-    in a call of their own, which writes while it runs.
+    Recordings are held until the end if they fit into half of the memory, else simulated in a call of their own.
 
     Args:
-        variants: the runs; their results are filled in.
+        variants: whose results are filled in.
         options: `memory`, `workers` and `archive_options` of `simulate`.
     """
     on = [variant for variant in variants if variant.initial_state is not None]
@@ -86,7 +85,7 @@ def simulate_variants(
 def _add_mode_metrics(
     study: Study, base: Drive, variants: Sequence[Variant], workers: int | None, report: ProgressReport
 ) -> None:
-    """Adds the base drive's modes to the metrics of variants, if the study asks for them."""
+    """Adds the base drive's modes to variants' metrics, if the study asks for them."""
     if study.metrics.modes is None:
         return
     from warpchain.engine.process_pool import map_in_processes
@@ -103,7 +102,7 @@ def _add_mode_metrics(
 
 
 def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Makes the drive of each row once, and the copies that variants run."""
+    """Builds the drive of each row once, and the copies that variants run."""
     made: dict[int, Variant] = {}
     for variant in variants:
         made.setdefault(variant.row["variant"], variant)
@@ -121,7 +120,7 @@ def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
 def _simulate_feasible(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Simulates variants that have a drive; marks those that are refused infeasible."""
+    """Simulates variants that have a drive; marks refused ones infeasible."""
     feasible = [variant for variant in variants if variant.drive is not None]
     refused = _attempt_simulation(study, feasible, archive, options, report)
     if isinstance(refused, DriveError):
@@ -205,7 +204,7 @@ def _attempt_simulation(
 
 
 def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: int) -> bool:
-    """Whether the trajectories of the recorded variants fit into half of the memory."""
+    """Whether trajectories of recorded variants fit into half of the memory."""
     from warpchain.engine.simulation import schedules_of
     from warpchain.results.channels import drive_frame_width, frame_with_channels
     from warpchain.results.run import Record
@@ -255,7 +254,7 @@ def run_shard(
     """Simulates one shard and writes its results, unless they are there; returns the number of its runs.
 
     Args:
-        folder: the study's folder, on a disk that the caller shares.
+        folder: the study's, on a disk that the caller shares.
         options: `memory` and `workers` of `simulate`.
 
     Raises:
@@ -278,7 +277,7 @@ def record_worst_variants(
     options: Mapping[str, Any] | None = None,
     report: ProgressReport = ignore_progress,
 ) -> None:
-    """Simulates variants (number, copy) a second time to record them; arguments as in `run_shard`."""
+    """Simulates a study's worst variants (number, copy) again to record them; arguments as in `run_shard`."""
     opened = open_folder(folder)
     place = {variant: row for row, variant in enumerate(opened.read_design()["variant"].to_pylist())}
     numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
@@ -288,7 +287,7 @@ def record_worst_variants(
 
 
 def _rows_of_runs(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.Table:
-    """Rows of the design table, with a column for the copy if rows are run several times."""
+    """Rows of the design table for runs, with a column for the copy if there are several."""
     import pyarrow as pa
 
     rows = folder.read_design().take(pa.array(numbers, pa.int64()))
@@ -325,7 +324,7 @@ def _simulate_and_write(
 
 
 def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
-    """Table of inputs and metrics of variants, a row each, with roles and units of fields."""
+    """Table of inputs and metrics of a shard's variants, with roles and units of fields."""
     import pyarrow as pa
 
     status, reason = OUTCOME_COLUMNS

@@ -11,8 +11,7 @@
     replicates.parquet       a row for each run, of a study that runs rows several times
 
 Growing adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ..., and shards with the numbers that follow.
-Every file appears whole, so that any process can end at any time, and several may work in one folder. Nothing here
-loads drives or tables without need, as a status is asked for often.
+Every file appears whole, so that any process can end at any time, and several may work in one folder.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
 ARCHIVE_MARK = "study.json"
 """Name of the attachment that says which study and shard an archive belongs to."""
 DRIVE_TEXT_FILE = "drive-text.toml"
-"""File with the text of the base drive as the user wrote it; drive.toml is what is run."""
+"""File with the base drive as the user wrote it; drive.toml is what is run."""
 REPLICATES_FILE = "replicates.parquet"
 RESUMED_COLUMN = "gone_on"
 """Column of a table of states: whether a run went on from an earlier run's state."""
@@ -61,36 +60,31 @@ STATUS_REASONS = 3
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """A study's folder with its plans; what is missing or damaged raises a StudyError.
-
-    Attributes:
-        plans: the plans since the study last began anew.
-        earlier_plans: the plans before the study began anew, with another duration or window.
-    """
+    """A study's folder with its plans; what is missing or damaged raises a StudyError."""
 
     path: Path
     rows: int
-    plans: tuple[ShardPlan, ...]
+    plans: tuple[ShardPlan, ...]  # since the study last began anew
     plan_count: int = 1
-    earlier_plans: tuple[ShardPlan, ...] = ()
+    earlier_plans: tuple[ShardPlan, ...] = ()  # with another duration or window
 
     @cached_property
     def study(self) -> Study:
-        """The study, from its file in the folder."""
+        """Study, from its file in the folder."""
         from warpchain.study.spec import load_study
 
         return load_study(self.path / plan_file_name("study.toml", self.plan_count - 1))
 
     @cached_property
     def base_drive(self) -> Drive:
-        """The study's base drive, from its file in the folder."""
+        """Base drive of the study, from its file in the folder."""
         from warpchain.drive import load_drive
 
         return load_drive(self.path / "drive.toml")
 
     @property
     def shard_size(self) -> int:
-        """Number of runs of a shard of the last plan; the last one may have fewer."""
+        """Number of runs of a shard of the last plan."""
         return self.plans[-1].shard_size
 
     @property
@@ -114,7 +108,7 @@ class StudyFolder:
         return self.study.design.copies
 
     def plan_of_shard(self, shard: int) -> ShardPlan:
-        """The plan that a shard belongs to."""
+        """Plan that a shard belongs to."""
         return next(part for part in self.plans if shard in part.shard_numbers)
 
     @property
@@ -137,7 +131,7 @@ class StudyFolder:
 
     @property
     def earlier_worst_shards(self) -> list[tuple[str, str]]:
-        """Names and identities of the shards that recorded the worst variants of earlier plans."""
+        """Names and identities of shards that recorded the worst variants of earlier plans."""
         first = self.plan_count - len(self.plans)
         numbers = range(first, self.plan_count - 1)
         names = [f"{WORST_SHARD}.{number}" if number else WORST_SHARD for number in numbers]
@@ -156,11 +150,11 @@ class StudyFolder:
         return self.plan_of_shard(shard).shard_run_count(shard)
 
     def shard_runs(self, shard: int) -> tuple[Indices, Indices]:
-        """Rows and copies of a shard's runs, as two arrays."""
+        """Rows and copies of a shard's runs, two arrays."""
         return self.plan_of_shard(shard).shard_runs(shard)
 
     def read_design(self) -> pa.Table:
-        """Reads the design table of the folder."""
+        """Design table read from the folder."""
         name = plan_file_name("design.parquet", self.plan_count - 1)
         check_plan_file(self.path, self.plans[-1].digests, name)
         table = read_table(self.path / name)
@@ -169,7 +163,7 @@ class StudyFolder:
         return table
 
     def read_shard(self, shard: int | str, columns: list[str] | None = None) -> pa.Table:
-        """Reads a shard's table, or chosen columns of it."""
+        """Table read of a shard, or chosen columns."""
         path = self.table_path(shard)
         identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
         table = read_table(path, columns, identity or None)
@@ -178,7 +172,7 @@ class StudyFolder:
         return table
 
     def read_outcomes(self, shard: int) -> RowOutcomes:
-        """Reads the statuses and reasons of the runs of a shard that is done."""
+        """Statuses and reasons of the runs of a shard that is done."""
         return read_row_outcomes(
             self.table_path(shard), self.plan_of_shard(shard).identity, self.shard_run_count(shard)
         )
@@ -198,18 +192,14 @@ class StudyFolder:
         return {ARCHIVE_MARK: json.dumps({"study": identity, "shard": shard_name(shard)}).encode()}
 
     def _expected_mark(self, stem: str) -> dict[str, str]:
-        """Mark that an archive of this name must have, whichever plan its shard is of."""
+        """Mark that an archive of this name must have."""
         identities = dict(self.earlier_worst_shards) | {
             shard_name(shard): self.plan_of_shard(shard).identity for shard in self.shard_numbers
         }
         return {"study": identities.get(stem, self.identity), "shard": shard_name(stem)}
 
     def check_archive(self, name: str) -> None:
-        """Checks that an archive in the folder is its own, if the archive is there and marked.
-
-        Args:
-            name: path in the folder, as in the column `archive`.
-        """
+        """Raises StudyError for an archive `name` in the folder marked as another study's or shard's."""
         from warpchain.archive import read_archive
 
         check_archive_name(name)
@@ -225,7 +215,7 @@ class StudyFolder:
             )
 
     def directly_recorded(self) -> frozenset[int]:
-        """Variants that are recorded when they are first simulated."""
+        """Variants that are recorded when first simulated."""
         record = self.study.record
         every = range(0, self.rows, record.every) if record.every is not None else ()
         return frozenset(every) | frozenset(record.variants)
@@ -237,10 +227,10 @@ def shard_name(shard: int | str) -> str:
 
 
 def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard: int) -> StudyFolder:
-    """Makes a study's folder, or opens the one that holds the same study.
+    """Study folder, made, or opened if it holds the same study.
 
     Args:
-        shard: number of runs of a shard in a new folder; of several processes, the first decides.
+        shard: runs of a shard in a new folder; of several processes, the first decides.
 
     Raises:
         StudyError: the folder holds another study, or cannot be written.
@@ -272,7 +262,7 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
 
 
 def differing_tables(known: Study, other: Study) -> list[str]:
-    """Names of the tables in which two studies differ, apart from the size of shards."""
+    """Names of tables in which two studies differ, apart from the size of shards."""
     differing = [name for name in type(known).model_fields if getattr(known, name) != getattr(other, name)]
     if "run" in differing and known.run.model_copy(update={"shard": other.run.shard}) == other.run:
         differing.remove("run")  # the size of shards is decided already
@@ -280,7 +270,7 @@ def differing_tables(known: Study, other: Study) -> list[str]:
 
 
 def open_folder(path: Path) -> StudyFolder:
-    """Opens a study's folder.
+    """Study folder, opened.
 
     Raises:
         StudyError: there is none, or it is damaged.
@@ -300,30 +290,20 @@ def open_folder(path: Path) -> StudyFolder:
 
 @dataclass(frozen=True)
 class StudyStatus:
-    """Status of a study's folder.
-
-    Attributes:
-        counts: number of runs by status, of the shards that are done.
-        reasons: the most frequent (reason, number) of runs that are not ok; reasons alike but for numbers count as one.
-        shards: (done, all).
-        left: number of runs of the shards that are not done.
-        rate: runs a second of the latest shards; None if these are too few.
-        went_on: numbers of runs that went on from an earlier run's end and that began anew, after a change of duration
-            or window; None of other studies.
-    """
+    """Status of a study's folder: counts of its runs, shards, rate."""
 
     folder: Path
-    counts: Mapping[str, int]
-    reasons: tuple[tuple[str, int], ...]
-    shards: tuple[int, int]
-    left: int
-    rate: float | None
+    counts: Mapping[str, int]  # runs by status, of done shards
+    reasons: tuple[tuple[str, int], ...]  # of runs not ok, with numbers, the most frequent
+    shards: tuple[int, int]  # (done, all)
+    left: int  # runs of the other shards
+    rate: float | None  # runs a second of the latest shards; None if these are too few
     table: Path | None
-    went_on: tuple[int, int] | None = None
+    went_on: tuple[int, int] | None = None  # runs that went on from an earlier end, and that began anew; or None
 
 
 def study_status(out: str | os.PathLike[str]) -> StudyStatus:
-    """Status of a study's folder: counts of its runs, the shards that are done, the rate.
+    """Status of a study's folder: counts of its runs, done shards, rate.
 
     Raises:
         StudyError: no such folder, or a damaged one.
@@ -348,7 +328,7 @@ def study_status(out: str | os.PathLike[str]) -> StudyStatus:
 
 
 def _variant_rate(folder: StudyFolder, done: Sequence[int]) -> float | None:
-    """Runs a second of the latest shards, by the times of their files; None if these are too few."""
+    """Runs a second of the latest shards, by the times of their files; None if too few."""
     landed = sorted((folder.table_path(shard).stat().st_mtime, folder.shard_run_count(shard)) for shard in done)[
         -RATE_SHARDS:
     ]

@@ -1,7 +1,6 @@
 """Today's design: the base drive as it is, as rows of a study, to be compared with other designs.
 
-The column `TODAY_COLUMN` marks its rows: true where they were added to the design, of whose sample they are no part,
-false where the design has them by itself.
+The column `TODAY_COLUMN` marks its rows: true where they were added to the design, false where the design has them.
 """
 
 from __future__ import annotations
@@ -23,10 +22,7 @@ if TYPE_CHECKING:
 
 
 def row_of_drive(study: Study, drive: Drive, name: object) -> dict[str, Any]:
-    """Values by design factor, without expressions, that leave a drive as it is.
-
-    Args:
-        name: of the drive, for errors.
+    """Row, values by design factor, that leaves a drive as it is; `name` is the drive's, for errors.
 
     Raises:
         StudyError: a factor has no such value.
@@ -56,7 +52,7 @@ def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
 
 
 def rows_with_today(study: Study, drive: Drive, rows: Sequence[Row], name: object) -> list[dict[str, Any]]:
-    """A design's rows, values by factor, with those of today's design marked: added as the first, unless it has them.
+    """Design rows with those of today's design marked, added as the first unless there.
 
     The rows as they are of a study that does not ask for it (`design.today`).
 
@@ -78,7 +74,7 @@ def rows_with_today(study: Study, drive: Drive, rows: Sequence[Row], name: objec
 
 
 def design_with_today(study: Study, drive: Drive, design: pa.Table, name: object) -> pa.Table:
-    """A design table with the rows of today's design, as `rows_with_today`."""
+    """Design table with the rows of today's design, as `rows_with_today`."""
     if not study.design.today:
         return design
     given = [factor.name for factor in study.factors if factor.value_source != "expression"]

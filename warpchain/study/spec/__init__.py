@@ -1,4 +1,4 @@
-"""The study file as data."""
+"""Study files as data: their tables, rules and expressions."""
 
 from warpchain.study.spec.study_file import (
     Study,

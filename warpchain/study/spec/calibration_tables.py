@@ -81,7 +81,7 @@ class Measurement(Part):
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
-        """Unit of numbers of a key, as those of the metric or of bands."""
+        """Unit of numbers of a measurement's key."""
         if key == "bands":
             return "Hz"
         return metric_unit(node_value(values, "metric")) if key in cls._quantities else ""
@@ -131,7 +131,7 @@ class Calibrate(Part):
 
 
 def calibration_rules(node: Any) -> Iterator[Problem]:
-    """Problems of measurements: unknowns must be noise factors of continuous distributions."""
+    """Problems of a study's measurements: unknowns must be noise factors of continuous distributions."""
     measured = node_list(node, "measured")
     if node_value(node, "calibrate") is not None and not measured:
         yield Problem(("measured",), None, "missing; calibrate needs at least one measured value or signal", BARE)

@@ -1,6 +1,6 @@
 """Arithmetic expressions in study files: numbers, names of factors, operators and a few functions.
 
-Python's parser reads the text, and a whitelist of its syntax tree is evaluated: no attributes, indexes or other calls.
+Python's parser reads the text, and a whitelist of its syntax tree is evaluated.
 """
 
 from __future__ import annotations
@@ -57,23 +57,19 @@ _COMPARISONS: Mapping[type, Callable[[Any, Any], bool]] = {
 
 
 class _ExpressionError(Exception):
-    """A mistake in an expression, or in its value in one row."""
+    """Mistake in an expression, or in its value in one row."""
 
 
 @dataclass(frozen=True)
 class Expression:
-    """A parsed expression.
-
-    Attributes:
-        names: names in it that are neither functions nor constants, in order.
-    """
+    """A parsed arithmetic expression."""
 
     text: str
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # that are neither functions nor constants, in order
     _tree: ast.expr = field(repr=False, compare=False)
 
     def evaluate(self, values: Mapping[str, Any]) -> Any:
-        """The expression's value, given a value for each of its `names`.
+        """Value of the expression, given a value for each of its `names`.
 
         Raises:
             StudyError: no value, such as a division by zero.
@@ -91,7 +87,7 @@ class Expression:
 
 @cache
 def parse_expression(text: str) -> Expression:
-    """Parses the text of an expression.
+    """Expression parsed from text.
 
     Raises:
         StudyError: what is not arithmetic, and what is allowed.
@@ -111,7 +107,7 @@ def parse_expression(text: str) -> Expression:
 
 
 def _names_in_tree(node: ast.AST) -> list[str]:
-    """Names of factors in a syntax tree, in order; refuses what is not arithmetic."""
+    """Names of factors in an expression's syntax tree; refuses what is not arithmetic."""
     if isinstance(node, ast.Name):
         if node.id in FUNCTIONS:
             raise _ExpressionError(f"{node.id} is a function: write {node.id}(...)")
@@ -185,14 +181,14 @@ def _tree_value(node: ast.expr, values: Mapping[str, Any]) -> Any:
 
 
 def _checked_number(value: Any) -> Any:
-    """The value, refused unless it is a number or a switch."""
+    """Value of an expression, refused unless a number or a switch."""
     if not isinstance(value, (bool, int, float)):
         raise _ExpressionError(f"{value!r} is not a number")
     return value
 
 
 def _bounded_power(base: Any, exponent: Any) -> Any:
-    """A power that is quick to compute: whole only while base and exponent are small."""
+    """Power that is quick to compute: whole only while base and exponent are small."""
     if isinstance(base, int) and isinstance(exponent, int) and 0 <= exponent <= 16 and abs(base) <= 10**4:
         return base**exponent
     return math.pow(base, exponent)

@@ -1,4 +1,4 @@
-"""A factor of a study: the places in the drive that it sets, and its values."""
+"""Factor of a study: the places in the drive that it sets, and its values."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from warpchain.study.spec.expression import RESERVED_NAMES
 FORBIDDEN_NAMES = frozenset(RESERVED_NAMES) | frozenset(BOOKKEEPING_COLUMNS) | {"shard", "and", "or", "not"}
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 AUTO_STEP = "auto"
-"""The text that may be among numbers of a choice: an automatic step."""
+"""Text among numbers of a choice: an automatic step."""
 NAME_HELP = "must be a word of letters, digits and underscores that is no function, constant or column of the results"
 
 
 def _check_factor_name(value: str) -> str:
-    """The name, refused if it is no identifier or forbidden."""
+    """Factor name, refused if no identifier or forbidden."""
     if not _IDENTIFIER.fullmatch(value) or value in FORBIDDEN_NAMES:
         raise ValueError("not a word")
     return value
 
 
 def _check_distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The values, refused if two are equal or there is only one."""
+    """Factor values, refused if two are equal or there is only one."""
     if len(set(values)) < max(2, len(values)):
         raise ValueError("not distinct")
     return values
 
 
 def _check_one_type(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The values, refused if they mix numbers, texts and switches, or repeat."""
+    """Factor values, refused if they mix numbers, texts and switches, or repeat."""
     kinds = {
         float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
         for value in values
@@ -174,32 +174,32 @@ class Factor(Part):
 
     @property
     def display_unit(self) -> str:
-        """Unit of the values in tables and figures; "" for none."""
+        """Unit of the factor's values in tables and figures; "" for none."""
         return self.unit or _target_unit(self)
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
-        """Unit of numbers of a key of the factor."""
+        """Unit of numbers of a factor's key."""
         if key not in cls._quantities:
             return ""
         return factor_unit(values) or ("-" if node_value(values, "relative") is True else "")
 
     @property
     def value_source(self) -> str | None:
-        """Name of the distribution, "levels", "choice" or "expression"; None if a table gives the values."""
+        """Source of the factor's values: a distribution, "levels", "choice", "expression"; None of a table."""
         return value_source_of(self)
 
     @property
     def listed_values(self) -> tuple[Any, ...] | None:
-        """Values of `levels` or `choice`; None of other factors."""
+        """Values of the factor's `levels` or `choice`, or None."""
         return self.levels if self.levels is not None else self.choice
 
     def cells_from_values(self, values: Iterable[Any]) -> list[Any]:
-        """Values as cells of a table's column; numbers mixed with "auto" become texts."""
+        """Table cells of the factor's values; numbers mixed with "auto" become texts."""
         return [str(value) for value in values] if self._has_auto_step else list(values)
 
     def value_from_cell(self, cell: Any) -> Any:
-        """The factor's value from a cell of its column."""
+        """Value of the factor from a cell of its column."""
         return {str(value): value for value in self.choice or ()}.get(cell, cell) if self._has_auto_step else cell
 
     @property
@@ -208,7 +208,7 @@ class Factor(Part):
         return self.choice is not None and AUTO_STEP in self.choice and not all(isinstance(v, str) for v in self.choice)
 
     def target_paths(self) -> Iterator[tuple[str, str]]:
-        """(key, path) of each place in the drive that the factor sets."""
+        """Key and path of each place in the drive that the factor sets."""
         if self.path is not None:
             yield "path", self.path
         yield from ((f"paths.{i}", path) for i, path in enumerate(self.paths))
@@ -235,7 +235,7 @@ class Factor(Part):
 
 
 def _target_unit(node: Any) -> str:
-    """Unit of the places that a factor sets; "" if they have none or several."""
+    """Unit of the places that a factor sets; "" if none or several."""
     if node_value(node, "shift") is not None:
         return "m"
     paths = [path for path in (node_value(node, "path"), *node_list(node, "paths")) if isinstance(path, str)]
@@ -244,7 +244,7 @@ def _target_unit(node: Any) -> str:
 
 
 def factor_unit(node: Any) -> str:
-    """Unit of a factor's values, of its places or its key `unit`; "" if they are no quantities."""
+    """Unit of a factor's values, of its places or its key `unit`; "" if no quantities."""
     given = node_value(node, "unit")
     return _target_unit(node) or (given if isinstance(given, str) and unit_of_text(given) else "")
 
@@ -321,7 +321,7 @@ def _noise_factor_rules(node: Any) -> Iterator[Problem]:
 
 
 def _sample_rules(node: Any) -> Iterator[Problem]:
-    """Problems of an empirical distribution, which needs a sample, or a file and a column."""
+    """Problems of an empirical distribution, which needs a sample, or file and column."""
     sample, file, column = (node_value(node, key) for key in ("sample", "file", "column"))
     if value_source_of(node) != "empirical":
         for key in ("sample", "file", "column"):

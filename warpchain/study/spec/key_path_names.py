@@ -24,7 +24,7 @@ _NAME_KEYS = {"factors": "name", "adjust": "chain"}
 
 
 def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
-    """A function that names a key path into a study, or into the mapping that should become one.
+    """Function that names a key path into a study, or into the mapping that should become one.
 
     An entry goes by its own name, `factors.torque.range`, `limit on "slack": max`; by its number from 1 if that name is
     at issue, repeated or missing, `limit 2: metric`. A value of a list is `value 1 of metrics.keep`.
@@ -33,7 +33,7 @@ def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
     known: dict[str, Counter[str]] = {}
 
     def key_path_name(path: Sequence[str | int]) -> str:
-        """Name of a key path for messages."""
+        """Name of a study's key path for messages."""
         head, number, *rest = str(path[0]), *(path[1:] or ("",))
         entries = node_list(values, head)
         if head not in _ENTRY_NOUNS or not isinstance(number, int):
@@ -56,7 +56,7 @@ def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
 
 
 def _key_path_text(*keys: str | int) -> str:
-    """Keys as text: "a.b", and "value 1 of a" for a number."""
+    """Text of keys: "a.b", and "value 1 of a" for a number."""
     text = key_text(str(keys[0]))
     for key in keys[1:]:
         text = f"value {key + 1} of {text}" if isinstance(key, int) else f"{text}.{key_text(key)}"
@@ -64,7 +64,7 @@ def _key_path_text(*keys: str | int) -> str:
 
 
 def _entry_name(head: str, entry: Any) -> tuple[str, str]:
-    """Key that an entry of a list goes by, and its value; "" if none can stand in a line."""
+    """Key that an entry of a list goes by, and its value; "" if none fits a line."""
     if head in _NAME_KEYS:
         name = node_value(entry, _NAME_KEYS[head])
         return _NAME_KEYS[head], name if is_name(name) else ""

@@ -36,20 +36,15 @@ LEAST_EIGENVALUE = 1e-9
 
 @dataclass(frozen=True)
 class Statistic:
-    """A statistic of a metric over noise.
+    """A statistic of a metric over noise."""
 
-    Attributes:
-        word: "mean", "std", or a quantile as it was written, such as "q95".
-        level: probability of a quantile [-]; None of the others.
-    """
-
-    word: str
+    word: str  # "mean", "std", or a quantile as written, such as "q95"
     metric: str
-    level: float | None = None
+    level: float | None = None  # probability of a quantile [-]
 
 
 def statistic_from_name(name: str) -> Statistic | None:
-    """The statistic that a name such as "q95(M)" states; None for a metric or factor."""
+    """Statistic that a name such as "q95(M)" states; None for a metric or factor."""
     found = _STATISTIC_PATTERN.fullmatch(name)
     if found is None or (found[2] is not None and float(found[2]) == 0.0):
         return None
@@ -57,7 +52,7 @@ def statistic_from_name(name: str) -> Statistic | None:
 
 
 def metric_from_name(name: str) -> str:
-    """The metric that a name such as "q95(M)" or "M" states."""
+    """Metric that a name such as "q95(M)" or "M" states."""
     found = statistic_from_name(name)
     return name if found is None else found.metric
 
@@ -95,7 +90,7 @@ class Noise(Part):
 
 
 def _copula_complaint(names: Sequence[Any], ranks: Any) -> str | None:
-    """Why no Gaussian copula has these rank correlations (K, K); None if one has."""
+    """Complaint if no Gaussian copula has these rank correlations (K, K), or None."""
     for i, j in itertools.combinations(range(len(names)), 2):
         if abs(ranks[i, j]) == 1.0:
             how = "give their factors the same group" if ranks[i, j] > 0.0 else "make one an expression of the other"
@@ -127,7 +122,7 @@ def _least_eigenvalue(matrix: Any) -> float:
 
 
 def _is_correlation_matrix(ranks: Any, size: int) -> bool:
-    """Whether rows of a list are a symmetric matrix of `size` rows with 1 on its diagonal."""
+    """Whether rows of a list are a symmetric matrix with 1 on its diagonal."""
     if len(ranks) != size or any(
         not isinstance(r, (list, tuple)) or len(r) != size or not are_numbers(*r) for r in ranks
     ):
@@ -142,7 +137,7 @@ def normal_from_rank_correlation(ranks: Any) -> Any:
 
 
 def noise_factor_names(node: Any) -> tuple[str, ...]:
-    """Names of a study's noise factors, and of the factors whose expressions depend on one."""
+    """Names of a study's noise factors, and of factors whose expressions depend on one."""
     found = [
         str(node_value(factor, "name")) for factor in node_list(node, "factors") if node_value(factor, "kind") == NOISE
     ]
@@ -218,7 +213,7 @@ def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
 
 
 def factor_with_sample(factor: Factor, folder: Path) -> Factor:
-    """The factor with the sample in its file as `sample`; itself if it has no file."""
+    """Factor with the sample of its file as `sample`; itself if it has no file."""
     from warpchain.study.store import read_table
 
     if factor.file is None or factor.column is None:

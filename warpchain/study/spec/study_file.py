@@ -1,7 +1,7 @@
-"""A study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out.
+"""Study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out.
 
-Tables are checked like a drive's (`warpchain.drive.schema`); rules that tie tables together take the study, or the
-mapping that should become one. The keys are documented in `docs/studies.md`.
+Rules that tie tables together take the study, or the mapping that should become one. The keys are documented in
+`docs/studies.md`.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def _factor_paths(factor: Any) -> list[str]:
 
 
 def fatigue_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a study's table `fatigue`: it needs recorded tensions."""
+    """Problems of a study's table `fatigue`, which needs recorded tensions."""
     record = node_value(node, "record")
     if node_value(node, "fatigue") is None:
         return
@@ -82,7 +82,7 @@ def fatigue_rules(node: Any) -> Iterator[Problem]:
 
 
 def factor_name_rules(node: Any) -> Iterator[Problem]:
-    """Problems of factors among each other: names and places must be unique, and each must have a use."""
+    """Problems of factors among each other: unique names and places, and a use for each."""
     factors = node_list(node, "factors")
     if node_value(node, "factors") is not None and not factors:
         yield Problem(("factors",), node_value(node, "factors"), "must be a list of at least 1 factor")
@@ -163,7 +163,7 @@ def _expression_dependencies(name: str, needs: Mapping[str, tuple[str, ...]]) ->
 
 
 def design_rules(node: Any) -> Iterator[Problem]:
-    """Problems of the factors with the design: it must know their values, and groups must agree."""
+    """Problems of factors with the design: it must know their values, and groups agree."""
     kind = node_value(node_value(node, "design"), "kind")
     factors = node_list(node, "factors")
     for i, factor in enumerate(factors):
@@ -278,7 +278,7 @@ class Study(Part):
 
     @property
     def named_metrics(self) -> tuple[str, ...]:
-        """Metrics and factors that objectives, limits and a calibration name, also in statistics."""
+        """Metrics and factors that objectives, limits and a calibration name."""
         named = [*(objective.metric for objective in self.objectives), *(bound.metric for bound in self.bounds)]
         named += [of.metric for of in self.measured if of.metric is not None]
         named += self.calibrate.predict if self.calibrate is not None else ()
@@ -286,19 +286,19 @@ class Study(Part):
 
     @property
     def noise_names(self) -> tuple[str, ...]:
-        """Names of the noise factors, and of factors whose expressions depend on one."""
+        """Names of noise factors, and of factors whose expressions depend on one."""
         return noise_factor_names(self)
 
     @property
     def design_study(self) -> Study:
-        """The study with its design factors alone; itself without noise."""
+        """Study with its design factors alone; itself without noise."""
         noise = self.noise_names
         kept = tuple(factor for factor in self.factors if factor.name not in noise)
         return self if len(kept) == len(self.factors) else self.model_copy(update={"factors": kept})
 
     @property
     def noise_study(self) -> Study:
-        """The study with its noise factors alone."""
+        """Study with its noise factors alone."""
         return self.model_copy(update={"factors": tuple(f for f in self.factors if f.kind == NOISE)})
 
     @classmethod
@@ -308,7 +308,7 @@ class Study(Part):
 
     @classmethod
     def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
-        """A function that names key paths of a study in messages."""
+        """Function that names key paths of a study in messages."""
         return key_path_namer(values)
 
     @classmethod
@@ -318,7 +318,7 @@ class Study(Part):
 
     @classmethod
     def _values_in_units(cls, values: Any) -> tuple[Any, list[Problem]]:
-        """Values with quantities as plain numbers, those of constraints included, and problems with them."""
+        """Values of a study with quantities as plain numbers, and problems with them."""
         values, problems = super()._values_in_units(values)
         units = {str(node_value(factor, "name")): factor_unit(factor) for factor in node_list(values, "factors")}
         constraints = list(node_list(values, "constraints"))
@@ -348,7 +348,7 @@ class Study(Part):
 
 
 def loads_study(text: str, source: str = "<text>") -> Study:
-    """Reads a study from TOML text.
+    """Study read from TOML text.
 
     Raises:
         StudyError: a line for each error of the text.
@@ -368,16 +368,16 @@ def loads_study(text: str, source: str = "<text>") -> Study:
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:
-    """Reads a study file (TOML, UTF-8).
+    """Study read from a study file (TOML, UTF-8).
 
     Raises:
-        StudyError: if it cannot be read, in one line, or a line for each of its errors.
+        StudyError: if it cannot be read, or a line for each of its errors.
     """
     return loads_study(read_text_file(path, "TOML", lambda reason: StudyError(f"{path}: {reason}")), str(path))
 
 
 def study_schema() -> dict[str, Any]:
-    """The JSON schema of study files; `limits` and `adjust` are a table or a list."""
+    """JSON schema of study files; `limits` and `adjust` are a table or a list."""
     schema = file_schema(Study, "warpchain study file")
     bounds, limits = schema["properties"].pop("bounds"), schema["properties"]["limits"]
     table = {"$ref": limits.pop("$ref")}
@@ -390,12 +390,12 @@ def study_schema() -> dict[str, Any]:
 
 
 def dumps_study(study: Study) -> str:
-    """A study as TOML text, which `loads_study` reads back equal."""
+    """TOML text of a study, which `loads_study` reads back equal."""
     return drive_toml.toml_text(file_from_fields(_plain_values(study)))
 
 
 def _plain_values(value: Any) -> Any:
-    """A part as plain values, without empty tables and lists that are the default."""
+    """Plain values of a study's part, without empty tables and lists by default."""
     if isinstance(value, Part):
         fields = type(value).model_fields
         inner = {name: _plain_values(getattr(value, name)) for name in fields}
@@ -405,7 +405,7 @@ def _plain_values(value: Any) -> Any:
 
 
 def check_base_drive(study: Study, drive: Drive, source: str) -> None:
-    """Checks a study against its base drive: the places that factors set, and what `adjust` moves."""
+    """Raises StudyError where factors set, or `adjust` moves, what the base drive lacks."""
     lines = []
     for factor in study.factors:
         for key, path in [*factor.target_paths(), *([("shift", factor.shift)] if factor.shift else [])]:
@@ -438,7 +438,7 @@ def check_base_drive(study: Study, drive: Drive, source: str) -> None:
 
 
 def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
-    """Complaints about the sprocket and the chain that an adjustment names."""
+    """Complaints about the sprocket and chain that an adjustment names."""
     of = {sprocket.name: sprocket.chain for sprocket in drive.sprockets}
     chains, chain = [chain.name for chain in drive.chains], adjust.chain
     if adjust.sprocket is not None and adjust.sprocket not in of:

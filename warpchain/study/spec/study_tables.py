@@ -1,7 +1,7 @@
 """Smaller tables of a study file: design, constraints, run settings, metrics, recording, objectives, limits.
 
 In files, `limits` is a table, the limits that a variant must keep to be ok, or a list: entries with `metric` are limits
-on metrics (`Study.bounds`), the others together are that table. `adjust` is a table, or a list of several.
+on metrics (`Study.bounds`), the others together are that table.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ _UpToMillion = Annotated[int, Field(strict=True, ge=1, le=1_000_000), Value("mus
 
 
 def metric_unit(name: Any) -> str:
-    """Unit of numbers of a metric, or of its statistic over noise, in study files; "" if there is none."""
+    """Unit of a metric's numbers in study files, or of its statistic's; "" for none."""
     if not isinstance(name, str):
         return ""
     found = unit_of_metric(metric_from_name(name))
@@ -113,7 +113,7 @@ class Design(Part):
 
     @property
     def replicate_way(self) -> str:
-        """Way in which the runs of a row differ: "build", "phase" or "perturbation"."""
+        """Way in which runs of a row differ: "build", "phase" or "perturbation"."""
         return self.replicate_by or REPLICATE_WAYS[0]
 
     @classmethod
@@ -156,11 +156,7 @@ _COMPARISON_MARKS = ("<=", ">=", "==", "!=", "<", ">")
 
 
 def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, str]:
-    """Condition with plain numbers for quantities, "torque <= 2 kN m", and a complaint or "".
-
-    Args:
-        units: units of the factors' values by name, "" for none.
-    """
+    """Condition with plain numbers for quantities, "torque <= 2 kN m", and a complaint or ""."""
     words = _CONDITION_MARKS.split(text)
     for k in range(0, len(words), 2):
         match = match_quantity(words[k].strip())
@@ -224,7 +220,7 @@ class Adjust(Part):
 
 
 def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]]:
-    """(key in study files, prefix of its columns, adjustment) of each adjustment."""
+    """Key in study files, prefix of columns, and adjustment, of each."""
     if len(adjusts) == 1:
         return [("adjust", "", adjusts[0])]
     return [(f"adjust.{adjust.chain}", f"{adjust.chain}.", adjust) for adjust in adjusts]

@@ -1,21 +1,20 @@
-"""A Gaussian process with noise (Rasmussen and Williams 2006, ch. 2 and 5), by scikit-learn.
+"""Gaussian process with noise (Rasmussen and Williams 2006, ch. 2 and 5), by scikit-learn.
 
 With values y of mean m and deviation s, z = (y - m) / s has the covariance
 
     K = c^2 k(x, x') + (v + e_i^2) delta,      k: Matern 5/2 with a length for each coordinate,              (a)
 
-v a noise that is fitted, e_i the standard error of row i. c, v and the lengths make the rows likeliest. At x the
-metric, without the noise of a run, is normal with
+v a fitted noise, e_i the standard error of row i. At x the metric, without the noise of a run, is normal with
 
     mean k_x' K^-1 z,      variance c^2 - k_x' K^-1 k_x.                                                     (b)
 
-The prediction of row i from the others follows from the inverse (Dubrule 1983), c, v and the lengths kept:
+The prediction of row i from the others follows from the inverse (Dubrule 1983):
 
     z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii.                                               (c)
 
-Whole functions are drawn by Matheron's rule (Wilson et al. 2020): with f a draw of the prior as a sum of cosines with
-the kernel's frequencies (Rahimi and Recht 2007; Student's t of 5 degrees of freedom over the lengths), and e a draw of
-the noise,
+Functions are drawn by Matheron's rule (Wilson et al. 2020), f a sum of cosines with the kernel's frequencies (Rahimi
+and
+Recht 2007) and e a draw of the noise:
 
     f(x) + k_x' K^-1 (z - f(X) - e).                                                                         (d)
 """
@@ -38,17 +37,17 @@ from warpchain.extras import require_extra
 from warpchain.study.results import Array
 
 MOST_ROWS, FIT_ROWS = 1000, 150
-"""Most rows of a process, and of the fit of its lengths; the work grows as n^3."""
+"""Most rows of a process, and of the fit of its lengths; work grows as n^3."""
 RESTARTS, MOST_RESTART_ROWS = 2, 60
-"""Further starts of the search for the likeliest lengths, with at most so many rows."""
+"""Further starts of the search for lengths, and most rows for them."""
 COSINES = 512
 ALLOWED_LENGTHS, ALLOWED_NOISES = (0.05, 50.0), (1e-7, 2.0)
-"""Allowed lengths, in parts of the range that was run, and noise v."""
+"""Allowed lengths, over the range that was run, and noise v."""
 
 
 @cache
 def _linear_algebra_libraries() -> Any:
-    """Controller of the threads of loaded linear algebra libraries; slow to make."""
+    """Controller of the threads of loaded linear algebra libraries."""
     import sklearn.gaussian_process  # noqa: F401  loads what it calls
     from threadpoolctl import ThreadpoolController
 
@@ -66,47 +65,38 @@ def one_linear_algebra_thread() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class GaussianProcess:
-    """A fitted Gaussian process of a metric.
-
-    Attributes:
-        z: (N,) their scaled values.
-        factor: (N, N) Cholesky factor of K.
-        weights: (N,) K^-1 z.
-        center, scale: m and s.
-        noise: v s^2, variance of a run's noise beyond the errors, in the metric's unit squared.
-        errors: (N,) e_i, in the metric's unit.
-    """
+    """Gaussian process fitted to a metric."""
 
     x: Array
-    z: Array
+    z: Array  # (N,) scaled values
     kernel: Any
-    factor: Array
-    weights: Array
-    center: float
-    scale: float
-    noise: float
-    errors: Array
+    factor: Array  # (N, N) Cholesky factor of K
+    weights: Array  # (N,) K^-1 z
+    center: float  # m
+    scale: float  # s
+    noise: float  # v s^2, variance of a run beyond the errors, in the unit squared
+    errors: Array  # (N,) e_i, in the metric's unit
 
     @property
     def run_variance(self) -> float:
-        """Variance of a further run about the metric, in the metric's unit squared."""
+        """Variance of a further run about the metric, in the unit squared."""
         return self.noise + float(np.mean(self.errors**2))
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean and standard deviation of the metric without noise at rows (R, D), eq. (b)."""
+        """Mean and deviation (R,) of the process without noise at rows (R, D), eq. (b)."""
         with one_linear_algebra_thread():
             mean, variance = self.mean_and_variance(x)
         return mean, np.sqrt(variance)
 
     def mean_and_variance(self, x: Array) -> tuple[Array, Array]:
-        """Mean and variance of the metric without noise at rows (R, D), eq. (b), with all threads."""
+        """Mean and variance (R,) of the process without noise at rows (R, D), (b), with all threads."""
         across = self.kernel(x, self.x)
         inner = solve_triangular(self.factor, across.T, lower=True, check_finite=False)
         variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
         return self.center + self.scale * (across @ self.weights), self.scale**2 * variance
 
     def metric_draws(self, count: int, seed: int) -> Callable[[Array], Array]:
-        """Function of rows (R, D) to the mean and draws of the metric (R, 1 + count), eq. (d)."""
+        """Function from rows (R, D) to mean and draws (R, 1 + count) of the process, (d)."""
         random = np.random.default_rng(seed)
         size, lengths = self.kernel.k1.constant_value, self.kernel.k2.length_scale
         width = self.x.shape[1]
@@ -117,7 +107,7 @@ class GaussianProcess:
         noise = np.sqrt(self.noise + self.errors**2) / self.scale
 
         def prior_draws(x: Array) -> Array:
-            """Draws of the prior at rows (R, D), (R, count)."""
+            """Draws (R, count) of the prior at rows (R, D)."""
             return np.asarray(np.cos(x @ frequencies + phases) @ parts)
 
         with one_linear_algebra_thread():
@@ -127,7 +117,7 @@ class GaussianProcess:
             pull = np.column_stack([self.weights, cho_solve((self.factor, True), missed)])
 
         def posterior_draws(x: Array) -> Array:
-            """Mean and draws of the metric at rows (R, D), (R, 1 + count)."""
+            """Mean and draws (R, 1 + count) of the process at rows (R, D)."""
             with one_linear_algebra_thread():
                 z = self.kernel(x, self.x) @ pull
                 z[:, 1:] += prior_draws(x)
@@ -136,14 +126,14 @@ class GaussianProcess:
         return posterior_draws
 
     def leave_one_out(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of each row (N,) as predicted by the others, eq. (c)."""
+        """Mean and deviation (N,) of each row as predicted by the others, eq. (c)."""
         with one_linear_algebra_thread():
             inverse = np.diag(cho_solve((self.factor, True), np.eye(len(self.x))))
             mean = self.z - self.weights / inverse
         return self.center + self.scale * mean, self.scale / np.sqrt(inverse)
 
     def process_with_row(self, x: Array, y: float) -> GaussianProcess:
-        """Process with one further row (D,), its lengths and noise kept."""
+        """Gaussian process with one further row (D,), lengths and noise kept."""
         rows = np.vstack([self.x, x[None]])
         z = np.append(self.z, (y - self.center) / self.scale)
         return _solved_process(rows, z, self.kernel, self.noise, np.append(self.errors, 0.0), (self.center, self.scale))
@@ -157,7 +147,7 @@ def _evenly_spaced_rows(rows: int, most: int) -> NDArray[np.intp]:
 def _solved_process(
     x: Array, z: Array, kernel: Any, noise: float, errors: Array, scaling: tuple[float, float]
 ) -> GaussianProcess:
-    """Process of rows with known kernel and noise: K factored and solved."""
+    """Gaussian process of rows with known kernel and noise."""
     center, scale = scaling
     with one_linear_algebra_thread():
         k = kernel(x)
@@ -168,11 +158,11 @@ def _solved_process(
 
 
 def fit_gaussian_process(x: Array, y: Array, errors: Array | None = None, isotropic: bool = False) -> GaussianProcess:
-    """Fits a Gaussian process.
+    """Gaussian process fitted to rows.
 
     Args:
         x: (R, D) coordinates, about 0 to 1.
-        errors: (R,) standard error of each value; NaN takes the mean of those known.
+        errors: (R,) standard errors; NaN takes the mean of those known.
 
     Raises:
         StudyError: scikit-learn is not installed, or fewer than 4 rows.

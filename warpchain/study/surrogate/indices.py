@@ -1,13 +1,11 @@
 """Sobol' indices of a surrogate, by estimators, and the best way to a metric's indices.
 
-With rows A and B drawn independently, A_i those of A with factor i from B, and f the process's mean, less its own mean
+With rows A and B drawn independently, A_i those of A with factor i from B, and f the process's mean less its own mean
 over A (Saltelli et al. 2010, table 2),
 
     V S_i = mean f(B) (f(A_i) - f(A)),    V T_i = mean (f(A) - f(A_i))^2 / 2,    V = var f(A, B).            (a)
 
-The interval's half width is 1.96 times the root mean square by which indices of draws differ from those of the mean
-(Le Gratiet, Cannamela and Iooss 2014 take the deviation about the draws' own mean). Lengths and noise are taken as
-fitted. What the surrogate misses of the metric is in no index.
+The interval's half width is 1.96 times the root mean square by which indices of draws differ from those of the mean.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ from warpchain.study.surrogate.surrogate_model import (
 SOBOL_ROWS = 1024
 """Number of rows A, a power of two."""
 NO_EFFECT_SCATTER = 0.95
-"""Part of the variance that is scatter from which on replicates do not help."""
+"""Scatter's part of the variance from which on replicates do not help."""
 ROW_SETS, SET_DRAWS = 4, 25
 """Sets of rows, and draws for each set."""
 
@@ -46,8 +44,7 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
     """Sobol' indices of a metric by the best available way, with the way in words.
 
     Raises:
-        StudyError: neither a Saltelli design nor a surface or Gaussian process that can be trusted, or rows that are
-            selected by their results (`analysis.left_out`).
+        StudyError: no Saltelli design nor surrogate that can be trusted, or rows selected by their results.
     """
     if (left_out := LeftOut(results)).selects(metric):
         lost = f"{int(left_out.left_out_rows.sum())} of {int((~left_out.unbuilt_rows).sum())} variants that ran"
@@ -114,7 +111,7 @@ def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | No
 
 
 def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
-    """Sobol' indices of a Gaussian process, eq. (a), for the factors' distributions or uniform ones."""
+    """Sobol' indices of a Gaussian process, (a), for the factors' distributions or uniform ones."""
     from scipy.stats import qmc
 
     features, process = surrogate.features, surrogate.model
@@ -150,7 +147,7 @@ def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
 
 
 def _sampled_factor(results: Results, axis: FactorAxis, units: Array) -> Any:
-    """Values of a factor at cumulated probabilities, of its distribution or uniform over what was run."""
+    """Values of a factor at cumulated probabilities, for Sobol' indices."""
     given = results.distribution(axis.name)
     if given is not None:
         return values_from_probabilities(Factor(name="x", **given), units)
@@ -160,7 +157,7 @@ def _sampled_factor(results: Results, axis: FactorAxis, units: Array) -> Any:
 
 
 def _distributions_text(results: Results, factors: tuple[str, ...]) -> str:
-    """Distributions of the factors that indices are for, as text."""
+    """Text on the factors' distributions that Sobol' indices are for."""
     known = [factor for factor in factors if results.distribution(factor) is not None]
     if len(known) == len(factors):
         return "factors distributed as in the study"

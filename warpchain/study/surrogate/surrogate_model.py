@@ -1,8 +1,8 @@
 """Surrogates of metrics behind one interface: rows of factors in, mean and standard deviation out.
 
 Rows are points of a box: numbers from 0 to 1 over the range that was run, words as one coordinate each. The quadratic
-surface serves if scikit-learn is not installed or rows are many. By least squares on terms t(x) with residual variance
-s^2 and weights W of the rows (Montgomery 2017, 10.5), the surface at x is normal with
+surface serves if scikit-learn is not installed or rows are many. With terms t(x), residual variance s^2 and weights W
+(Montgomery 2017, 10.5), at x it is normal with
 
     mean t' b,      variance s^2 t' (T' W T)^-1 t,                                                          (a)
 
@@ -34,25 +34,20 @@ SURROGATE_KINDS = ("gaussian", "quadratic")
 
 @dataclass(frozen=True)
 class FactorAxis:
-    """A factor as coordinates of a surrogate.
-
-    Attributes:
-        low, high: ends of a numeric factor that become 0 and 1.
-        words: words of a factor; each has a coordinate, 1 if the factor is that word.
-    """
+    """A factor as coordinates of a surrogate."""
 
     name: str
-    low: float = 0.0
-    high: float = 1.0
-    words: tuple[str, ...] = ()
+    low: float = 0.0  # becomes 0 of a numeric factor
+    high: float = 1.0  # becomes 1
+    words: tuple[str, ...] = ()  # of a factor; each has a coordinate, 1 if the factor is that word
 
     @property
     def coordinate_count(self) -> int:
-        """Number of coordinates of a factor."""
+        """Number of a factor's coordinates in a surrogate."""
         return len(self.words) or 1
 
     def coordinates_of_values(self, column: Sequence[Any]) -> Array:
-        """Coordinates (R, coordinate_count) of a factor's values (R,)."""
+        """Surrogate coordinates (R, coordinate_count) of a factor's values (R,)."""
         if self.words:
             names = [str(value) for value in column]
             for word in sorted(set(names) - set(self.words)):
@@ -69,21 +64,17 @@ class FactorAxis:
 
 @dataclass(frozen=True)
 class RowCoordinates:
-    """Coordinates of a study's rows for a surrogate.
-
-    Attributes:
-        axes: the factors as coordinates.
-    """
+    """Coordinates of a study's rows for a surrogate."""
 
     axes: tuple[FactorAxis, ...]
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """Names of the factors."""
+        """Names of the factors that are coordinates."""
         return tuple(axis.name for axis in self.axes)
 
     def of_rows(self, rows: SurrogateRows) -> Array:
-        """Coordinates (R, D) of rows."""
+        """Surrogate coordinates (R, D) of rows."""
         columns = columns_of_rows(rows, self.factors)
         return np.hstack([axis.coordinates_of_values(columns[axis.name]) for axis in self.axes])
 
@@ -106,7 +97,7 @@ def columns_of_rows(rows: SurrogateRows, names: Iterable[str]) -> dict[str, list
 
 
 def coordinates_of_results(results: Results) -> RowCoordinates:
-    """Coordinates of a study's rows by all factors that vary, tied ones once."""
+    """Surrogate coordinates of a study's rows by all factors that vary, tied ones once."""
     tied = results.factor_ties()
     axes = []
     for name in (factor for factor in results.factors if factor not in tied):
@@ -124,37 +115,28 @@ def coordinates_of_results(results: Results) -> RowCoordinates:
 
 @dataclass(frozen=True)
 class QuadraticFit:
-    """A fitted response surface with what its variance takes.
-
-    Attributes:
-        x: (N, A) rows that were fitted.
-        y: (N,) their values.
-        factor: (T, T) upper triangle of W^1/2 T = Q R.
-        run_variance: s^2, in the metric's unit squared.
-        weights: (N,) weights of the rows.
-        errors: (N,) standard errors of the values; None if unknown.
-    """
+    """Response surface with what its predictions' variance takes."""
 
     surface: Surface
-    x: Array
-    y: Array
-    factor: Array
-    run_variance: float
-    weights: Array
-    errors: Array | None
+    x: Array  # (N, A) rows that were fitted
+    y: Array  # (N,) values
+    factor: Array  # (T, T) upper triangle of W^1/2 T = Q R
+    run_variance: float  # s^2, in the metric's unit squared
+    weights: Array  # (N,) of rows
+    errors: Array | None  # (N,) standard errors
 
     def _surface_terms(self, x: Array) -> Array:
-        """Terms of the surface at factor values (R, A), (R, T)."""
+        """Terms (R, T) of the surface at factor values (R, A)."""
         low, high = self.surface.low, self.surface.high
         return polynomial_terms(scaled_values(x, low, high), self.surface.powers)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean and standard deviation of the surface at factor values (R, A), eq. (a)."""
+        """Mean and deviation (R,) of the surface at factor values (R, A), eq. (a)."""
         leverage = np.linalg.solve(self.factor.T, self._surface_terms(x).T)
         return self.surface.predict(x), np.sqrt(self.run_variance * np.einsum("ij,ij->j", leverage, leverage))
 
     def leave_one_out(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of each row (N,) as predicted by the others."""
+        """Mean and deviation (N,) of each row as predicted by the others."""
         inner = np.linalg.solve(self.factor.T, self._surface_terms(self.x).T)
         left = np.maximum(1.0 - self.weights * np.einsum("ij,ij->j", inner, inner), 1e-9)
         residual = self.y - self.surface.predict(self.x)
@@ -162,7 +144,7 @@ class QuadraticFit:
 
 
 def fit_quadratic(results: Results, metric: str) -> QuadraticFit:
-    """Fits a quadratic surface to a metric over its numeric factors."""
+    """Quadratic surface fitted to a metric over its numeric factors."""
     surface = fit_surface(results, metric)
     rows = results.usable_rows(metric, surface.factors)
     x = np.stack([results.values(name)[rows] for name in surface.factors], axis=1)
@@ -177,23 +159,16 @@ def fit_quadratic(results: Results, metric: str) -> QuadraticFit:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Rows of a surrogate as the other rows predict them.
+    """Cross-validation of a surrogate: R rows as the others predict them."""
 
-    Attributes:
-        observed: (R,) the metric as it was run.
-        predicted: (R,) predictions of the surrogate of the other rows.
-        deviation: (R,) standard deviation of a run there.
-        errors: (R,) standard errors of the rows; None if unknown.
-    """
-
-    observed: Array
-    predicted: Array
-    deviation: Array
-    errors: Array | None = None
+    observed: Array  # (R,) the metric as it was run
+    predicted: Array  # (R,) from the other rows
+    deviation: Array  # (R,) of a run there
+    errors: Array | None = None  # (R,) standard errors of rows
 
     @property
     def q2(self) -> float:
-        """Part of the weighted variance that is predicted [-]; 1 is perfect, 0 no better than the mean."""
+        """Part Q2 of the weighted variance that is predicted [-]; 1 is perfect."""
         missed = self.observed - self.predicted
         weight = row_weights(self.errors, missed)
         total = float(weight @ (self.observed - np.average(self.observed, weights=weight)) ** 2)
@@ -201,29 +176,23 @@ class CrossValidation:
 
     @property
     def coverage(self) -> float:
-        """Part of the rows within 1.96 standard deviations [-]; 0.95 if these are right."""
+        """Part of the rows within 1.96 predicted deviations [-]; 0.95 if these are right."""
         return float(np.mean(np.abs(self.observed - self.predicted) <= 1.96 * self.deviation))
 
 
 @dataclass(frozen=True)
 class Surrogate:
-    """A model of a metric between the variants that were run.
-
-    Attributes:
-        kind: one of `SURROGATE_KINDS`.
-        features: coordinates of rows; None takes the factors as they are.
-        logarithm: whether the fit is of the metric's logarithm.
-    """
+    """Model of a metric between the variants that were run."""
 
     metric: str
-    kind: str
+    kind: str  # of `SURROGATE_KINDS`
     model: GaussianProcess | QuadraticFit
-    features: RowCoordinates | None
-    logarithm: bool = False
+    features: RowCoordinates | None  # coordinates of rows; None takes factors as they are
+    logarithm: bool = False  # whether the fit is of the metric's logarithm
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """Names of the factors that rows must have."""
+        """Names of the factors that a surrogate's rows must have."""
         return self.features.factors if self.features is not None else self.model.surface.factors  # type: ignore[union-attr]
 
     @property
@@ -237,7 +206,7 @@ class Surrogate:
         return {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[self.kind]
 
     def predict(self, rows: SurrogateRows, run: bool = False) -> tuple[Array, Array]:
-        """Mean (R,) and standard deviation (R,) of the metric at rows, in its unit.
+        """Mean and deviation (R,) of the surrogate's metric at rows, in its unit.
 
         Args:
             run: of a single further run, with its noise; else of the metric itself.
@@ -271,7 +240,7 @@ class Surrogate:
 
 
 def _moments_of_exponential(mean: Array, deviation: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation of exp of a normal variable."""
+    """Mean and deviation of exp of a normal variable."""
     center = np.exp(mean + 0.5 * deviation**2)
     return center, center * np.sqrt(np.expm1(deviation**2))
 
@@ -282,10 +251,10 @@ def fit_surrogate(
     kind: str = "gaussian",
     logarithm: bool = False,
 ) -> Surrogate:
-    """Fits a surrogate of a metric to the variants that are ok.
+    """Surrogate of a metric, fitted to the variants that are ok.
 
     Args:
-        results: the study's results; a column `METRIC_se` has the standard error of each value.
+        results: a column `METRIC_se` has the standard errors of values.
         kind: "gaussian", of words and numbers, or "quadratic", of numbers.
         logarithm: fit the metric's logarithm, if errors grow with the value.
 
@@ -316,11 +285,11 @@ def fit_surrogate(
 
 
 MOST_PROCESS_ROWS = 300
-"""Variants from which on a good quadratic surface is preferred to a Gaussian process, which takes long."""
+"""Variants from which on a good quadratic surface is preferred to a Gaussian process."""
 
 
 def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Surrogate:
-    """Gaussian process of a metric, or the quadratic surface if that does as well.
+    """Surrogate of a metric by a Gaussian process, or the quadratic surface if that does as well.
 
     Args:
         least: Q2 that it must have.
