@@ -31,7 +31,7 @@ from warpchain.study.spec import Study
 
 MOST_BUILT_ROWS = 200
 PROBES_PER_CORE = 4
-"""Variants a core that measure the rate; on a GPU a thousand times as many."""
+"""Variants a core that measure the rate of a forecast."""
 PROBE_SECONDS = 0.7
 """Time of the longer run that measures the rate [s]."""
 MOST_REASONS = 3
@@ -77,7 +77,7 @@ class Forecast:
 
     @property
     def infeasible_interval(self) -> tuple[float, float]:
-        """Interval, 95 %, of the share of infeasible rows (Clopper and Pearson 1934)."""
+        """Interval, 95 %, of the share of infeasible rows."""
         from scipy.special import betaincinv
 
         others, n, k = self.rows - self.ruled_out, self.built, self.refused
@@ -89,7 +89,7 @@ class Forecast:
 
     @property
     def relative_precision(self) -> float | None:
-        """Half width of a row's 95 % interval over one run's deviation; None of one run."""
+        """Half width of a row's 95 % interval over one deviation."""
         if self.copies < 2:
             return None
         rows = max(1.0, (1.0 - self.infeasible_share) * self.rows)
@@ -142,7 +142,7 @@ def forecast_study(
 
 
 def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
-    """Drives of some rows, evenly spread, and the reasons of those without one."""
+    """Drives of some rows, evenly spread, and reasons of failures."""
     chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), MOST_BUILT_ROWS)).tolist()})
     variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
@@ -153,7 +153,7 @@ def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> 
 
 
 def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> RunCost:
-    """Cost of `count` runs of a study's drives, at measured or stored rates."""
+    """Cost of `count` runs at measured or stored rates."""
     gpus = gpu_count(study.run.device)
     if not drives:
         return RunCost(0.0, 0.0, 0.0, 0.0, False)
@@ -169,7 +169,7 @@ def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, c
 
 
 def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
-    """Measured roller-steps a second, and overhead of a variant [s], from short runs."""
+    """Measured roller-steps a second, and overhead of a variant [s]."""
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
@@ -178,7 +178,7 @@ def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: floa
     rollers = sum(drive.links * finest / resolve_step(drive, study.run.step) for drive in chosen)
 
     def run_seconds(steps: int) -> float:
-        """Wall time [s] of the chosen variants for a number of steps."""
+        """Wall time [s] of the chosen variants for `steps`."""
         begin = time.perf_counter()
         simulate(
             chosen,
@@ -209,7 +209,7 @@ def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: floa
 def _earlier_scatter(
     like: str | os.PathLike[str] | None, metrics: Sequence[str]
 ) -> tuple[tuple[PureError, ...], float | None]:
-    """Scatter of metrics in an earlier study, and its window's length [s]."""
+    """Scatter of metrics in an earlier study, and its window [s]."""
     if like is None:
         return (), None
     path = Path(like)
@@ -221,7 +221,7 @@ def _earlier_scatter(
 
 
 def _window_length(results: Results) -> float | None:
-    """Median length [s] of the metrics' window in results; None if unknown."""
+    """Median length [s] of the metrics' window, or None."""
     try:
         lengths = results.values("window_end") - results.values("window_start")
     except WarpchainError:
@@ -264,7 +264,7 @@ def forecast_lines(forecast: Forecast, wanted: Mapping[str, float] | None = None
 
 
 def _scatter_line(forecast: Forecast, error: PureError) -> str:
-    """Line of a forecast on a metric's scatter in the earlier study."""
+    """Line of a forecast on a metric's scatter."""
     return (
         f"  {error.metric}: one run scatters by {error.deviation:.3g} ({error.low:.3g} to {error.high:.3g}); "
         f"+-{error.interval(forecast.copies):.3g} with {forecast.copies}"
@@ -272,7 +272,7 @@ def _scatter_line(forecast: Forecast, error: PureError) -> str:
 
 
 def _replicates_line(forecast: Forecast, metric: str, half: float) -> str:
-    """Line of a forecast on replicates, or the window, for a wanted precision."""
+    """Line of a forecast on replicates for a wanted precision."""
     found = next((error for error in forecast.precision if error.metric == metric), None)
     if found is None:
         raise StudyError(f"--precision {metric}: the earlier study (--like) tells no scatter of it")

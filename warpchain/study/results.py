@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ARCHIVE_COLUMNS = ("archive", "archive_variant")
-"""Columns of a recorded variant's archive file in the study's folder, and number there."""
+"""Columns of a recorded variant's archive file and number."""
 ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
-"""Columns of adjustments that make the chain fit: links, travel of the sprocket [m]."""
+"""Columns of adjustments: number of links, sprocket travel [m]."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 """Ends of the adjustment columns of one of several chains."""
 TODAY_COLUMN = "today"
-"""Column that marks today's design: whether its rows were added; null in others."""
+"""Column that marks today's design, true if added, else null."""
 RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
 SETTLING_COLUMNS = tuple(column.name for column in SETTLING_METRICS.columns)
 BOOKKEEPING_COLUMNS = (
@@ -48,24 +48,24 @@ BOOKKEEPING_COLUMNS = (
 
 Array = NDArray[np.float64]
 NOISE, TIED_NOISE = "noise", "tied noise"
-"""Kinds in a field's metadata: a noise factor, and an expression that follows one."""
+"""Kinds of factors in metadata: noise, and tied to noise."""
 DISTRIBUTION_KEY = "distribution"
 """Key of a factor's distribution in its field's metadata, as JSON."""
 SEARCH_TARGET_KEY = "search_target"
-"""Key of a search's target in the field metadata of rows that are no sample."""
+"""Key of a search's target in field metadata."""
 ROUND_COLUMN = "round"
 MOST_LISTED = 12
 MOST_METRICS = 6
 
 
 def search_target_of(table: pa.Table) -> str:
-    """Target of the search that made a table's rows, such as "failures"; "" for a sample."""
+    """Target of the search for a table's rows; "" for a sample."""
     noted = ((field.metadata or {}).get(SEARCH_TARGET_KEY.encode(), b"") for field in table.schema)
     return next((word.decode() for word in noted if word), "")
 
 
 def added_rows(table: pa.Table) -> NDArray[np.bool_]:
-    """(R,) whether each row of a table was added to the study's design as today's."""
+    """(R,) whether each row was added as today's design."""
     if TODAY_COLUMN not in table.column_names:
         return np.zeros(table.num_rows, dtype=bool)
     return np.array([mark is True for mark in table[TODAY_COLUMN].to_pylist()], dtype=bool)
@@ -104,7 +104,7 @@ class Results:
 
     @property
     def variants(self) -> NDArray[np.int64]:
-        """Variant numbers (R,) of rows; the row's own number if the table has none."""
+        """Variant numbers (R,) of rows."""
         if "variant" in self.table.column_names:
             return np.asarray(self.table["variant"].to_pylist(), dtype=np.int64)
         return np.arange(self.table.num_rows)
@@ -123,7 +123,7 @@ class Results:
         return COUNT_COLUMN in names and any(_is_error_column(self.table, name) for name in names)
 
     def standard_errors(self, metric: str) -> Array:
-        """Standard errors (R,) of a metric's means over equal runs, NaN for none."""
+        """Standard errors (R,) of a metric over equal runs."""
         name = metric + ERROR_SUFFIX
         if not (self.has_replicates and name in self.table.column_names and _is_error_column(self.table, name)):
             return np.full(self.table.num_rows, np.nan)
@@ -138,11 +138,11 @@ class Results:
 
     @cached_property
     def ok(self) -> NDArray[np.bool_]:
-        """(R,) whether each row is "ok": it ran to its end, nothing suspect."""
+        """(R,) whether each row is "ok"."""
         return np.array([word == "ok" for word in self.status], dtype=bool)
 
     def reason_counts(self) -> list[tuple[str, str, int]]:
-        """Status, reason and number of rows that are not ok, the most frequent first.
+        """Status, reason and number of rows not ok, most frequent first.
 
         Reasons alike but for numbers count as one.
         """
@@ -182,7 +182,7 @@ class Results:
         return [str(value) for value in self.table[name].to_pylist()]
 
     def column_unit(self, name: str) -> str:
-        """Unit of a column, from its metadata or a metric's name; "" for none."""
+        """Unit of a results column; "" for none."""
         from warpchain.results.metric_columns import unit_of_metric
 
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
@@ -191,7 +191,7 @@ class Results:
 
     @property
     def noise_factors(self) -> tuple[str, ...]:
-        """Names of noise factors, and of those that follow noise by an expression."""
+        """Names of noise factors, and of those tied to noise."""
         return tuple(name for name in self.factors if self._noise_kind(name) in (NOISE, TIED_NOISE))
 
     @property
@@ -201,11 +201,11 @@ class Results:
 
     @property
     def search_target(self) -> str:
-        """Target of the search that made the rows, such as "failures"; "" for a sample."""
+        """Target of the search for the rows; "" for a sample."""
         return search_target_of(self.table)
 
     def check_sampled(self) -> None:
-        """Raises StudyError for rows that search for something, and are no sample of the noise."""
+        """Raises StudyError for rows that are no sample of noise."""
         if self.search_target:
             raise StudyError(
                 f"noise: these rows look for {self.search_target} and are no sample of the noise: their shares, means, "
@@ -213,7 +213,7 @@ class Results:
             )
 
     def sampled_rows(self) -> Results:
-        """Results of the rows that are a sample: no later rounds of a search, no added rows.
+        """Results of the rows that are a sample, without added ones.
 
         Raises:
             StudyError: all rows search for something.
@@ -238,12 +238,12 @@ class Results:
         return (self.table.schema.field(factor).metadata or {}).get(b"kind", b"").decode()
 
     def distribution(self, factor: str) -> dict[str, Any] | None:
-        """Study-file keys of a factor's distribution; None if the table has none."""
+        """Study-file keys of a factor's distribution, or None."""
         noted = (self.table.schema.field(factor).metadata or {}).get(DISTRIBUTION_KEY.encode())
         return None if noted is None else dict(json.loads(noted))
 
     def usable_rows(self, metric: str, factors: Iterable[str] = ()) -> NDArray[np.bool_]:
-        """(R,) whether each row is ok, with finite metric and numeric factors."""
+        """(R,) whether each row is ok, with finite values."""
         rows = self.ok & np.isfinite(self.values(metric))
         for factor in factors:
             if self.is_numeric(factor):
@@ -255,7 +255,7 @@ class Results:
         return tuple(f for f in self.factors if self.is_numeric(f) and is_varying(self.values(f)))
 
     def factor_ties(self) -> dict[str, str]:
-        """Names of numeric factors that depend linearly on an earlier one, with that one's."""
+        """Names of factors that depend linearly on an earlier one's."""
         kept: dict[str, Array] = {}
         tied: dict[str, str] = {}
         for name in self.numeric_factors():
@@ -278,7 +278,7 @@ class Results:
 
 
 def _standardized_values(values: Array) -> Array:
-    """Values (R,) less their mean, scaled to length 1: products are correlations."""
+    """Values (R,) less their mean, scaled to length 1."""
     x = np.nan_to_num(values - np.nanmean(values))
     return x / np.sqrt(x @ x)
 

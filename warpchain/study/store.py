@@ -34,26 +34,26 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 OUTCOME_COLUMNS = ("status", "reason")
-"""Columns of a study's table: how a variant ended, and why if not "ok"."""
+"""Columns of how a variant ended, and why."""
 ROW_STATUSES = (*JUDGED, "infeasible")
 """Statuses of a row: those of a judged variant, and "infeasible"."""
 
 _VARIANT_PREFIX = re.compile(r"^variant \d+: ")
 NOTE_KEY = b"warpchain"
 NOTE_HEAD = b"\x18" + bytes([len(NOTE_KEY)]) + NOTE_KEY + b"\x18"
-"""Bytes before the note in a Parquet footer: Thrift's compact pair of strings."""
+"""Bytes before the note in a Parquet footer."""
 REMEDY_RERUN = "remove it, and run the study again"
 REMEDY_COPY = "copy it again, or, where a program has changed its values, drop the key warpchain of its metadata"
 
 
 def reason_from_error(error: WarpchainError) -> str:
-    """Message of an error in one line, without the number of a variant in its call."""
+    """Message of an error in one line, without variant numbers."""
     return "; ".join(_VARIANT_PREFIX.sub("", str(error)).splitlines())
 
 
 @dataclass(frozen=True)
 class RowOutcomes:
-    """Counts of the statuses of a study table's rows, and their reasons."""
+    """Counts of row statuses of a study's table, and reasons."""
 
     counts: dict[str, int]  # rows by status
     reasons: list[tuple[str, str, int]]  # (status, reason, number of rows), the earliest first
@@ -67,13 +67,13 @@ class RowOutcomes:
 
 
 MOST_ROWS, MOST_CELLS = 10_000_000, 2**28
-"""Most rows and cells of a table given to a study; 2 GiB of numbers."""
+"""Most rows and cells of a table given to a study."""
 
 
 def read_table(
     path: Path, columns: list[str] | None = None, study: str | None = None, bounded: bool = False
 ) -> pa.Table:
-    """Pyarrow table read from a Parquet file, or chosen columns, or from a CSV file.
+    """Pyarrow table read from a Parquet or CSV file.
 
     Args:
         columns: the digest is checked only if all are read.
@@ -118,7 +118,7 @@ def read_table(
 
 
 def _check_table_size(rows: int, columns: int, path: Path) -> None:
-    """Raises StudyError for a given table of more than `MOST_ROWS` rows or `MOST_CELLS` cells."""
+    """Raises StudyError for a table that is too large."""
     if rows > MOST_ROWS or rows * columns > MOST_CELLS:
         most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
         raise StudyError(f"{path}: {rows} rows of {columns} columns; allowed are at most {most} rows")
@@ -135,7 +135,7 @@ def _check_unique_columns(table: pa.Table, path: Path) -> None:
 
 
 def _check_decimal_points(table: pa.Table, path: Path) -> None:
-    """Raises StudyError for a CSV table with decimal commas, or semicolons or tabs between cells."""
+    """Raises StudyError for a CSV table with decimal commas."""
     text = "cells are separated by commas, and numbers have decimal points"
     if table.num_columns == 1 and any(sign in table.column_names[0] for sign in ";\t"):
         raise StudyError(f"{path}: {table.column_names[0]!r}: {text}")
@@ -147,7 +147,7 @@ def _check_decimal_points(table: pa.Table, path: Path) -> None:
 
 
 def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:
-    """Table without its note, after the note's study and digest have been checked."""
+    """Table without its note, whose study and digest are checked."""
     held = dict(table.schema.metadata or {})
     note = parse_json(held.pop(NOTE_KEY, b"{}"))
     table = table.replace_schema_metadata(held or None)
@@ -162,7 +162,7 @@ def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None)
 
 
 def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
-    """Statuses and reasons of a shard's rows, read from its table's note or else the table."""
+    """Statuses and reasons of a shard's rows, read from disk."""
     note = _footer_note(path) if study else {}
     try:
         held = note["ended"]
@@ -178,7 +178,7 @@ def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
 
 
 def _footer_note(path: Path) -> dict[str, Any]:
-    """Note in a Parquet file's footer, found without reading the table; empty for none."""
+    """Note in a Parquet file's footer; empty for none."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -199,7 +199,7 @@ def _note_digest(note: Mapping[str, Any]) -> str:
 
 
 def table_digest(table: pa.Table) -> str:
-    """SHA-256 of a table's names, types, metadata and values, independent of its layout."""
+    """SHA-256 of a table's names, types, metadata and values."""
     import numpy as np
     import pyarrow as pa
 
@@ -217,7 +217,7 @@ def table_digest(table: pa.Table) -> str:
 
 
 def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "", note_outcomes: bool = False) -> None:
-    """Writes a table as a Parquet file with checksums and a note, whole or not at all.
+    """Writes a table as Parquet with a note, whole or not.
 
     Args:
         keep: leave an existing file, so that the first of several processes decides.
@@ -248,13 +248,13 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
 
 
 def check_no_symlink(path: Path) -> None:
-    """Raises StudyError for a symbolic link where a study would write a file."""
+    """Raises StudyError for a symbolic link in a file's place."""
     if path.is_symlink():
         raise StudyError(f"{path}: is a symbolic link, where a study writes a file of its own; remove it")
 
 
 def check_archive_name(name: object) -> None:
-    """Raises StudyError for an archive's name that leads out of the study's folder."""
+    """Raises StudyError for an archive name outside the folder."""
     if not isinstance(name, str) or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
         raise StudyError(f"column 'archive': {name!r} is no file in the study's folder")
 
@@ -268,7 +268,7 @@ def file_digest(path: Path) -> str:
 
 
 def write_study_text(path: Path, text: str, keep: bool = False) -> None:
-    """Writes a text file of a study, whole or not at all; `keep` leaves an existing one."""
+    """Writes a text file of a study, whole or not."""
     with _refusals_as_study_errors(path, keep):
         files.write_text_file(path, text, not keep)
 

@@ -23,14 +23,14 @@ from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student_
 from warpchain.study.results import Array, Results, is_varying
 
 MOST_GROUPS = 8
-"""Most groups of equally many variants that a factor of many values is cut into."""
+"""Most groups that a factor of many values is cut into."""
 FEWEST_GROUP_ROWS = 5
 TRANSFORMS = ("rank", "log")
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Main effect of a factor on a metric: its mean in G groups of the factor's values.
+    """Main effect of a factor on a metric: means of G groups.
 
     Attributes:
         labels: (G,) names of groups.
@@ -58,13 +58,13 @@ class Effect:
 
     @property
     def intervals(self) -> Array:
-        """Half widths (G,) of the means' 95 % intervals by Student's t; NaN for one variant."""
+        """Half widths (G,) of the group means' 95 % intervals."""
         t = np.array([student_quantile(count - 1) if count > 1 else np.nan for count in self.counts.tolist()])
         return np.asarray(t * self.errors)
 
     @property
     def chance(self) -> float:
-        """Probability that chance alone explains as much as the factor; NaN without degrees of freedom."""
+        """Probability that chance alone explains as much as the factor."""
         from scipy.special import fdtrc
 
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
@@ -74,13 +74,13 @@ class Effect:
 
     @property
     def adjusted(self) -> float:
-        """Part explained by the factor less what chance takes up (Ezekiel 1930); NaN if unknown."""
+        """Part explained by the factor less what chance takes up (Ezekiel 1930)."""
         freedom = self.row_count - len(self.counts)
         return max(0.0, 1.0 - (1.0 - self.explained) * (self.row_count - 1) / freedom) if freedom > 0 else float("nan")
 
     @property
     def explained_interval(self) -> tuple[float, float]:
-        """Interval, 95 %, of the part explained by the factor; (0, 1) if unknown."""
+        """Interval, 95 %, of the part explained by the factor."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         if between < 1 or within < 1:
             return 0.0, 1.0
@@ -98,12 +98,12 @@ class Effect:
 
     @property
     def mean_span(self) -> float:
-        """Difference of the largest and smallest group mean, in the metric's unit."""
+        """Difference of the largest and smallest group mean."""
         return float(np.ptp(self.means))
 
 
 def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> list[Effect]:
-    """Main effects of the factors on a metric, the largest span first.
+    """Main effects of factors on a metric, the largest first.
 
     Tied factors are left out unless asked for.
 
@@ -134,7 +134,7 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
 def factor_groups(
     results: Results, factor: str, rows: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
-    """Group (R,) of each row by a factor's value, and the groups' labels and centers (G,)."""
+    """Group (R,) of each row by a factor's value, labels and centers (G,)."""
     if not results.is_numeric(factor):
         words = [word for word, row in zip(results.text_values(factor), rows, strict=True) if row]
         labels, group = np.unique(words, return_inverse=True)
@@ -152,7 +152,7 @@ def factor_groups(
 
 
 def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray[np.intp], y: Array) -> Effect:
-    """Main effect of a factor on metric values y (R,), by groups of rows (R,)."""
+    """Main effect of a factor on metric values (R,) in groups."""
     counts = np.bincount(group)
     means = np.bincount(group, y) / counts
     inside = np.bincount(group, (y - means[group]) ** 2)
@@ -164,7 +164,7 @@ def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: N
 
 
 def _noncentrality_of_share(between: int, within: int, ratio: float, share: float) -> float:
-    """Noncentrality at which a share of noncentral F lies below `ratio`; 0 if none."""
+    """Noncentrality at which a share of noncentral F lies below `ratio`."""
     from scipy.optimize import brentq
     from scipy.special import ncfdtr
 
@@ -202,7 +202,7 @@ class Correlation:
     counts: NDArray[np.int64]
 
     def noise_level(self) -> float:
-        """Size of a correlation coefficient that chance exceeds in 5 %: 1.96 / sqrt(n - 1)."""
+        """Correlation coefficient that chance exceeds in 5 %: 1.96 / sqrt(n - 1)."""
         least = int(self.counts.min()) if len(self.counts) else 0
         return float(min(1.0, 1.96 / np.sqrt(max(least - 1, 1))))
 
@@ -240,14 +240,14 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
 
 
 def _pearson_coefficient(x: Array, y: Array) -> float:
-    """Linear correlation coefficient of x and y (R,); NaN if one is constant."""
+    """Linear correlation coefficient of x and y (R,)."""
     x, y = x - x.mean(), y - y.mean()
     size = float(np.sqrt((x @ x) * (y @ y)))
     return float(x @ y) / size if size > 0.0 else float("nan")
 
 
 def transformed(results: Results, metric: str, how: str) -> Results:
-    """Results with a metric replaced by its rank or logarithm, without a unit.
+    """Results with a metric replaced by its rank or logarithm.
 
     Args:
         how: "rank" (of the ok variants, 1 the lowest, ties share their mean) or "log".
@@ -301,12 +301,12 @@ class MedianEffect:
 
     @property
     def median_span(self) -> float:
-        """Difference of the largest and smallest group median, in the metric's unit."""
+        """Difference of the largest and smallest group median."""
         return float(np.ptp(self.medians))
 
 
 def median_interval(values: Array) -> tuple[float, float]:
-    """Interval, 95 %, of a median; infinite for fewer than 6 values."""
+    """Interval, 95 %, of a median; infinite below 6 values."""
     from scipy.stats import binom
 
     n = len(values)
@@ -318,7 +318,7 @@ def median_interval(values: Array) -> tuple[float, float]:
 
 
 def median_effects(results: Results, metric: str) -> list[MedianEffect]:
-    """Medians of a metric over the groups of each factor, the largest span first.
+    """Medians of a metric over groups of each factor.
 
     Raises:
         StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.

@@ -26,7 +26,7 @@ from warpchain.errors import StudyError
 from warpchain.study.results import Array
 
 Margin = Callable[[Array], Array]
-"""Margin g (N,) of points (N, D): above 0 where limits are kept."""
+"""Margin g (N,) of points (N, D), above 0 where limits are kept."""
 LEVEL_SHARE = 0.1
 """Share p_j of a level's samples beyond the next threshold."""
 ACCEPTANCE_RATE = 0.44
@@ -42,12 +42,12 @@ NOMINAL_LEVEL = 0.98
 WAY_COSINE = 0.5
 """Cosine below which two directions are different ways to fail."""
 FARTHEST_BEYOND = 2.0
-"""Most that a design point is farther out than the nearest one."""
+"""Most distance of a design point beyond the nearest one."""
 MOST_DESIGN_POINTS = 8
 DESIGN_POINT_STEPS = 4
 """Most steps towards a design point."""
 LEAST_GAIN = 0.001
-"""Least gain of a step towards a design point, over its distance."""
+"""Least gain of a step towards a design point, relative."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int,
 
 
 def _next_thresholds(g: Array, seeds: int) -> Array:
-    """Next thresholds (R,) of samples with g (R, n): what `seeds` reach, or the next lower g."""
+    """Next thresholds (R,) of samples with margins g (R, n)."""
     ordered = np.sort(g, axis=1)
     limit = ordered[:, seeds - 1]
     same = limit == ordered[:, -1]
@@ -125,7 +125,7 @@ def _chosen_seeds(places: NDArray[np.intp], count: int, rng: np.random.Generator
 def _level_samples(
     margin: Margin, start: tuple[Array, Array], limit: Array, length: int, rng: np.random.Generator
 ) -> tuple[Array, Array, int]:
-    """Samples of the next level of subset simulation, their g, and the number of evaluations.
+    """Samples of subset simulation's next level, their g, and evaluations.
 
     Args:
         start: first sample of each chain (R, seeds, D), and g there.
@@ -148,7 +148,7 @@ def _level_samples(
 
 
 def _lognormal_interval(logs: Array) -> tuple[float, float]:
-    """Interval of a failure probability from its logarithms in repetitions, eq. (b)."""
+    """Interval of a failure probability from logarithms in repetitions, (b)."""
     from scipy.stats import t
 
     count, variance = len(logs), float(logs.var(ddof=1))
@@ -158,7 +158,7 @@ def _lognormal_interval(logs: Array) -> tuple[float, float]:
 
 
 def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
-    """Likeliest failures (K, D) in different directions, nearest first, and the evaluations of g.
+    """Design points (K, D), likeliest failures by direction, and evaluations of g.
 
     Each comes from the nearest failed point by steps of Hasofer, Lind, Rackwitz and Fiessler.
     """
@@ -176,7 +176,7 @@ def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
 
 
 def nearest_by_direction(points: Array) -> Array:
-    """Points, of failed ones (N, D), nearest to the origin in each direction, nearest first."""
+    """Points, of failed ones (N, D), nearest to the origin by direction."""
     sizes = np.linalg.norm(points, axis=1)
     left = np.argsort(sizes, kind="stable")
     left = left[sizes[left] <= sizes.min() + FARTHEST_BEYOND]
@@ -189,7 +189,7 @@ def nearest_by_direction(points: Array) -> Array:
 
 
 def _points_after_step(margin: Margin, points: Array) -> tuple[tuple[Array, NDArray[np.bool_]], int]:
-    """Points (K, D) stepped along the limit to the origin, whether they fail, evaluations of g."""
+    """Points (K, D) stepped towards the origin, whether they fail, evaluations of g."""
     count, dimensions = points.shape
     reach = 0.1
     around = points[:, None, :] + reach * np.vstack([np.zeros(dimensions), np.eye(dimensions), -np.eye(dimensions)])

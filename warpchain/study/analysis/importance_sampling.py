@@ -34,16 +34,16 @@ SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
 DIRECTION_TURNS = 5
 """Times that directions become those of their failures' means."""
 NORMAL_LEVEL = 0.99
-"""Level of the interval's normal quantile, which covers 95 % on closed forms: weights are skew."""
+"""Level of the interval's normal quantile, for 95 % on closed forms."""
 FOLDS = 8
-"""Parts of the repetitions, each weighted by a fit to the others."""
+"""Parts of the repetitions, each weighted by a fit to others."""
 LEAST_SAMPLES = 5.0
 """Effective number of samples below which there is no estimate."""
 
 
 @dataclass(frozen=True)
 class _FailureGroup:
-    """Failures in a direction: share, mean (D,), axes (D, D) as columns, variances along these."""
+    """Failures in a direction: share, mean (D,), axes (D, D), variances."""
 
     share: float
     mean: Array
@@ -51,7 +51,7 @@ class _FailureGroup:
     variances: Array
 
     def axis_deviations(self, shrinkage: float) -> Array:
-        """Deviations (D,) along the axes of a failure group's normal distribution, for a shrinkage."""
+        """Deviations (D,) along the axes of a failure group, shrunk."""
         return np.sqrt(np.maximum((1.0 - shrinkage) * self.variances + shrinkage * self.variances.mean(), 1.0))
 
 
@@ -92,7 +92,7 @@ class FailureMixture:
 
 
 def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
-    """Mixture fitted to the failures (F, D) of each of two or more repetitions."""
+    """Mixture fitted to failures (F, D) of two or more repetitions."""
     every, count = np.vstack(failed), min(FOLDS, len(failed))
     folds = [np.vstack(failed[k::count]) for k in range(count)]
     others = [np.vstack([fold for j, fold in enumerate(folds) if j != k]) for k in range(count)]
@@ -111,7 +111,7 @@ def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
 
 
 def _group_directions(failed: Array) -> list[Array]:
-    """Unit vectors (K, D) to group failures by: their mean alone, or that of each way to fail."""
+    """Unit vectors (K, D) to group failures by."""
     several = nearest_by_direction(failed)
     for _ in range(DIRECTION_TURNS):
         group = (failed @ several.T).argmax(axis=1)
@@ -165,7 +165,7 @@ def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, see
 
 
 def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
-    """Failure estimate of subset simulation and importance sampling, or the reason for none.
+    """Failure estimate of both methods together, or the reason for none.
 
     None is given if their intervals do not overlap.
     """

@@ -39,7 +39,7 @@ class Interaction:
 
 
 def interactions(results: Results, metric: str) -> list[Interaction]:
-    """Interactions of all pairs of factors in a metric, the largest first.
+    """Interactions of all pairs of factors, the largest first.
 
     Raises:
         StudyError: an unknown metric, or rows that are no sample of the noise.
@@ -74,7 +74,7 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
 
 
 def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
-    """Standardized terms (R, p) of a factor: its value, or one for each word but the first."""
+    """Standardized terms (R, p) of a factor's value, or words."""
     if results.is_numeric(name):
         of = results.values(name)[rows][:, None]
     else:
@@ -87,12 +87,12 @@ def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> 
 
 
 def _terms_with_square(terms: Array) -> Array:
-    """Terms of a factor (R, p), with the square of a single one."""
+    """Terms of a factor (R, p), with a single one's square."""
     return np.hstack([terms, terms**2]) if terms.shape[1] == 1 else terms
 
 
 def _orthonormal_basis(terms: Array, size: float | None = None) -> Array:
-    """Orthonormal columns (R, p) that span the terms, without round-off beside `size`."""
+    """Orthonormal columns (R, p) that span the terms."""
     columns, values, _ = np.linalg.svd(terms, full_matrices=False)
     least = 1e-9 * (size if size is not None else values.max(initial=0.0))
     return np.asarray(columns[:, values > least])

@@ -23,14 +23,14 @@ from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import Array, Results
 
 MOST_LEFT_OUT = 0.05
-"""Most rows left out, over those that ran, for factors to be ranked."""
+"""Most rows left out, as a share, for factors to be ranked."""
 MOST_EXACT_PAIRS = 250_000
-"""Most pairs of rows for which the chance of (a) is exact."""
+"""Most pairs of rows for an exact chance of (a)."""
 
 
 @dataclass(frozen=True)
 class LostPart:
-    """Part of a factor's range, or word, at which rows were left out most."""
+    """Part of a factor's range that lost most rows."""
 
     factor: str
     part: str  # in words, with its unit
@@ -42,7 +42,7 @@ class LostPart:
 
     @property
     def is_sure(self) -> bool:
-        """Whether the loss of rows goes along with the factor beyond chance."""
+        """Whether loss of rows goes along with the factor beyond chance."""
         return self.chance < 1.0 - CONFIDENCE
 
     def __str__(self) -> str:
@@ -52,13 +52,13 @@ class LostPart:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Rows that an analysis of results leaves out, and what is lost with them."""
+    """Rows that an analysis leaves out, and what is lost with them."""
 
     results: Results
 
     @cached_property
     def left_out_rows(self) -> NDArray[np.bool_]:
-        """(R,) whether each row ran but is left out by its own result."""
+        """(R,) whether each row is left out by its own result."""
         return np.isin(self.results.status, (SUSPECT, DIVERGED))
 
     @cached_property
@@ -68,16 +68,16 @@ class LeftOut:
 
     @cached_property
     def lost_parts(self) -> list[LostPart]:
-        """Parts of the factors' ranges lost by rows' results, the surest first."""
+        """Parts of factors' ranges lost by rows' results, the surest first."""
         return _lost_parts(self.results, self.left_out_rows, self.results.ok)
 
     @cached_property
     def unbuilt_parts(self) -> list[LostPart]:
-        """Parts of the factors' ranges at which rows have no drive, the surest first."""
+        """Parts of factors' ranges without drives, the surest first."""
         return _lost_parts(self.results, self.unbuilt_rows, ~self.unbuilt_rows)
 
     def selects(self, metric: str) -> bool:
-        """Whether rows were left out so that a metric ranks no factor."""
+        """Whether left-out rows forbid to rank factors by a metric."""
         lost, kept = self.left_out_rows, self.results.ok
         if not lost.any() or not kept.any():
             return False
@@ -88,7 +88,7 @@ class LeftOut:
         return bool(_distribution_chance(*known) * (len(self.lost_parts) + 1) < 1.0 - CONFIDENCE)
 
     def lines(self) -> list[str]:
-        """Lines of text on left-out rows, why, and lost parts of factors' ranges."""
+        """Lines of text on left-out rows and lost parts of ranges."""
         found, count = [], len(self.results.status)
         if self.left_out_rows.any():
             status, reason, often = self._reasons_of_rows(self.left_out_rows)[0]
@@ -119,7 +119,7 @@ def _lost_parts_text(parts: list[LostPart]) -> str:
 
 
 def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bool_]) -> list[LostPart]:
-    """Part of each factor's range at which rows were left out most, the surest first."""
+    """Part of each factor's range that lost most rows, the surest first."""
     if not lost.any():
         return []
     words = [
@@ -135,7 +135,7 @@ def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bo
 def _lost_range(
     results: Results, name: str, lost: NDArray[np.bool_], others: NDArray[np.bool_], tests: int
 ) -> LostPart:
-    """Part of a numeric factor's range at which rows were left out most."""
+    """Part of a numeric factor's range that lost most rows."""
     values, unit = results.values(name), results.column_unit(name)
     known = np.isfinite(values)
     out, rest = np.sort(values[lost & known]), np.sort(values[others & known])
@@ -165,13 +165,13 @@ def _lost_word(results: Results, name: str, lost: NDArray[np.bool_], others: NDA
 
 
 def _lost_part(name: str, part: str, within: list[int], totals: list[int], chance: float) -> LostPart:
-    """Lost part from numbers (left out, not) of its rows and of all rows."""
+    """Lost part from counts (left out, not) inside and in all."""
     rest = [total - inside for total, inside in zip(totals, within, strict=True)]
     return LostPart(name, part, within[0], sum(within), rest[0], sum(rest), chance)
 
 
 def _distribution_chance(out: Array, rest: Array) -> float:
-    """Probability that two samples of one distribution lie so far apart, by (a)."""
+    """Probability that two samples of one distribution differ so, by (a)."""
     from scipy.stats import ks_2samp
 
     if not len(out) or not len(rest):

@@ -39,21 +39,21 @@ FEWEST_RUNS = 4
 
 @dataclass(frozen=True)
 class Designs(Results):
-    """Designs over noise, a row each, with statistics of their runs as metrics."""
+    """Designs over noise, a row each, with statistics as metrics."""
 
     runs: Results  # results of all runs
     rows: tuple[NDArray[np.intp], ...]  # of `runs`, for each design
     bounds: tuple[Bound, ...]  # limits that each run is held to
 
     def kept_counts(self, design: int) -> tuple[int, int]:
-        """Number of a design's runs that keep the limits, and of all its runs."""
+        """Number of a design's runs that keep limits, and of all."""
         held = np.zeros(len(self.runs.status), dtype=bool)
         held[self.rows[design]] = True
         kept = Goals((), self.bounds).goal_values(self.runs).limits_kept if self.bounds else self.runs.ok
         return int((kept & held).sum()), int(held.sum())
 
     def kept_text(self, design: int) -> str:
-        """Clause on the probability that a design keeps the limits (Clopper and Pearson 1934)."""
+        """Clause on the probability that a design keeps the limits."""
         from scipy.stats import binomtest
 
         kept, count = self.kept_counts(design)
@@ -65,26 +65,26 @@ class Designs(Results):
 
     @cached_property
     def _rows_by_noise(self) -> list[dict[tuple[Any, ...], int]]:
-        """Row of `runs` by the values of noise factors, for each design."""
+        """Row of `runs` by noise values, for each design."""
         columns = [self.runs.table[name].to_pylist() for name in self.runs.free_noise_factors]
         return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
 
     def paired_values(self, first: int, second: int, metric: str) -> Array:
-        """Metric values (n, 2) in ok runs of two designs with the same noise."""
+        """Metric values (n, 2) of two designs over the same noise."""
         one, other = self._rows_by_noise[first], self._rows_by_noise[second]
         rows = np.array([(row, other[key]) for key, row in one.items() if key in other], dtype=np.intp).reshape(-1, 2)
         values = _ok_values(self.runs, metric)[rows]
         return values[np.isfinite(values).all(axis=1)]
 
     def statistic_difference(self, first: int, second: int, statistic: Statistic) -> MeanDifference:
-        """Statistic of the second design less that of the first, over the same noise, (a)."""
+        """Difference of two designs' statistic over the same noise, (a)."""
         before, after = (
             _jackknife_pseudo_values(of, statistic) for of in self.paired_values(first, second, statistic.metric).T
         )
         return mean_difference(after - before, CONFIDENCE)
 
     def sure_sign(self, first: int, second: int, name: str) -> int | None:
-        """Sign, 1, -1 or 0, in which the second design's statistic is surely above the first's.
+        """Sign of two designs' difference in a statistic, 0 if not sure.
 
         None for a design factor, or with too few pairs. Sure is what 95 % intervals show, and of means and quantiles
         what all
@@ -112,7 +112,7 @@ class NoiseSpread:
 
     @property
     def unexplained_part(self) -> float:
-        """Part of the metric's variance that no noise factor explains alone [-]."""
+        """Part of the variance that no noise factor explains alone [-]."""
         return max(0.0, 1.0 - sum(self.parts.values()))
 
     def parts_text(self) -> str:
@@ -125,7 +125,7 @@ class NoiseSpread:
 
 
 def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
-    """Goals of designs from goals of runs: means of objectives, quantiles of limited metrics."""
+    """Goals of designs, in statistics over noise, from goals of runs."""
 
     def is_plain(name: str) -> bool:
         """Whether a goal's name is a design factor or a statistic."""
@@ -147,7 +147,7 @@ def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
 
 
 def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = None) -> tuple[Results, Goals]:
-    """Designs over their noise from results of runs, and their goals; unchanged without noise.
+    """Designs over noise from results of runs, and their goals.
 
     Args:
         noise: names of the noise factors; None takes those that the table marks.
@@ -192,7 +192,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
 
 
 def spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
-    """Spread of a metric of a design over the noise, with each noise factor's part."""
+    """Spread of a design's metric over noise, with noise factors' parts."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}
     for word in SHOWN_STATISTICS:
@@ -211,7 +211,7 @@ def _design_rows(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.in
 
 
 def _worst_run(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
-    """Row of the run that stands for a design: of the worst status, else of the first goal."""
+    """Row of a design's worst run, by status or first goal."""
     grave = [
         STATUS_SEVERITY.index(results.status[row]) if results.status[row] in STATUS_SEVERITY else 1
         for row in rows.tolist()
@@ -235,7 +235,7 @@ def _statistic_of_word(word: str, metric: str) -> Statistic:
 
 
 def _statistics_of_goals(goals: Goals) -> list[Statistic]:
-    """Statistics that goals name, and those shown of their metrics, each once."""
+    """Statistics that goals name or tables show, each once."""
     named = [found for name in goals.named_metrics if (found := statistic_from_name(name)) is not None]
     shown = [_statistic_of_word(word, of.metric) for of in named for word in SHOWN_STATISTICS]
     return list(dict.fromkeys([*named, *shown]))
@@ -249,7 +249,7 @@ def _ok_values(results: Results, metric: str) -> Array:
 
 
 def _statistic_with_error(values: Array, statistic: Statistic) -> tuple[float, float]:
-    """Statistic of ok runs with its standard error; NaN of fewer than `FEWEST_RUNS`."""
+    """Statistic of ok runs with its standard error."""
     values = values[np.isfinite(values)]
     if len(values) < FEWEST_RUNS:
         return float("nan"), float("nan")
@@ -291,7 +291,7 @@ def _harrell_davis_weights(count: int, level: float) -> Array:
 
 
 def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
-    """Part of a metric's variance over a design's runs by noise factor, (b)."""
+    """Part of a metric's variance over noise by noise factor, (b)."""
     terms = {name: of for name in results.free_noise_factors if (of := _noise_terms(results, rows, name)).shape[1]}
     y = results.values(metric)[rows]
     y = y - y.mean() if len(y) else y
@@ -312,7 +312,7 @@ def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> di
 
 
 def _noise_terms(results: Results, rows: NDArray[np.intp], name: str) -> Array:
-    """Terms (n, p) of a noise factor, of mean 0: value and square, or words."""
+    """Terms (n, p) of a noise factor, of mean 0."""
     if not results.is_numeric(name):
         words = np.array(results.text_values(name))[rows]
         of = np.array([words == word for word in np.unique(words)[1:]], dtype=float).reshape(-1, len(rows))

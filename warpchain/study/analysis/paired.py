@@ -30,19 +30,19 @@ from warpchain.study.results import Array
 
 PRIOR_PRECISION = 1.0
 FEWEST_PAIRS = 16
-"""Fewest pairs that tell a sign, as few do not show how differences are distributed."""
+"""Fewest pairs that tell a sign of the mean difference."""
 SKEWNESS_PAIRS = 25.0
-"""Pairs for a squared skewness of 1 from which on the interval is not wider."""
+"""Pairs that a squared skewness of 1 takes for the interval (b)."""
 EVENT_DEVIATIONS = 20.0
-"""Change of a difference by rare events, in its deviations, by default."""
+"""Default change of a difference by rare events, in deviations."""
 HEAVY_TAIL_PAIRS = 16
-"""Pairs of which fewer than one makes up half of the scatter if tails are heavy."""
+"""Pairs of which under one makes half of heavy-tailed scatter."""
 MOST_FORECAST_PAIRS = 100_000
 
 
 @dataclass(frozen=True)
 class MeanDifference:
-    """Mean of paired differences, with its interval and how sure its sign is."""
+    """Mean of paired differences, with its interval and sign."""
 
     pairs: int  # n
     mean: float  # m
@@ -66,34 +66,34 @@ class MeanDifference:
 
     @property
     def shown_sign(self) -> int:
-        """Sign of the mean difference that pairs show, -1 or 1; 0 for none."""
+        """Sign of the mean difference that pairs show, or 0."""
         return self._sign_beyond(self.largest, self.level)
 
     @property
     def sure_sign(self) -> int:
-        """Sign of the mean difference, -1 or 1, sure though rare events may be missing; else 0."""
+        """Sign of the mean difference, sure despite missing rare events, or 0."""
         return self._sign_beyond(self.reckoned, _level_of_half(self.level))
 
     @property
     def missed_probability(self) -> float:
-        """Probability of the likeliest event that pairs may have missed, q of (c)."""
+        """Probability of the likeliest event missing from the pairs, (c)."""
         return float(missed_event_probability(self.pairs, _level_of_half(self.level)))
 
     @property
     def reversing_change(self) -> float:
-        """Change of a difference beyond which missed events could reverse the mean's sign."""
+        """Change of a difference by missed events that reverses the sign."""
         return (
             max(abs(self.mean) - float(self._sure_margin(self.pairs, 0.0, _level_of_half(self.level))), 0.0)
             / self.missed_probability
         )
 
     def _sign_beyond(self, event: float, level: float) -> int:
-        """Sign of the mean difference beyond the margin for missed events, else 0."""
+        """Sign of the mean difference beyond missed events, or 0."""
         beyond = abs(self.mean) > self._sure_margin(self.pairs, event, level)
         return int(np.sign(self.mean)) if self.pairs >= FEWEST_PAIRS and beyond else 0
 
     def _sure_margin(self, count: Any, event: float, level: float) -> Array:
-        """Least size of a mean of `count` pairs with a sure sign, for missed events."""
+        """Least mean difference of `count` pairs with a sure sign."""
         return (
             interval_half_width(count, self.deviation, self.skewness, level)
             + missed_event_probability(count, level) * event
@@ -105,7 +105,7 @@ class MeanDifference:
         return self.deviation > 0.0 and self.carriers * HEAVY_TAIL_PAIRS <= self.pairs
 
     def pairs_needed(self) -> int | None:
-        """Pairs for a sure sign if mean and scatter stay; None beyond `MOST_FORECAST_PAIRS`."""
+        """Number of pairs for a sure sign, if mean and scatter stay."""
         count = np.arange(FEWEST_PAIRS, MOST_FORECAST_PAIRS + 1)
         margin = self._sure_margin(count, self.reckoned, _level_of_half(self.level))
         enough = np.flatnonzero(margin < abs(self.mean))
@@ -142,12 +142,12 @@ def _level_of_half(level: float) -> float:
 
 
 def missed_event_probability(n: Any, level: float) -> Array:
-    """Probability of the likeliest event that n pairs may have missed, eq. (c)."""
+    """Probability of the likeliest event missing from n pairs, (c)."""
     return np.asarray(-np.expm1(np.log1p(-level) / n))
 
 
 def interval_half_width(n: Any, deviation: float, skewness: float, level: float) -> Array:
-    """Half width of the interval of a mean of n >= 2 differences, eq. (b)."""
+    """Half width of the interval of a mean difference, (b)."""
     k = PRIOR_PRECISION / (PRIOR_PRECISION + n)
     power = (2.0 * np.log1p(-level) + np.log(k)) / n
     room = np.maximum(np.exp(power) - k, 0.0)

@@ -20,11 +20,11 @@ SENSE_SIGNS = {"min": 1.0, "max": -1.0}
 """Signs that make objectives costs, by sense."""
 FRONT_DRAWS = 400
 HOPELESS_ERRORS = 4.0
-"""Standard errors by which a row must lose to have no chance of the Pareto front."""
+"""Standard errors by which a row is off the Pareto front."""
 
 
 def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(R,) whether each row of costs (R, M) is on the Pareto front."""
+    """(R,) whether rows of costs (R, M) are on the Pareto front."""
     left = np.lexsort(costs.T[::-1])  # a row is never dominated by a later one in this order
     front = np.zeros(len(costs), dtype=bool)
     while len(left):
@@ -37,7 +37,7 @@ def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np.float64]:
-    """Probability (R,) that each row is on the Pareto front, from scatter between equal runs.
+    """Probability (R,) that each row is on the Pareto front.
 
     Args:
         results: of a study with replicates.
@@ -64,7 +64,7 @@ def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np
 
 
 def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.intp]:
-    """Row indices (P,) of results on the Pareto front, the best in the first objective first.
+    """Indices (P,) of rows on the Pareto front, by the first objective.
 
     Args:
         results: only variants that are ok and have all metrics compete.
@@ -79,7 +79,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
 
 
 def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows (P,) that compete for the Pareto front, and their costs (P, M)."""
+    """Rows (P,) that compete for the Pareto front, and costs (P, M)."""
     if not objectives:
         raise StudyError("objectives: none given, a front needs at least one")
     check_senses(objectives)
@@ -161,7 +161,7 @@ class GoalValues:
 
     @property
     def limit_excess(self) -> Array:
-        """Excess (R, B) over each limit, in the metric's spread; above 0 if broken."""
+        """Excess (R, B) over limits, in the metric's spread."""
         parts = []
         for bound in self.goals.bounds:
             values = self.columns[bound.metric]

@@ -22,7 +22,7 @@ from warpchain.progress import raise_if_stopped
 from warpchain.study.results import Array
 
 NumbersModel = Callable[[Array], tuple[Array, Array]]
-"""Model from unknowns u (R, D) to mean and variance (R, J) of numbers."""
+"""Model from unknowns (R, D) to numbers' mean and variance (R, J)."""
 WALKERS, CHUNK_STEPS, MOST_STEPS = 64, 50, 10_000
 """Members of the ensemble, steps between checks, most steps."""
 WARM_UP = 5.0
@@ -30,7 +30,7 @@ WARM_UP = 5.0
 ENOUGH_SAMPLES = 1000
 PRIOR_DRAWS = 2048
 UNIDENTIFIED_SHARE = 0.7
-"""Part of its prior deviation from which on a direction is not identified."""
+"""Posterior over prior deviation at which a direction counts as unidentified."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class PosteriorDirection:
 
 
 def log_posterior_density(model: NumbersModel, values: Array, errors: Array) -> Callable[[Array], Array]:
-    """Function from unknowns u (R, D) to the log posterior density (R,), eq. (a)."""
+    """Function from unknowns (R, D) to log posterior density (R,), (a)."""
 
     def log_density(u: Array) -> Array:
         """Log posterior density (R,) at u (R, D), eq. (a)."""
@@ -104,7 +104,7 @@ def sample_posterior(
 
 
 def posterior_directions(u: Array) -> list[PosteriorDirection]:
-    """Principal directions of posterior samples u (S, D), the least identified first."""
+    """Principal directions of posterior samples (S, D), the least identified first."""
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(u, rowvar=False)))
     found = []
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
@@ -114,12 +114,12 @@ def posterior_directions(u: Array) -> list[PosteriorDirection]:
 
 
 def standardized_residuals(model: NumbersModel, values: Array, errors: Array, u: Array) -> Array:
-    """Residuals (J,) measured less expected at posterior samples u (S, D), in standard deviations."""
+    """Residuals (J,) of measurements at posterior samples (S, D), in deviations."""
     mean, variance = model(u)
     whole = variance.mean(axis=0) + mean.var(axis=0) + errors**2
     return np.asarray((values - mean.mean(axis=0)) / np.sqrt(whole))
 
 
 def rank_of_value(samples: Array, true: float) -> int:
-    """Number of samples (S,) below a true value: uniform on 0 .. S if drawn alike (Talts 2018)."""
+    """Rank of a true value among samples (S,) (Talts 2018)."""
     return int((samples < true).sum())

@@ -57,11 +57,11 @@ class PureError:
         return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 - 0.5 * CONFIDENCE, self.freedom))
 
     def interval(self, count: int = 1) -> float:
-        """Half width of the 95 % interval of a mean of `count` runs, in the metric's unit."""
+        """Half width of a mean's 95 % interval, of `count` runs."""
         return student_quantile(self.freedom) * self.deviation / math.sqrt(count)
 
     def replicates_for(self, precision: float) -> int:
-        """Least number of runs whose mean is known to +- `precision`, with 95 % confidence.
+        """Least number of runs for a mean to +- `precision`.
 
         Raises:
             StudyError: a precision that is not positive.
@@ -70,7 +70,7 @@ class PureError:
         return max(1, math.ceil((self.interval() / precision) ** 2 * (1.0 - 1e-12)))
 
     def window_for(self, precision: float, window: float, count: int = 1) -> float:
-        """Length of the window [s] at which a mean of `count` runs is known to +- `precision`.
+        """Length of the window [s] for a mean to +- `precision`.
 
         Args:
             window: of the runs [s], longer than what means fluctuate with.
@@ -139,12 +139,12 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
 
 
 def _share_of_ratio(ratio: float, weight: float) -> float:
-    """Share s^2 / (s^2 + b^2) of scatter from the ratio B / s^2 (b)."""
+    """Share of scatter in the variance from B / s^2, (b)."""
     return 1.0 / (1.0 + max(ratio - 1.0, 0.0) / weight)
 
 
 def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Array, Array, int, float]:
-    """Means of rows, runs of each, degrees of freedom, and variance of one run (a)."""
+    """Means of rows, run counts, degrees of freedom, variance of one run."""
     values = results.values(metric)[chosen]
     if results.has_replicates:
         counts, errors = results.run_counts[chosen].astype(float), results.standard_errors(metric)[chosen]
@@ -164,7 +164,7 @@ def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tupl
 
 
 def pure_errors(results: Results) -> list[PureError]:
-    """Pure errors of all metrics that scatter between equal runs, the noisiest first."""
+    """Pure errors of all metrics that scatter, the noisiest first."""
     found = []
     for metric in results.metrics:
         try:
@@ -175,7 +175,7 @@ def pure_errors(results: Results) -> list[PureError]:
 
 
 def row_standard_errors(results: Results, metric: str) -> Array | None:
-    """Standard errors (R,) of rows' metric, of replicates by eq. (c); NaN or None if unknown."""
+    """Standard errors (R,) of a metric's rows, (c); None if unknown."""
     name = metric + ERROR_SUFFIX
     if not (name in results.table.column_names and results.is_numeric(name)):
         return None
@@ -188,7 +188,7 @@ def row_standard_errors(results: Results, metric: str) -> Array | None:
 
 
 def _moderated_errors(errors: Array, counts: Array) -> Array:
-    """Standard errors (R,) of means of `counts` runs by eq. (c); of single runs from other rows."""
+    """Standard errors (R,) of means of `counts` runs, (c)."""
     from scipy.optimize import brentq
     from scipy.special import digamma, polygamma
 
@@ -212,7 +212,7 @@ def _moderated_errors(errors: Array, counts: Array) -> Array:
 
 
 def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
-    """Weights (R,) of rows in a fit, of mean 1: 1 / (t^2 + e^2), with the likeliest t^2.
+    """Weights (R,) of rows in a fit, 1 / (t^2 + e^2).
 
     Args:
         errors: (R,) standard errors; None, or a NaN among them, weighs all rows alike.
@@ -242,7 +242,7 @@ def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) 
 
 
 def has_equal_rows(results: Results) -> bool:
-    """Whether rows are means of several runs, or some have equal factors."""
+    """Whether rows are means of runs, or have equal factors."""
     if results.has_replicates:
         return True
     group = np.zeros(len(results.status), dtype=np.intp)
@@ -256,7 +256,7 @@ def has_equal_rows(results: Results) -> bool:
 
 
 def scatter_share(results: Results, metric: str) -> float | None:
-    """Part of the variance of a metric's rows that is scatter between equal runs; None if unknown."""
+    """Part of rows' variance that is scatter between equal runs."""
     if not has_equal_rows(results):
         return None
     try:

@@ -65,7 +65,7 @@ class SobolIndices:
 
 
 def problem_of(results: Results) -> SobolProblem:
-    """SALib problem of a study's numeric factors, uniform over the range that was run."""
+    """SALib problem of a study's numeric factors over their ranges."""
     names = list(results.independent_factors())
     columns = [results.values(name) for name in names]
     bounds = [[float(np.nanmin(x)), float(np.nanmax(x))] for x in columns]
@@ -73,7 +73,7 @@ def problem_of(results: Results) -> SobolProblem:
 
 
 def problem_of_factors(factors: Iterable[Any]) -> SobolProblem:
-    """SALib problem of a study file's factors, without those that have expressions.
+    """SALib problem of a study file's factors without expressions.
 
     Raises:
         StudyError: a factor of levels or choices, which SALib cannot state.
@@ -130,7 +130,7 @@ def _problem_distributions(problem: Mapping[str, Any]) -> list[str]:
 
 
 def _check_problem(problem: Mapping[str, Any]) -> None:
-    """Raises StudyError for a SALib problem that lacks keys, has groups, or unequal lists."""
+    """Raises StudyError for a SALib problem that is incomplete or grouped."""
     for key in ("names", "bounds"):
         if key not in problem:
             raise StudyError(f"problem: {key!r} is missing; SALib's problem has names and bounds")
@@ -142,7 +142,7 @@ def _check_problem(problem: Mapping[str, Any]) -> None:
 
 
 def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_order: bool = False) -> pa.Table:
-    """Pyarrow table of a Saltelli design: base * (A + 2) rows, or base * (2 A + 2) with second order.
+    """Pyarrow table of a Saltelli design, base * (A + 2) rows.
 
     Args:
         base: a power of two.
@@ -169,7 +169,7 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
 
 
 def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
-    """Rows of a block of a Saltelli design, A + 2 or 2 A + 2; 0 of another design.
+    """Rows of a Saltelli design's block; 0 of another design.
 
     A block is a row of A, then A with each factor in turn from B (in the longer one also the reverse), and B's row.
     """
@@ -190,7 +190,7 @@ def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
 
 
 def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | None = None) -> SobolIndices:
-    """Sobol' indices of a metric from a study that ran a Saltelli design, by SALib.
+    """Sobol' indices of a metric from a study's Saltelli design.
 
     A variant that did not end well takes its whole block out.
 
@@ -242,7 +242,7 @@ RESAMPLES = 400
 
 
 def surface_indices(surface: Surface, results: Results | None = None) -> SobolIndices:
-    """Sobol' indices of a response surface, eq. (a), for the factors' distributions or uniform ones."""
+    """Sobol' indices of a response surface, (a)."""
     moments = np.array([_scaled_moments(surface, a, results) for a in range(len(surface.factors))])
     first, total = _variance_shares(surface, surface.coefficients[None], moments)
     errors = np.zeros((2, len(surface.factors)))
@@ -256,7 +256,7 @@ def surface_indices(surface: Surface, results: Results | None = None) -> SobolIn
 
 
 def _scaled_moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
-    """Mean and variance of a scaled factor x, covariance of x with x^2, variance of x^2."""
+    """Mean and variance of scaled x, covariance with x^2, variance of x^2."""
     given = results.distribution(surface.factors[a]) if results is not None else None
     found = quadrature_nodes(Factor(name="x", **given)) if given is not None else None
     if found is None:
@@ -269,7 +269,7 @@ def _scaled_moments(surface: Surface, a: int, results: Results | None) -> tuple[
 
 
 def _variance_shares(surface: Surface, coefficients: Array, moments: Array) -> tuple[Array, Array]:
-    """First and total Sobol' indices (D, A) of D surfaces of coefficients (D, T)."""
+    """First and total Sobol' indices (D, A) of D surfaces."""
     powers, count = surface.powers, len(surface.factors)
     linear, square = (np.zeros((len(coefficients), count)) for _ in range(2))
     both = np.zeros((len(coefficients), count, count))

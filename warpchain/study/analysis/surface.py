@@ -61,18 +61,18 @@ class Surface:
 
     @property
     def coefficient_errors(self) -> Array:
-        """Standard errors (T,) of the surface's coefficients; NaN without degrees of freedom."""
+        """Standard errors (T,) of the surface's coefficients."""
         if self.covariance is None or not self.freedom:
             return np.full(len(self.coefficients), np.nan)
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def coefficient_intervals(self) -> Array:
-        """Half widths (T,) of the coefficients' 95 % intervals, by Student's t."""
+        """Half widths (T,) of the coefficients' 95 % intervals."""
         return np.asarray(student_quantile(max(self.freedom, 1)) * self.coefficient_errors)
 
     def factor_effects(self) -> list[tuple[str, float, float]]:
-        """Factor, change of the metric over its range, and half width of the interval, by size."""
+        """Factors with their effects over their ranges and half widths."""
         halves = self.coefficient_intervals
         found = []
         for a, factor in enumerate(self.factors):
@@ -92,7 +92,7 @@ class Surface:
         return flat.reshape(x.shape[:-1])
 
     def factor_slice(self, factor: str, points: int = 41) -> tuple[Array, Array]:
-        """Values (P,) of one factor and the metric there (P,), other factors in the middle."""
+        """Values (P,) of one factor and the surface there (P,)."""
         a = self.factors.index(factor)
         values = np.tile(0.5 * (self.low + self.high), (points, 1))
         values[:, a] = np.linspace(self.low[a], self.high[a], points)
@@ -105,7 +105,7 @@ def scaled_values(values: Array, low: Array, high: Array) -> Array:
 
 
 def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
-    """Polynomial terms (R, T) of eq. (a) at scaled values (R, A)."""
+    """Polynomial terms (R, T) of (a) at scaled values (R, A)."""
     terms = np.ones((len(x), len(powers)))
     for t, row in enumerate(powers):
         for a in np.flatnonzero(row):
@@ -114,7 +114,7 @@ def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
 
 
 def _polynomial_powers(levels: list[int], order: int) -> NDArray[np.int64]:
-    """Exponents (T, A) of a polynomial's terms, of order 1 or 2."""
+    """Exponents (T, A) of terms of order 1 or 2."""
     unit = np.eye(len(levels), dtype=np.int64)
     rows = [np.zeros(len(levels), dtype=np.int64), *unit]
     if order == 2:
@@ -124,7 +124,7 @@ def _polynomial_powers(levels: list[int], order: int) -> NDArray[np.int64]:
 
 
 def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> Surface:
-    """Response surface fitted to a metric, quadratic or, of few variants, a plane.
+    """Response surface fitted to a metric, quadratic or a plane.
 
     Args:
         factors: numeric factors; None takes all that vary independently.
@@ -189,7 +189,7 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Lack of fit of a response surface: whether it misses more than equal runs scatter.
+    """Lack of fit of a response surface beyond scatter.
 
     Attributes:
         ratio: F of (b).
@@ -203,7 +203,7 @@ class LackOfFit:
 
 
 def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
-    """Lack of fit of a response surface against the scatter between equal runs, by F of (b).
+    """Lack of fit of a response surface, by F of (b).
 
     Raises:
         StudyError: no replicates, or as many terms as rows.

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) -> pa.Table:
-    """Design table of a study: "variant", the factors, "status" ("planned", "infeasible"), "reason".
+    """Design table of a study: variant, factors, status, reason.
 
     Args:
         source: the study file: tables are relative to it, and errors name it.
@@ -60,7 +60,7 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
 
 
 def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Design table of rows by factor, with tied factors and checked constraints.
+    """Design table of given rows, with tied factors and checked constraints.
 
     Rows may also have a value of `TODAY_COLUMN`.
     """
@@ -129,7 +129,7 @@ def _check_row_count(rows: int, source: str | Path) -> None:
 
 
 def _factorial_columns(axes: Iterable[DesignDimension], source: str | Path) -> dict[str, list[Any]]:
-    """Values by factor of a factorial design; the last factor varies fastest."""
+    """Values by factor of a full factorial design."""
     axes = tuple(axes)
     sizes = [axis.grid_size or 1 for axis in axes]
     _check_row_count(math.prod(sizes), source)
@@ -168,7 +168,7 @@ def _sampled_points(study: Study, count: int, source: str | Path, before: Sequen
 
 
 def extended_latin_hypercube(points: Array, count: int, seed: int, source: str | Path) -> Array:
-    """Latin hypercube (n, dimensions) grown to `count` points, a multiple of n."""
+    """Latin hypercube (n, dimensions) grown to a multiple of n points."""
     if count % len(points):
         raise StudyError(
             f"{source}: design.count = {count}: a Latin hypercube of {len(points)} points grows to multiples of that"
@@ -182,7 +182,7 @@ def extended_latin_hypercube(points: Array, count: int, seed: int, source: str |
 
 
 def central_composite_points(count: int, axial: str, center: int) -> Array:
-    """Corners, axial and center points (rows, count) of a central composite design, coded."""
+    """Points (rows, count) of a central composite design, coded."""
     if count > 20:
         raise StudyError(f'design.kind = "central-composite": 2^{count} corners; allowed are at most 20 factors')
     reach = 2.0 ** (0.25 * count)
@@ -205,7 +205,7 @@ def plackett_burman_points(count: int) -> Array:
 
 
 def hadamard_matrix(size: int) -> Array | None:
-    """Hadamard matrix with a first column of ones, by Paley or by doubling; or None.
+    """Hadamard matrix with a first column of ones, or None.
 
     For a prime q = size - 1 with q = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal, -1 on it.
     """
@@ -222,7 +222,7 @@ def hadamard_matrix(size: int) -> Array | None:
 
 
 def _read_design_columns(study: Study, source: str | Path) -> dict[str, list[Any]]:
-    """Values by factor from the file of a design table, checked against the factors."""
+    """Values by factor from a design table's file."""
     from warpchain.study.store import read_table
 
     assert study.design.file is not None  # the design's own rule
@@ -263,7 +263,7 @@ def _read_design_columns(study: Study, source: str | Path) -> dict[str, list[Any
 
 
 def _is_factor_value(factor: Factor, value: Any) -> bool:
-    """Whether a value is within a factor's range, or among its levels or choices."""
+    """Whether a factor can take a value."""
     if factor.listed_values is not None:
         return value in factor.cells_from_values(factor.listed_values)
     if factor.range is None:
@@ -273,7 +273,7 @@ def _is_factor_value(factor: Factor, value: Any) -> bool:
 
 
 def distribution_metadata(factor: Factor) -> dict[str, str]:
-    """Distribution of a factor as metadata of its design column; empty for ranges and levels."""
+    """Distribution of a factor as metadata of its design column."""
     if factor.distribution in (None, "uniform"):
         return {}
     keys = ("distribution", "range", "mean", "std", "sample", "integer")

@@ -33,14 +33,14 @@ BISECTIONS = 60
 
 @dataclass(frozen=True)
 class DesignDimension:
-    """Independent dimension of a design: a factor, or a group that varies together."""
+    """Dimension of a design: a factor, or a group of factors."""
 
     name: str
     factors: tuple[Factor, ...]
 
     @property
     def grid_size(self) -> int | None:
-        """Number of the dimension's grid points; None for a distribution without points."""
+        """Number of the dimension's grid points, or None."""
         first = self.factors[0]
         return len(first.listed_values) if first.listed_values is not None else first.points
 
@@ -55,7 +55,7 @@ def design_dimensions(study: Study) -> tuple[DesignDimension, ...]:
 
 
 def values_from_probabilities(factor: Factor, u: Array) -> list[Any]:
-    """Values of a factor at cumulated probabilities u (R,) in [0, 1)."""
+    """Values of a factor at cumulated probabilities (R,)."""
     if factor.listed_values is not None:
         return [
             factor.listed_values[i]
@@ -86,7 +86,7 @@ def values_from_probabilities(factor: Factor, u: Array) -> list[Any]:
 
 
 def values_from_coded(factor: Factor, x: Array) -> list[Any]:
-    """Values of a factor at coded units x (R,); of two choices, the first below 0."""
+    """Values of a factor at coded units (R,)."""
     if factor.listed_values is not None:
         return [factor.listed_values[int(place >= 0.0)] for place in x]
     if factor.value_source == "empirical":
@@ -115,7 +115,7 @@ def _empirical_sample(factor: Factor) -> Array:
 
 
 def values_from_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
-    """Values of a factor at grid points i (R,) of `size`, to 15 digits."""
+    """Values of a factor at grid points (R,) of `size`."""
     if factor.listed_values is not None:
         return [factor.listed_values[k] for k in i]
     values = values_from_coded(factor, 2.0 * i / (size - 1) - 1.0)
@@ -147,7 +147,7 @@ def tied_factors(study: Study) -> tuple[Factor, ...]:
 
 
 def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str | None:
-    """Fills tied factors into a design row; returns why the row is infeasible, or None."""
+    """Fills tied factors into a row; returns why infeasible, or None."""
     reason = None
     for factor in order:
         try:
@@ -171,7 +171,7 @@ def evaluate_expression(text: str, row: Mapping[str, Any]) -> Any:
 
 
 def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
-    """Value of a tied factor in a design row; raises StudyError if not finite."""
+    """Value of a tied factor in a design row, if finite."""
     assert factor.expression is not None  # its kind
     missing = [name for name in parse_expression(factor.expression).names if row.get(name) is None]
     if missing:
@@ -183,7 +183,7 @@ def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
 
 
 def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
-    """Values and weights (Q,) of a factor's distribution, of sum 1; None of words."""
+    """Quadrature nodes and weights (Q,) of a factor's distribution, or None."""
     if factor.listed_values is not None:
         if any(isinstance(value, (str, bool)) for value in factor.listed_values):
             return None
@@ -226,7 +226,7 @@ def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
 
 
 class DesignCube:
-    """Unit cube of a study's design dimensions, a coordinate a factor or group."""
+    """Unit cube of a study's design dimensions."""
 
     def __init__(self, study: Study) -> None:
         self.study = study
@@ -238,7 +238,7 @@ class DesignCube:
             raise StudyError("factors: all are expressions; at least one must vary by itself")
 
     def rows_of_points(self, points: Array) -> list[dict[str, Any]]:
-        """Design rows, values by factor, of points (R, D) in [0, 1)."""
+        """Design rows, values by factor, of unit-cube points (R, D)."""
         inner = np.clip(points, 0.0, 1.0 - 1e-12)
         columns = {
             f.name: values_from_probabilities(f, inner[:, k]) for k, axis in enumerate(self.axes) for f in axis.factors
@@ -246,7 +246,7 @@ class DesignCube:
         return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
     def points_of_rows(self, rows: Sequence[Mapping[str, Any]]) -> Array:
-        """Points (R, D) of design rows; of a whole number or choice, its middle."""
+        """Unit-cube points (R, D) of design rows."""
         return np.stack(
             [
                 _probabilities_of_values(axis.factors[0], [row[axis.factors[0].name] for row in rows])
@@ -265,7 +265,7 @@ class DesignCube:
         return found
 
     def model_coordinates(self, points: Array) -> Array:
-        """Points (R, D) for a model of distances: a coordinate for each option of a choice."""
+        """Coordinates of points (R, D) for distances, choices one by one."""
         parts = []
         for k, axis in enumerate(self.axes):
             choice = axis.factors[0].choice

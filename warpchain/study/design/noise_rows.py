@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 DECORRELATION_TURNS = 4
 LEAST_PROBABILITY = 1e-12
-"""Least distance from the ends of the unit interval, which have no normal value."""
+"""Least distance of noise points from the unit interval's ends."""
 
 
 def noise_points(study: Study, count: int, seed: int) -> Array:
-    """Points (count, D) of a study's noise in the unit cube, with its rank correlations."""
+    """Noise points (count, D) in the unit cube, rank-correlated."""
     from scipy.stats import qmc
 
     rng, size = np.random.default_rng(seed), noise_dimensions(study)
@@ -61,7 +61,7 @@ def noise_rows_of_normals(study: Study, u: Array) -> list[dict[str, Any]]:
 
 
 def noise_mixing(study: Study) -> Array:
-    """Matrix (D, D) from independent standard normals to the noise's normal scores, (b)."""
+    """Matrix (D, D) from standard normals to noise's normal scores, (b)."""
     places, root = _copula_factor(study)
     mixing = np.eye(noise_dimensions(study))
     mixing[np.ix_(places, places)] = root
@@ -69,7 +69,7 @@ def noise_mixing(study: Study) -> Array:
 
 
 def _copula_factor(study: Study) -> tuple[list[int], Array]:
-    """Correlated dimensions (K,) of a study's noise, and chol(C) (K, K) of eq. (b)."""
+    """Correlated noise dimensions (K,), and chol(C) (K, K) of (b)."""
     noise = study.noise or Noise()
     names = [axis.factors[0].group or axis.name for axis in design_dimensions(study.noise_study)]
     places = [names.index(name) for name in noise.correlated]
@@ -78,7 +78,7 @@ def _copula_factor(study: Study) -> tuple[list[int], Array]:
 
 
 def _correlated_points(study: Study, points: Array) -> Array:
-    """Points (n, D) of noise with the study's rank correlations, eq. (b)."""
+    """Noise points (n, D) with the study's rank correlations, (b)."""
     from scipy.stats import norm
 
     places, root = _copula_factor(study)
@@ -89,7 +89,7 @@ def _correlated_points(study: Study, points: Array) -> Array:
 
 
 def _decorrelated_points(points: Array, rng: np.random.Generator) -> Array:
-    """Points (n, d) of noise, columns reordered so that ranks do not correlate, (a)."""
+    """Noise points (n, d) reordered to uncorrelated ranks, (a)."""
     from scipy.stats import norm, rankdata
 
     n, d = points.shape
@@ -108,7 +108,7 @@ def _decorrelated_points(points: Array, rng: np.random.Generator) -> Array:
 
 
 def noise_rows(study: Study) -> list[dict[str, Any]]:
-    """Noise rows that each design is run with, values by factor; one empty without noise."""
+    """Noise rows, values by factor, that each design runs with."""
     noise = study.noise or Noise()
     axes = design_dimensions(study.noise_study)
     if not axes:
@@ -117,7 +117,7 @@ def noise_rows(study: Study) -> list[dict[str, Any]]:
 
 
 def noise_rows_of_points(study: Study, points: Array) -> list[dict[str, Any]]:
-    """Noise rows, values by factor, at points (R, D) of the unit cube."""
+    """Noise rows, values by factor, at unit-cube points (R, D)."""
     inner = np.clip(points, 0.0, 1.0 - 1e-12)
     columns = {
         factor.name: values_from_probabilities(factor, inner[:, k])
@@ -133,14 +133,14 @@ def crossed_rows(designs: Sequence[Row], noise: Sequence[Row]) -> list[dict[str,
 
 
 def nominal_row(study: Study, drive: Drive, design: Row) -> dict[str, Any]:
-    """Design row with each noise factor at the base drive's value, or its median."""
+    """Design row with noise factors at nominal values."""
     row = dict(design) | {factor.name: nominal_value(factor, drive) for factor in study.noise_study.factors}
     fill_tied_values(study, tied_factors(study), row)
     return row
 
 
 def nominal_value(factor: Factor, drive: Drive) -> Any:
-    """Value of a noise factor that leaves the base drive as it is, else its median."""
+    """Value of a noise factor at the base drive, or its median."""
     if factor.relative:
         return 1.0
     if factor.offset or factor.shift is not None:

@@ -27,25 +27,25 @@ from warpchain.study.results import Array
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process
 
 GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
-"""Number of search candidates all over, and about each of the best rows."""
+"""Number of search candidates in all, and about each best row."""
 LOCAL_DEVIATIONS = (0.15, 0.04, 0.01)
 """Deviations of search candidates about a row."""
 BEST_ROWS = 6
 GAIN_DRAWS = 128
 REFERENCE_COST = 1.2
-"""Scaled cost up to which dominated volume counts, r of eq. (a)."""
+"""Scaled cost r of (a), beyond which volume does not count."""
 
 
 @dataclass(frozen=True)
 class SearchModel:
-    """Surrogates of a search: of each metric, and of rows ending well."""
+    """Surrogates of a Bayesian search, of metrics and of success."""
 
     goals: Goals
     processes: dict[str, GaussianProcess]  # by metric, also of a factor that is an objective
     ok: GaussianProcess | None  # process of 1 for rows that are ok and 0 for others; None if none failed
 
     def predictions_at(self, x: Array) -> tuple[dict[str, tuple[Array, Array]], Array]:
-        """Mean and deviation by metric at coordinates (C, D), and the probability that rows count."""
+        """Mean and deviation by metric at coordinates (C, D), and probability of counting."""
         found = {name: process.predict(x) for name, process in self.processes.items()}
         chance = np.ones(len(x))
         if self.ok is not None:
@@ -61,7 +61,7 @@ class SearchModel:
 
 
 def fit_search_model(measured: GoalValues, x: Array) -> SearchModel:
-    """Search model fitted to the goals' metrics of rows at coordinates (R, D)."""
+    """Search model fitted to rows' goals at coordinates (R, D)."""
     rows = measured.ok
     processes = {}
     for name, column in measured.columns.items():
@@ -73,7 +73,7 @@ def fit_search_model(measured: GoalValues, x: Array) -> SearchModel:
 
 
 def propose_points(cube: DesignCube, measured: GoalValues, points: Array, count: int, seed: int) -> Array:
-    """Next points (count, D) of a Bayesian search, fewer if the study has no more.
+    """Next points (count, D) of a Bayesian search.
 
     Args:
         measured: goal values of the rows that were run.
@@ -126,7 +126,7 @@ def _local_points(point: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> Array:
-    """Search candidates moved to allowed values that keep constraints and were not run."""
+    """Search candidates that are allowed, feasible and new."""
     snapped = cube.snapped_points(candidates)
     seen = {tuple(row) for row in np.round(known, 9).tolist()}
     new = []
@@ -138,12 +138,12 @@ def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> A
 
 
 def _volume_scalars(costs: Array, ways: Array) -> Array:
-    """Volume that scaled costs (..., M) dominate along directions (..., M), s_l of (a)."""
+    """Volume that costs (..., M) dominate along directions, s_l of (a)."""
     return np.asarray((np.maximum(REFERENCE_COST - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
 
 
 def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[Array, Array, Array]:
-    """Mean costs (R, M) of rows that ran, and the costs (M,) that scale to 0 and 1."""
+    """Mean costs (R, M) of rows, and costs (M,) scaled to 0 and 1."""
     means = np.stack(
         [
             sign * belief.processes[o.metric].predict(x)[0]
@@ -161,7 +161,7 @@ def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[
 
 
 def _best_points(belief: SearchModel, measured: GoalValues, cube: DesignCube, points: Array) -> Array:
-    """Points (K, D) of the best rows, on the front of means or nearest to the limits."""
+    """Points (K, D) of the best rows of a search."""
     x = cube.model_coordinates(points)
     means, low, high = _cost_scaling(belief, measured, x)
     scaled = (means - low) / (high - low)
@@ -178,7 +178,7 @@ def _best_points(belief: SearchModel, measured: GoalValues, cube: DesignCube, po
 def _acquisition_values(
     belief: SearchModel, measured: GoalValues, cube: DesignCube, places: tuple[Array, Array], ways: Array, normal: Array
 ) -> Array:
-    """Expected gain (C,) of search candidates, eq. (b); `places` are points that ran, and candidates."""
+    """Expected gain (C,) of search candidates, (b)."""
     points, candidates = places
     means, low, high = _cost_scaling(belief, measured, cube.model_coordinates(points))
     found, chance = belief.predictions_at(cube.model_coordinates(candidates))

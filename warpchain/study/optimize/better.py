@@ -56,7 +56,7 @@ class Comparison:
     event: NonNegativeNumber | None = None
 
     def most_batches(self, copies: int) -> int:
-        """Most batches of pairs within the budget, with `copies` runs of each drive in a pair."""
+        """Most batches of pairs within the comparison's budget."""
         runs = 2 * self.batch * copies
         if self.budget < runs:
             raise StudyError(f"budget = {self.budget}: must be at least {runs}, the runs of a batch")
@@ -82,16 +82,16 @@ class DriveComparison:
 
     @property
     def sure_winner(self) -> str | None:
-        """Drive, "A" or "B", that is surely better, even if pairs missed rare events; or None."""
+        """Drive, "A" or "B", that is surely better, or None."""
         return self._winner_of_sign(self.found.sure_sign)
 
     @property
     def shown_winner(self) -> str | None:
-        """Drive, "A" or "B", that the pairs show to be better; or None."""
+        """Drive, "A" or "B", that pairs show better, or None."""
         return self._winner_of_sign(self.found.shown_sign)
 
     def _winner_of_sign(self, sign: int) -> str | None:
-        """Better drive, "A" or "B", by the sign of the mean difference; None for 0."""
+        """Better drive, "A" or "B", by the mean difference's sign."""
         return {1: "B", -1: "A"}.get(sign * (1 if self.sense == "max" else -1))
 
     @property
@@ -110,7 +110,7 @@ class DriveComparison:
         return int((way * self.differences > 0.0).sum())
 
     def failed_runs(self, name: str) -> tuple[int, str]:
-        """Number of a drive's runs that are not ok or lack the metric, and a reason."""
+        """Number of a drive's runs without the metric, and a reason."""
         results = self.results[DRIVE_NAMES.index(name)]
         reasons = results.reason_counts()
         return int((~results.usable_rows(self.metric)).sum()), reasons[0][1] if reasons else f"no {self.metric}"
@@ -129,7 +129,7 @@ def find_better(
     progress: Progress = False,
     report: Callable[[DriveComparison], object] | None = None,
 ) -> DriveComparison:
-    """Comparison of two drives, run over the same noise until the better mean of a metric is sure.
+    """Comparison of two drives over noise until one is surely better.
 
     Args:
         source: the study file, with noise factors.
@@ -177,7 +177,7 @@ def find_better(
 def _pair_differences(
     both: Sequence[Results], metric: str, by: Comparison
 ) -> tuple[Array, MeanDifference, tuple[float, ...]]:
-    """Differences (P,) of pairs, B less A, their mean, and the metric's means of A and B."""
+    """Differences (P,) of pairs, B less A, their mean, both means."""
     values = np.array([_metric_of_runs(each, metric) for each in both])
     whole, differences = np.isfinite(values).all(axis=0), values[1] - values[0]
     if whole.sum() < 2:

@@ -54,7 +54,7 @@ from warpchain.study.store import read_table, write_study_text, write_table
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process, one_linear_algebra_thread
 
 COORDINATE_REACH = 3.0
-"""Standard normal that becomes coordinate 1 of the processes; its negative becomes 0."""
+"""Standard normals that become coordinates 0 and 1, minus and plus."""
 MOST_CHECK_RUNS = 8
 PREDICTION_DRAWS = 2000
 LEAST_SPREAD = 1e-9
@@ -73,7 +73,7 @@ class MeasuredNumber:
 
 @dataclass(frozen=True)
 class MetricPrediction:
-    """Predictions of a metric a priori and a posteriori, (S,) samples of runs, and the processes' Q2."""
+    """Predictions (S,) of a metric before and after calibration, and Q2."""
 
     metric: str
     before: Array
@@ -107,14 +107,14 @@ class Calibration:
 
     @cached_property
     def check_counts(self) -> tuple[int, int]:
-        """Number of the last round's numbers within the surrogates' 95 % bands, and of all."""
+        """Number of the last round's numbers within bands, and of all."""
         mean, variance = self.emulated(self.normals[-self.checks :])
         off = np.abs(self.runs[-self.checks :] - mean) / np.sqrt(variance)
         return int((off <= 1.96).sum()), int(np.isfinite(off).sum())
 
 
 def check_prior_spreads(source: str | os.PathLike[str], study: Study) -> None:
-    """Raises StudyError for unknowns whose values are all but equal a priori."""
+    """Raises StudyError for unknowns that hardly vary a priori."""
     u = (np.arange(PREDICTION_DRAWS) + 0.5) / PREDICTION_DRAWS
     for i, factor in enumerate(study.factors):
         if factor.kind != NOISE:
@@ -191,7 +191,7 @@ class RigMeasurements:
                 self.signals[of.signal] = measured
 
     def measured_numbers(self, turns: float, results: Results) -> tuple[MeasuredNumber, ...]:
-        """Numbers measured on the rig, whose driver is taken to turn at `turns` [1/s]."""
+        """Numbers measured on the rig, at `turns` of the driver [1/s]."""
         found = []
         for of in self.of:
             if of.metric is not None:
@@ -218,7 +218,7 @@ class RigMeasurements:
         return MeasuredNumber(name, unit, value, error)
 
     def numbers_of_run(self, results: Results, row: int, trajectory: Trajectory | None) -> list[float]:
-        """Numbers of a run, as those measured on the rig; NaN if it has none."""
+        """Numbers of a run as measured on the rig, or NaN."""
         found: list[float] = []
         for of in self.of:
             if of.metric is not None:
@@ -238,7 +238,7 @@ class RigMeasurements:
 
 
 def _features_of_measurement(of: Measurement) -> SignalFeatures:
-    """Statistics, orders and bands of a signal that count in a measurement."""
+    """Signal features that count in a measurement."""
     return SignalFeatures(of.statistics, of.orders, of.bands)
 
 
@@ -257,7 +257,7 @@ def mean_driver_turns(trajectory: Trajectory, part: slice) -> float:
 
 
 class CalibrationRuns:
-    """Rounds of runs of a calibration: their standard normals, and their numbers."""
+    """Rounds of a calibration's runs: standard normals and numbers."""
 
     def __init__(self, bench: StudySession, folder: Path, rig: RigMeasurements, progress: Progress) -> None:
         self.bench, self.folder, self.rig, self.progress = bench, folder, rig, progress
@@ -274,7 +274,7 @@ class CalibrationRuns:
         return [self._held | row for row in noise_rows_of_normals(self.bench.study, u)]
 
     def run_round(self, u: Array) -> None:
-        """Runs a calibration's round at standard normals (R, D), or reads the one that is there."""
+        """Runs a calibration's round at standard normals (R, D), unless done."""
         import pyarrow as pa
 
         raise_if_stopped()
@@ -387,14 +387,14 @@ def _directions_of_factors(found: Sequence[PosteriorDirection], mixing: Array) -
 
 
 def _unknown_values(runs: CalibrationRuns, u: Array) -> dict[str, Array]:
-    """Values (S,) of each unknown at standard normals (S, D), by name."""
+    """Values (S,) of unknowns at standard normals (S, D), by name."""
     rows = runs.rows_of_normals(u)
     names = [factor.name for factor in runs.bench.study.noise_study.factors]
     return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
 
 
 def _write_posterior(folder: Path, runs: CalibrationRuns, mean: Array, after: Array) -> Path:
-    """Writes posterior samples, and the drive at their means; returns the drive's file."""
+    """Writes posterior samples and the calibrated drive; returns its file."""
     columns = _unknown_values(runs, after)
     lines = [
         ",".join(columns),

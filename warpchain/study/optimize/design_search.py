@@ -73,7 +73,7 @@ def optimize(
     report: Callable[[str], object] | None = None,
     known: Sequence[str | os.PathLike[str]] = (),
 ) -> SearchResult:
-    """Search for the designs that a study file wants, begun or resumed; returns its result.
+    """Search for a study's best designs, begun or resumed.
 
     Args:
         source: the study file, with `[[objectives]]`.
@@ -124,7 +124,7 @@ def optimize(
 
 
 def make_search_folder(path: Path, bench: StudySession) -> Path:
-    """Path of a search's folder, made, or opened if it holds the same study."""
+    """Path of a search's folder, made or opened."""
     try:
         (path / "rounds").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -145,7 +145,7 @@ def make_search_folder(path: Path, bench: StudySession) -> Path:
 
 
 def _fixed_field(study: Study, name: str) -> object:
-    """A field of a study as far as it may not change during a search."""
+    """A study's field as far as fixed during a search."""
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
     if name in ("measured", "calibrate"):
@@ -181,7 +181,7 @@ def _write_recommended(
     rows: list[dict[str, Any]],
     chosen: tuple[RecommendedDesign, ...],
 ) -> tuple[tuple[Path, ...], tuple[tuple[Path, int] | None, ...]]:
-    """Writes recommended designs as drive files and records a run of each; returns both."""
+    """Writes recommended designs as drive files and recordings; returns both."""
     place = folder / "recommended" / f"{len(results.status):04d}"
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
     design = table_with_column(design_table_of_rows(study, rows), "variant", [one.variant for one in chosen])

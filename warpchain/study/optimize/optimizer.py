@@ -72,7 +72,7 @@ class Population:
 
 
 class Optimizer:
-    """Search for a study's objectives within its limits; with noise factors, for designs.
+    """Optimizer of a study's objectives within limits, by ask and observe.
 
     Args:
         study: its design is asked for first.
@@ -98,12 +98,12 @@ class Optimizer:
 
     @property
     def observed_count(self) -> int:
-        """Number of rows, or of designs over noise, whose results are known."""
+        """Number of rows or designs whose results are known."""
         return sum(table.num_rows for table in self._tables)
 
     @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
-        """Next rows to run, values by factor: the study's design first, then what the engine proposes.
+        """Next rows to run, values by factor, of the search.
 
         Args:
             count: designs, each with every row of noise; None takes `optimize.batch`. The design and generations of a
@@ -126,7 +126,7 @@ class Optimizer:
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Adds results of rows to the search: factors, metrics, `METRIC_se` if known, `status`.
+        """Adds results of rows to the search.
 
         Raises:
             StudyError: a column is missing, or other rows than a population has asked for.
@@ -154,7 +154,7 @@ class Optimizer:
         return self._population
 
     def _observe_population(self, rows: Sequence[dict[str, Any]], measured: GoalValues) -> None:
-        """Gives the population its generation's results; raises StudyError for those of other rows."""
+        """Gives the population its generation's results, refused of other rows."""
         asked = design_table_of_rows(
             self._designs, self.cube.rows_of_points(self._current_population().next_generation())
         ).to_pylist()

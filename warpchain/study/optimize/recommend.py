@@ -28,7 +28,7 @@ from warpchain.study.spec.noise_table import metric_from_name, statistic_from_na
 from warpchain.study.surrogate import best_surrogate
 
 SURE_PROBABILITY = 0.95
-"""Probability of keeping all limits from which on a row counts as keeping them."""
+"""Probability from which on a row counts as keeping limits."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class MetricChange:
 
     @property
     def verdict(self) -> str:
-        """Word on a metric's change: better, worse, more, less, or not known."""
+        """Word on a metric's change, such as better or not known."""
         if not self.sign:
             return "not known"
         if not self.sense:
@@ -76,7 +76,7 @@ class RecommendedDesign:
 
 
 def metric_estimate(results: Results, metric: str) -> MetricEstimate:
-    """Estimate of a metric at the rows: from their runs if precise, else by a surrogate."""
+    """Estimate of a metric at the rows, by runs or surrogate."""
     values, rows = results.values(metric), results.usable_rows(metric)
     if metric in results.factors:
         return MetricEstimate(values, np.zeros(len(values)), "set")
@@ -111,7 +111,7 @@ class JudgedRows:
 
 
 def judge_rows(results: Results, goals: Goals) -> JudgedRows:
-    """Rows of results judged by goals: estimated costs and probabilities of keeping limits."""
+    """Rows judged by goals: estimated costs, probabilities of keeping limits."""
     measured = goals.goal_values(results)
     if not measured.ok.any():
         raise StudyError("objectives: no variant is ok and has all of " + ", ".join(goals.named_metrics))
@@ -137,7 +137,7 @@ def judge_rows(results: Results, goals: Goals) -> JudgedRows:
 
 
 def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
-    """Rows (P,) on the Pareto front of estimates, of those that keep the limits.
+    """Rows (P,) on the Pareto front of estimates.
 
     If any is on the front as measured, too, only such rows.
     """
@@ -149,7 +149,7 @@ def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
 
 
 def recommend(results: Results, goals: Goals, most: int = 4) -> list[RecommendedDesign]:
-    """Designs to recommend: the best compromise, the best of each objective, a safe choice.
+    """Designs to recommend: best compromise, best of each objective, safe choice.
 
     Raises:
         StudyError: no row is ok and has all metrics.
@@ -158,7 +158,7 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
 
 
 def design_of_today(results: Results, judged: JudgedRows) -> RecommendedDesign | None:
-    """Today's design, described as recommended ones; None if it was not run."""
+    """Today's design, described like recommended ones, or None."""
     row = results.row_of_today
     return None if row is None else _recommended_design(results, judged, row, [])
 
@@ -202,7 +202,7 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
 
 
 def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp], m: int) -> Array:
-    """Sign (K,) of other rows' cost less a row's, in objective m; 0 if not sure."""
+    """Signs (K,) of other rows' cost less a row's, 0 if unsure."""
     gap = judged.costs[others, m] - judged.costs[row, m]
     alike = np.abs(gap) <= 2.0 * np.hypot(judged.spread[others, m], judged.spread[row, m])
     signs = np.where(alike, 0.0, np.sign(gap))
@@ -215,14 +215,14 @@ def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDA
 
 
 def _beating_rows(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Rows among `others` that surely beat a row in one objective, and are no worse in any."""
+    """Rows that surely beat a row in one objective, worse in none."""
     others = others[(judged.costs[others] <= judged.costs[row]).all(axis=1)]
     better = [_sure_cost_signs(results, judged, row, others, m) < 0.0 for m in range(judged.costs.shape[1])]
     return np.asarray(others[np.any(better, axis=0)])
 
 
 def _passed_over_lines(results: Results, judged: JudgedRows, row: int) -> list[str]:
-    """Lines on why a design that beats a recommended one is passed over."""
+    """Lines on why a better design is not recommended."""
     others = _beating_rows(results, judged, row, np.flatnonzero(judged.within))
     if not len(others):
         return []
@@ -324,7 +324,7 @@ def _metric_changes(results: Results, judged: JudgedRows, before: int, after: in
 def rows_of_recommended(
     study: Study, drive: Drive, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[dict[str, Any]]:
-    """Study rows, values by factor, of recommended designs, noise at the base drive's values."""
+    """Study rows, values by factor, of recommended designs."""
     if not isinstance(designs, Designs):
         names = [factor.name for factor in study.factors]
         return list(designs.table.select(names).take([one.row for one in chosen]).to_pylist())

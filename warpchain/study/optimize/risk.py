@@ -65,7 +65,7 @@ class DesignPoint:
 
 @dataclass(frozen=True)
 class RiskEstimate:
-    """Probability that a drive breaks a study's limits over its noise, by two ways."""
+    """Risk that a drive breaks a study's limits over noise."""
 
     folder: Path
     drive: str  # its file or example, as named
@@ -84,7 +84,7 @@ class RiskEstimate:
 
     @property
     def sign_beside_today(self) -> int | None:
-        """Sign, -1 or 1, if the drive surely fails less or more often than today's design; 0 if unknown.
+        """Sign of the drive's risk against today's, 0 if unsure.
 
         Sure is where the 95 % intervals do not overlap; None without today's design.
         """
@@ -97,7 +97,7 @@ class RiskEstimate:
 
 
 class LimitMargins:
-    """Least margin to a study's limits, relative to them, over standard normals.
+    """Least margin to a study's limits over standard normals.
 
     Args:
         held: values of the design factors.
@@ -151,7 +151,7 @@ class LimitMargins:
         return np.asarray(np.vstack(self._each)[rows] <= 0.0)
 
     def likeliest_failure(self) -> tuple[int, float]:
-        """Number of the run that failed nearest to the medians, and its distance."""
+        """Number of the likeliest failed run, and distance from the medians."""
         g, size = np.vstack(self._each).min(axis=1), np.linalg.norm(np.vstack(self._points), axis=1)
         ok = np.isfinite(g) if np.isfinite(g[g <= 0.0]).any() else np.ones(len(g), dtype=bool)
         at = int(np.argmin(np.where((g <= 0.0) & ok, size, np.inf)))
@@ -170,7 +170,7 @@ def estimate_risk(
     progress: Progress = False,
     report: Callable[[str], object] | None = None,
 ) -> RiskEstimate:
-    """Estimate of the probability that limits on metrics are broken over a study's noise, and how.
+    """Risk estimate: probability of broken limits over noise, and likeliest ways.
 
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
@@ -268,7 +268,7 @@ def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str,
 def _limit_shares(
     margins: LimitMargins, subset: FailureEstimate, mixture: FailureMixture, sampled: FailureEstimate | str
 ) -> list[tuple[LimitEnd, float]]:
-    """Part of the failures that break each limit, by importance weights if there are any."""
+    """Part of the failures that break each limit."""
     by_weight = not isinstance(sampled, str)
     failed = np.vstack(sampled.failed if not isinstance(sampled, str) else subset.failed)
     weights = mixture.importance_weights(failed) if by_weight else np.ones(len(failed))

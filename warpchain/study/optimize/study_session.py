@@ -55,7 +55,7 @@ def round_folder_name(number: int) -> str:
 
 
 def round_table_path(folder: Path, number: int) -> Path:
-    """Path of a round's table, which is there when the round is done."""
+    """Path of the table of a finished round."""
     return folder / round_folder_name(number) / "rows.parquet"
 
 
@@ -68,7 +68,7 @@ def finished_round_count(folder: Path) -> int:
 
 
 def read_rounds(folder: Path, rounds: int) -> pa.Table:
-    """Table of the rows of the first rounds, numbered through, with their round."""
+    """Table of the rows of the first rounds, with their round."""
     import pyarrow as pa
 
     tables = []
@@ -86,7 +86,7 @@ def read_rounds(folder: Path, rounds: int) -> pa.Table:
 
 
 class StudySession:
-    """A study with its base drive, for Python: rows as drives, runs, surrogates, search.
+    """Study session for Python: rows as drives, runs, surrogates, search.
 
     Args:
         folder: of rounds; None keeps rows in memory only.
@@ -122,7 +122,7 @@ class StudySession:
         return self._rows_with_today(make_design(self.study, self.source).select(self.factor_names).to_pylist())
 
     def _rows_with_today(self, rows: Rows) -> list[dict[str, Any]]:
-        """Rows of the design with those of today's, if the study asks for it."""
+        """Design rows with those of today's design, if wanted."""
         return rows_with_today(self.study, self.drive, rows, self.source)
 
     @check_arguments(StudyError)
@@ -146,14 +146,14 @@ class StudySession:
 
     @check_arguments(StudyError)
     def row_digests(self, design: pa.Table) -> list[str | None]:
-        """Digest of each design row by drive and settings; None if it gives no drive."""
+        """Digests of design rows by drive and settings, or None."""
         common = json.dumps({**run_settings_of(self.study), "warpchain": installed_version()}, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._built_variants(design)]
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 
     @check_arguments(StudyError)
     def evaluate(self, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Table of results of study rows, in order, of which those not run yet are run.
+        """Table of results of study rows, in order, run if new.
 
         Args:
             rows: values by factor.
@@ -170,7 +170,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def run_round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Table of study rows run as a round of the folder, or read if that is done."""
+        """Table of study rows, run as a round or read."""
         assert self.folder is not None  # who asks for rounds has one
         name, done = round_folder_name(number), round_table_path(self.folder, number)
         place, design = self.folder / name, self._design_with_target(design_table_of_rows(self.study, rows))
@@ -203,7 +203,7 @@ class StudySession:
     def _run_new_rows(
         self, place: Path, prefix: str, design: pa.Table, progress: Progress, before: int = 0
     ) -> pa.Table:
-        """Table of a design's rows, new ones run and recorded with numbers after `before`."""
+        """Table of a design's rows, new ones run and recorded."""
         import pyarrow as pa
 
         digests = self.row_digests(design)
@@ -224,7 +224,7 @@ class StudySession:
         return _rows_with_factors(found, design, self.factor_names)
 
     def _simulated_table(self, place: Path, prefix: str, design: pa.Table, progress: Progress) -> pa.Table:
-        """Table of a design's rows after they ran in a folder, with recorded objectives if wanted."""
+        """Table of a design's rows simulated in a folder."""
         folder = self.make_run_folder(self.study, place, design)
         if folder.read_design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
@@ -245,13 +245,13 @@ class StudySession:
 
     @check_arguments(StudyError)
     def run_and_read(self, folder: StudyFolder, progress: Progress = False) -> pa.Table:
-        """Results table of a study folder, after what was left of it ran."""
+        """Results table of a study folder, run to its end."""
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
         assert outcome.table is not None  # all shards are done
         return read_table(outcome.table)
 
     def _table_with_objectives(self, table: pa.Table, place: Path) -> pa.Table:
-        """Table with the objectives of recorded variants, if the study names one."""
+        """Table with objectives of recorded variants, if wanted."""
         from warpchain.study.run.recordings import results_with_objectives
 
         if all(name in table.column_names or name in self.factor_names for name in self.study.named_metrics):
@@ -261,7 +261,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def learn_rows(self, folder: str | os.PathLike[str]) -> int:
-        """Adds rows that another study of the same drive has run; returns their number."""
+        """Adds rows that another study has run; returns their number."""
         import pyarrow as pa
 
         path = Path(folder)
@@ -305,7 +305,7 @@ class StudySession:
     # ------------------------------------------------------------------------------- what follows from rows
 
     def results(self) -> Results:
-        """Results of all rounds of the folder, or of the study that was run there."""
+        """Results of all rounds of the session's folder."""
         if self.folder is None:
             raise StudyError("results: this study was opened without a folder")
         rounds = finished_round_count(self.folder)
@@ -317,7 +317,7 @@ class StudySession:
     def surrogate(
         self, metric: str, kind: Literal["gaussian", "quadratic"] = "gaussian", logarithm: bool = False
     ) -> Surrogate:
-        """Surrogate of a metric over the rows that were run; arguments as in `fit_surrogate`."""
+        """Surrogate of a metric over known rows, as `fit_surrogate`."""
         return fit_surrogate(self.results(), metric, kind, logarithm=logarithm)
 
     @property
@@ -329,13 +329,13 @@ class StudySession:
 
     @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
-        """Next rows to run, values by factor, today's design among the first; see `Optimizer.ask`."""
+        """Next rows to run, with today's design first; see `Optimizer.ask`."""
         first, rows = self.optimizer.observed_count == 0, self.optimizer.ask(count)
         return self._rows_with_today(rows) if first else rows
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Adds results of rows to the search, but those of today's design; see `Optimizer.observe`."""
+        """Adds results to the search, but today's; see `Optimizer.observe`."""
         self.optimizer.observe(table.filter(~added_rows(table)))
 
 
@@ -354,7 +354,7 @@ def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]
 
 
 def run_settings_of(study: Study) -> dict[str, Any]:
-    """Settings of a study that decide a row's metrics beside its drive."""
+    """Settings of a study that decide a row's metrics."""
     settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
     settings["run"] = study.run.model_dump(mode="json", exclude={"shard", "keep_states"})
     settings["copies"] = [study.design.copies, study.design.replicate_by]
@@ -369,7 +369,7 @@ def open_study(
     workers: Workers | None = None,
     memory: Count = MEMORY,
 ) -> StudySession:
-    """Study session opened from a study file: rows as drives, runs, surrogates, search.
+    """Study session opened from a study file.
 
     Raises:
         StudyError: a line for each error of the study or its drive.

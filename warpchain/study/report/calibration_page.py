@@ -56,7 +56,7 @@ def calibration_lines(found: Calibration) -> list[str]:
 
 
 def _mean_and_deviation_text(found: Calibration, name: str, values: dict[str, Array]) -> str:
-    """Text of mean and deviation of an unknown's samples, in its unit."""
+    """Text of mean and deviation of an unknown's samples."""
     return quantity_words(float(values[name].mean()), _unknown_unit(found, name), float(values[name].std()))
 
 
@@ -119,7 +119,7 @@ def _emulator_trust_lines(found: Calibration) -> list[str]:
 
 
 def _calibration_summary(found: Calibration) -> html.PageSection:
-    """HTML section with the result of a calibration in short, and its files."""
+    """HTML section on a calibration in short, and its files."""
     first, *lines = calibration_lines(found)
     files = (
         f"The drive at the posterior's means: {found.drive.name}. Samples of the unknowns: posterior.csv, which a "
@@ -131,7 +131,7 @@ def _calibration_summary(found: Calibration) -> html.PageSection:
 
 
 def _unknowns_section(found: Calibration) -> html.PageSection:
-    """HTML section on a calibration's unknowns: ranges and densities of prior and posterior."""
+    """HTML section on a calibration's unknowns, prior and posterior."""
     rows, figures = [], []
     for k, name in enumerate(found.values):
         before, after = found.values_before[name], found.values[name]
@@ -178,7 +178,7 @@ def _density_panel(label: str, before: Array, after: Array, named: bool) -> Pane
 
 
 def _fit_section(found: Calibration) -> html.PageSection:
-    """HTML section on measured numbers beside prior, posterior and a calibrated run."""
+    """HTML section on measured numbers beside a calibration's."""
     calibrated = found.runs[len(found.runs) - found.checks]
     models = [found.emulated(u) for u in (found.before, found.after)]
     spans = [(m.mean(axis=0), np.sqrt(v.mean(axis=0) + m.var(axis=0))) for m, v in models]
@@ -201,7 +201,7 @@ def _fit_section(found: Calibration) -> html.PageSection:
 
 
 def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list[Panel]:
-    """Panels of the deviations of prior and posterior from measured numbers, in percent."""
+    """Panels of prior and posterior deviations from measured numbers [%]."""
     values = np.array([of.value for of in found.numbers])
     shown = np.flatnonzero(values)
     if not len(shown):
@@ -222,7 +222,7 @@ def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list
 
 
 def _signal_sections(found: Calibration) -> list[html.PageSection]:
-    """HTML sections on traces and spectra of measured signals and of the last runs."""
+    """HTML sections on measured and simulated signals."""
     if not found.signals:
         return []
     results = found.results
@@ -249,7 +249,7 @@ def _signal_sections(found: Calibration) -> list[html.PageSection]:
 
 
 def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Array, Array]]) -> list[Panel]:
-    """Panels of trace and spectrum of a measured signal and of runs."""
+    """Panels of a signal's trace and spectrum, measured and simulated."""
     span = min(float(of[0][-1]) for of in (rig, *runs))
     traces, spectra = [], []
     nyquist = min(0.5 / float(np.diff(of[0]).mean()) for of in (rig, *runs))
@@ -285,7 +285,7 @@ def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Ar
 
 
 def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
-    """Spectrum up to a frequency with at most `SPECTRUM_POINTS` points, the largest of neighbors."""
+    """Spectrum of at most `SPECTRUM_POINTS` points, largest ones kept."""
     lines, size = lines[lines <= most], size[lines <= most]
     wide = max(1, -(-len(lines) // SPECTRUM_POINTS))
     starts = np.arange(0, len(lines), wide)
@@ -293,7 +293,7 @@ def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Ar
 
 
 def _directions_section(found: Calibration) -> html.PageSection:
-    """HTML section on the directions of the unknowns, the least identified first."""
+    """HTML section on directions of unknowns, the least identified first."""
     words = [_direction_text(found, of) for of in found.directions]
     at = np.arange(len(words))[::-1]
     left = [100.0 * of.left for of in found.directions]
@@ -331,7 +331,7 @@ def _correlated_pair_panels(found: Calibration) -> list[Panel]:
 
 
 def _predictions_section(found: Calibration) -> html.PageSection | None:
-    """HTML section on predictions of metrics by prior and posterior, or None."""
+    """HTML section on metrics predicted by prior and posterior."""
     if not found.predictions:
         return None
     rows, figures = [], []

@@ -39,9 +39,9 @@ from warpchain.view import html
 DESIGN_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 STATISTIC_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
 MOST_FRONT_ROWS, MOST_LISTED_ROWS = 30, 60
-"""Most variants in the tables of the front, and of those that are not ok."""
+"""Most variants in tables of the front, and of failures."""
 MOST_AXES, MATRIX_COLUMNS = 12, 5
-"""Columns that parallel coordinates show at first, and columns of the scatter matrix."""
+"""Columns of parallel coordinates at first, and of the scatter matrix."""
 SURROGATE_NOTE = (
     "\N{PLUS-MINUS SIGN} is one standard deviation of the metric itself as a surrogate of all variants has it, or of "
     "the mean of several runs where that is known better: the best of many runs is the best partly by luck, and this "
@@ -83,7 +83,7 @@ class ReportGoals:
 
 
 def report_goals(results: Results, objectives: Mapping[str, str] | None, wanted: ReportGoals | None) -> ReportGoals:
-    """Goals of a report: those of `wanted` that the table holds, or given objectives."""
+    """Goals of a report that the table holds, or given objectives."""
     found = wanted or ReportGoals()
     if objectives is not None:
         check_senses(objectives)
@@ -157,7 +157,7 @@ def recommended_section(
 
 
 def _limit_text(results: Results, bound: Bound) -> str:
-    """Text of a limit on a metric: "tension_max at most 900 N"."""
+    """Text of a limit: "tension_max at most 900 N"."""
     unit = results.column_unit(bound.metric)
     ends = (("at least", bound.min), ("at most", bound.max))
     return (
@@ -177,7 +177,7 @@ def noise_text(designs: Designs, keep: float) -> str:
 
 
 def play_command(wanted: ReportGoals, results: Results, row: int) -> str:
-    """Shell command that plays a row's variant: its recording, or a run that is recorded."""
+    """Shell command that plays a row's variant."""
     names = results.table.column_names
     folder = wanted.folder
     if wanted.recorded and "archive" in names and (archive := results.table["archive"][row].as_py()) is not None:
@@ -186,7 +186,7 @@ def play_command(wanted: ReportGoals, results: Results, row: int) -> str:
 
 
 def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter: str, wanted: ReportGoals) -> str:
-    """HTML of a recommended design, or today's: reasons, metrics, changes, command, drive file."""
+    """HTML of a recommended design, or today's."""
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -214,7 +214,7 @@ def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter:
 
 
 def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
-    """Texts of a change from today's design with its interval, and of the verdict; empty for None."""
+    """Texts of a change from today's design, and of its verdict."""
     if change is None:
         return "", ""
     sign = "+" if change.difference > 0.0 else ""
@@ -240,7 +240,7 @@ def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str
 
 
 def pareto_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
-    """HTML section on the Pareto front: a view and a table; None with one objective."""
+    """HTML section on the Pareto front, or None."""
     if len(objectives) < 2:
         return None
     front, today = pareto_front(results, objectives), results.row_of_today
@@ -267,7 +267,7 @@ def pareto_section(results: Results, objectives: Mapping[str, str], by_default: 
 
 
 def statuses_section(results: Results, left_out: LeftOut) -> html.PageSection:
-    """HTML section on how variants ended, why, and lost parts of factors' ranges."""
+    """HTML section on how variants ended, and why."""
     reasons = results.reason_counts()
     if not reasons:
         return html.page_section("ends", "How the variants ended", html.paragraph_html("Every variant is ok."))
@@ -361,7 +361,7 @@ def explorer_data(
 
 
 def _explorer_column(results: Results, name: str, axis: ShownColumn) -> dict[str, Any]:
-    """Data of a column for interactive views: name, unit, decimals or words, and values."""
+    """Data of a column for a report's interactive views."""
     if not results.is_numeric(name):
         labels = results.text_values(name)
         words = sorted(set(labels))
@@ -374,7 +374,7 @@ def _explorer_column(results: Results, name: str, axis: ShownColumn) -> dict[str
 
 
 def _archive_cells(results: Results) -> list[list[Any] | None] | None:
-    """Archive and number of each row's recording, or None; None without archives."""
+    """Archive and number of each row's recording, or None."""
     if not set(ARCHIVE_COLUMNS) <= set(results.table.column_names):
         return None
     files, numbers = (results.table[name].to_pylist() for name in ARCHIVE_COLUMNS)
@@ -382,14 +382,14 @@ def _archive_cells(results: Results) -> list[list[Any] | None] | None:
 
 
 def has_study_files(folder: str | None) -> bool:
-    """Whether a study's folder holds what drive files of its rows are made of."""
+    """Whether a folder holds what drive files of rows need."""
     return folder is not None and all((Path(folder) / name).is_file() for name in ("study.toml", "drive.toml"))
 
 
 def write_recommended_drives(
     folder: str | Path, page: Path, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[Path]:
-    """Writes recommended designs as drive files beside a page; returns the files.
+    """Writes recommended designs as drive files; returns these.
 
     Args:
         folder: the study's, with study file and base drive, at whose values noise factors are.

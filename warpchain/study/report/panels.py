@@ -37,7 +37,7 @@ MOST_DOTS = 300
 
 
 def report_page_html(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
-    """HTML document of a report: sections, data of rows, and the script that draws panels."""
+    """HTML document of a report with sections, data and script."""
     style, script = (read_text_file(_FOLDER / name, "text", StudyError) for name in ("page.css", "page.js"))
     end = (
         f'<div id="tip"></div>\n<script type="application/json" id="report-data">{json_script_text(rows)}</script>\n'
@@ -53,7 +53,7 @@ def json_script_text(values: Any) -> str:
 
 
 def panels_html(panels: Sequence[Mapping[str, Any]], words: str) -> str:
-    """HTML with the data of panels; `words` names them for those who cannot see them."""
+    """HTML with the data of panels, named by `words`."""
     if not panels:
         return ""
     inside = f'<script type="application/json">{json_script_text(panels)}</script>'
@@ -61,7 +61,7 @@ def panels_html(panels: Sequence[Mapping[str, Any]], words: str) -> str:
 
 
 def hint_html(words: str) -> str:
-    """HTML of a hint on how to use the page, which is not printed."""
+    """HTML of a hint on using the page, not printed."""
     return f'<p class="muted screen">{escape(words)}</p>'
 
 
@@ -76,7 +76,7 @@ def rounded_numbers(values: Any, digits: int = 5) -> list[float | None]:
 
 
 class ShownColumn:
-    """A column of results as shown: unit by the largest value, decimals by the range.
+    """Results column as shown, in a suitable unit and decimals.
 
     Args:
         rows: that are shown; None takes all, of a metric those that are ok.
@@ -97,23 +97,23 @@ class ShownColumn:
         self.name = f"{column} [{self.unit}]" if self.unit else column
 
     def shown_values(self, values: Any) -> list[float | None]:
-        """SI values in the shown unit, with all decimals and at least five digits."""
+        """SI values in the shown unit."""
         shown = np.asarray(values, dtype=float) * self.factor
         largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
         return rounded_numbers(shown, max(5, html.significant_digits(largest, self.decimals)))
 
     def value_text(self, value: float) -> str:
-        """Text of an SI value in a table whose head has the unit."""
+        """Text of an SI value, without unit, for a table."""
         return html.column_number(self.factor * value, self.decimals)
 
     def group_text(self, label: str) -> str:
-        """Text of a group's label of `Effect.labels`, "8 to 10", in the shown unit."""
+        """Text of an effect's group, "8 to 10", in the shown unit."""
         ends = [f"{self.factor * float(end):.4g}" for end in label.split(" to ")]
         return f"{' to '.join(ends)} {self.unit}".rstrip()
 
 
 def histogram_panels(results: Results, metrics: Sequence[str]) -> list[Panel]:
-    """Panels of each metric's histogram over the ok variants, with its median."""
+    """Panels of each metric's histogram, with its median."""
     panels = []
     for k, metric in enumerate(metrics):
         axis = ShownColumn(results, metric)
@@ -135,7 +135,7 @@ def histogram_panels(results: Results, metrics: Sequence[str]) -> list[Panel]:
 
 
 def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]) -> list[Panel]:
-    """Panels of designs' runs over the noise for each metric, with mean and 5 to 95 %."""
+    """Panels of designs' runs over noise, for each metric."""
     panels = []
     for k, metric in enumerate(dict.fromkeys(name[5:-1] for name in designs.metrics if name.startswith("mean("))):
         axis, x = ShownColumn(designs.runs, metric), np.arange(len(chosen))
@@ -171,7 +171,7 @@ def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]
 def effect_panels(
     results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], shares: bool
 ) -> list[Panel]:
-    """Panels of a metric's means and medians in each group of each factor, on one scale.
+    """Panels of a metric's means and medians by factor groups.
 
     Args:
         shares: whether to say what part of the variance each factor explains.
@@ -231,7 +231,7 @@ def effect_panels(
 def interaction_panels(
     results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction]
 ) -> list[Panel]:
-    """Panels of a metric's means over one factor for low, middle and high values of another.
+    """Panels of a metric's means over two factors.
 
     Args:
         found: main effects, of whose first three factors all pairs are drawn.
@@ -276,7 +276,7 @@ def interaction_panels(
 def variance_share_panels(
     metrics: Sequence[str], shares: Sequence[float], chances: Sequence[float | None]
 ) -> list[Panel]:
-    """Panels of each metric's variance: main effects, scatter between equal runs, rest."""
+    """Panels of the parts of each metric's variance."""
     at = np.arange(len(metrics))[::-1]
     by_factors = np.clip(shares, 0.0, 1.0)
     chance = np.array([chance or 0.0 for chance in chances])
@@ -305,7 +305,7 @@ def variance_share_panels(
 
 
 def correlation_panels(both: Correlation) -> list[Panel]:
-    """Panels of rank correlations of factors with metrics; those that chance explains are faint."""
+    """Panels of rank correlations of factors with metrics."""
     a, b = np.meshgrid(np.arange(len(both.factors)), np.arange(len(both.metrics))[::-1], indexing="ij")
     values, noise = both.spearman.ravel(), both.noise_level()
     series = [
@@ -323,7 +323,7 @@ def correlation_panels(both: Correlation) -> list[Panel]:
 
 
 def _middle_row(results: Results, surrogate: Surrogate) -> dict[str, Any]:
-    """Row midway between the ends of numeric factors, with the most frequent words."""
+    """Row midway in numeric factors, with the most frequent words."""
     row: dict[str, Any] = {}
     for name in surrogate.factors:
         if results.is_numeric(name):
@@ -342,7 +342,7 @@ def _dot_rows(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def surrogate_panels(results: Results, found: Surrogate, checked: CrossValidation) -> list[Panel]:
-    """Panels of a surrogate's cuts along each factor, with 95 % bands, and of its cross-validation.
+    """Panels of a surrogate's cuts along factors, and its cross-validation.
 
     Variants that are not ok are dots of another color.
     """
@@ -418,7 +418,7 @@ def _cross_validation_panel(axis: ShownColumn, checked: CrossValidation) -> Pane
 
 
 def sobol_panels(found: Sequence[SobolIndices]) -> list[Panel]:
-    """Panels of first-order and total Sobol' indices of each metric, with intervals."""
+    """Panels of each metric's Sobol' indices, with intervals."""
     factors = found[0].factors
     at: Array = np.arange(len(factors))[::-1].astype(float)
     panels = []

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 PLAYBACK_FRAMES = 400
-"""Frames that a recorded variant is drawn with; curves keep their peaks."""
+"""Frames that a recorded variant is drawn with in a study's scene."""
 
 
 def view_study(
@@ -47,7 +47,7 @@ def view_study(
     objectives: Mapping[str, str] | None = None,
     save: str | Path | None = None,
 ) -> None:
-    """Shows a study in the Rerun viewer, or saves it as a Rerun recording.
+    """Shows a study in the Rerun viewer, or saves it.
 
     Args:
         recorded: trajectories to play, by variant.
@@ -82,7 +82,7 @@ def log_study(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> rrb.Blueprint:
-    """Logs scatters and recorded variants of a study to Rerun; returns the blueprint."""
+    """Logs a study's scatters and recordings to Rerun; returns the blueprint."""
     import rerun.blueprint as rrb
 
     charts, columns = log_study_scatters(stream, results, list(recorded), factors, metrics, objectives)
@@ -94,7 +94,7 @@ def log_study(
 
 
 def _log_recorded_variant(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
-    """Logs a recorded variant's drive and tension curves to Rerun; returns its tab."""
+    """Logs a recorded variant to Rerun; returns its tab."""
     import rerun.blueprint as rrb
 
     missing = [channel for channel in DRIVE_CHANNELS if getattr(trajectory, channel) is None]
@@ -122,7 +122,7 @@ def log_study_scatters(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> tuple[list[Chart], int]:
-    """Logs a scatter for each factor and metric to Rerun; returns charts and number of columns."""
+    """Logs scatters of factors and metrics to Rerun; returns the charts."""
     wanted = tuple(objectives or ())
     set_ones = [name for name in wanted if name in results.factors]
     across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _telling_inputs(results)))))
@@ -156,7 +156,7 @@ def log_study_scatters(
 
 
 def _telling_inputs(results: Results) -> tuple[str, ...]:
-    """Names of the numeric factors that explain most of any telling metric."""
+    """Names of the numeric factors that explain most."""
     from warpchain.study.analysis import main_effects
     from warpchain.study.analysis.left_out import LeftOut
 

@@ -34,7 +34,7 @@ LEAST_SHARE = 0.001
 
 
 def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: str | None = None) -> Path:
-    """Writes a risk estimate's HTML page, into its folder or to `page`; returns the file."""
+    """Writes a risk estimate's HTML page; returns the file."""
     target = found.folder / PAGE_FILE if page is None else Path(page)
     name = title or found.study.study.name or found.folder.resolve().name
     sections = [_risk_summary(found), _failures_section(found), _noise_section(found), _methods_section(found)]
@@ -43,7 +43,7 @@ def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: 
 
 
 def risk_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on a risk: the probability by each way, what fails, the likeliest failure."""
+    """Lines of text on a risk estimate."""
     results, row = found.results, _row_of_variant(found, found.variant)
     held = _named_values(found, row, [name for name in results.factors if name not in results.noise_factors])
     at = f", at {', '.join(f'{name} = {value}' for name, value in held)}" if held else ""
@@ -84,7 +84,7 @@ def today_lines(found: RiskEstimate) -> list[str]:
 
 
 def risk_warning_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on why a risk is uncertain beyond its interval."""
+    """Lines of text on a risk's uncertainty beyond its interval."""
     lines = []
     if isinstance(found.sampled, str) and not isinstance(found.joint, str):
         lines.append("LOOK AT: only subset simulation tells the probability; importance sampling does not check it")
@@ -117,7 +117,7 @@ def _named_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | 
 
 
 def _stated_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
-    """Risk estimates to state, of a drive and of today's design, with names."""
+    """Risk estimates to state, of drive and today's design, named."""
     beside = () if found.today is None else ((f"today's design, {found.today.drive}", found.today.joint),)
     return ((f"stated: {found.drive}", found.joint), *beside)
 
@@ -165,7 +165,7 @@ def _failures_text(found: RiskEstimate) -> str:
 
 
 def _risk_summary(found: RiskEstimate) -> html.PageSection:
-    """HTML section with a risk in short: probability, interval, warnings, both estimates."""
+    """HTML section with a risk in short."""
     joint, results = found.joint, found.results
     boxes = [("unknown", "probability of failure")]
     if not isinstance(joint, str):
@@ -209,7 +209,7 @@ def _estimate_cells(of: FailureEstimate) -> tuple[str, str, str, str]:
 
 
 def _interval_panels(found: RiskEstimate) -> list[Panel]:
-    """Panels of the risk estimates' intervals over the logarithm of the probability."""
+    """Panels of risk intervals over the logarithm of probability."""
     named = (*_named_estimates(found), *_stated_estimates(found)[1:])
     known = [(way, of) for way, of in named if not isinstance(of, str)][::-1]
     low, middle, high = (
@@ -272,7 +272,7 @@ def _design_point_html(found: RiskEstimate, point: DesignPoint) -> list[str]:
 
 
 def _failure_panels(found: RiskEstimate) -> list[Panel]:
-    """Panels of runs that fail and that do not, over the two factors that deviate most."""
+    """Panels of failed and other runs over two noise factors."""
     results, sizes = found.results, found.points[0].deviations
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
     numeric = [name for name in members if name in results.numeric_factors() and members[name] in sizes]
@@ -302,7 +302,7 @@ def _failure_panels(found: RiskEstimate) -> list[Panel]:
 
 
 def _noise_section(found: RiskEstimate) -> html.PageSection:
-    """HTML section on assumptions: distributions and correlations of the noise, held values."""
+    """HTML section on a risk's noise: distributions, correlations, held values."""
     results, noise = found.results, found.study.noise
     factors = [of for of in found.study.factors if of.name in found.study.noise_names]
     rows = [
@@ -360,7 +360,7 @@ def _distribution_text(factor: Factor, unit: str) -> str:
 
 
 def _methods_section(found: RiskEstimate) -> html.PageSection:
-    """HTML section on the methods of a risk estimate and their runs."""
+    """HTML section on a risk's methods and their runs."""
     sampled = 0 if isinstance(found.sampled, str) else found.sampled.evaluations
     rest = len(found.results.status) - found.subset.evaluations - sampled - found.search_runs
     rows = [

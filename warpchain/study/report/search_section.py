@@ -57,12 +57,12 @@ def search_section(
 
 
 def _best_costs(measured: GoalValues, k: int) -> np.ndarray:
-    """Least cost (R,) of objective k up to each row, infinite before limits are kept."""
+    """Least cost (R,) of objective k up to each row."""
     return np.minimum.accumulate(np.where(measured.limits_kept, measured.costs[:, k], np.inf))
 
 
 def _best_value_line(results: Results, wanted: ReportGoals, measured: GoalValues, rounds: np.ndarray, k: int) -> str:
-    """Line on when a search found the best value of objective k."""
+    """Line on a search's best value of objective k."""
     objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best_costs(measured, k)
     unit, at = results.column_unit(objective.metric), int(np.argmin(best))
     design = best[rounds == rounds[0]][-1]
@@ -73,7 +73,7 @@ def _best_value_line(results: Results, wanted: ReportGoals, measured: GoalValues
 
 
 def _progress_panel(results: Results, wanted: ReportGoals, measured: GoalValues, starts: np.ndarray, k: int) -> Panel:
-    """Panel of an objective over a search's evaluations, with the best so far."""
+    """Panel of an objective over a search's evaluations."""
     objective, sign, best = wanted.objectives[k], wanted.goals.cost_signs[k], _best_costs(measured, k)
     axis, count = ShownColumn(results, objective.metric), np.arange(1, len(best) + 1)
     values = np.where(measured.ok, sign * measured.costs[:, k], np.nan)

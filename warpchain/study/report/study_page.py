@@ -59,7 +59,7 @@ TELLING_METRICS = (
     "tension_mean",
     "tension_std",
 )
-"""Metrics that a report shows if none are named, the first ones first."""
+"""Metrics that a report shows if none are named."""
 MOST_SHOWN_METRICS = 6
 MOST_NAMED_PAIRS = 3
 EXTREME_VARIANTS = 3
@@ -74,7 +74,7 @@ def telling_metrics(results: Results) -> tuple[str, ...]:
 
 
 def _is_of_pattern(metric: str, pattern: str) -> bool:
-    """Whether a metric matches a pattern of `TELLING_METRICS`, also behind a chain's name."""
+    """Whether a metric matches a pattern of `TELLING_METRICS`."""
     of_chain = "*" not in pattern and "->" not in metric
     return fnmatch(metric, pattern) or (of_chain and fnmatch(metric, f"*.{pattern}"))
 
@@ -110,7 +110,7 @@ def _report_parts(
     notes: Mapping[str, str] | None,
     wanted: ReportGoals | None,
 ) -> tuple[str, Results, list[RecommendedDesign]]:
-    """HTML report of a study, the rows or designs compared, and the recommended designs."""
+    """HTML report of a study, rows compared, and recommended designs."""
     if not results.table.num_rows:
         raise StudyError("the study has no variant yet: nothing to report")
     for metric in metrics:
@@ -180,7 +180,7 @@ def _report_parts(
 
 
 def _sample_note(results: Results, sample: Results) -> str:
-    """Sentences on the rows that distributions and effects are of; "" for all."""
+    """Sentences on the rows of distributions and effects."""
     some, today = len(sample.status), int(added_rows(results.table).sum())
     crowded = len(results.status) - some - today
     if not crowded + today:
@@ -202,7 +202,7 @@ EXPLORE_HINT = (
 
 
 def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
-    """Names of factors by the largest part of any metric that they explain."""
+    """Names of factors by the largest part that they explain."""
     weight: dict[str, float] = {}
     for found in effects.values():
         for effect in found:
@@ -213,11 +213,11 @@ def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
 MetricAnalyses: TypeAlias = (
     "tuple[Mapping[str, list[Effect]], Mapping[str, list[Interaction]], Mapping[str, float | None], frozenset[str]]"
 )
-"""Effects, interactions and scatter share by metric, and the metrics that rank no factor."""
+"""Effects, interactions and scatter share by metric, and unranked metrics."""
 
 
 def _ordered_effects(results: Results, metric: str, ranked: bool) -> list[Effect]:
-    """Main effects on a metric, by span, or in the study's order if not ranked."""
+    """Main effects on a metric, by span if ranked."""
     found = main_effects(results, metric)
     return found if ranked else sorted(found, key=lambda effect: results.factors.index(effect.factor))
 
@@ -230,7 +230,7 @@ def _left_out_note(left_out: LeftOut, unranked: frozenset[str]) -> str:
 def _study_summary(
     results: Results, left_out: LeftOut, analyzed: MetricAnalyses, notes: Mapping[str, str]
 ) -> html.PageSection:
-    """HTML section with the study in short: statuses, a verdict for each metric, notes."""
+    """HTML section with the study in short: statuses, verdicts, notes."""
     effects, pairs, chances, unranked = analyzed
     status = results.status
     boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
@@ -260,7 +260,7 @@ def _range_text(results: Results, metric: str) -> str:
 def _verdict_text(
     results: Results, metric: str, effects: list[Effect], pairs: list[Interaction], chance: float | None
 ) -> str:
-    """Sentence on the factor that stands out in a metric's variance, and on scatter between runs.
+    """Sentence on the factor that stands out in a metric's variance.
 
     A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors. If none does, pairs
     that act
@@ -503,7 +503,7 @@ def _sobol_advice(results: Results, folder: str) -> str:
 
 
 def _extremes_section(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
-    """HTML section on variants with the smallest and largest values of each metric."""
+    """HTML section on variants with metrics' extreme values."""
     parts = [rest]
     for metric in metrics:
         rows = np.flatnonzero(results.usable_rows(metric))
@@ -523,7 +523,7 @@ def write_report(
     notes: Mapping[str, str] | None = None,
     wanted: ReportGoals | None = None,
 ) -> list[Path]:
-    """Writes a study's HTML report, and recommended designs beside it; returns page and drive files.
+    """Writes a study's HTML report; returns page and drive files.
 
     Args:
         source: results, a table, or the path of a Parquet or CSV file.

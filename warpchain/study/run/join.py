@@ -47,19 +47,19 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 START_DEFAULTS: Mapping[str, Any] = {"phase": 0.0}
-"""Keys of `run` by which drives begin, and their defaults; they become hidden factors."""
+"""Keys of `run` by which drives begin, with defaults."""
 FREE_RUN_KEYS = ("shard", "device", "keep_states")
 GOAL_FIELDS = ("objectives", "bounds", "optimize")
 """Fields of a study that no run depends on."""
 SPREAD_KEYS = ("range", "levels", "choice", "points", "distribution", "mean", "std", "sample", "group")
-"""Keys of a factor on how its values are spread, not what they do."""
+"""Keys of a factor on the spread of its values."""
 ROWS_FILE, MERGED_FILE = "rows.parquet", "merged.parquet"
-"""Files of the joined design's table, and of the rows' former numbers."""
+"""Files of the joined design, and of rows' former numbers."""
 RowCopy = tuple[int, int]
 
 
 def joined_study(opened: Sequence[StudyFolder], rows: str) -> Study:
-    """Joined study of several folders, with a design table in the file `rows`.
+    """Joined study of several folders, a design table in `rows`.
 
     Raises:
         StudyError: a line for each key in which they differ.
@@ -148,7 +148,7 @@ def _short_value_text(value: Any) -> str:
 
 
 def _joined_factor(factors: Sequence[Factor]) -> Factor | None:
-    """Factor whose range, levels or choice include those of all; or None."""
+    """Factor whose values include those of all, or None."""
     first = factors[0].model_copy(update={"points": None})
     if all(factor.model_copy(update={"points": None}) == first for factor in factors):
         return first
@@ -204,7 +204,7 @@ def join_studies(
     workers: int | None = None,
     memory: int = MEMORY,
 ) -> JoinedStudies:
-    """Makes one study's folder of several, which stay as they are; returns its status.
+    """Joins studies' folders into a new one; returns status and rows.
 
     Args:
         folders: two or more, finished or not; `run_study(OUT/study.toml, OUT)` runs what is left.
@@ -257,7 +257,7 @@ def _process_umask() -> int:
 
 
 def _joined_rows(opened: Sequence[StudyFolder], study: Study) -> _JoinedRows:
-    """Rows of all joined folders, each once, and where their runs are."""
+    """Rows of joined folders, each once, and places of runs."""
     pool = _JoinedRows()
     names = [factor.name for factor in study.factors]
     for f, folder in enumerate(opened):
@@ -314,7 +314,7 @@ def _write_joined_folder(place: Path, opened: Sequence[StudyFolder], study: Stud
 
 
 def _row_mapping(opened: Sequence[StudyFolder], pool: _JoinedRows) -> pa.Table:
-    """Table of the folder and number that each joined row had before."""
+    """Table of joined rows' former folders and numbers."""
     import pyarrow as pa
 
     before = [v for folder in opened for v in folder.read_design()["variant"].to_pylist()]
@@ -323,7 +323,7 @@ def _row_mapping(opened: Sequence[StudyFolder], pool: _JoinedRows) -> pa.Table:
 
 
 def _renumbered_runs(folder: StudyFolder, pool: _JoinedRows, f: int, design: pa.Table) -> pa.Table:
-    """Table of a folder's runs with joined numbers and factors, and former rows in `before`."""
+    """Table of a folder's runs with joined numbers and factors."""
     import pyarrow as pa
 
     table = read_runs(folder)
@@ -346,7 +346,7 @@ def _renumbered_runs(folder: StudyFolder, pool: _JoinedRows, f: int, design: pa.
 def _write_joined_shard(
     joined: StudyFolder, shard: int, opened: Sequence[StudyFolder], tables: Mapping[int, pa.Table], pool: _JoinedRows
 ) -> None:
-    """Writes a joined shard: its recordings under their new numbers, then its table."""
+    """Writes a joined shard: recordings, then table."""
     import pyarrow as pa
 
     wanted = list(zip(*(part.tolist() for part in joined.shard_runs(shard)), strict=True))
@@ -370,7 +370,7 @@ def _write_joined_shard(
 def _copy_states(
     joined: StudyFolder, shard: int, opened: Sequence[StudyFolder], runs: Sequence[tuple[int, int, int, int]]
 ) -> None:
-    """Copies the states of runs (folder, row there, joined row, copy) to a joined shard."""
+    """Copies end states of runs to a joined shard."""
     held = {
         f: read_run_states(opened[f], [(row, copy) for of, row, _, copy in runs if of == f])
         for f in {r[0] for r in runs}
@@ -379,7 +379,7 @@ def _copy_states(
 
 
 class _SourceTrajectories(Mapping[int, Trajectory]):
-    """Trajectories of a joined shard's recorded rows, read from archives when asked for."""
+    """Trajectories of a joined shard, read when asked for."""
 
     def __init__(self, places: Sequence[tuple[Path, int]]) -> None:
         self.places = places
@@ -398,7 +398,7 @@ class _SourceTrajectories(Mapping[int, Trajectory]):
 
 
 def _table_with_recordings(joined: StudyFolder, shard: int, table: pa.Table, owners: Sequence[StudyFolder]) -> pa.Table:
-    """Table of a joined shard after its recordings went into its own archive."""
+    """Table of a joined shard after its recordings were archived."""
     import pyarrow as pa
 
     from warpchain.archive import read_archive, write_archive

@@ -63,11 +63,11 @@ CORE_RATE, GPU_RATE = 1e8, 2e10
 SETTLE_STEPS = 30_000
 """Steps that take about as long as settling."""
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
-"""Time of a core for a row's assembly, packing and table, and for its modes [s]."""
+"""Time of a core for a row, and for its modes [s]."""
 CORE_VARIANTS, GPU_VARIANTS = 8, 4224
-"""Fewest variants that a core and a GPU should have at once."""
+"""Fewest variants at once for a core and a GPU."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
-"""Approximate memory of a roller and of a variant in a shard's simulation."""
+"""Approximate memory of a roller and a variant in simulation."""
 
 
 def prepare_folder(
@@ -78,7 +78,7 @@ def prepare_folder(
     memory: int,
     grow: bool = False,
 ) -> StudyFolder:
-    """Study folder of a checked study, made, grown or opened; arguments as in `run_study`."""
+    """Study folder, made, grown or opened; arguments as in `run_study`."""
     study, drive, design = read_study(source)
     runs = design.num_rows * study.design.copies
     size = study.run.shard or preferred_shard_size(study, drive, runs, parts, workers or available_cores(), memory)
@@ -96,7 +96,7 @@ def prepare_folder(
 def read_study(
     source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None
 ) -> tuple[Study, Drive, pa.Table]:
-    """Study, base drive and design table, read and checked against each other.
+    """Study, base drive and design table, read and checked.
 
     Args:
         base: file of another base drive, or the name of an example; None is the study's own.
@@ -153,7 +153,7 @@ def _drive_mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) 
 
 
 def _readable_study(source: str | os.PathLike[str]) -> Study | None:
-    """Valid parts of a study file with errors, to check against its drive; or None."""
+    """Valid parts of a study file with errors, or None."""
     import tomllib
 
     try:
@@ -186,14 +186,14 @@ def _readable_study(source: str | os.PathLike[str]) -> Study | None:
 
 
 def _factor_without_values(factor: Any) -> dict[str, Any]:
-    """Keys of a mapping on what a factor sets, with some range."""
+    """Keys of what a factor sets, with some range."""
     keys = ("name", "path", "paths", "shift", "along", "relative", "offset")
     held = {key: factor[key] for key in keys if key in factor} if isinstance(factor, dict) else {}
     return {**held, "range": [0.0, 1.0]}
 
 
 def preferred_shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
-    """Number of runs of a shard: some 30 s of work, within memory and rows / parts."""
+    """Number of runs of a shard, for some 30 s."""
     links = drive.links
     fits = memory // (ROLLER_BYTES * links + VARIANT_BYTES)
     try:
@@ -208,18 +208,18 @@ def preferred_shard_size(study: Study, drive: Drive, rows: int, parts: int, core
 
 
 def stored_step_rate(gpus: int, cores: int) -> float:
-    """Assumed roller-steps a second of GPUs, or of cores if there is none."""
+    """Assumed roller-steps a second of GPUs, or of cores."""
     return GPU_RATE * gpus or CORE_RATE * cores
 
 
 def overhead_seconds(study: Study, drive: Drive, gpus: int, cores: int) -> float:
-    """Approximate time [s] of a study's run apart from its steps: settling, packing, modes."""
+    """Approximate time [s] of a run apart from its steps."""
     settling = drive.links * SETTLE_STEPS / stored_step_rate(gpus, cores) if drive.run.settle else 0.0
     return settling + (HOST_SECONDS + (MODES_SECONDS if study.metrics.modes is not None else 0.0)) / cores
 
 
 def gpu_count(device: str | None) -> int:
-    """Number of GPUs that a device names; all for None and "cuda"."""
+    """Number of GPUs that a device name means."""
     if device in (None, "cuda"):
         import warp as wp
 
@@ -228,7 +228,7 @@ def gpu_count(device: str | None) -> int:
 
 
 def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> None:
-    """Raises StudyError for names of metrics and signals in a study that its drive lacks."""
+    """Raises StudyError for a study's metrics that its drive lacks."""
     from warpchain.results.metric_columns import MODE_METRICS, metric_names
 
     names, lines = metric_names(drive), []
@@ -294,7 +294,7 @@ def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> I
 
 
 def is_growable(known: Study, other: Study) -> bool:
-    """Whether the folder of the study `known` can grow to that of `other`."""
+    """Whether a study's folder can grow to another study's."""
     if not set(differing_tables(known, other)) <= {"design", "run"}:
         return False
     design, run = known.design, known.run
@@ -316,7 +316,7 @@ def is_growable(known: Study, other: Study) -> bool:
 
 
 def grow_folder(folder: StudyFolder, study: Study, source: Path, shard: int) -> StudyFolder:
-    """Study folder with a plan added for more points, more replicates, or another duration or window.
+    """Study folder grown by more points, replicates, duration or window.
 
     Args:
         study: for which `is_growable` is true.

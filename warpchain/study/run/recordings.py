@@ -27,7 +27,7 @@ MOST_RECORDINGS = 4
 
 
 def recording_places(results: Results) -> dict[int, tuple[str, int]]:
-    """Archive in the study's folder, and number in it, of each recorded variant."""
+    """Archive and number in it of each recorded variant."""
     names = results.table.column_names
     if not set(ARCHIVE_COLUMNS) <= set(names):
         raise StudyError("the study recorded no variant: its table has no column 'archive'")
@@ -66,7 +66,7 @@ def recorded_trajectories(
 
 
 def worst_first_variants(results: Results, variants: Sequence[int], worst: Worst | None) -> list[int]:
-    """Variants with the worst first, if the study says what that is."""
+    """Variants with the worst first, as the study says."""
     if worst is None or worst.metric not in results.table.column_names:
         return list(variants)
     sign = -1.0 if worst.side == "largest" else 1.0
@@ -76,7 +76,7 @@ def worst_first_variants(results: Results, variants: Sequence[int], worst: Worst
 
 
 def results_with_objectives(results: Results, folder: str | Path, woehler: Woehler | None = None) -> Results:
-    """Results with the objectives of recorded variants as further metrics, else null.
+    """Results with objectives of recorded variants as metrics.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.
@@ -110,7 +110,7 @@ def results_with_objectives(results: Results, folder: str | Path, woehler: Woehl
 
 @dataclass(frozen=True)
 class RepeatedRun:
-    """A variant to run again with its study's settings, for a recording to play."""
+    """Study variant to run again, for a recording to play."""
 
     drive: Drive
     study: Study
@@ -118,7 +118,7 @@ class RepeatedRun:
     archive: Path
 
     def write_command(self) -> str:
-        """Writes a variant's drive file; returns the command that runs it again."""
+        """Writes a variant's drive file; returns the run command."""
         file = self.archive.with_suffix(".toml")
         self.archive.parent.mkdir(exist_ok=True)
         write_study_text(file, dumps_drive(self.drive))
@@ -159,7 +159,7 @@ class RepeatedRun:
 
 
 def recording_of_variant(folder: str | Path, variant: int) -> tuple[Path, int] | RepeatedRun:
-    """Archive of a study's variant and number in it, or a `RepeatedRun` without a recording.
+    """Archive and number of a study's variant, or a `RepeatedRun`.
 
     Raises:
         StudyError: no such folder or variant, or one that gives no drive.

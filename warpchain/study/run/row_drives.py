@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     from warpchain.study.spec.study_tables import Adjust
 
 DEFAULT_TRAVEL = 4.0
-"""Farthest travel of an adjusted sprocket either way by default, in pitches."""
+"""Default travel of an adjusted sprocket either way, in pitches."""
 
 
 AdjustedDrive = tuple[Drive, dict[str, Any]]
-"""A drive that fits, and its adjustments by column: number of links, travel [m]."""
+"""A drive that fits, and its adjustments by column."""
 
 
 def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: DriveChanges | None = None) -> Drive:
-    """Drive of a study's row before adjustments: values set, then parts shifted.
+    """Drive of a study's row before adjustments.
 
     Args:
         changes: of the base drive, if drives of many rows are made.
@@ -64,7 +64,7 @@ def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: Dri
 
 
 def _target_value(factor: Factor, own: Any, row: Mapping[str, Any]) -> Any:
-    """Value that a factor sets in the drive, given the drive's own."""
+    """Value that a factor sets, from the drive's own."""
     value = factor.value_from_cell(row[factor.name])
     if not (factor.relative or factor.offset):
         return value
@@ -73,7 +73,7 @@ def _target_value(factor: Factor, own: Any, row: Mapping[str, Any]) -> Any:
 
 
 def _drive_with_shift(drive: Drive, factor: Factor, path: str, by: float) -> Drive:
-    """Drive with a guide or sprocket shifted along the factor's direction [m]."""
+    """Drive with a guide or sprocket shifted by a factor [m]."""
     part = drive.get_value(path)
     if factor.along is not None and factor.along != "normal":
         x, y = factor.along
@@ -95,7 +95,7 @@ def _shifted_point(point: Sequence[float], step: Sequence[float]) -> list[float]
 
 
 def _shifted_guide_values(guide: Guide, step: Sequence[float]) -> dict[str, Any]:
-    """Values of a guide's keys after a shift by a step [m]."""
+    """Values of a guide's keys after a shift [m]."""
     found: dict[str, Any] = {}
     for name in ("start", "end"):
         if (own := getattr(guide, name)) is not None:
@@ -109,7 +109,7 @@ def _shifted_guide_values(guide: Guide, step: Sequence[float]) -> dict[str, Any]
 
 
 def _guide_normal(drive: Drive, guide: Guide) -> tuple[float, float]:
-    """Unit vector from the middle of a guide's face towards the chain."""
+    """Unit vector from a guide's face towards the chain."""
     profile = drive.profile(drive.as_read.guides.index(guide))
     _, heading = profile.at(0.5 * profile.face_length)
     return -math.sin(heading), math.cos(heading)
@@ -118,7 +118,7 @@ def _guide_normal(drive: Drive, guide: Guide) -> tuple[float, float]:
 def adjusted_drives(
     drives: Sequence[Drive], adjusts: Sequence[Adjust], rows: Sequence[Mapping[str, Any]]
 ) -> list[AdjustedDrive | WarpchainError]:
-    """Drives of rows, adjusted so that their chains fit, or the errors that refuse them."""
+    """Drives of rows with chains adjusted to fit, or errors."""
     found: list[AdjustedDrive | WarpchainError] = [(drive, {}) for drive in drives]
     for key, before, adjust in named_adjustments(adjusts):
         going = [(v, *made) for v, made in enumerate(found) if isinstance(made, tuple)]
@@ -135,7 +135,7 @@ def adjusted_drives(
 def _drives_with_adjustment(
     drives: Sequence[Drive], key: str, adjust: Adjust, rows: Sequence[Mapping[str, Any]]
 ) -> list[AdjustedDrive | WarpchainError]:
-    """Drives of rows after one adjustment, or the errors that refuse it."""
+    """Drives of rows after one adjustment, or errors."""
     found: dict[int, AdjustedDrive | WarpchainError] = {}
     strains: dict[int, float] = {}
     for v, (drive, row) in enumerate(zip(drives, rows, strict=True)):
@@ -162,7 +162,7 @@ def _drives_with_adjustment(
 
 
 def _drive_with_links(drive: Drive, adjust: Adjust, links: int | None) -> Drive:
-    """Drive with a number of links of the adjusted chain; None leaves it."""
+    """Drive with `links` of the adjusted chain, if any."""
     if links is None:
         return drive
     return drive_with_numbers(drive, {links_place(drive, fitted_chain(drive, adjust.chain, adjust.sprocket)): links})
@@ -181,7 +181,7 @@ def _link_counts_to_try(
     strains: Mapping[int, float],
     refused: dict[int, Any],
 ) -> dict[int, list[int | None]]:
-    """Numbers of links to try by row, None for the drive's own; refusals go to `refused`."""
+    """Numbers of links to try by row; refusals go to `refused`."""
     if adjust.links is None:
         return {v: [None] for v in strains}
     found: dict[int, list[int | None]] = {}
@@ -198,7 +198,7 @@ def _link_counts_to_try(
 def _drives_with_moved_sprocket(
     drives: Sequence[Drive], key: str, adjust: Adjust, strains: Sequence[float]
 ) -> list[AdjustedDrive | StudyError]:
-    """Drives with the adjusted sprocket moved, and its travel [m], or the errors."""
+    """Drives with the adjusted sprocket moved, travel [m], or errors."""
     if adjust.sprocket is None:
         return [(drive, {}) for drive in drives]
     assert adjust.direction is not None  # the table's own rule
@@ -240,7 +240,7 @@ def _assembly_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, A
 
 @dataclass
 class Variant:
-    """A run of a study: its row and copy, its drive, and its results."""
+    """Study variant: row, copy, drive and results of a run."""
 
     row: dict[str, Any]
     drive: Drive | None = None
@@ -278,7 +278,7 @@ class Variant:
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the variant by name, its modes' among them; empty without any."""
+        """Metrics of the variant by name, modes among them."""
         if self.metrics_row is None:
             return {}
         table, row = self.metrics_row
@@ -287,7 +287,7 @@ class Variant:
 
 
 def build_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Builds the drives of variants, adjusted together; one without gets the reason."""
+    """Builds adjusted drives of variants, or notes the reason."""
     changes = DriveChanges(base) if len(variants) > 1 else None
     for number, variant in enumerate(variants):
         if number % 64 == 0:
@@ -309,7 +309,7 @@ def build_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None
 
 
 def build_and_check_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Builds the drives of variants; one that cannot be assembled or stepped gets the reason."""
+    """Builds drives of variants and checks that they assemble."""
     build_drives(study, base, variants)
     for variant in variants:
         if variant.drive is not None:
@@ -317,7 +317,7 @@ def build_and_check_drives(study: Study, base: Drive, variants: Sequence[Variant
 
 
 def check_variant(study: Study, variant: Variant) -> None:
-    """Marks a variant infeasible if its drive cannot be assembled or stepped."""
+    """Marks a variant infeasible if its drive cannot run."""
     assert variant.drive is not None  # as chosen
     try:
         resolve_step(variant.drive, study.run.step)

@@ -18,7 +18,7 @@ VARIANT_COLUMN, COPY_COLUMN, STATE_COLUMN = "variant", "replicate", "state"
 
 
 def write_run_states(folder: StudyFolder, shard: int, variants: Sequence[Variant]) -> None:
-    """Writes the table of the end states of a shard's runs, and which were resumed."""
+    """Writes a shard's table of runs' end states."""
     import pyarrow as pa
 
     table = pa.table(
@@ -35,7 +35,7 @@ def write_run_states(folder: StudyFolder, shard: int, variants: Sequence[Variant
 
 
 def read_run_states(folder: StudyFolder, tasks: Sequence[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
-    """Stored end states of some runs (row, copy) of a study's folder, by run."""
+    """End states of runs (row, copy) read from a study's folder."""
     numbers = folder.read_design()[VARIANT_COLUMN].to_pylist()
     wanted = {(numbers[row], copy): (row, copy) for row, copy in tasks}
     rows = {row for row, _ in tasks}
@@ -51,7 +51,7 @@ def read_run_states(folder: StudyFolder, tasks: Sequence[tuple[int, int]]) -> di
 
 
 def write_joined_states(folder: StudyFolder, shard: int, states: Sequence[tuple[int, int, bytes | None]]) -> None:
-    """Writes the table of states (number, copy, state) of a joined shard, if any."""
+    """Writes a joined shard's table of end states, if any."""
     import pyarrow as pa
 
     numbers, copies, held = zip(*states, strict=True)
@@ -66,7 +66,7 @@ def write_joined_states(folder: StudyFolder, shard: int, states: Sequence[tuple[
 
 
 def assign_initial_states(folder: StudyFolder, variants: Sequence[Variant]) -> None:
-    """Sets `initial_state` of variants to stored ends of runs before a longer duration or window."""
+    """Sets `initial_state` of variants to end states of earlier runs."""
     wanted = {(variant.row["variant"], variant.copy): variant for variant in variants if not variant.recorded}
     if not folder.earlier_plans or not wanted:
         return
@@ -90,7 +90,7 @@ def assign_initial_states(folder: StudyFolder, variants: Sequence[Variant]) -> N
 
 
 def _state_from_bytes(data: bytes) -> VariantState | None:
-    """State of a run from its bytes; None if they cannot be read."""
+    """State of a run from bytes, or None."""
     from warpchain.engine.checkpoint import VariantState
 
     try:

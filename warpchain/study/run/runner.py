@@ -103,7 +103,7 @@ def _error_line(error: Exception) -> str:
 
 @interruptible_work()
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> StudyStatus:
-    """Makes the whole table of a study whose shards are done; returns its status."""
+    """Makes the results table of a finished study; returns its status."""
     folder = open_folder(Path(out))
     missing = [shard for shard in folder.shard_numbers if not folder.is_done(shard)]
     if missing:
@@ -118,7 +118,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 def finish_study(
     folder: StudyFolder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
 ) -> StudyStatus:
-    """Records a study's worst variants, writes its whole table, removes leftover files."""
+    """Records worst variants and writes the results table; returns the status."""
     table = read_runs(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
@@ -152,7 +152,7 @@ def finish_study(
 
 
 def read_runs(folder: StudyFolder) -> pa.Table:
-    """Table of all runs of a study's done shards, with the places of recordings."""
+    """Table of all runs of a study's done shards."""
     table = _concatenated_shards(folder, [shard for shard in folder.shard_numbers if folder.is_done(shard)])
     for name, identity in folder.earlier_worst_shards:
         if folder.is_done(name):
@@ -169,7 +169,7 @@ def _archive_names(table: pa.Table) -> list[str]:
 
 
 def _concatenated_shards(folder: StudyFolder, shards: Sequence[int]) -> pa.Table:
-    """Table of the runs of several shards, sorted by variant and copy."""
+    """Table of the runs of shards, by variant and copy."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -191,7 +191,7 @@ def _concatenated_shards(folder: StudyFolder, shards: Sequence[int]) -> pa.Table
 
 
 def write_partial_table(out: str | os.PathLike[str]) -> Path:
-    """Writes `partial.parquet`, the table of the shards that are done; returns its path."""
+    """Writes `partial.parquet`, the table of done shards; returns its path."""
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]
     if not done:
@@ -203,7 +203,7 @@ def write_partial_table(out: str | os.PathLike[str]) -> Path:
 
 
 def means_of_replicates(table: pa.Table) -> pa.Table:
-    """Table of a row a variant, from a row for each copy."""
+    """Table of a row a variant, from a row a copy."""
     first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
     return summarize_copies(table, "variant", first)
 
@@ -235,7 +235,7 @@ def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
 
 
 def _table_with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
-    """Table of runs with the places of recordings of a second pass."""
+    """Table of runs with a second pass's recordings."""
     import pyarrow as pa
 
     keys = ["variant", COPY_COLUMN] if COPY_COLUMN in table.column_names else ["variant"]
@@ -252,7 +252,7 @@ def _table_with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
 
 @contextmanager
 def lost_workers_as_study_errors(folder: StudyFolder) -> Iterator[None]:
-    """Context in which the loss of an executor's worker becomes a StudyError."""
+    """Context that turns lost workers into a StudyError."""
     try:
         yield
     except (BrokenExecutor, CancelledError) as error:
@@ -274,7 +274,7 @@ def run_study(
     progress: Progress = False,
     grow: bool = False,
 ) -> StudyStatus:
-    """Runs a study, or what is left of it, in a folder; returns its status.
+    """Runs what is left of a study; returns its status.
 
     Args:
         source: the study file.
@@ -313,7 +313,7 @@ def run_folder(
     memory: int = MEMORY,
     progress: Progress = False,
 ) -> StudyStatus:
-    """Runs what is left of a study's folder; returns its status. Arguments as in `run_study`."""
+    """Runs what is left of a study's folder; returns its status."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shard_numbers if part is None or shard % part[1] == part[0]]
     left = [shard for shard in mine if not folder.is_done(shard)]
@@ -345,7 +345,7 @@ def _run_shards_here(
 def _run_shards_on_executor(
     folder: StudyFolder, shards: Sequence[int], executor: Executor, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Runs a study's shards on an executor, whose lost workers raise a StudyError."""
+    """Runs a study's shards on an executor."""
     futures: dict[Future[int], int] = {}
     done, total = 0, float(sum(map(folder.shard_run_count, shards)))
     try:

@@ -33,7 +33,7 @@ class RunBlock:
         return (self.rows[1] - self.rows[0]) * (self.copies[1] - self.copies[0])
 
     def runs_between(self, begin: int, end: int) -> tuple[Indices, Indices]:
-        """Rows and copies of a block's runs from `begin` to `end`, two arrays."""
+        """Rows and copies of a block's runs from `begin` to `end`."""
         import numpy as np
 
         number, width = np.arange(begin, end), self.copies[1] - self.copies[0]
@@ -42,7 +42,7 @@ class RunBlock:
 
 @dataclass(frozen=True)
 class ShardPlan:
-    """Runs that one plan of a study's folder adds, cut into shards."""
+    """Plan of runs that a study's folder adds, in shards."""
 
     blocks: tuple[RunBlock, ...]
     shard_size: int  # runs of a shard; the last may have fewer
@@ -81,7 +81,7 @@ class ShardPlan:
 
 
 def blocks_of_runs(tasks: Iterable[tuple[int, int]], copies: int) -> tuple[RunBlock, ...]:
-    """Blocks of runs (row, copy) in ascending order, of a study with `copies` runs a row."""
+    """Blocks of ascending runs (row, copy)."""
     rows: dict[int, list[int]] = {}
     for row, copy in tasks:
         rows.setdefault(row, []).append(copy)
@@ -108,13 +108,13 @@ def _consecutive_spans(numbers: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def plan_file_name(name: str, number: int) -> str:
-    """Name of a file of the plan with this number: study.toml, study.1.toml, ..."""
+    """File name of a plan's number: study.toml, study.1.toml, ..."""
     stem, _, ending = name.rpartition(".")
     return f"{stem}.{number}.{ending}" if number else name
 
 
 def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
-    """Writes the file of a plan whose other files are there, unless it exists."""
+    """Writes the file of a plan, unless it exists."""
     names = (
         PLAN_FILES
         if not number
@@ -130,7 +130,7 @@ def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
 
 
 def read_plan(path: Path, number: int, before: Sequence[ShardPlan]) -> tuple[int, ShardPlan, bool]:
-    """Number of rows of the design, the plan, and whether it begins anew, from a plan's file."""
+    """Rows of the design, plan, and whether it begins anew."""
     file = path / plan_file_name("plan.json", number)
     try:
         plan = parse_json(file.read_text())
@@ -160,6 +160,6 @@ def _plan_digest(plan: Mapping[str, Any]) -> str:
 
 
 def check_plan_file(path: Path, digests: Mapping[str, str], name: str) -> None:
-    """Raises StudyError for a study folder's file changed since its plan was made."""
+    """Raises StudyError for a plan's file that has changed."""
     if name in digests and file_digest(path / name) != digests[name]:
         raise StudyError(f"{path / name}: was changed or is damaged; give another folder")

@@ -46,7 +46,7 @@ def simulate_variants(
     options: Mapping[str, Any],
     report: ProgressReport,
 ) -> None:
-    """Builds drives of a study's variants, simulates them, and archives those to be recorded.
+    """Builds, simulates and archives a study's variants.
 
     Recordings are held until the end if they fit into half of the memory, else simulated in a call of their own.
 
@@ -66,7 +66,7 @@ def simulate_variants(
     of_runs = partial_report(report, RUNNING, 0.0, runs)
 
     def add_modes() -> None:
-        """Adds modes to the variants' metrics, in the second part of the progress."""
+        """Adds modes to the variants' metrics."""
         _add_mode_metrics(study, base, variants, options.get("workers"), partial_report(report, RUNNING, runs, 1.0))
 
     if _has_room_for_recordings(study, variants, options.get("memory", MEMORY)):
@@ -85,7 +85,7 @@ def simulate_variants(
 def _add_mode_metrics(
     study: Study, base: Drive, variants: Sequence[Variant], workers: int | None, report: ProgressReport
 ) -> None:
-    """Adds the base drive's modes to variants' metrics, if the study asks for them."""
+    """Adds metrics of the base drive's modes to variants."""
     if study.metrics.modes is None:
         return
     from warpchain.engine.process_pool import map_in_processes
@@ -102,7 +102,7 @@ def _add_mode_metrics(
 
 
 def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Builds the drive of each row once, and the copies that variants run."""
+    """Builds each row's drive once, and copies that run."""
     made: dict[int, Variant] = {}
     for variant in variants:
         made.setdefault(variant.row["variant"], variant)
@@ -152,7 +152,7 @@ def _simulate_feasible(
 def _attempt_simulation(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> WarpchainError | None:
-    """Simulates variants in one call; returns the error of a refusal, or None."""
+    """Simulates variants in one call; returns a refusal's error, or None."""
     from warpchain.engine.checkpoint import States
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
@@ -223,14 +223,14 @@ def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: 
 
 
 def _archive_options(variants: Sequence[Variant], options: ArchiveOptions | None) -> ArchiveOptions:
-    """Options of an archive that numbers its variants as the study does."""
+    """Options of an archive numbered as the study."""
     from warpchain.archive.options import ArchiveOptions
 
     return replace(options or ArchiveOptions(), numbers=[variant.row["variant"] for variant in variants])
 
 
 def _archive_recordings(variants: Sequence[Variant], path: Path, options: ArchiveOptions | None) -> None:
-    """Writes the trajectories that variants hold into an archive, numbered as in the study."""
+    """Writes variants' trajectories into an archive."""
     from warpchain.archive import write_archive
     from warpchain.results.metrics import table_from_rows
     from warpchain.results.run import Run
@@ -251,7 +251,7 @@ def _archive_recordings(variants: Sequence[Variant], path: Path, options: Archiv
 def run_shard(
     folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: ProgressReport = ignore_progress
 ) -> int:
-    """Simulates one shard and writes its results, unless they are there; returns the number of its runs.
+    """Simulates a study's shard, unless done; returns its number of runs.
 
     Args:
         folder: the study's, on a disk that the caller shares.
@@ -277,7 +277,7 @@ def record_worst_variants(
     options: Mapping[str, Any] | None = None,
     report: ProgressReport = ignore_progress,
 ) -> None:
-    """Simulates a study's worst variants (number, copy) again to record them; arguments as in `run_shard`."""
+    """Simulates a study's worst variants again to record them."""
     opened = open_folder(folder)
     place = {variant: row for row, variant in enumerate(opened.read_design()["variant"].to_pylist())}
     numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
@@ -287,7 +287,7 @@ def record_worst_variants(
 
 
 def _rows_of_runs(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.Table:
-    """Rows of the design table for runs, with a column for the copy if there are several."""
+    """Rows of the design table for runs, with their copies."""
     import pyarrow as pa
 
     rows = folder.read_design().take(pa.array(numbers, pa.int64()))
@@ -302,7 +302,7 @@ def _simulate_and_write(
     options: Mapping[str, Any],
     report: ProgressReport,
 ) -> None:
-    """Simulates rows and writes the archive, then the table, with which the shard is done."""
+    """Simulates a shard's rows and writes archive and table."""
     from warpchain.archive.options import ArchiveOptions
 
     study = folder.study
@@ -324,7 +324,7 @@ def _simulate_and_write(
 
 
 def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
-    """Table of inputs and metrics of a shard's variants, with roles and units of fields."""
+    """Table of inputs and metrics of a shard's variants."""
     import pyarrow as pa
 
     status, reason = OUTCOME_COLUMNS
@@ -359,7 +359,7 @@ def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa
 
 
 def _kept_metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
-    """Table of the metrics that the study keeps, a row a variant."""
+    """Table of the metrics that the study keeps."""
     patterns, dropped = kept_metric_patterns(study), {"variant", "diverged", *OUTCOME_COLUMNS}
 
     @cache
@@ -378,7 +378,7 @@ def _kept_metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
 
 
 def kept_metric_patterns(study: Study) -> tuple[str, ...]:
-    """Patterns of the metrics that a study keeps, those of its worst variants and goals included."""
+    """Name patterns of the metrics that a study keeps."""
     worst = study.record.worst
     wanted = [name for metric in study.named_metrics for name in (metric, f"{metric}_se")]
     return (*study.metrics.keep, *wanted, *(() if worst is None else (worst.metric,)))

@@ -46,21 +46,21 @@ if TYPE_CHECKING:
     from warpchain.study.spec import Study
 
 ARCHIVE_MARK = "study.json"
-"""Name of the attachment that says which study and shard an archive belongs to."""
+"""Name of an archive's attachment on its study and shard."""
 DRIVE_TEXT_FILE = "drive-text.toml"
-"""File with the base drive as the user wrote it; drive.toml is what is run."""
+"""File with the base drive as the user wrote it."""
 REPLICATES_FILE = "replicates.parquet"
 RESUMED_COLUMN = "gone_on"
-"""Column of a table of states: whether a run went on from an earlier run's state."""
+"""Column of run states: whether resumed from an earlier run."""
 WORST_SHARD = "worst"
-"""Name of the shard that records the worst variants in a second pass."""
+"""Name of the shard that records the worst variants."""
 RATE_SHARDS = 20
 STATUS_REASONS = 3
 
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """A study's folder with its plans; what is missing or damaged raises a StudyError."""
+    """A study's folder with its plans, files and shards."""
 
     path: Path
     rows: int
@@ -89,7 +89,7 @@ class StudyFolder:
 
     @property
     def identity(self) -> str:
-        """Digest of the last plan, which tables bear; "" in folders of earlier versions."""
+        """Digest of the last plan, which tables bear."""
         return self.plans[-1].identity
 
     @property
@@ -117,7 +117,7 @@ class StudyFolder:
         return self.path / "results.parquet"
 
     def table_path(self, shard: int | str) -> Path:
-        """Path of a shard's table, which is there when the shard is done."""
+        """Path of the table of a done shard."""
         return self.path / "shards" / f"{shard_name(shard)}.parquet"
 
     def archive_path(self, shard: int | str) -> Path:
@@ -126,12 +126,12 @@ class StudyFolder:
 
     @property
     def worst_shard(self) -> str:
-        """Name of the shard that records the worst variants of the last plan."""
+        """Name of the last plan's shard of worst variants."""
         return WORST_SHARD if self.plan_count == 1 else f"{WORST_SHARD}.{self.plan_count - 1}"
 
     @property
     def earlier_worst_shards(self) -> list[tuple[str, str]]:
-        """Names and identities of shards that recorded the worst variants of earlier plans."""
+        """Names and identities of earlier plans' worst-variant shards."""
         first = self.plan_count - len(self.plans)
         numbers = range(first, self.plan_count - 1)
         names = [f"{WORST_SHARD}.{number}" if number else WORST_SHARD for number in numbers]
@@ -172,7 +172,7 @@ class StudyFolder:
         return table
 
     def read_outcomes(self, shard: int) -> RowOutcomes:
-        """Statuses and reasons of the runs of a shard that is done."""
+        """Statuses and reasons of a done shard's runs."""
         return read_row_outcomes(
             self.table_path(shard), self.plan_of_shard(shard).identity, self.shard_run_count(shard)
         )
@@ -187,7 +187,7 @@ class StudyFolder:
             )
 
     def archive_mark(self, shard: int | str) -> dict[str, bytes]:
-        """Attachment of a shard's archive that says which study and shard it belongs to."""
+        """Attachment of a shard's archive on its study and shard."""
         identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
         return {ARCHIVE_MARK: json.dumps({"study": identity, "shard": shard_name(shard)}).encode()}
 
@@ -199,7 +199,7 @@ class StudyFolder:
         return {"study": identities.get(stem, self.identity), "shard": shard_name(stem)}
 
     def check_archive(self, name: str) -> None:
-        """Raises StudyError for an archive `name` in the folder marked as another study's or shard's."""
+        """Raises StudyError for another study's archive in the folder."""
         from warpchain.archive import read_archive
 
         check_archive_name(name)
@@ -262,7 +262,7 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
 
 
 def differing_tables(known: Study, other: Study) -> list[str]:
-    """Names of tables in which two studies differ, apart from the size of shards."""
+    """Names of the tables in which two studies differ."""
     differing = [name for name in type(known).model_fields if getattr(known, name) != getattr(other, name)]
     if "run" in differing and known.run.model_copy(update={"shard": other.run.shard}) == other.run:
         differing.remove("run")  # the size of shards is decided already
@@ -303,7 +303,7 @@ class StudyStatus:
 
 
 def study_status(out: str | os.PathLike[str]) -> StudyStatus:
-    """Status of a study's folder: counts of its runs, done shards, rate.
+    """Status of a study's folder: runs, shards, rate.
 
     Raises:
         StudyError: no such folder, or a damaged one.
@@ -328,7 +328,7 @@ def study_status(out: str | os.PathLike[str]) -> StudyStatus:
 
 
 def _variant_rate(folder: StudyFolder, done: Sequence[int]) -> float | None:
-    """Runs a second of the latest shards, by the times of their files; None if too few."""
+    """Runs a second of the latest shards, or None."""
     landed = sorted((folder.table_path(shard).stat().st_mtime, folder.shard_run_count(shard)) for shard in done)[
         -RATE_SHARDS:
     ]
@@ -338,7 +338,7 @@ def _variant_rate(folder: StudyFolder, done: Sequence[int]) -> float | None:
 
 
 def _resumed_counts(folder: StudyFolder) -> tuple[int, int] | None:
-    """Numbers of runs that went on from a stored state, and that began anew; or None."""
+    """Numbers of resumed runs, and of those begun anew."""
     if not folder.earlier_plans:
         return None
     done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def row_of_drive(study: Study, drive: Drive, name: object) -> dict[str, Any]:
-    """Row, values by design factor, that leaves a drive as it is; `name` is the drive's, for errors.
+    """Row, values by design factor, that leaves a drive as is.
 
     Raises:
         StudyError: a factor has no such value.
@@ -44,7 +44,7 @@ def row_of_drive(study: Study, drive: Drive, name: object) -> dict[str, Any]:
 
 
 def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
-    """Whether values of a study's factors leave a drive as it is."""
+    """Whether factor values leave a drive as it is."""
     try:
         return drive_of_row(study, drive, row) == drive
     except WarpchainError:
@@ -52,7 +52,7 @@ def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
 
 
 def rows_with_today(study: Study, drive: Drive, rows: Sequence[Row], name: object) -> list[dict[str, Any]]:
-    """Design rows with those of today's design marked, added as the first unless there.
+    """Design rows with today's design marked, added if missing.
 
     The rows as they are of a study that does not ask for it (`design.today`).
 

@@ -88,7 +88,7 @@ class Measurement(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Problems of a measurement's keys: either a metric or a signal, with what it needs."""
+        """Problems of a measurement's keys: metric or signal."""
         if (node_value(node, "metric") is None) == (node_value(node, "signal") is None):
             yield Problem(("metric",), node_value(node, "metric"), "give metric and value, or signal and file", BARE)
             return
@@ -131,7 +131,7 @@ class Calibrate(Part):
 
 
 def calibration_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a study's measurements: unknowns must be noise factors of continuous distributions."""
+    """Problems of a study's measurements and unknowns."""
     measured = node_list(node, "measured")
     if node_value(node, "calibrate") is not None and not measured:
         yield Problem(("measured",), None, "missing; calibrate needs at least one measured value or signal", BARE)

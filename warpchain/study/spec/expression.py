@@ -69,7 +69,7 @@ class Expression:
     _tree: ast.expr = field(repr=False, compare=False)
 
     def evaluate(self, values: Mapping[str, Any]) -> Any:
-        """Value of the expression, given a value for each of its `names`.
+        """Value of the expression for values of its `names`.
 
         Raises:
             StudyError: no value, such as a division by zero.
@@ -107,7 +107,7 @@ def parse_expression(text: str) -> Expression:
 
 
 def _names_in_tree(node: ast.AST) -> list[str]:
-    """Names of factors in an expression's syntax tree; refuses what is not arithmetic."""
+    """Names of factors in an expression's tree, if arithmetic."""
     if isinstance(node, ast.Name):
         if node.id in FUNCTIONS:
             raise _ExpressionError(f"{node.id} is a function: write {node.id}(...)")
@@ -188,7 +188,7 @@ def _checked_number(value: Any) -> Any:
 
 
 def _bounded_power(base: Any, exponent: Any) -> Any:
-    """Power that is quick to compute: whole only while base and exponent are small."""
+    """Power in an expression, whole only if small."""
     if isinstance(base, int) and isinstance(exponent, int) and 0 <= exponent <= 16 and abs(base) <= 10**4:
         return base**exponent
     return math.pow(base, exponent)

@@ -45,14 +45,14 @@ def _check_factor_name(value: str) -> str:
 
 
 def _check_distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Factor values, refused if two are equal or there is only one."""
+    """Factor values, refused unless two or more and distinct."""
     if len(set(values)) < max(2, len(values)):
         raise ValueError("not distinct")
     return values
 
 
 def _check_one_type(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Factor values, refused if they mix numbers, texts and switches, or repeat."""
+    """Factor values, refused if of several types or repeated."""
     kinds = {
         float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
         for value in values
@@ -174,7 +174,7 @@ class Factor(Part):
 
     @property
     def display_unit(self) -> str:
-        """Unit of the factor's values in tables and figures; "" for none."""
+        """Unit of the factor's values in tables and figures."""
         return self.unit or _target_unit(self)
 
     @classmethod
@@ -186,7 +186,7 @@ class Factor(Part):
 
     @property
     def value_source(self) -> str | None:
-        """Source of the factor's values: a distribution, "levels", "choice", "expression"; None of a table."""
+        """Source of the factor's values: distribution, levels, choice, expression."""
         return value_source_of(self)
 
     @property
@@ -195,7 +195,7 @@ class Factor(Part):
         return self.levels if self.levels is not None else self.choice
 
     def cells_from_values(self, values: Iterable[Any]) -> list[Any]:
-        """Table cells of the factor's values; numbers mixed with "auto" become texts."""
+        """Table cells of the factor's values."""
         return [str(value) for value in values] if self._has_auto_step else list(values)
 
     def value_from_cell(self, cell: Any) -> Any:
@@ -208,7 +208,7 @@ class Factor(Part):
         return self.choice is not None and AUTO_STEP in self.choice and not all(isinstance(v, str) for v in self.choice)
 
     def target_paths(self) -> Iterator[tuple[str, str]]:
-        """Key and path of each place in the drive that the factor sets."""
+        """Key and path of each drive value that the factor sets."""
         if self.path is not None:
             yield "path", self.path
         yield from ((f"paths.{i}", path) for i, path in enumerate(self.paths))
@@ -235,7 +235,7 @@ class Factor(Part):
 
 
 def _target_unit(node: Any) -> str:
-    """Unit of the places that a factor sets; "" if none or several."""
+    """Unit of the places that a factor sets, or ""."""
     if node_value(node, "shift") is not None:
         return "m"
     paths = [path for path in (node_value(node, "path"), *node_list(node, "paths")) if isinstance(path, str)]
@@ -244,13 +244,13 @@ def _target_unit(node: Any) -> str:
 
 
 def factor_unit(node: Any) -> str:
-    """Unit of a factor's values, of its places or its key `unit`; "" if no quantities."""
+    """Unit of a factor's values, or ""."""
     given = node_value(node, "unit")
     return _target_unit(node) or (given if isinstance(given, str) and unit_of_text(given) else "")
 
 
 def value_source_of(node: Any) -> str | None:
-    """Source of the values of a factor, or of the mapping that should become one."""
+    """Source of the values of a factor, or of its mapping."""
     for key in ("expression", "levels", "choice"):
         if node_value(node, key) is not None:
             return key
@@ -261,7 +261,7 @@ def value_source_of(node: Any) -> str | None:
 
 
 def _target_rules(node: Any) -> Iterator[Problem]:
-    """Problems of the places that a factor sets, scales, offsets or shifts."""
+    """Problems of the places that a factor sets or shifts."""
     shift, placed = node_value(node, "shift"), node_value(node, "path") is not None or bool(node_value(node, "paths"))
     if shift is not None and placed:
         yield Problem(("shift",), shift, "not together with path; give one of the two")
@@ -283,7 +283,7 @@ def _target_rules(node: Any) -> Iterator[Problem]:
 
 
 def _value_source_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
-    """Problems of the keys that a factor's source of values needs or excludes."""
+    """Problems of keys with a factor's source of values."""
     kind = value_source_of(node)
     if kind in ("expression", "levels", "choice"):
         for key in ("levels", "choice", "distribution", "range", "mean", "std", "points"):
@@ -321,7 +321,7 @@ def _noise_factor_rules(node: Any) -> Iterator[Problem]:
 
 
 def _sample_rules(node: Any) -> Iterator[Problem]:
-    """Problems of an empirical distribution, which needs a sample, or file and column."""
+    """Problems of an empirical factor's sample, file and column."""
     sample, file, column = (node_value(node, key) for key in ("sample", "file", "column"))
     if value_source_of(node) != "empirical":
         for key in ("sample", "file", "column"):

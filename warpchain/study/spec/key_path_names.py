@@ -18,13 +18,13 @@ _ENTRY_NOUNS = {
     "bounds": ("limit", "limit on"),
     "measured": ("measurement", "measurement of"),
 }
-"""Nouns for an entry of each list: before its number, and before its metric or signal."""
+"""Nouns for an entry of a study's lists."""
 _NAME_KEYS = {"factors": "name", "adjust": "chain"}
 """Keys of entries whose values stand in key paths."""
 
 
 def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
-    """Function that names a key path into a study, or into the mapping that should become one.
+    """Function that names a study's key paths in messages.
 
     An entry goes by its own name, `factors.torque.range`, `limit on "slack": max`; by its number from 1 if that name is
     at issue, repeated or missing, `limit 2: metric`. A value of a list is `value 1 of metrics.keep`.
@@ -56,7 +56,7 @@ def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
 
 
 def _key_path_text(*keys: str | int) -> str:
-    """Text of keys: "a.b", and "value 1 of a" for a number."""
+    """Text of a key path: "a.b", "value 1 of a"."""
     text = key_text(str(keys[0]))
     for key in keys[1:]:
         text = f"value {key + 1} of {text}" if isinstance(key, int) else f"{text}.{key_text(key)}"
@@ -64,7 +64,7 @@ def _key_path_text(*keys: str | int) -> str:
 
 
 def _entry_name(head: str, entry: Any) -> tuple[str, str]:
-    """Key that an entry of a list goes by, and its value; "" if none fits a line."""
+    """Key that a list's entry goes by, and its value."""
     if head in _NAME_KEYS:
         name = node_value(entry, _NAME_KEYS[head])
         return _NAME_KEYS[head], name if is_name(name) else ""

@@ -44,7 +44,7 @@ class Statistic:
 
 
 def statistic_from_name(name: str) -> Statistic | None:
-    """Statistic that a name such as "q95(M)" states; None for a metric or factor."""
+    """Statistic of a name such as "q95(M)", or None."""
     found = _STATISTIC_PATTERN.fullmatch(name)
     if found is None or (found[2] is not None and float(found[2]) == 0.0):
         return None
@@ -90,7 +90,7 @@ class Noise(Part):
 
 
 def _copula_complaint(names: Sequence[Any], ranks: Any) -> str | None:
-    """Complaint if no Gaussian copula has these rank correlations (K, K), or None."""
+    """Complaint if no Gaussian copula has these rank correlations."""
     for i, j in itertools.combinations(range(len(names)), 2):
         if abs(ranks[i, j]) == 1.0:
             how = "give their factors the same group" if ranks[i, j] > 0.0 else "make one an expression of the other"
@@ -122,7 +122,7 @@ def _least_eigenvalue(matrix: Any) -> float:
 
 
 def _is_correlation_matrix(ranks: Any, size: int) -> bool:
-    """Whether rows of a list are a symmetric matrix with 1 on its diagonal."""
+    """Whether a list's rows are a correlation matrix."""
     if len(ranks) != size or any(
         not isinstance(r, (list, tuple)) or len(r) != size or not are_numbers(*r) for r in ranks
     ):
@@ -132,12 +132,12 @@ def _is_correlation_matrix(ranks: Any, size: int) -> bool:
 
 
 def normal_from_rank_correlation(ranks: Any) -> Any:
-    """Correlation of normal variables with these rank correlations: 2 sin(pi r / 6) (Pearson 1907)."""
+    """Normal correlations from rank correlations: 2 sin(pi r / 6) (Pearson 1907)."""
     return 2.0 * np.sin(np.pi * ranks / 6.0)
 
 
 def noise_factor_names(node: Any) -> tuple[str, ...]:
-    """Names of a study's noise factors, and of factors whose expressions depend on one."""
+    """Names of a study's noise factors, and of their dependents."""
     found = [
         str(node_value(factor, "name")) for factor in node_list(node, "factors") if node_value(factor, "kind") == NOISE
     ]
@@ -154,7 +154,7 @@ def noise_factor_names(node: Any) -> tuple[str, ...]:
 
 
 def _expression_names(text: Any) -> tuple[str, ...]:
-    """Names of factors in an expression's text; none if it does not parse."""
+    """Names of factors in an expression's text."""
     try:
         return parse_expression(text).names if isinstance(text, str) else ()
     except StudyError:
@@ -162,7 +162,7 @@ def _expression_names(text: Any) -> tuple[str, ...]:
 
 
 def noise_table_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a study's noise with its design, factors, constraints, objectives and limits."""
+    """Problems of a study's noise with its other tables."""
     factors, noise = node_list(node, "factors"), noise_factor_names(node)
     own = [str(node_value(f, "name")) for f in factors if node_value(f, "kind") == NOISE]
     if node_value(node, "noise") is not None and not noise:
@@ -196,7 +196,7 @@ def noise_table_rules(node: Any) -> Iterator[Problem]:
 
 
 def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
-    """Problems of `noise.correlated`: names must be noise factors, or groups of these."""
+    """Problems of the names in `noise.correlated`."""
     groups = {str(node_value(f, "name")): node_value(f, "group") for f in factors}
     free = [name for name, group in groups.items() if group is None]
     known = list(dict.fromkeys(name if group is None else str(group) for name, group in groups.items()))
@@ -213,7 +213,7 @@ def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
 
 
 def factor_with_sample(factor: Factor, folder: Path) -> Factor:
-    """Factor with the sample of its file as `sample`; itself if it has no file."""
+    """Factor with the sample read from its file."""
     from warpchain.study.store import read_table
 
     if factor.file is None or factor.column is None:

@@ -82,7 +82,7 @@ def fatigue_rules(node: Any) -> Iterator[Problem]:
 
 
 def factor_name_rules(node: Any) -> Iterator[Problem]:
-    """Problems of factors among each other: unique names and places, and a use for each."""
+    """Problems of factors' names, places and uses."""
     factors = node_list(node, "factors")
     if node_value(node, "factors") is not None and not factors:
         yield Problem(("factors",), node_value(node, "factors"), "must be a list of at least 1 factor")
@@ -121,7 +121,7 @@ def _expression_texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
 
 
 def _parsed_expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]]:
-    """Key path and expression of every text of a study that parses."""
+    """Key path and expression of each text that parses."""
     for path, text in _expression_texts(node):
         if isinstance(text, str):
             try:
@@ -131,7 +131,7 @@ def _parsed_expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expr
 
 
 def expression_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a study's expressions: they must parse, name factors, and not need themselves."""
+    """Problems of a study's expressions and their names."""
     factors = [str(node_value(factor, "name")) for factor in node_list(node, "factors")]
     for path, text in _expression_texts(node):
         if not isinstance(text, str):
@@ -163,7 +163,7 @@ def _expression_dependencies(name: str, needs: Mapping[str, tuple[str, ...]]) ->
 
 
 def design_rules(node: Any) -> Iterator[Problem]:
-    """Problems of factors with the design: it must know their values, and groups agree."""
+    """Problems of factors with the kind of design."""
     kind = node_value(node_value(node, "design"), "kind")
     factors = node_list(node, "factors")
     for i, factor in enumerate(factors):
@@ -199,13 +199,13 @@ def _design_factor_rules(i: int, factor: Any, given: str | None, kind: Any) -> I
 
 
 def _listed_count(factor: Any) -> Any:
-    """Number of values of levels, choice or grid points that a factor states."""
+    """Number of a factor's levels, choices or grid points."""
     values = node_value(factor, "levels") or node_value(factor, "choice")
     return len(values) if isinstance(values, (list, tuple)) else node_value(factor, "points")
 
 
 def _group_rules(factors: Any) -> Iterator[Problem]:
-    """Problems of groups of factors: they need two members with equally many values."""
+    """Problems of groups of factors."""
     groups = [node_value(factor, "group") for factor in factors]
     members = Counter(group for group in groups if isinstance(group, str))
     sizes: dict[str, Any] = {}
@@ -286,7 +286,7 @@ class Study(Part):
 
     @property
     def noise_names(self) -> tuple[str, ...]:
-        """Names of noise factors, and of factors whose expressions depend on one."""
+        """Names of the study's noise factors, and of their dependents."""
         return noise_factor_names(self)
 
     @property
@@ -318,7 +318,7 @@ class Study(Part):
 
     @classmethod
     def _values_in_units(cls, values: Any) -> tuple[Any, list[Problem]]:
-        """Values of a study with quantities as plain numbers, and problems with them."""
+        """Values of a study as plain numbers, and problems."""
         values, problems = super()._values_in_units(values)
         units = {str(node_value(factor, "name")): factor_unit(factor) for factor in node_list(values, "factors")}
         constraints = list(node_list(values, "constraints"))
@@ -377,7 +377,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
 
 def study_schema() -> dict[str, Any]:
-    """JSON schema of study files; `limits` and `adjust` are a table or a list."""
+    """JSON schema of study files."""
     schema = file_schema(Study, "warpchain study file")
     bounds, limits = schema["properties"].pop("bounds"), schema["properties"]["limits"]
     table = {"$ref": limits.pop("$ref")}
@@ -395,7 +395,7 @@ def dumps_study(study: Study) -> str:
 
 
 def _plain_values(value: Any) -> Any:
-    """Plain values of a study's part, without empty tables and lists by default."""
+    """Plain values of a study's part, without empty tables."""
     if isinstance(value, Part):
         fields = type(value).model_fields
         inner = {name: _plain_values(getattr(value, name)) for name in fields}
@@ -405,7 +405,7 @@ def _plain_values(value: Any) -> Any:
 
 
 def check_base_drive(study: Study, drive: Drive, source: str) -> None:
-    """Raises StudyError where factors set, or `adjust` moves, what the base drive lacks."""
+    """Raises StudyError where a study does not fit its drive."""
     lines = []
     for factor in study.factors:
         for key, path in [*factor.target_paths(), *([("shift", factor.shift)] if factor.shift else [])]:
@@ -457,7 +457,7 @@ def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
 
 
 def _order_complaints(named: Sequence[tuple[str, str, Adjust]], drive: Drive) -> list[str]:
-    """Complaints if the last adjustment moves what earlier ones have put in place."""
+    """Complaints if an adjustment undoes earlier ones."""
     *earlier, (key, _, adjust) = named
     shafts = [shaft_of_sprocket(sprocket) for sprocket in drive.sprockets if sprocket.name == adjust.sprocket]
     moved = [sprocket for sprocket in drive.sprockets if shaft_of_sprocket(sprocket) in shafts]

@@ -67,7 +67,7 @@ _UpToMillion = Annotated[int, Field(strict=True, ge=1, le=1_000_000), Value("mus
 
 
 def metric_unit(name: Any) -> str:
-    """Unit of a metric's numbers in study files, or of its statistic's; "" for none."""
+    """Unit of a metric or its statistic, or ""."""
     if not isinstance(name, str):
         return ""
     found = unit_of_metric(metric_from_name(name))
@@ -113,12 +113,12 @@ class Design(Part):
 
     @property
     def replicate_way(self) -> str:
-        """Way in which runs of a row differ: "build", "phase" or "perturbation"."""
+        """Way in which runs of a row differ, "build" by default."""
         return self.replicate_by or REPLICATE_WAYS[0]
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Problems of a design's keys: each kind needs and takes its own."""
+        """Problems of a design's keys with its kind."""
         if node_value(node, "replicate_by") is not None and node_value(node, "replicates") is None:
             yield Problem(("replicate_by",), node_value(node, "replicate_by"), "only together with replicates")
         kind = node_value(node, "kind")
@@ -156,7 +156,7 @@ _COMPARISON_MARKS = ("<=", ">=", "==", "!=", "<", ">")
 
 
 def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, str]:
-    """Condition with plain numbers for quantities, "torque <= 2 kN m", and a complaint or ""."""
+    """Condition in plain numbers for quantities, and a complaint."""
     words = _CONDITION_MARKS.split(text)
     for k in range(0, len(words), 2):
         match = match_quantity(words[k].strip())
@@ -201,7 +201,7 @@ class Adjust(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Problems of an adjustment: what moves, and either a strain or a preload."""
+        """Problems of an adjustment's keys."""
         sprocket = node_value(node, "sprocket")
         if sprocket is None and node_value(node, "links") is None:
             yield Problem(("sprocket",), None, "missing; give the sprocket that moves, or links, or both", BARE)
@@ -227,7 +227,7 @@ def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]
 
 
 def adjustment_rules(node: Any) -> Iterator[Problem]:
-    """Problems of several adjustments: each must name a chain of its own."""
+    """Problems of several adjustments' chains."""
     adjusts = node_list(node, "adjust")
     chains: list[Any] = []
     for k, adjust in enumerate(adjusts if len(adjusts) > 1 else ()):
@@ -424,7 +424,7 @@ _METRIC_LISTS = {"objectives": "objectives", "bounds": "limits"}
 
 
 def _is_bound_entry(entry: Any) -> bool:
-    """Whether an entry of a file's list `limits` is a limit on a metric."""
+    """Whether an entry of `limits` is on a metric."""
     return not isinstance(entry, Mapping) or any(key in entry for key in _BOUND_KEYS)
 
 
@@ -457,7 +457,7 @@ def file_from_fields(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def objective_rules(node: Any) -> Iterator[Problem]:
-    """Problems of objectives and limits: no metric twice, and a search needs objectives."""
+    """Problems of a study's objectives and limits."""
     for key in _METRIC_LISTS:
         names: set[str] = set()
         for i, entry in enumerate(node_list(node, key)):

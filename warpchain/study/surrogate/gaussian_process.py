@@ -37,9 +37,9 @@ from warpchain.extras import require_extra
 from warpchain.study.results import Array
 
 MOST_ROWS, FIT_ROWS = 1000, 150
-"""Most rows of a process, and of the fit of its lengths; work grows as n^3."""
+"""Most rows of a Gaussian process, and of its lengths' fit."""
 RESTARTS, MOST_RESTART_ROWS = 2, 60
-"""Further starts of the search for lengths, and most rows for them."""
+"""Further starts of the lengths' fit, and most rows."""
 COSINES = 512
 ALLOWED_LENGTHS, ALLOWED_NOISES = (0.05, 50.0), (1e-7, 2.0)
 """Allowed lengths, over the range that was run, and noise v."""
@@ -79,24 +79,24 @@ class GaussianProcess:
 
     @property
     def run_variance(self) -> float:
-        """Variance of a further run about the metric, in the unit squared."""
+        """Variance of a further run about the metric."""
         return self.noise + float(np.mean(self.errors**2))
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean and deviation (R,) of the process without noise at rows (R, D), eq. (b)."""
+        """Mean and deviation (R,) of the process at rows (R, D), (b)."""
         with one_linear_algebra_thread():
             mean, variance = self.mean_and_variance(x)
         return mean, np.sqrt(variance)
 
     def mean_and_variance(self, x: Array) -> tuple[Array, Array]:
-        """Mean and variance (R,) of the process without noise at rows (R, D), (b), with all threads."""
+        """Mean and variance (R,) of the process on all threads, (b)."""
         across = self.kernel(x, self.x)
         inner = solve_triangular(self.factor, across.T, lower=True, check_finite=False)
         variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
         return self.center + self.scale * (across @ self.weights), self.scale**2 * variance
 
     def metric_draws(self, count: int, seed: int) -> Callable[[Array], Array]:
-        """Function from rows (R, D) to mean and draws (R, 1 + count) of the process, (d)."""
+        """Function from rows (R, D) to the process's mean and draws, (d)."""
         random = np.random.default_rng(seed)
         size, lengths = self.kernel.k1.constant_value, self.kernel.k2.length_scale
         width = self.x.shape[1]
@@ -117,7 +117,7 @@ class GaussianProcess:
             pull = np.column_stack([self.weights, cho_solve((self.factor, True), missed)])
 
         def posterior_draws(x: Array) -> Array:
-            """Mean and draws (R, 1 + count) of the process at rows (R, D)."""
+            """Mean and draws (R, 1 + count) of the process."""
             with one_linear_algebra_thread():
                 z = self.kernel(x, self.x) @ pull
                 z[:, 1:] += prior_draws(x)
@@ -126,7 +126,7 @@ class GaussianProcess:
         return posterior_draws
 
     def leave_one_out(self) -> tuple[Array, Array]:
-        """Mean and deviation (N,) of each row as predicted by the others, eq. (c)."""
+        """Mean and deviation (N,) of rows predicted by others, (c)."""
         with one_linear_algebra_thread():
             inverse = np.diag(cho_solve((self.factor, True), np.eye(len(self.x))))
             mean = self.z - self.weights / inverse

@@ -35,13 +35,13 @@ from warpchain.study.surrogate.surrogate_model import (
 SOBOL_ROWS = 1024
 """Number of rows A, a power of two."""
 NO_EFFECT_SCATTER = 0.95
-"""Scatter's part of the variance from which on replicates do not help."""
+"""Scatter's part of the variance that replicates do not help."""
 ROW_SETS, SET_DRAWS = 4, 25
 """Sets of rows, and draws for each set."""
 
 
 def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of a metric by the best available way, with the way in words.
+    """Sobol' indices of a metric by the best way, in words.
 
     Raises:
         StudyError: no Saltelli design nor surrogate that can be trusted, or rows selected by their results.
@@ -86,7 +86,7 @@ def _advice_text(results: Results, metric: str) -> str:
 
 
 def _indices_of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of the response surface, with the way in words; refused if it predicts badly."""
+    """Sobol' indices of a trusted response surface, and the way."""
     surface = fit_surface(results, metric)
     quality = f"predicted R\u00b2 = {surface.r2_predicted:.3f}"
     if not surface.is_trusted:
@@ -96,7 +96,7 @@ def _indices_of_surface(results: Results, metric: str, _: Surrogate | None) -> t
 
 
 def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of the Gaussian process, with the way in words; refused if it predicts badly."""
+    """Sobol' indices of a trusted Gaussian process, and the way."""
     model = surrogate or best_surrogate(results, metric)
     if model.kind != "gaussian":
         model = fit_surrogate(results, metric)
@@ -111,7 +111,7 @@ def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | No
 
 
 def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
-    """Sobol' indices of a Gaussian process, (a), for the factors' distributions or uniform ones."""
+    """Sobol' indices of a Gaussian process, (a)."""
     from scipy.stats import qmc
 
     features, process = surrogate.features, surrogate.model

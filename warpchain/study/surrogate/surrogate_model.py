@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SurrogateRows: TypeAlias = "pa.Table | Mapping[str, Sequence[Any]] | Iterable[Mapping[str, Any]]"
-"""Rows as a table, as columns by name, or as a mapping each."""
+"""Rows as a table, columns by name, or mappings."""
 SURROGATE_KINDS = ("gaussian", "quadratic")
 
 
@@ -97,7 +97,7 @@ def columns_of_rows(rows: SurrogateRows, names: Iterable[str]) -> dict[str, list
 
 
 def coordinates_of_results(results: Results) -> RowCoordinates:
-    """Surrogate coordinates of a study's rows by all factors that vary, tied ones once."""
+    """Surrogate coordinates of a study's rows by varying factors."""
     tied = results.factor_ties()
     axes = []
     for name in (factor for factor in results.factors if factor not in tied):
@@ -131,12 +131,12 @@ class QuadraticFit:
         return polynomial_terms(scaled_values(x, low, high), self.surface.powers)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean and deviation (R,) of the surface at factor values (R, A), eq. (a)."""
+        """Mean and deviation (R,) of the surface at (R, A), (a)."""
         leverage = np.linalg.solve(self.factor.T, self._surface_terms(x).T)
         return self.surface.predict(x), np.sqrt(self.run_variance * np.einsum("ij,ij->j", leverage, leverage))
 
     def leave_one_out(self) -> tuple[Array, Array]:
-        """Mean and deviation (N,) of each row as predicted by the others."""
+        """Mean and deviation (N,) of rows predicted by others."""
         inner = np.linalg.solve(self.factor.T, self._surface_terms(self.x).T)
         left = np.maximum(1.0 - self.weights * np.einsum("ij,ij->j", inner, inner), 1e-9)
         residual = self.y - self.surface.predict(self.x)
@@ -168,7 +168,7 @@ class CrossValidation:
 
     @property
     def q2(self) -> float:
-        """Part Q2 of the weighted variance that is predicted [-]; 1 is perfect."""
+        """Predicted part Q2 of the weighted variance [-]."""
         missed = self.observed - self.predicted
         weight = row_weights(self.errors, missed)
         total = float(weight @ (self.observed - np.average(self.observed, weights=weight)) ** 2)
@@ -176,7 +176,7 @@ class CrossValidation:
 
     @property
     def coverage(self) -> float:
-        """Part of the rows within 1.96 predicted deviations [-]; 0.95 if these are right."""
+        """Part of the rows within 1.96 predicted deviations [-]."""
         return float(np.mean(np.abs(self.observed - self.predicted) <= 1.96 * self.deviation))
 
 
@@ -206,7 +206,7 @@ class Surrogate:
         return {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[self.kind]
 
     def predict(self, rows: SurrogateRows, run: bool = False) -> tuple[Array, Array]:
-        """Mean and deviation (R,) of the surrogate's metric at rows, in its unit.
+        """Mean and deviation (R,) of the surrogate's metric at rows.
 
         Args:
             run: of a single further run, with its noise; else of the metric itself.
@@ -285,11 +285,11 @@ def fit_surrogate(
 
 
 MOST_PROCESS_ROWS = 300
-"""Variants from which on a good quadratic surface is preferred to a Gaussian process."""
+"""Variants from which on a quadratic surface is preferred."""
 
 
 def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Surrogate:
-    """Surrogate of a metric by a Gaussian process, or the quadratic surface if that does as well.
+    """Surrogate of a metric by Gaussian process or quadratic surface.
 
     Args:
         least: Q2 that it must have.
