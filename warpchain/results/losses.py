@@ -189,8 +189,7 @@ def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None
     """Driver speeds (V,) [rad/s] of a run's ok variants, ascending, and mean friction power (V,) [W] by group.
 
     None with fewer than three speeds, several chains, unlike drivers, or where nothing rubs. Variants must have the
-    parts
-    of the first.
+    parts of the first.
     """
     drive, table = run.drives[0], run.metrics
     names = {f"{of.sprockets[of.driver].name}.speed_mean" for of in run.drives}

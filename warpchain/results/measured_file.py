@@ -48,8 +48,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
     """Measured signal of a MAT (.mat), MDF (.mf4, .mdf), TDMS (.tdms) or text file, in SI.
 
     Dates and times of day count from the first. Instants without a value are left out, equal rounded times spread
-    evenly;
-    a warning says how many.
+    evenly; a warning says how many.
 
     Args:
         name: what was measured.

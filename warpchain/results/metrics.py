@@ -278,9 +278,8 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedCo
 
     Args:
         sums: "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A),
-            "tensioner"
-            (V, T); "batches" and "parts" by field, with (V, batches) durations [s]; "tension", counts (V, S + 1, bins),
-            links on no strand last, and edges (V, bins + 1) [N].
+            "tensioner" (V, T); "batches" and "parts" by field, with (V, batches) durations [s]; "tension", counts (V, S
+            + 1, bins), links on no strand last, and edges (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):

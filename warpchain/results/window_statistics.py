@@ -1,8 +1,8 @@
 """Statistics over a window of chaotic motion: quantiles from counts, standard error of a mean, drift of a mean.
 
-With B batches of about equal length, y_k their sums less the window's mean, over their usual weight, and
-X_j = sum y_k exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is the spectrum S(w_j) times an
-exponential variate, and the variance of the mean is S(0) (Heidelberger and Welch 1981):
+With B batches of about equal length, y_k their sums less the window's mean, over their usual weight, and X_j = sum y_k
+exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is the spectrum S(w_j) times an exponential variate,
+and the variance of the mean is S(0) (Heidelberger and Welch 1981):
 
     log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0))              (a)
 

@@ -1,8 +1,4 @@
-"""Forecast of a study before it runs: rows and runs, share of infeasible ones, cost, expected precision.
-
-Some rows are built and assembled. The rate comes from two short runs of different length, scatter from an earlier
-study.
-"""
+"""Forecast of a study before it runs: rows and runs, share of infeasible ones, cost, expected precision."""
 
 from __future__ import annotations
 
@@ -108,7 +104,7 @@ def forecast_study(
     """Forecast of a study: rows, runs, cost, precision.
 
     Args:
-        like: table of an earlier study with replicates, whose metrics scatter alike.
+        like: table of an earlier study with replicates.
         metrics: whose precision is wanted; none takes all.
         calibrate: measure the rate by short runs; else take stored rates.
     """

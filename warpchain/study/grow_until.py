@@ -109,7 +109,7 @@ def grow_until(
         report: called after each growth, and at the beginning.
 
     Raises:
-        StudyError: no folder, a design that does not grow, an unknown metric, or no variant that is ok.
+        StudyError: no folder, a design that does not grow, an unknown metric, or no ok variant.
     """
     folder = open_folder(Path(out))
     if folder.study.design.kind not in SAMPLED_DESIGNS:

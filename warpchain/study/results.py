@@ -317,7 +317,7 @@ def read_results(
     Args:
         source: a pyarrow table, or the path of a Parquet or CSV file.
         factors: columns that were varied; None takes those of role "factor".
-        metrics: columns that were measured; None takes every other numeric column, but no metric that qualifies others.
+        metrics: columns that were measured; None takes the other numeric ones that qualify no metric.
 
     Raises:
         StudyError: a table that cannot be read, a column that it lacks, or factors that are not marked.

@@ -1,7 +1,7 @@
 """Tables of a study on disk: read from Parquet and CSV, written whole or not at all, recognized by a digest.
 
 A note in the schema's metadata (key `warpchain`, JSON) has `table`, the name that the file was written under; `study`;
-`digest`, SHA-256 of names, types, metadata and values; `shape`; of a shard, `ended`, its rows' statuses.
+`digest`; `shape`; of a shard, `ended`, its rows' statuses.
 """
 
 from __future__ import annotations
@@ -77,12 +77,11 @@ def read_table(
 
     Args:
         columns: the digest is checked only if all are read.
-        study: identity of the study that the table must belong to; None accepts any.
+        study: identity of the study that the table must belong to.
         bounded: whether to refuse more than `MOST_ROWS` or `MOST_CELLS`.
 
     Raises:
-        StudyError: a file that is missing, of another kind or study, too long or damaged, a repeated column name, or
-            decimal commas; one line.
+        StudyError: a file that is missing, of another kind or study, too long or damaged, or with decimal commas.
     """
     import pyarrow as pa
 
@@ -220,8 +219,8 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
     """Writes a table as Parquet with a note, whole or not.
 
     Args:
-        keep: leave an existing file, so that the first of several processes decides.
-        study: identity of the study that the table belongs to.
+        keep: leave an existing file.
+        study: identity of the study.
         note_outcomes: whether the note lists the statuses of the rows.
 
     Raises:

@@ -4,9 +4,8 @@ A factor with G groups that takes up the part E of a metric's variance among R r
 
     F = E / (1 - E) (R - G) / (G - 1),                                                                        (a)
 
-noncentral F-distributed with the noncentrality R E' / (1 - E'), E' the part of infinitely many random rows; its
-interval is where F lies between the 2.5 % and 97.5 % points (Steiger 2004). The interval of a median is between the
-k-th values from either end, k by a binomial of 1/2 (Conover 1999, 3.2).
+noncentral F-distributed with the noncentrality R E' / (1 - E'), E' the part of infinitely many rows (Steiger 2004). The
+interval of a median is between the k-th values from either end, k by a binomial of 1/2 (Conover 1999, 3.2).
 """
 
 from __future__ import annotations
@@ -108,7 +107,7 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
     Tied factors are left out unless asked for.
 
     Raises:
-        StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
+        StudyError: too few usable variants, an unknown column, or rows that are no sample of the noise.
     """
     results.check_sampled()
     rows = results.usable_rows(metric)
@@ -211,8 +210,7 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
     """Pearson and Spearman correlation of numeric factors with metrics.
 
     Raises:
-        StudyError: no numeric factor that varies, fewer than three usable variants, or rows that are no sample of the
-            noise.
+        StudyError: no numeric factor that varies, too few usable variants, or rows that are no sample of the noise.
     """
     from scipy.stats import rankdata
 
@@ -250,7 +248,7 @@ def transformed(results: Results, metric: str, how: str) -> Results:
     """Results with a metric replaced by its rank or logarithm.
 
     Args:
-        how: "rank" (of the ok variants, 1 the lowest, ties share their mean) or "log".
+        how: "rank" (of the ok variants, 1 the lowest) or "log".
 
     Raises:
         StudyError: another word, or values without a logarithm.
@@ -321,7 +319,7 @@ def median_effects(results: Results, metric: str) -> list[MedianEffect]:
     """Medians of a metric over groups of each factor.
 
     Raises:
-        StudyError: fewer than two usable variants, an unknown column, or rows that are no sample of the noise.
+        StudyError: too few usable variants, an unknown column, or rows that are no sample of the noise.
     """
     results.check_sampled()
     y, tied = results.values(metric), results.factor_ties()

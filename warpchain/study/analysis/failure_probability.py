@@ -5,13 +5,10 @@ tenth, or more where g has steps) is beyond the next lower one (Au and Beck 2001
 
     P = p_1 p_2 ... p_(m-1) (n_f / n),                                                                       (a)
 
-n_f of n samples of the last level failing. Samples of a level are chains from those beyond its threshold, of steps
-v = r u + sqrt(1 - r^2) x, accepted where g(v) <= b, r such that 44 % are (Papaioannou et al. 2015). R repetitions are
-log-normal; with m and s mean and deviation of their logarithms (Olsson 2005),
+n_f of n samples of the last level failing. Samples are chains of steps v = r u + sqrt(1 - r^2) x (Papaioannou et al.
+2015). R repetitions are log-normal; with m and s mean and deviation of their logarithms (Olsson 2005),
 
     log P = m + s^2 / 2 +- t sqrt(s^2 / R + s^4 / (2 (R - 1))),      t Student's of R - 1, 98 %.             (b)
-
-This covers 95 % on closed forms.
 """
 
 from __future__ import annotations
@@ -70,7 +67,7 @@ def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int,
         repeats: R, at least 3.
 
     Raises:
-        StudyError: no failure within `MOST_LEVELS` levels, or all samples of `MOST_BATCHES` have the same g.
+        StudyError: no failure within `MOST_LEVELS`, or all of `MOST_BATCHES` have the same g.
     """
     rng, seeds = np.random.default_rng(seed), round(LEVEL_SHARE * count)
     u = rng.standard_normal((repeats, count, dimensions))
@@ -130,7 +127,6 @@ def _level_samples(
     Args:
         start: first sample of each chain (R, seeds, D), and g there.
         limit: (R,) threshold.
-        length: samples of a chain.
     """
     u, g = start
     repeats, seeds, dimensions = u.shape
@@ -160,7 +156,7 @@ def _lognormal_interval(logs: Array) -> tuple[float, float]:
 def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
     """Design points (K, D), likeliest failures by direction, and evaluations of g.
 
-    Each comes from the nearest failed point by steps of Hasofer, Lind, Rackwitz and Fiessler.
+    They are found by steps of Hasofer, Lind, Rackwitz and Fiessler.
     """
     points, evaluations = nearest_by_direction(failed), 0
     for _ in range(DESIGN_POINT_STEPS):

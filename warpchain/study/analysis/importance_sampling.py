@@ -4,13 +4,12 @@ u is standard normal (D,) with density phi; failures are those of repetitions of
 
     q(u) = a phi(u) [|u| > r] / P(|u| > r) + (1 - a) sum_k s_k N(u; m_k, C_k),                               (a)
 
-and P = mean(w(u), failing), w = phi / q (Kurtz and Song 2013). The first part, r just below the nearest failure
-(Harbitz 1986), bounds weights. m_k and C_k are mean and covariance of the failures in a direction, eigenvalues at
-least 1. Shrinkage of C_k, number of directions, and a make
+and P = mean(w(u), failing), w = phi / q (Kurtz and Song 2013), r just below the nearest failure (Harbitz 1986), m_k and
+C_k mean and covariance of the failures in a direction. Shrinkage of C_k, directions, and a make
 
     E_q[w^2, failing] = P E[w | failure]                                                                     (b)
 
-least over failures of repetitions that the mixture was not fitted to.
+least over failures of repetitions outside the fit.
 """
 
 from __future__ import annotations
@@ -165,10 +164,7 @@ def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, see
 
 
 def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
-    """Failure estimate of both methods together, or the reason for none.
-
-    None is given if their intervals do not overlap.
-    """
+    """Failure estimate of both methods together, or the reason for none."""
     if isinstance(sampled, str):
         return subset
     if sampled.low > subset.high or subset.low > sampled.high:

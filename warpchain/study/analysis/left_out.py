@@ -1,12 +1,11 @@
 """Rows that an analysis leaves out, and parts of the factors' ranges that are lost with them.
 
-Suspect and diverged rows are left out by their own results. Factors are not ranked if more than `MOST_LEFT_OUT` of the
-rows that ran are, or if the loss goes along with a factor or the metric by the statistic of Kolmogorov and Smirnov,
+Factors are not ranked if more than `MOST_LEFT_OUT` of the rows that ran are left out, or if the loss goes along with a
+factor or the metric by the statistic of Kolmogorov and Smirnov,
 
     D = max |F_out(x) - F_in(x)|,                                                                             (a)
 
-for words by chi-square; chances are multiplied by the number of tests. The lost part is the side of the x of (a) where
-rows were left out more often.
+for words by chi-square; chances are multiplied by the number of tests.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """Designs compared over noise: a row a design with means, deviations and quantiles of its runs.
 
-Quantiles are weighted sums of sorted runs (Harrell and Davis 1982). A run's contribution to a statistic T is its
-jackknife pseudo-value (Efron 1982), with T_k the statistic without run k,
+A run's contribution to a statistic T is its jackknife pseudo-value (Efron 1982), with T_k the statistic without run k,
 
     J_k = T + (n - 1) (mean(T_1 .. T_n) - T_k);                                                               (a)
 
-T's standard error is the deviation of T_k times sqrt(n - 1). Two designs over the same noise are compared by the
-differences of their J (`analysis.paired`). The part of a spread that comes of noise factor i is (Li et al. 2010), for
-an additive fit y = sum f_i(z_i) of p_i terms each and scatter s^2,
+T's standard error is the deviation of T_k times sqrt(n - 1). Two designs are compared by the differences of their J
+over the same noise. The part of a spread that comes of noise factor i is (Li et al. 2010), for an additive fit y = sum
+f_i(z_i) of p_i terms each and scatter s^2,
 
     S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)).                                                 (b)
 """
@@ -86,9 +85,7 @@ class Designs(Results):
     def sure_sign(self, first: int, second: int, name: str) -> int | None:
         """Sign of two designs' difference in a statistic, 0 if not sure.
 
-        None for a design factor, or with too few pairs. Sure is what 95 % intervals show, and of means and quantiles
-        what all
-        pairs agree in.
+        None for a design factor, or with too few pairs.
         """
         statistic = statistic_from_name(name)
         if statistic is None:
@@ -153,7 +150,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
         noise: names of the noise factors; None takes those that the table marks.
 
     Raises:
-        StudyError: a metric that the table lacks, designs of too few runs, or runs that are no sample of the noise.
+        StudyError: a metric that the table lacks, too few runs, or runs that are no sample of the noise.
     """
     import pyarrow as pa
 

@@ -1,22 +1,21 @@
 """Mean of paired differences with an interval that may be looked at after every pair.
 
 The intervals after n pairs are a confidence sequence: all together hold the mean with the level 1 - alpha. With mean m
-and deviation s of n differences, and the effect mu / sigma normal with variance 1 / L beforehand, the likelihood of mu
-against all others is a martingale of t = (m - mu) sqrt(n) / s (Lai 1976; Wang and Ramdas 2024, arXiv:2310.03722),
+and deviation s of n differences, and mu / sigma normal with variance 1 / L beforehand, the likelihood of mu against all
+others is a martingale of t = (m - mu) sqrt(n) / s (Wang and Ramdas 2024, arXiv:2310.03722),
 
     B = sqrt(k) ((1 + k x) / (1 + x))^(-n/2),   k = L / (L + n),   x = t^2 / (n - 1),                         (a)
 
 which reaches 1 / alpha with a probability of alpha at most (Ville 1939). Solved for t,
 
-    mean = m +- s / sqrt(n) sqrt((n - 1) (1 - r) / (r - k)),   r = (alpha^2 k)^(1/n).                         (b)
+    mean = m +- s / sqrt(n) sqrt((n - 1) (1 - r) / (r - k)),   r = (alpha^2 k)^(1/n),                         (b)
 
-It is exact for normal differences, asymptotic for others, and wider by 25 G^2 / n below n = 25 G^2, G the skewness
-(Cochran 1977, sec. 2.15). With 1 - alpha, no event is missing from n pairs that is likelier than
+wider by 25 G^2 / n below n = 25 G^2, G the skewness (Cochran 1977, sec. 2.15). With 1 - alpha, no event is missing from
+n pairs that is likelier than (Hanley and Lippman-Hand 1983)
 
-    q = 1 - alpha^(1/n)                                                                                      (c)
+    q = 1 - alpha^(1/n).                                                                                     (c)
 
-(Hanley and Lippman-Hand 1983). If rare events change a difference by e at most, they shift the mean by q e at most; the
-sign is sure where abs(m) exceeds the half width of (b) and q e together, each at alpha / 2.
+If rare events change a difference by e at most, the sign is sure where abs(m) exceeds (b) and q e together.
 """
 
 from __future__ import annotations
@@ -117,7 +116,7 @@ def mean_difference(differences: Array, level: float, event: float | None = None
 
     Args:
         level: of the interval, eq. (b), and of the sign.
-        event: change of a difference by rare events; None takes `EVENT_DEVIATIONS`.
+        event: change of a difference by rare events.
     """
     n, mean, deviation = len(differences), float(differences.mean()), float(differences.std(ddof=1))
     off = differences - mean

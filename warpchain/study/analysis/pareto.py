@@ -67,7 +67,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
     """Indices (P,) of rows on the Pareto front, by the first objective.
 
     Args:
-        results: only variants that are ok and have all metrics compete.
+        results: only ok variants with all metrics compete.
         objectives: "min" or "max" by metric.
 
     Raises:

@@ -5,8 +5,7 @@ s_j^2(u); measured were y_j, with standard deviation e_j. Then
 
     log p(u | y) = -|u|^2 / 2 - 1/2 sum_j [ (y_j - m_j)^2 / v_j + log v_j ] + const,    v_j = s_j^2 + e_j^2.       (a)
 
-An eigenvector of the samples' covariance, of value l, combines unknowns whose deviation is left at sqrt(l) of the
-prior's: near 1, it is not identified. emcee moves an ensemble by differences of its members (ter Braak 2006).
+An eigenvector of the samples' covariance, of value near 1, is a direction that is not identified.
 """
 
 from __future__ import annotations

@@ -8,13 +8,10 @@ Of the variance of single runs, scatter is the part s^2 / (s^2 + b^2), b^2 that 
 
     b^2 = (B - s^2) / n_0,   B = sum n_i (y_i - y)^2 / (R - 1),   n_0 = (N - sum n_i^2 / N) / (R - 1).          (b)
 
-B / s^2 is F-distributed with R - 1 and nu degrees of freedom times 1 + n_0 b^2 / s^2. The mean of n runs is known to
-t s / sqrt(n), t Student's for 95 %. With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all rows say
-(Smyth 2004), d_0 and s_0^2 by the moments of log s_i^2:
+B / s^2 is F-distributed times 1 + n_0 b^2 / s^2. With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all
+rows say (Smyth 2004), d_0 and s_0^2 by the moments of log s_i^2:
 
     s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i).                                                             (c)
-
-Rows are weighted by 1 / (t^2 + e_i^2), t^2 the variance of what a fit misses beyond the errors.
 """
 
 from __future__ import annotations
@@ -73,7 +70,7 @@ class PureError:
         """Length of the window [s] for a mean to +- `precision`.
 
         Args:
-            window: of the runs [s], longer than what means fluctuate with.
+            window: of the runs [s].
 
         Raises:
             StudyError: a precision that is not positive.
@@ -112,11 +109,11 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
     """Pure error of a metric, its scatter between equal runs.
 
     Args:
-        results: of a study with replicates, or with several rows of equal factors.
+        results: with replicates, or several rows of equal factors.
         rows: (R,) rows to use; None takes those that are ok.
 
     Raises:
-        StudyError: no row has several runs, all runs of a row are the same, or the rows are no sample of the noise.
+        StudyError: no row has several runs, all are the same, or the rows are no sample of the noise.
     """
     from scipy.special import fdtri
 
@@ -212,12 +209,12 @@ def _moderated_errors(errors: Array, counts: Array) -> Array:
 
 
 def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
-    """Weights (R,) of rows in a fit, 1 / (t^2 + e^2).
+    """Weights (R,) of rows in a fit, 1 / (t^2 + e^2), t^2 what the fit misses.
 
     Args:
-        errors: (R,) standard errors; None, or a NaN among them, weighs all rows alike.
+        errors: (R,) standard errors e; None, or a NaN among them, weighs all rows alike.
         missed: (R,) residuals of the fit.
-        left: part of a row's variance in its residual, 1 less its leverage.
+        left: part of a row's variance in its residual.
     """
     from scipy.optimize import brentq
 

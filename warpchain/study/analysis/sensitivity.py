@@ -1,8 +1,7 @@
 """Sobol' indices: the part of a metric's variance that each factor causes, alone and with its interactions.
 
-A Saltelli design (`saltelli_table`) gives them without a model (Saltelli et al. 2010). Any other design gives those of
-a Gaussian process (`study.surrogate.indices`) or its response surface: with independent factors of mean m_i and
-variance v_i,
+A Saltelli design (`saltelli_table`) gives them without a model (Saltelli et al. 2010), else a Gaussian process
+(`study.surrogate.indices`) or response surface: with independent factors of mean m_i and variance v_i,
 
     V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   V_ij = b_ij^2 v_i v_j,                     (a)
 
@@ -99,7 +98,6 @@ def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | No
     """Factors of a study file, as tables, from a SALib problem.
 
     Args:
-        problem: names and bounds, and dists if they are not uniform.
         paths: key path into the drive by name; None are the names.
 
     Raises:
@@ -146,10 +144,10 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
 
     Args:
         base: a power of two.
-        second_order: also with the rows of second-order indices.
+        second_order: also the rows of second-order indices.
 
     Raises:
-        StudyError: no SALib, a base that is no power of two, or a problem that SALib refuses.
+        StudyError: no SALib, another base, or a problem that SALib refuses.
     """
     import pyarrow as pa
 
@@ -171,7 +169,7 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
 def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
     """Rows of a Saltelli design's block; 0 of another design.
 
-    A block is a row of A, then A with each factor in turn from B (in the longer one also the reverse), and B's row.
+    A block is a row of A, A with each factor in turn from B (or also the reverse), and B's row.
     """
     count = len(factors)
     if count < 2:

@@ -4,13 +4,12 @@ With factors scaled to -1 .. 1 over the range that was run (x),
 
     y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
 
-A factor of two values has no square. Predicted R2 is from each variant left out once (PRESS). Rows that are means of
-several runs are weighted (`pure_error.row_weights`). With m rows, T terms and residuals e, the coefficients' covariance
-is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T). If equal runs scatter with the variance s^2,
+With m rows, T terms, weights W and residuals e, the coefficients' covariance is s_r^2 (X' W X)^-1, s_r^2 = sum w_i
+e_i^2 / (m - T). If equal runs scatter with the variance s^2,
 
     F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
 
-tests the form of the surface with m - T and nu degrees of freedom.
+tests the form of the surface. Predicted R2 leaves out each variant once (PRESS).
 """
 
 from __future__ import annotations
@@ -127,10 +126,10 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
     """Response surface fitted to a metric, quadratic or a plane.
 
     Args:
-        factors: numeric factors; None takes all that vary independently.
+        factors: None takes all numeric ones that vary independently.
 
     Raises:
-        StudyError: no numeric factor, too few variants for a plane, or factors that the design does not separate.
+        StudyError: no numeric factor, too few variants, or factors that the design does not separate.
     """
     chosen = tuple(factors or results.independent_factors())
     rows = results.usable_rows(metric, chosen)

@@ -1,7 +1,6 @@
 """Designs of experiments: the table of a study's rows, before anything is simulated.
 
-Latin hypercube, Sobol' and Halton points are scrambled by the study's seed. A central composite design has 2^k corners,
-2 k axial points and center points (Box and Wilson 1951).
+A central composite design has 2^k corners, 2 k axial points and center points (Box and Wilson 1951).
 """
 
 from __future__ import annotations
@@ -43,8 +42,8 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
     """Design table of a study: variant, factors, status, reason.
 
     Args:
-        source: the study file: tables are relative to it, and errors name it.
-        before: numbers of points that a Latin hypercube had before it grew.
+        source: the study file, to which tables are relative.
+        before: numbers of points of a Latin hypercube before it grew.
 
     Raises:
         StudyError: too many rows or dimensions, or a table that cannot be used.
@@ -207,7 +206,7 @@ def plackett_burman_points(count: int) -> Array:
 def hadamard_matrix(size: int) -> Array | None:
     """Hadamard matrix with a first column of ones, or None.
 
-    For a prime q = size - 1 with q = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal, -1 on it.
+    For a prime q = size - 1 = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal (Paley).
     """
     if size in (1, 2):
         return np.array([[1.0, 1.0], [1.0, -1.0]])[:size, :size]

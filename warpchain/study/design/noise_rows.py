@@ -1,15 +1,13 @@
 """Noise rows, the same for every design, and designs crossed with them.
 
-Noise is a Latin hypercube whose columns are reordered so that they do not correlate by chance (Iman and Conover 1982).
-With scores S (n, d), normal quantiles of ranks in random order, and T their correlation, values take the order of
+Noise is a Latin hypercube without chance correlations (Iman and Conover 1982): with scores S (n, d), normal quantiles
+of ranks in random order, and T their correlation, values take the order of
 
-    R = S chol(T)^-T,                                                                                        (a)
+    R = S chol(T)^-T.                                                                                        (a)
 
-repeatedly. Factors whose ranks correlate as r are tied by a Gaussian copula: of points u of the unit cube,
+Factors whose ranks correlate as r are tied by a Gaussian copula (Pearson 1907): of points u of the unit cube,
 
-    v = Phi(chol(C) Phi^-1(u)),   C = 2 sin(pi r / 6),                                                       (b)
-
-is uniform, with ranks that correlate as r (Pearson 1907).
+    v = Phi(chol(C) Phi^-1(u)),   C = 2 sin(pi r / 6).                                                       (b)
 """
 
 from __future__ import annotations

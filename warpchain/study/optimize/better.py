@@ -1,9 +1,8 @@
 """`warpchain better`: finds the better of two drives over a study's noise, by pairs of runs until it is sure.
 
-    A/  B/   folders of the runs of each drive, as those of searches (`design_search`): their n-th rows are a pair
+    A/  B/   folders of the runs of each drive: their n-th rows are a pair, with the same noise
 
-A pair has the same noise and begins in the same ways; design factors are held at each drive's values. The same study
-asks for the same runs, so that it can be resumed.
+Design factors are held at each drive's values. The same study asks for the same runs, so that it can be resumed.
 """
 
 from __future__ import annotations
@@ -133,14 +132,14 @@ def find_better(
 
     Args:
         source: the study file, with noise factors.
-        drives: files of A and B, or names of examples; the study's own drive is not run.
+        drives: files of A and B, or names of examples.
         out: the folder; made if there is none.
         by: metric, level and budget.
         progress: True shows a bar for each batch; see `StudySession.evaluate`.
         report: called after each batch.
 
     Raises:
-        StudyError: an error of the study or a drive, a folder of another study, or runs that are not ok.
+        StudyError: an error of the study or a drive, another study's folder, or runs that are not ok.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
     benches = first, second = tuple(

@@ -4,11 +4,11 @@
     rounds/NNNN/                a round of runs (`optimize.study_session`), all recorded
     rounds/NNNN/normals.parquet its rows as independent standard normals
     results.parquet             all runs
-    posterior.csv               samples of the unknowns, to be the noise of other studies
+    posterior.csv               samples of the unknowns
     calibrated.toml             the drive at the posterior's means
 
-The first round is spread over the prior, each next is drawn from the posterior by Gaussian processes of the measured
-numbers; the last only checks these. The processes' own noise counts as an error of the measurement.
+The first round is spread over the prior, each next drawn from the posterior by Gaussian processes of the measured
+numbers; the last only checks these.
 """
 
 from __future__ import annotations
@@ -326,7 +326,7 @@ def calibrate(
         report: called with a line after each round.
 
     Raises:
-        StudyError: an error of the study, a folder of another one, or runs that are not ok.
+        StudyError: an error of the study, another study's folder, or runs that are not ok.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
     from scipy.stats import norm, qmc

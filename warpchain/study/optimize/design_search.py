@@ -1,14 +1,13 @@
 """`warpchain optimize`: rounds of rows in a folder up to the count, then recommended designs.
 
-    study.toml  drive.toml    the study and its base drive, as they were when the folder was made
-    drive-text.toml           text of the drive's file, with its comments, for drive files of designs
-    rounds/NNNN/              a round: a study's folder of the rows whose drives were not run yet
+    study.toml  drive.toml    the study and its base drive
+    drive-text.toml           text of the drive's file
+    rounds/NNNN/              a round: a study's folder of the rows not run yet
     rounds/NNNN/rows.parquet  all rows of the round; it is done when this is there
     results.parquet           the rows of all rounds that are done
     recommended/NNNN/         recommended designs after so many rows: design-K.toml, and their recordings
 
-The next rows follow from the study and the rows before, bit by bit, so that a search can be resumed after any end, and
-`optimize.count` raised.
+The next rows follow from the study and the rows before, bit by bit, so that a search can be resumed.
 """
 
 from __future__ import annotations
@@ -80,10 +79,10 @@ def optimize(
         out: the folder; made if there is none.
         progress: True shows a bar for each round; see `StudySession.evaluate`.
         report: called with a line after each round.
-        known: folders of studies and searches whose rows are not run again.
+        known: folders of studies whose rows are not run again.
 
     Raises:
-        StudyError: an error of the study, a folder of another one, a package that is missing, or no row that is ok.
+        StudyError: an error of the study, another study's folder, a missing package, or no row that is ok.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
     bench = StudySession(source, out, workers=workers, memory=memory)

@@ -1,7 +1,4 @@
-"""Optimizer: search for a study's next rows by ask and observe, from the rows that were run.
-
-The same study, seed and results give the same rows, bit by bit.
-"""
+"""Optimizer: search for a study's next rows by ask and observe, from the rows that were run."""
 
 from __future__ import annotations
 
@@ -106,8 +103,7 @@ class Optimizer:
         """Next rows to run, values by factor, of the search.
 
         Args:
-            count: designs, each with every row of noise; None takes `optimize.batch`. The design and generations of a
-                population come whole.
+            count: designs; None takes `optimize.batch`. The design and generations of a population come whole.
         """
         if not self._tables:
             return make_design(self.study, self._source).select([f.name for f in self.study.factors]).to_pylist()

@@ -1,8 +1,7 @@
 """Recommended designs out of the rows that were run, with estimates of their metrics and reasons.
 
-Rows that were run once are compared by surrogates, as the best of many that scatter is so partly by luck. With noise,
-rows are designs and metrics statistics of their runs (`analysis.over_noise`). None is recommended that another design
-beats: surely better in one objective, over the same noise, and no worse in any.
+Rows that were run once are compared by surrogates. With noise, rows are designs and metrics statistics of their runs.
+None is recommended that another design beats: surely better in one objective, and no worse in any.
 """
 
 from __future__ import annotations
@@ -137,10 +136,7 @@ def judge_rows(results: Results, goals: Goals) -> JudgedRows:
 
 
 def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
-    """Rows (P,) on the Pareto front of estimates.
-
-    If any is on the front as measured, too, only such rows.
-    """
+    """Rows (P,) on the Pareto front of estimates, and as measured if any."""
     rows = np.flatnonzero(judged.held)
     front = rows[is_non_dominated(judged.costs[rows])] if len(rows) else rows
     both = np.intersect1d(front, rows[is_non_dominated(judged.measured[rows])]) if len(rows) else rows

@@ -1,14 +1,11 @@
 """`warpchain risk`: probability that a drive breaks a limit on a metric over its noise, and the likeliest ways.
 
-    study.toml  drive.toml   the study and its base drive
-    rounds/NNNN/             a batch of runs (`optimize.study_session`)
-    results.parquet          all runs, marked as no sample of the noise
-    risk.json                the estimates
-    played/                  a recording of the most likely way to fail
-    today/                   the same of the study's own drive, today's design, where another one was asked for
-
-Noise factors are made of independent standard normals; design factors are held at the drive's values. The same study
-asks for the same runs, so that it can be resumed.
+study.toml  drive.toml   the study and its base drive
+rounds/NNNN/             a batch of runs (`optimize.study_session`)
+results.parquet          all runs, marked as no sample of the noise
+risk.json                the estimates
+played/                  a recording of the most likely way to fail
+today/                   the same of the study's own drive, if another one was asked for
 """
 
 from __future__ import annotations
@@ -175,12 +172,12 @@ def estimate_risk(
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
         out: the folder; made if there is none.
-        drive: file or example; the study's own, today's design, is then estimated as well. None is the study's own.
+        drive: file or example, beside which the study's own is estimated; None is that alone.
         progress: True shows a bar for each batch; see `StudySession.evaluate`.
         report: called with a line on what is to be run, and one after each batch.
 
     Raises:
-        StudyError: an error of the study, a folder of another one, or no estimate, as failures are too unlikely.
+        StudyError: an error of the study, another study's folder, or failures too unlikely.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """
     say = report or (lambda line: None)

@@ -161,7 +161,7 @@ class StudySession:
 
         Raises:
             StudyError: a factor is missing, or a folder or disk that refuses.
-            KeyboardInterrupt: the user stopped it; what is done stays, if there is a folder.
+            KeyboardInterrupt: the user stopped it; what is done stays in the folder.
         """
         if self.folder is not None:
             return self.run_round(finished_round_count(self.folder), rows, progress)

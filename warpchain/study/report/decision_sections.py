@@ -392,7 +392,7 @@ def write_recommended_drives(
     """Writes recommended designs as drive files; returns these.
 
     Args:
-        folder: the study's, with study file and base drive, at whose values noise factors are.
+        folder: the study's, with study file and base drive.
         designs: rows that were compared, or designs over noise.
 
     Raises:

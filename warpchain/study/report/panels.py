@@ -1,7 +1,7 @@
 """Panels, figures of a study as data, and the HTML page whose script draws them.
 
-A panel is a mapping: `title`, `x` and `y` (each with `label`, `words` or `range`), and `series`, each of a `kind` that
-`page.js` draws. Values are in the units that are shown.
+A panel is a mapping: `title`, `x` and `y` (each with `label`, `words` or `range`), and `series` of a `kind` that
+`page.js` draws.
 """
 
 from __future__ import annotations
@@ -234,8 +234,8 @@ def interaction_panels(
     """Panels of a metric's means over two factors.
 
     Args:
-        found: main effects, of whose first three factors all pairs are drawn.
-        together: pairs that are drawn before these.
+        found: main effects, whose first three factors are drawn.
+        together: pairs drawn before these.
     """
     axis, panels = ShownColumn(results, metric), []
     factors = [effect.factor for effect in found if results.is_numeric(effect.factor)]
@@ -342,10 +342,7 @@ def _dot_rows(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def surrogate_panels(results: Results, found: Surrogate, checked: CrossValidation) -> list[Panel]:
-    """Panels of a surrogate's cuts along factors, and its cross-validation.
-
-    Variants that are not ok are dots of another color.
-    """
+    """Panels of a surrogate's cuts along factors, and its cross-validation."""
     axis, middle = ShownColumn(results, found.metric), _middle_row(results, found)
     cuts: list[tuple[float, Panel]] = []
     dots = _dot_rows(results.usable_rows(found.metric))

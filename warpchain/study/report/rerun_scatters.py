@@ -51,9 +51,9 @@ def view_study(
 
     Args:
         recorded: trajectories to play, by variant.
-        factors: across the scatters; none takes the numeric ones that explain most.
+        factors: across the scatters; none takes those that explain most.
         metrics: up the scatters; none takes the telling ones.
-        objectives: "min" or "max" by metric; drawn too, with the Pareto front or the best marked unless there is noise.
+        objectives: "min" or "max" by metric; drawn with the best or the Pareto front marked.
         save: file (.rrd) to write instead of opening the viewer.
 
     Raises:

@@ -91,8 +91,7 @@ def study_report_html(
 
     Args:
         metrics: to show; none takes the objectives and the telling ones.
-        objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`, or else the first two
-            metrics, both low.
+        objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted` or two metrics.
         notes: further lines about the study, by name.
         wanted: objectives and limits of the study file, and its folder.
 
@@ -262,12 +261,10 @@ def _verdict_text(
 ) -> str:
     """Sentence on the factor that stands out in a metric's variance.
 
-    A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors. If none does, pairs
-    that act
-    together are named.
+    A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors.
 
     Args:
-        chance: part of the variance that is scatter between equal runs.
+        chance: scatter's part of the variance.
     """
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if not effects:

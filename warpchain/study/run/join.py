@@ -1,7 +1,6 @@
 """Joins several studies' folders to one: the rows of all, each once, numbered through; the folders stay as they are.
 
-They must have one drive, the same factors with whatever ranges, and the same run settings. Drives that only begin
-differently (`run.phase`) get a hidden factor for that.
+They must have one drive, the same factors with whatever ranges, and the same run settings.
 """
 
 from __future__ import annotations
@@ -207,13 +206,12 @@ def join_studies(
     """Joins studies' folders into a new one; returns status and rows.
 
     Args:
-        folders: two or more, finished or not; `run_study(OUT/study.toml, OUT)` runs what is left.
+        folders: two or more, finished or not.
         out: the folder to make; it appears whole or not at all.
         workers, memory: for worst variants still to be recorded; see `run_study`.
 
     Raises:
-        StudyError: fewer than two folders, studies that do not run the same, an existing `out`, or a folder or disk
-            that refuses.
+        StudyError: one folder, studies that do not run the same, an existing `out`, or a disk that refuses.
     """
     target = Path(out)
     if len(folders) < 2:

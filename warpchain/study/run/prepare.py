@@ -1,7 +1,7 @@
 """Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder.
 
 Growing adds a plan. More points or replicates only add runs. Another duration or window runs all rows once more, from
-kept states at the end of earlier runs; the tables before stay, as `results.before-K.parquet`.
+kept states at the end of earlier runs.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def read_study(
     """Study, base drive and design table, read and checked.
 
     Args:
-        base: file of another base drive, or the name of an example; None is the study's own.
+        base: another base drive's file or example.
 
     Raises:
         StudyError: a line for each error.

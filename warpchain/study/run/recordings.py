@@ -42,10 +42,10 @@ def recorded_trajectories(
     """Trajectories of recorded variants, by variant.
 
     Args:
-        variants: None takes the first `MOST_RECORDINGS` recorded ones, or the worst.
+        variants: None takes the first `MOST_RECORDINGS`, or the worst.
 
     Raises:
-        StudyError: a variant that was not recorded, an archive of another study or shard.
+        StudyError: a variant that was not recorded, or another study's archive.
         ArchiveError: an archive that cannot be read.
     """
     from warpchain.archive import read_archive
@@ -84,7 +84,7 @@ def results_with_objectives(results: Results, folder: str | Path, woehler: Woehl
     Raises:
         StudyError: nothing was recorded.
         ArchiveError: an archive that cannot be read.
-        SimulationError: a recording with fewer than three frames in the window.
+        SimulationError: fewer than three frames in the window.
     """
     import pyarrow as pa
 

@@ -1,7 +1,7 @@
 """Drives of a study's rows: values set in the base drive, parts shifted, then adjusted so that the chain fits.
 
-A sprocket's place on a line, or the number of links, is adjusted for a strain of the strands' links at assembly; a
-preload T is the strain T / (k p).
+A sprocket's place or the number of links is adjusted for a strain of the strands' links; a preload T is the strain T /
+(k p).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: Dri
     """Drive of a study's row before adjustments.
 
     Args:
-        changes: of the base drive, if drives of many rows are made.
+        changes: of the base drive, for many rows.
 
     Raises:
         DriveError: a value that the drive refuses.

@@ -1,7 +1,6 @@
 """Runs a study: the shards that are left, the second pass for the worst variants, the whole table.
 
-Shards run here, or on any executor of `concurrent.futures`, such as a Dask scheduler's (extra `dask`). After any end,
-the same call goes on from where it was.
+Shards run here, or on any executor of `concurrent.futures`, such as a Dask scheduler's (extra `dask`).
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     """Executor of a Dask scheduler, and its number of workers.
 
     Raises:
-        StudyError: dask.distributed is not installed, no scheduler answers, or a shard has ended several workers.
+        StudyError: no dask.distributed, no answer, or a shard has ended several workers.
     """
     require_extra("dask", "--scheduler", StudyError)
     from distributed import Client, KilledWorker
@@ -209,10 +208,7 @@ def means_of_replicates(table: pa.Table) -> pa.Table:
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """Most extreme variants (number, copy) to record in a second pass.
-
-    Rows are ranked by the mean of their copies; of the copies, the most extreme one is recorded.
-    """
+    """Most extreme variants (number, copy) to record, by the mean of their copies."""
     worst = study.record.worst
     assert worst is not None  # asked for
     if worst.metric not in table.column_names:
@@ -280,19 +276,16 @@ def run_study(
         source: the study file.
         out: the study's folder; made if there is none.
         executor: runs the shards; its workers must see the folder under the same name. None runs them here.
-        part: (i, n) runs only the shards k with k mod n = i, and leaves the second pass and the whole table to
-            `merge_study`.
-        parts: workers to keep busy: unless the study states `run.shard`, no shard of a new folder has more than
-            rows / parts rows, rounded up.
+        part: (i, n) runs only the shards k with k mod n = i, and leaves the rest to `merge_study`.
+        parts: workers to keep busy: no shard of a new folder has more than rows / parts rows.
         workers: CPU threads of a shard; None takes all cores.
         memory: budget of a shard [bytes].
-        grow: let a folder grow that holds the same study with fewer points, fewer replicates, or another duration or
-            window (`study.run.prepare`).
-        progress: True shows a bar; a function is called with (phase, done, total): "compiling", in kernels; "running"
-            and, for the second pass of `record.worst`, "recording", in variants.
+        grow: let a folder grow that holds fewer points or replicates, or another duration or window.
+        progress: True shows a bar; a function gets (phase, done, total): "compiling", in kernels; "running" and
+            "recording" (of `record.worst`), in variants.
 
     Raises:
-        StudyError: an error of the file, or a folder of another study; one line each.
+        StudyError: an error of the file, or a folder of another study.
         WarpchainError: what stopped a shard; what is done stays.
         KeyboardInterrupt: the user stopped it; what is done stays.
     """

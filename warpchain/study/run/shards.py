@@ -48,8 +48,6 @@ def simulate_variants(
 ) -> None:
     """Builds, simulates and archives a study's variants.
 
-    Recordings are held until the end if they fit into half of the memory, else simulated in a call of their own.
-
     Args:
         variants: whose results are filled in.
         options: `memory`, `workers` and `archive_options` of `simulate`.
@@ -254,11 +252,10 @@ def run_shard(
     """Simulates a study's shard, unless done; returns its number of runs.
 
     Args:
-        folder: the study's, on a disk that the caller shares.
         options: `memory` and `workers` of `simulate`.
 
     Raises:
-        WarpchainError: an error that is not of single variants, such as an unknown device or a full disk.
+        WarpchainError: an error that is not of single variants, such as a full disk.
         KeyboardInterrupt: the user stopped it; nothing is written.
     """
     opened = open_folder(Path(folder))

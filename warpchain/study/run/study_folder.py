@@ -1,17 +1,17 @@
 """A study's folder: what is to be run, which shards are done, and how their rows ended.
 
-    study.toml  drive.toml   the study and its base drive, as they were when the folder was made
-    drive-text.toml          text of the drive's file, with its comments, for drive files of designs
+    study.toml  drive.toml   the study and its base drive
+    drive-text.toml          text of the drive's file
     design.parquet           a row a variant
-    plan.json                how rows are cut into shards, and digests of the files above and of itself
+    plan.json                how rows are cut into shards, and digests of the files above
     shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
     shards/NNNNN.mcap        its recorded variants
-    shards/NNNNN.states.parquet  states of its runs at the end of their windows, if these are kept
+    shards/NNNNN.states.parquet  states of its runs at the end of their windows, if kept
     results.parquet          the whole table, once all shards are done
-    replicates.parquet       a row for each run, of a study that runs rows several times
+    replicates.parquet       a row for each run, of a study with replicates
 
-Growing adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ..., and shards with the numbers that follow.
-Every file appears whole, so that any process can end at any time, and several may work in one folder.
+Growing adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ..., and further shards. Every file appears
+whole, so that any process can end at any time, and several may work in one folder.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
     """Study folder, made, or opened if it holds the same study.
 
     Args:
-        shard: runs of a shard in a new folder; of several processes, the first decides.
+        shard: runs of a shard in a new folder.
 
     Raises:
         StudyError: the folder holds another study, or cannot be written.

@@ -52,9 +52,7 @@ def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
 
 
 def rows_with_today(study: Study, drive: Drive, rows: Sequence[Row], name: object) -> list[dict[str, Any]]:
-    """Design rows with today's design marked, added if missing.
-
-    The rows as they are of a study that does not ask for it (`design.today`).
+    """Design rows with today's design marked, added if missing and wanted.
 
     Raises:
         StudyError: as of `row_of_drive`.

@@ -12,9 +12,7 @@ The prediction of row i from the others follows from the inverse (Dubrule 1983):
 
     z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii.                                               (c)
 
-Functions are drawn by Matheron's rule (Wilson et al. 2020), f a sum of cosines with the kernel's frequencies (Rahimi
-and
-Recht 2007) and e a draw of the noise:
+Functions are drawn by Matheron's rule (Wilson et al. 2020), f a sum of cosines and e a draw of the noise:
 
     f(x) + k_x' K^-1 (z - f(X) - e).                                                                         (d)
 """

@@ -1,11 +1,9 @@
 """Sobol' indices of a surrogate, by estimators, and the best way to a metric's indices.
 
-With rows A and B drawn independently, A_i those of A with factor i from B, and f the process's mean less its own mean
-over A (Saltelli et al. 2010, table 2),
+With rows A and B drawn independently, A_i those of A with factor i from B, and f the process's centered mean (Saltelli
+et al. 2010, table 2),
 
     V S_i = mean f(B) (f(A_i) - f(A)),    V T_i = mean (f(A) - f(A_i))^2 / 2,    V = var f(A, B).            (a)
-
-The interval's half width is 1.96 times the root mean square by which indices of draws differ from those of the mean.
 """
 
 from __future__ import annotations

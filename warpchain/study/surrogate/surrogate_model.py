@@ -1,8 +1,7 @@
 """Surrogates of metrics behind one interface: rows of factors in, mean and standard deviation out.
 
-Rows are points of a box: numbers from 0 to 1 over the range that was run, words as one coordinate each. The quadratic
-surface serves if scikit-learn is not installed or rows are many. With terms t(x), residual variance s^2 and weights W
-(Montgomery 2017, 10.5), at x it is normal with
+The quadratic surface serves if scikit-learn is not installed or rows are many. With terms t(x), residual variance s^2
+and weights W (Montgomery 2017, 10.5), at x it is normal with
 
     mean t' b,      variance s^2 t' (T' W T)^-1 t,                                                          (a)
 
@@ -209,7 +208,7 @@ class Surrogate:
         """Mean and deviation (R,) of the surrogate's metric at rows.
 
         Args:
-            run: of a single further run, with its noise; else of the metric itself.
+            run: of a single further run, with its noise.
 
         Raises:
             StudyError: a factor is missing, or a word that was not run.
@@ -254,9 +253,9 @@ def fit_surrogate(
     """Surrogate of a metric, fitted to the variants that are ok.
 
     Args:
-        results: a column `METRIC_se` has the standard errors of values.
+        results: a column `METRIC_se` has standard errors.
         kind: "gaussian", of words and numbers, or "quadratic", of numbers.
-        logarithm: fit the metric's logarithm, if errors grow with the value.
+        logarithm: fit the metric's logarithm.
 
     Raises:
         StudyError: too few variants, an unknown column, values not above 0 with `logarithm`, no scikit-learn.
