@@ -40,7 +40,7 @@ PhaseCount = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_PHASES
 
 @dataclass(frozen=True)
 class OrderCrossing:
-    """Crossing of a mode's frequency [Hz] and an excitation order, at a speed of the driver [rad/s]."""
+    """Crossing of a mode's frequency and an excitation order."""
 
     mode: str
     order: Order
@@ -51,7 +51,7 @@ class OrderCrossing:
 
 @dataclass(frozen=True)
 class InstabilityTongue:
-    """Speed [rad/s] at which the tooth frequency is twice a mode's: unstable where tension swings by over 4 zeta."""
+    """Speed of the driver at which a mode may run away."""
 
     mode: str
     speed: float  # of the driver [rad/s]
@@ -61,7 +61,7 @@ class InstabilityTongue:
 
 @dataclass(frozen=True)
 class Campbell:
-    """Campbell diagram: frequencies and damping ratios of K modes at P speeds of a drive's driver.
+    """Campbell diagram: frequencies and damping of K modes at P speeds.
 
     Attributes:
         speed: (P,) of the driver [rad/s], ascending.
@@ -81,7 +81,7 @@ class Campbell:
     modes: tuple[Modes, ...]
 
     def crossings(self) -> list[OrderCrossing]:
-        """Crossings of modes and excitation orders, by speed, interpolated between the diagram's speeds."""
+        """Crossings of modes and excitation orders, by speed."""
         found = []
         for order in self.orders:
             for k, speed, frequency, ratio in self._crossings_of_order(order.value, 1.0):
@@ -89,7 +89,7 @@ class Campbell:
         return sorted(found, key=lambda crossing: crossing.speed)
 
     def tongues(self) -> list[InstabilityTongue]:
-        """Instability tongues by speed: those of a strand at its own chain's tooth frequency."""
+        """Instability tongues of modes, by speed."""
         found = [
             InstabilityTongue(self.names[k], s, f, 4.0 * r)
             for chain, teeth in tooth_orders(self.drive).items()
@@ -99,7 +99,7 @@ class Campbell:
         return sorted(found, key=lambda tongue: tongue.speed)
 
     def _crossings_of_order(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
-        """Mode's index, speed [rad/s], frequency [Hz] and damping ratio where an order crosses scaled frequencies."""
+        """Mode, speed, frequency and damping ratio where an order crosses."""
         gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
         result = []
         for p, k in zip(*np.nonzero((gap[:-1] > 0.0) != (gap[1:] > 0.0)), strict=True):
@@ -160,7 +160,7 @@ def campbell(
 
 
 def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: DriveMotion) -> NDArray[np.int64]:
-    """(K,) indices that modes of a Campbell diagram have at the next speed; -1 where lost."""
+    """Indices (K,) of modes at the next speed, -1 where lost."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
     result[kept] = matched_modes(before.chosen(which[kept]), after, at)
@@ -168,7 +168,7 @@ def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: Dr
 
 
 def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int64]:
-    """(K,) index in `those` of the mode most alike to each of `these` by modal assurance, one to one; -1 for none."""
+    """Indices (K,) in `those` of modes most alike, or -1."""
     alike = modal_assurance(these, those, at)
     rows, columns = linear_sum_assignment(-alike)
     result = np.full(len(these), -1)
@@ -178,7 +178,7 @@ def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int
 
 
 def modal_assurance(a: Modes, b: Modes, at: DriveMotion) -> Array:
-    """(K, L) modal assurance between modes of two states of a drive, by the mass matrix of `at`."""
+    """Modal assurance (K, L) between modes of two states."""
     product, size = np.zeros((len(a), len(b)), dtype=np.complex128), [np.zeros(len(a)), np.zeros(len(b))]
     for part, *both in zip(at.parts, a.of_chains(), b.of_chains(), strict=True):
         first, second = (part.at.coordinate_vector(modes.shape, modes.bodies) for modes in both)
@@ -198,7 +198,7 @@ def base_drive_modes(drive: Drive, count: int) -> Modes:
 
 
 def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
-    """Metrics `modes.NAME.frequency` [Hz] and `.damping_ratio` of a study's variant, NAME a mode of the base drive.
+    """Metrics of modes of a study's variant, `modes.NAME.frequency` [Hz].
 
     Modes not found again are left out.
     """
@@ -228,7 +228,7 @@ def over_a_pitch(
     *,
     progress: Progress = False,
 ) -> tuple[Campbell, Array]:
-    """Campbell diagram averaged over phases of a tooth pitch, and (phases, P, K) all frequencies [Hz], NaN if lost.
+    """Campbell diagram averaged over a tooth pitch, and all frequencies (phases, P, K).
 
     Averaged is omega^2, as in a run over many pitches.
 

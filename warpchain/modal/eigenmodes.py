@@ -36,15 +36,15 @@ PartEnergy = tuple[str, Array]
 SMALL_PENCIL = 120
 """Most coordinates of a pencil whose eigenvalues are all computed."""
 EIGENVALUE_SHIFT = 1e-2
-"""Point, over the unit frequency, nearest to which eigenvalues are sought; not zero, which may be one."""
+"""Shift, over the unit frequency, about which eigenvalues are sought."""
 INFINITE_EIGENVALUE = 1e-9
-"""Inverse of an eigenvalue, times the unit frequency, below which it counts as infinite."""
+"""Inverse of an eigenvalue that counts as infinite."""
 
 
 def eigenpairs(
     mass: sp.csc_array, damping: sp.csc_array, stiffness: sp.csc_array, wanted: int, unit: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Eigenvalues (K,) [1/s] of a pencil nearest to zero with Im s >= 0, and eigenvectors (n, K).
+    """Eigenvalues (K,) [1/s] of a pencil near zero, and eigenvectors (n, K).
 
     Args:
         unit: a frequency of the size of those wanted [rad/s].
@@ -66,7 +66,7 @@ def eigenpairs(
 
 
 def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
-    """Eigenvalues of a large pencil nearest to the shift, and eigenvectors, by Arnoldi's method."""
+    """Eigenvalues and eigenvectors of a large pencil, by Arnoldi's method."""
     n = m.shape[0]
     factor = splu((k + EIGENVALUE_SHIFT * c + EIGENVALUE_SHIFT**2 * m).tocsc())
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
@@ -84,14 +84,14 @@ def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count
 
 
 ZERO_FREQUENCY = 1e-5
-"""Frequency over sqrt(k / m) below which a mode counts as without restoring force."""
+"""Frequency over sqrt(k / m) that counts as zero."""
 RESTORING_STIFFNESS = 1e-7
-"""Stiffness of a motion over a link's above which something restores it."""
+"""Least stiffness, over a link's, that restores a motion."""
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a drive of N rollers, B bodies and T tensioners: frequencies, damping, energy shares, shapes.
+    """Modes of a drive: frequencies, damping, energy shares, shapes.
 
     Attributes:
         drive: rollers are those of one chain after the other.
@@ -142,7 +142,7 @@ class Modes:
 
     @property
     def frequency(self) -> Array:
-        """(K,) undamped natural frequencies omega / 2 pi of the modes [Hz]."""
+        """Undamped natural frequencies (K,) of the modes [Hz]."""
         return np.abs(self.eigenvalue) / (2.0 * np.pi)
 
     @property
@@ -172,7 +172,7 @@ class Modes:
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
     def of_chains(self) -> tuple[Modes, ...]:
-        """Modes split by chain, each as of a drive of its own."""
+        """Modes of each chain, as of its own drive."""
         if not self.drive.chains:
             return (self,)
         found, first = [], 0
@@ -187,7 +187,7 @@ class Modes:
         return tuple(found)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All arrays of the modes by field name, with `frequency` and `damping_ratio`."""
+        """All arrays of the modes by field name."""
         others = ("parts", "position", "placed", "tension", "growing", "creeping")
         tensioned = MODE_FIELDS if self.drive.tensioners else MOTION_FIELDS
         result = {name: np.asarray(getattr(self, name)) for name in (*tensioned, *others)}
@@ -234,7 +234,7 @@ def modes(
     workers: Workers | None = None,
     progress: Progress = False,
 ) -> Modes | list[Modes | WarpchainError]:
-    """Lowest modes of a drive, or a list of those of many drives.
+    """Lowest modes of a drive, or of many.
 
     Args:
         count: modes that swing, from the lowest frequency up.
@@ -265,12 +265,12 @@ def modes(
 
 
 def _modes_at_speed(drive: Drive, count: int, speed: float, valve: str) -> Modes:
-    """Lowest modes of a drive at a speed of its driver [rad/s]."""
+    """Lowest modes of a drive at a speed [rad/s]."""
     return lowest_modes(drive_motion(drive, speed, valve=valve), count)
 
 
 def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
-    """Adds to mode shapes of bodies (K, B, 3) how arms and sprockets on arms move along."""
+    """Moves arms and sprockets on arms along in mode shapes."""
     drive, placed = found.drive, found.state.bodies[0]
     first = drive.first_arm_body
     on = {first + a: drive.parent(a) for a in range(len(drive.arms))}
@@ -282,7 +282,7 @@ def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
 
 
 def lowest_modes(found: DriveMotion, count: int) -> Modes:
-    """Lowest `count` modes of a drive, from the matrices of its small motion."""
+    """Lowest modes of a drive, by its small motion."""
     stiff = max(float(part.packed.chains["stiffness"][0]) / part.at.mass for part in found.parts)
     unit, wanted = np.sqrt(stiff) / max(part.at.rollers for part in found.parts), count
     every, groups = found.mass.shape[0], free_rotations(found)
@@ -326,7 +326,7 @@ def lowest_modes(found: DriveMotion, count: int) -> Modes:
 def _chain_motions(
     found: DriveMotion, vector: NDArray[np.complex128]
 ) -> list[tuple[ChainMotion, NDArray[np.complex128], PlungerMotion]]:
-    """Each chain's small motion, its rows (n_c, K) of the eigenvectors, and its plungers."""
+    """Each chain's small motion, eigenvectors (n_c, K), and plungers."""
     works = (found.stiffness, found.damping)
     stiff, drag = (np.einsum("ij,ij->j", vector.conj(), matrix @ vector).real for matrix in works)
     own = [tie @ vector if len(found.parts) > 1 else vector for tie in found.ties]
@@ -334,7 +334,7 @@ def _chain_motions(
 
 
 def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str, Any]:
-    """Displacement fields of `Modes`, for rollers, bodies and tensioners, from eigenvectors (n, K)."""
+    """Displacement fields of `Modes` from eigenvectors (n, K)."""
     drive, shapes = found.drive, []
     placed = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
@@ -361,14 +361,14 @@ def _has_restoring_stiffness(found: DriveMotion, vector: NDArray[np.complex128])
 
 
 def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
-    """Eigenvectors (n, K) at unit modal mass x* M x, in the phase of largest real part."""
+    """Eigenvectors (n, K) at unit modal mass, phased."""
     vector = vector / np.sqrt(np.einsum("ij,ij->j", vector.conj(), mass @ vector).real)
     square = np.einsum("ij,ij->j", vector, mass @ vector)
     return vector * np.exp(-0.5j * np.angle(square))
 
 
 def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
-    """Names of parts, their shares (K, P) of modes' kinetic energy, and its transverse share (K,)."""
+    """Parts' names, kinetic energy shares (K, P), transverse share (K,)."""
     parts, shares = list[str](), list[Array]()
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     for r, (part, own, plunger) in enumerate(_chain_motions(found, vector)):
@@ -391,7 +391,7 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
 
 
 def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: str) -> Iterator[PartEnergy]:
-    """Names of a chain's parts, each with its kinetic energy (K,) in the modes.
+    """Parts' names and kinetic energies (K,) in the modes.
 
     Args:
         energy: (K, n) of the coordinates.
@@ -423,7 +423,7 @@ def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: st
 
 
 def _mode_names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:
-    """Names of modes: the part with most kinetic energy, and a number."""
+    """Names of modes by part of most kinetic energy."""
     most, seen, names = np.argmax(share, axis=1) if len(share) else [], dict.fromkeys(parts, 0), []
     for part in (parts[k] for k in most):
         seen[part] += 1

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Free coordinates of a drive's small motion: N rollers (2 N), B bodies (m), chambers of oil (w)."""
+    """Free coordinates of a drive's small motion: rollers, bodies, oil."""
 
     rollers: int  # N
     mass: float  # of a roller [kg]
@@ -42,16 +42,16 @@ class Coordinates:
 
     @property
     def coordinate_count(self) -> int:
-        """Number n = 2 N + m + w of free coordinates."""
+        """Number n of free coordinates."""
         return self.oil_start + len(self.chambers)
 
     @property
     def oil_start(self) -> int:
-        """Index 2 N + m of the first coordinate of oil."""
+        """Index of the first coordinate of oil."""
         return 2 * self.rollers + len(self.owner)
 
     def turning_coordinate(self, b: int) -> tuple[int, float] | None:
-        """Index of the coordinate that turns body b, and the body's angle per unit of it; None if led."""
+        """Index of a body's turning coordinate and its lever, or None."""
         turns = np.where(self.turning, self.basis[3 * b + 2], 0.0)
         found = np.flatnonzero(turns)
         return (2 * self.rollers + int(found[0]), float(turns[found[0]])) if len(found) else None
@@ -79,7 +79,7 @@ class Coordinates:
         )
 
     def moving_states(self, base: ProbeStates, velocity: Array) -> ProbeStates:
-        """Copies of a probe's state, coordinates' velocities changed by (copies, n)."""
+        """Copies of a probe's state with changed velocities (copies, n)."""
         straight, turned = self.roller_and_body_parts(velocity)
         return ProbeStates(
             np.zeros_like(straight) + base.position,
@@ -90,7 +90,7 @@ class Coordinates:
         )
 
     def generalized_forces(self, probe: ForceProbe, states: ProbeStates) -> Array:
-        """Generalized forces (copies, n) on states at rest: mass matrix times accelerations."""
+        """Generalized forces (copies, n) on states at rest."""
         straight, turned, pressure = probe(states)
         copies = len(straight)
         own = (turned.reshape(copies, -1) @ self.basis) @ self.inertia
@@ -98,12 +98,12 @@ class Coordinates:
         return np.hstack([self.mass * straight.reshape(copies, -1), own, oil])
 
     def coordinate_vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
-        """Coordinate vectors (copies, n) of displaced rollers (copies, N, 2) and bodies (copies, B, 3)."""
+        """Coordinate vectors (copies, n) of displaced rollers and bodies."""
         own = turned.reshape(len(turned), -1) @ np.linalg.pinv(self.basis).T
         return np.hstack([straight.reshape(len(straight), -1), own, np.zeros((len(own), len(self.chambers)))])
 
     def roller_and_body_parts(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Displacements of rollers (copies, N, 2) and bodies (copies, B, 3) from coordinate vectors (copies, n)."""
+        """Displacements of rollers and bodies from coordinate vectors (copies, n)."""
         own = 2 * self.rollers
         straight = vector[:, :own].reshape(len(vector), self.rollers, 2)
         turned = vector[:, own : self.oil_start] @ self.basis.T
@@ -111,7 +111,7 @@ class Coordinates:
 
 
 def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
-    """Free coordinates of a drive, with the bodies' mass matrix where they stand in `states`."""
+    """Free coordinates of a drive in a state."""
     rows = [probe.body_freedom(b, float(states.bodies[0, b, 2])) for b in range(probe.body_count)]
     turned = [probe.train_angles(b) for b in range(probe.body_count)]
     rows = [row.without_turning() if len(turned[b]) == 0 else row for b, row in enumerate(rows)]
@@ -148,7 +148,7 @@ def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
 
 
 def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Array]:
-    """Extensions (T,) of tensioners [m] in the first state, and derivatives (T, 3 B) by (x, y, theta) of bodies."""
+    """Extensions (T,) of tensioners [m], and derivatives (T, 3 B) by bodies."""
     of = probe.base.tensioners[: probe.tensioners]
     body = states.bodies[0, of["body"]]
     cosine, sine, point = np.cos(body[:, 2]), np.sin(body[:, 2]), of["point"]
@@ -162,13 +162,13 @@ def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Ar
 
 
 DISPLACEMENT_STEP = 1e-7
-"""Displacement over a pitch for differences, too small to open or close contacts."""
+"""Displacement over a pitch for difference quotients."""
 MOST_VELOCITY_STEP = 2.0**-17
 """Largest velocity for differences of damping forces [m/s]."""
 
 
 def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
-    """Sets of a closed chain's rollers by index, those of a set at least three apart."""
+    """Sets of a chain's rollers at least three apart."""
     # a roller feels only its two neighbors and the bodies, so those of a set move in one copy of the state
     whole = rollers - rollers % 3
     sets = [np.arange(first, whole, 3) for first in range(3)]
@@ -176,7 +176,7 @@ def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
 
 
 def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitch: float) -> sp.csc_array:
-    """Stiffness matrix K (n, n) [N/m, N/rad, N m/rad] of a drive about a state at rest."""
+    """Stiffness matrix K (n, n) of a drive at rest."""
     return _force_derivative(
         probe,
         at,
@@ -188,7 +188,7 @@ def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitc
 def damping_matrix(
     probe: ForceProbe, at: Coordinates, base: ProbeStates, conductance: Array | None = None
 ) -> sp.csc_array:
-    """Damping matrix C (n, n) [N s/m, ...] of a drive at rest, without friction; oil leaks by `conductance` (w,)."""
+    """Damping matrix C (n, n) of a drive at rest, without friction."""
     steps = _coordinate_steps(probe, at, velocity_step(probe))
     own = _force_derivative(probe, at, steps, lambda change: at.moving_states(base, change))
     return own if conductance is None else sp.csc_array(own + leakage_matrix(probe, at, conductance))
@@ -207,7 +207,7 @@ def velocity_step(probe: ForceProbe) -> float:
 
 
 def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp.csc_array:
-    """Part (n, n) of the damping matrix from oil leaking through conductances (w,) [m^3/(s Pa)]."""
+    """Damping matrix part (n, n) of tensioners' oil leakage."""
     of = probe.base.tensioners[at.chambers]
     places = at.oil_start + np.arange(len(of))
     gap = np.zeros((len(of), at.coordinate_count))
@@ -218,7 +218,7 @@ def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp
 
 
 def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool_], count: int) -> sp.csc_array:
-    """Skew travel matrix G (n, n) [N s/m] of a chain passing `rate` rollers a second on links (N,)."""
+    """Travel matrix G (n, n), skew, of a chain that runs."""
     i = np.flatnonzero(links)
     j = (i + 1) % rollers
     value = np.full(len(i), mass * rate)
@@ -228,7 +228,7 @@ def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool
 
 
 def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp.csc_array:
-    """Part (n, n) that the centrifugal force of a chain passing `rate` rollers a second takes from K [N/m]."""
+    """Stiffness matrix part (n, n) of a running chain's centrifugal force."""
     i = np.arange(rollers)
     j = (i + 1) % rollers
     value = np.full(rollers, mass * rate * rate)
@@ -239,7 +239,7 @@ def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp
 
 
 def _coordinate_steps(probe: ForceProbe, at: Coordinates, step: float) -> Array:
-    """Steps (n,) of coordinates for differences, powers of two up to `step` [m] at the widest rim."""
+    """Steps (n,) of coordinates for difference quotients."""
     widest = float(probe.base.sprockets["exact_radius"].max(initial=probe.base.chains["length"][0]))
     steps = np.full(at.coordinate_count, step)
     steps[2 * at.rollers : at.oil_start][at.turning] /= widest
@@ -247,7 +247,7 @@ def _coordinate_steps(probe: ForceProbe, at: Coordinates, step: float) -> Array:
 
 
 def _force_derivative(probe, at: Coordinates, steps: Array, states) -> sp.csc_array:  # type: ignore[no-untyped-def]
-    """Minus the derivative (n, n) of generalized forces by central differences, symmetric."""
+    """Force derivative matrix (n, n), negative, by central differences."""
     own, n = 2 * at.rollers, at.coordinate_count
     sets = [2 * some + axis for some in separate_roller_sets(at.rollers) for axis in (0, 1)]
     sets += [np.array([k]) for k in range(own, n)]

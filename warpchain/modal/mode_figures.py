@@ -26,18 +26,18 @@ def closed_chain_line(rollers: Array) -> Array:
 
 
 def carried_part_lines(drive: Drive, bodies: Array) -> list[Array]:
-    """Lines (P, 2) [m] of arms, guides on them and plungers where bodies (B, 3) stand."""
+    """Lines (P, 2) [m] of arms and carried parts in a pose."""
     return [part.points for part in _drive_parts(drive, bodies) if part.carried]
 
 
 def fixed_part_lines(drive: Drive) -> list[Array]:
-    """Lines (P, 2) [m] of guides on the ground and of tensioners' housings."""
+    """Lines (P, 2) [m] of fixed guides and tensioner housings."""
     bodies = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     return [part.points for part in _drive_parts(drive, bodies) if not part.carried]
 
 
 def _drive_parts(drive: Drive, bodies: Array) -> list[OutlinePart]:
-    """Outlines of guides, arms and tensioners where bodies (B, 3) stand."""
+    """Outlines of guides, arms and tensioners in a pose."""
     count = len(drive.sprockets)
     return guide_arm_tensioner_parts(
         drive, DrivePose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2])
@@ -45,13 +45,13 @@ def _drive_parts(drive: Drive, bodies: Array) -> list[OutlinePart]:
 
 
 SWING_SIZE = 0.06
-"""Largest displacement of a drawn mode shape, over the drive's size."""
+"""Largest displacement of a drawn mode, over drive size."""
 SHAPE_COLUMNS, MOST_SHAPES = 4, 12
-"""Panels in a row of the figure of mode shapes, and most panels."""
+"""Columns and panels of the mode shapes' figure."""
 
 
 def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
-    """Each chain's modes, rollers (N, 2) and bodies (B, 3) at a phase [rad] of mode k, enlarged."""
+    """Each chain's modes, rollers and bodies in mode k's swing."""
     size = SWING_SIZE * float(np.ptp(modes.position, axis=0).max())
     scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
     turn = scale * np.exp(1j * phase)
@@ -65,7 +65,7 @@ def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[
 
 
 def mode_shapes_figure(modes: Modes) -> Figure:
-    """Figure of the first mode shapes, each at both ends of its swing."""
+    """Figure of the first mode shapes."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     count = min(len(modes), MOST_SHAPES)
@@ -109,7 +109,7 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
 
 
 def mode_campbell_figure(found: Campbell) -> Figure:
-    """Figure of the Campbell diagram, with orders, crossings and instability tongues."""
+    """Figure of a Campbell diagram."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     figure = PlainFigure(figsize=(11.0, 7.0), layout="constrained")
@@ -154,7 +154,7 @@ def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.floa
 
 
 def _draw_order_line(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
-    """Draws an excitation order's line and name into a Campbell diagram."""
+    """Draws an excitation order into a Campbell diagram."""
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"

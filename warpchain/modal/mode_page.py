@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from warpchain.modal.eigenmodes import Modes
 
 LEAST_SHARE = 0.005
-"""Shares of a mode's kinetic energy below this are not listed."""
+"""Least listed share of a mode's kinetic energy."""
 MOST_PARTS = 4
 """Most parts listed for a mode."""
 DAMPING_REMARKS = (
@@ -28,7 +28,7 @@ DAMPING_REMARKS = (
 
 
 def mode_lines(modes: Modes) -> list[str]:
-    """Lines of text: a table of modes, and remarks on their state."""
+    """Lines of text on modes and their state."""
     state = "at rest, loads at their constant parts" if modes.speed == 0.0 else f"driver at {modes.speed:g} rad/s"
     tension = modes.tension
     result = [
@@ -51,7 +51,7 @@ def mode_lines(modes: Modes) -> list[str]:
 
 
 def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
-    """Texts on each tensioner's shares of mode k's stiffness and damping."""
+    """Texts on tensioners' shares of mode k."""
     return [
         f"{tensioner.name} holds {modes.stored[k, t]:.0%}, damps {modes.lost[k, t]:.0%}"
         for t, tensioner in enumerate(modes.drive.tensioners)
@@ -60,7 +60,7 @@ def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
 
 
 def state_remarks(modes: Modes) -> list[str]:
-    """Lines of text on how modes' arms and tensioners stand, what damps, and motions left out as no modes."""
+    """Lines of text on the state of modes."""
     result = [*modes.standing, *DAMPING_REMARKS]
     if modes.rotations:
         many = "" if modes.rotations == 1 else f", of {modes.rotations} groups"
@@ -83,7 +83,7 @@ def state_remarks(modes: Modes) -> list[str]:
 
 
 def campbell_lines(found: Campbell) -> list[str]:
-    """Lines of text of a Campbell diagram's crossings and instability tongues."""
+    """Lines of text on a Campbell diagram."""
     width = max(4, *map(len, found.names))
     result = ["", f"{'meets':<{width}}  {'rad/s':>8}  {'Hz':>8}  {'damping':>8}  {'order':>8}  cause"]
     for c in found.crossings():
@@ -101,7 +101,7 @@ def campbell_lines(found: Campbell) -> list[str]:
 
 
 def modes_page(modes: Modes, found: Campbell | None = None) -> str:
-    """HTML page of modes, with their Campbell diagram if there is one."""
+    """HTML page of modes and their Campbell diagram."""
     drive = modes.drive
     where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm_of_speed(modes.speed):.4g} rpm"
     chains = [chain.drive for chain in chain_drives(drive)]

@@ -51,7 +51,7 @@ def mode_entity(modes: Modes, k: int) -> str:
 
 
 def mode_title(modes: Modes, k: int) -> str:
-    """Title of mode k's tab in a Rerun recording: number, frequency, name."""
+    """Title of mode k's tab in a Rerun recording."""
     return f"{k + 1}: {modes.frequency[k]:.4g} Hz {modes.names[k]}"
 
 
@@ -80,7 +80,7 @@ def mode_blueprint(modes: Modes) -> rrb.Blueprint:
 
 
 def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
-    """Logs a drive at rest and a cycle of each mode to a Rerun stream."""
+    """Logs a drive and swinging modes to Rerun."""
     import rerun as rr
 
     chains = modes.of_chains()
@@ -107,7 +107,7 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
 
 
 def _sprocket_rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
-    """Rerun lines of a chain's sprocket rims with a spoke, where a mode puts the bodies (B, 3)."""
+    """Rerun lines of sprocket rims in a mode's swing."""
     strips, chain = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
     for s in range(len(modes.drive.sprockets)):
         x, y, angle = bodies[s]

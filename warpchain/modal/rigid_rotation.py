@@ -22,7 +22,7 @@ from warpchain.modal.small_motion import DriveMotion
 
 
 def free_rotations(found: DriveMotion) -> list[list[float]]:
-    """Ratios of turns of all bodies and of passing rollers of all chains, a list for each group that turns freely."""
+    """Ratios of turns of bodies and chains, by freely turning group."""
     drive = found.drive
     tied, _ = ratios_with_chains(drive)
     held = {
@@ -37,7 +37,7 @@ def free_rotations(found: DriveMotion) -> list[list[float]]:
 
 
 def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], small: float) -> sp.csc_array:
-    """Stiffness matrix of a drive less rigid rotation, (a); `small` [1/s^2] times mass holds what nothing else does."""
+    """Stiffness matrix of a drive less rigid rotation, (a)."""
     stiffness = found.stiffness
     for turns in groups:
         r, of_sprockets = _rotation_vector(found, turns)
@@ -55,7 +55,7 @@ def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], sm
 
 
 def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Array]:
-    """Rigid rotation (n,) of all coordinates, and marks (n,) of angles: 1 of sprockets, -1 of others, else 0."""
+    """Rigid rotation (n,) of coordinates, and marks (n,) of angles."""
     drive, size = found.drive, found.mass.shape[0]
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
     passing = turns[len(drive.sprockets) + len(drive.shafts) :]

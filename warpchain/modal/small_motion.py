@@ -39,7 +39,7 @@ from warpchain.results.schedule import Schedule
 
 @dataclass(frozen=True)
 class RollerPlaces:
-    """Sprocket or strand on which each of a chain's N rollers lies."""
+    """Sprocket or strand of each of a chain's rollers."""
 
     arc: NDArray[np.int64]  # (N,) sprocket of a roller, from the first that touches its teeth to the last; else -1
     strand: NDArray[np.int64]  # (N,) strand in which a roller hangs; else -1
@@ -47,7 +47,7 @@ class RollerPlaces:
 
 
 def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlaces:
-    """Sprocket or strand of each of a chain's rollers, by which of them touch sprockets (S, N)."""
+    """Sprocket or strand of each of a chain's rollers."""
     count = touching.shape[1]
     sprockets = len(assembly.strand_first)
     arc = np.full(count, -1)
@@ -72,7 +72,7 @@ def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlac
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """Small motion of a drive of one chain about a state, with its matrices."""
+    """Small motion of one chain about a state, with matrices."""
 
     drive: Drive
     speed: float
@@ -89,18 +89,18 @@ class ChainMotion:
     travel: sp.csc_array  # (n, n) G
 
     def without_inertia_of(self, place: int) -> ChainMotion:
-        """Small motion of a chain without the inertia of one coordinate."""
+        """Small motion of a chain without a coordinate's inertia."""
         mass = self.mass.tolil()
         mass[place, place] = 0.0
         return replace(self, mass=sp.csc_array(mass))
 
 
 PRESSURE_STEP = 1.0
-"""Step of pressure for the slope of a valve's flow [Pa]; some hundreds shut it."""
+"""Pressure step for a valve's slope [Pa]."""
 
 
 def oil_conductances(drive: Drive, valve: str) -> Array:
-    """Conductances G (w,) of oil chambers at rest [m^3/(s Pa)]: gaps, vents, relief, open check valves."""
+    """Conductances G (w,) of oil chambers at rest [m^3/(s Pa)]."""
     found = []
     for tensioner in drive.tensioners:
         if tensioner.hydraulic:
@@ -124,7 +124,7 @@ def oil_conductances(drive: Drive, valve: str) -> Array:
 
 @dataclass(frozen=True)
 class DriveMotion:
-    """Small motion of a drive of any number of chains, with its matrices."""
+    """Small motion of a drive's chains, with matrices."""
 
     drive: Drive
     speed: float
@@ -140,7 +140,7 @@ class DriveMotion:
 def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[PackedEnsemble] | None = None
 ) -> list[tuple[ChainDrive, float, PackedEnsemble, Array]]:
-    """Each chain of a drive packed in static equilibrium, its driver's speed [rad/s] and link tensions (N,) [N].
+    """Chains in static equilibrium: drive, driver speed, packed, tensions (N,) [N].
 
     Loads have their mean, nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops
     open, motors have the slope of their moments.
@@ -169,7 +169,7 @@ def standing_chains(
 
 
 def _standing_coordinates(drive: Drive, packed: PackedEnsemble) -> Array:
-    """Coordinates of a packed, standing chain, in the order of `warpchain.assembly.potential`."""
+    """Coordinates of a packed chain at rest, as in `assembly.potential`."""
     centers = packed.bodies["center"][: len(drive.sprockets)]
     hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
     angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]
@@ -218,7 +218,7 @@ def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, s
 def drive_motion(
     drive: Drive, speed: float = 0.0, start: DriveMotion | None = None, valve: str = "shut"
 ) -> DriveMotion:
-    """Small motion of a drive at a speed of its driver [rad/s], tensioners filled with oil.
+    """Small motion of a drive at a speed [rad/s].
 
     Args:
         start: that of the drive at a speed nearby.
@@ -243,14 +243,14 @@ def drive_motion(
 
 
 def _sum_over_chains(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:
-    """Matrix (n, n) of a drive's small motion from the matrices of its chains."""
+    """Matrix (n, n) of a drive from its chains'."""
     if len(matrices) == 1:
         return matrices[0]
     return sp.csc_array(sum(tie.T @ own @ tie for tie, own in zip(ties, matrices, strict=True)))
 
 
 def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMotion], list[sp.csc_array]]:
-    """Chains' small motions, a shared shaft's inertia in the first only, and ties P_c."""
+    """Small motions of chains with shared shafts, and ties P_c."""
     counts = [part.at.coordinate_count for part in parts]
     places = [first + np.arange(n) for first, n in zip(np.cumsum([0, *counts]), counts, strict=False)]
     kept, parts, share = np.ones(sum(counts), dtype=np.bool_), list(parts), [np.ones(n) for n in counts]
@@ -271,7 +271,7 @@ def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMot
 
 
 def _chain_motion(drive: Drive, speed: float, packed: PackedEnsemble, tension: Array, valve: str) -> ChainMotion:
-    """Small motion of a standing chain, with its matrices from packed arrays."""
+    """Small motion of a packed chain at rest."""
     probe = ForceProbe(packed)
     try:
         state = probe.packed_state()

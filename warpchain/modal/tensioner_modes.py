@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from warpchain.modal.small_motion import ChainMotion
 
 LEAST_DAMPING = 1e-9
-"""Damping over stiffness of a mode below which tensioners have no share of it."""
+"""Least damping over stiffness of a mode to share."""
 
 
 @dataclass(frozen=True)
 class PlungerMotion:
-    """Motion and energy of T tensioners' plungers in K modes of unit modal mass."""
+    """Motion and energy of T tensioner plungers in K modes."""
 
     stroke: NDArray[np.complex128]  # (K, T) complex extension [m]
     pressure: NDArray[np.complex128]  # (K, T) complex pressure of the oil [Pa]; 0 without oil
@@ -63,7 +63,7 @@ def tensioner_elements(found: ChainMotion) -> TensionerElements:
 
 
 def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> PlungerMotion:
-    """Motion and energy of a chain's plungers in modes (n, K); `stiff`, `drag` (K,) are the drive's x* K x, x* C x."""
+    """Motion and energy of a chain's tensioner plungers in modes."""
     at, of, linear = found.at, _tensioner_rows(found), tensioner_elements(found)
     stroke = (at.strokes @ vector).T
     leaked = np.zeros_like(stroke)
@@ -95,7 +95,7 @@ def _tensioner_rows(found: ChainMotion) -> Any:
 
 
 def standing_lines(found: ChainMotion) -> tuple[str, ...]:
-    """Lines of text on how a chain's arms and tensioners stand."""
+    """Lines of text on how arms and tensioners stand."""
     drive, said = found.drive, []
     for a, arm in enumerate(drive.arms):
         angles, row, carrier = found.state.bodies[0, drive.first_arm_body :, 2], found.packed.arms[a], drive.parent(a)

@@ -24,7 +24,7 @@ Array = NDArray[np.floating]
 
 
 def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
-    """Pyarrow table of a trajectory's time (F,) and channels (F, ...), a row a frame, with units.
+    """Pyarrow table of a trajectory's time and channels, a row a frame.
 
     Channels are lists of fixed size (of pairs for vectors) that share contiguous arrays' memory.
     """
@@ -48,7 +48,7 @@ def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) 
 
 
 def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
-    """Xarray dataset of a trajectory's time and channels, which shares their memory.
+    """Xarray dataset of a trajectory's time and channels, without a copy.
 
     Raises:
         WarpchainError: xarray is not installed.
@@ -77,13 +77,13 @@ def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive)
 
 
 def table_with_unit_heads(table: pa.Table) -> pa.Table:
-    """Pyarrow table with units in its columns' names, such as `tension_max [N]`."""
+    """Pyarrow table with units in column names: `tension_max [N]`."""
     units = ((field.name, (field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema)
     return table.rename_columns([name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in units])
 
 
 def table_without_unit_heads(table: pa.Table) -> pa.Table:
-    """Pyarrow table with units of its columns' names moved into metadata."""
+    """Pyarrow table with units moved from column names to metadata."""
     import pyarrow as pa
 
     fields = []
@@ -103,7 +103,7 @@ def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.T
 
 
 def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
-    """Writes a pyarrow table as Parquet or CSV, by the path's ending, and returns the path.
+    """Writes a pyarrow table as Parquet or CSV; returns the path.
 
     Raises:
         error: another ending, or a folder or disk that refuses.

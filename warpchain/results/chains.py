@@ -17,7 +17,7 @@ from warpchain.results.run import Trajectory
 
 
 def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) -> list[NDArray[np.int64]]:
-    """Indices (parts,) of each chain's parts of a kind in the whole drive's channels."""
+    """Indices of each chain's parts in the whole drive's channels."""
     if kind in ("roller", "link"):
         ends = np.cumsum([chain.drive.chain.links for chain in chains])
         return [np.arange(end - chain.drive.chain.links, end) for end, chain in zip(ends, chains, strict=True)]
@@ -25,7 +25,7 @@ def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) 
 
 
 def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
-    """Trajectory of a drive joined from those of its chains, over the same frames."""
+    """Trajectory of a drive joined from those of its chains."""
     chains = chain_drives(drive)
     channels: dict[str, Any] = {}
     for name in dict.fromkeys(name for part in parts for name in part.channels()):
@@ -41,7 +41,7 @@ def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajector
 
 
 def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
-    """Trajectory of each chain by its name; of a drive of one chain, itself by ""."""
+    """Trajectories of a drive's chains by name, "" for an only one."""
     drive = trajectory.drive
     if not drive.chains:
         return {"": trajectory}
@@ -70,7 +70,7 @@ def _shaft_channels(trajectory: Trajectory, chain: ChainDrive, held: Mapping[str
 
 
 def chain_metrics_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Metrics row of one chain, without its name, followed by columns of no chain."""
+    """Metrics row of one chain, its name taken off the columns."""
     if not name:
         return dict(row)
     before = f"{name}."

@@ -18,7 +18,7 @@ PartKind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "c
 
 @dataclass(frozen=True)
 class PartCounts:
-    """Numbers of a drive's parts that channels are of; as many links as rollers."""
+    """Numbers of a drive's parts that channels are of."""
 
     rollers: int
     sprockets: int
@@ -41,7 +41,7 @@ class PartCounts:
 
 @dataclass(frozen=True)
 class Channel:
-    """A recorded quantity: its name, unit, kind of part and components."""
+    """A recorded channel: name, unit, kind of part, components."""
 
     name: str  # as in `Trajectory` and `Record.channels`
     unit: str  # SI
@@ -57,7 +57,7 @@ class Channel:
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """Names of the channel's dimensions: time, kind of part, `axis` for a vector."""
+        """Names of the channel's dimensions: time, part, `axis`."""
         return ("time", self.per, *(("axis",) if self.components else ()))
 
     @property
@@ -96,7 +96,7 @@ CHANNELS = (
     Channel("valve_torque", "N m", "valve", "torque of a group of valves against forward rotation of its shaft"),
     Channel("valve_force", "N", "valve", "least force of a cam of the group on its follower"),
 )
-"""Channels of a trajectory. New ones go last: archives number them in this order."""
+"""Channels of a trajectory. New ones go last: archives number them."""
 
 CHANNEL_NAMES = tuple(channel.name for channel in CHANNELS)
 DEFAULT_CHANNELS = tuple(channel.name for channel in CHANNELS if not channel.on_request)
@@ -110,7 +110,7 @@ AXIS_LABELS = ("x", "y")
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Layout of a recorded frame's values in memory, a constant of kernels.
+    """Layout of a recorded frame's values in memory, for kernels.
 
     Values of rollers and links stand in rows, then those of each sprocket, arm and so on. Of N rollers and S sprockets,
     component k of a channel is at
@@ -124,7 +124,7 @@ class FrameLayout:
 
     @cached_property
     def _places_by_name(self) -> dict[str, int]:
-        """Place of each channel among a frame's values of its kind of part, by name."""
+        """Place of each channel among its part's values, by name."""
         places: dict[str, int] = {}
         ends = dict.fromkeys(FRAME_BLOCKS, 0)
         for channel in self.channels:
@@ -138,11 +138,11 @@ class FrameLayout:
         return name in self._places_by_name
 
     def place(self, name: str) -> int:
-        """Place of a channel in a frame: its first row of rollers, or first value of a part."""
+        """Place of a channel among its part's values in a frame."""
         return self._places_by_name[name]
 
     def values(self, kind: PartKind) -> int:
-        """Number of values in a frame for each part of a kind."""
+        """Number of values in a frame for a part of a kind."""
         return sum(
             len(channel.value_names) for channel in self.channels if _frame_block(channel.per) == _frame_block(kind)
         )
@@ -152,7 +152,7 @@ class FrameLayout:
         return sum(self.values(kind) * sizes.count_of(kind) for kind in FRAME_BLOCKS)
 
     def split_frames(self, frames: NDArray[Any], sizes: PartCounts) -> dict[str, NDArray[Any]]:
-        """Channels by name as views (F, N), (F, S) or (F, ..., 2) of frames (F, `frame_width`)."""
+        """Channels by name as views of frames (F, `frame_width`)."""
         blocks, end = {}, 0
         for kind in FRAME_BLOCKS:
             count, values = sizes.count_of(kind), self.values(kind)
@@ -168,22 +168,22 @@ class FrameLayout:
 
 
 FRAME_BLOCKS: tuple[PartKind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
-"""Kinds of parts whose values stand together in a frame, in order."""
+"""Kinds of parts in the order of a frame's values."""
 
 
 def _frame_block(kind: PartKind) -> PartKind:
-    """Kind of part among whose values in a frame those of a kind stand."""
+    """Kind of part with which a kind's values stand in a frame."""
     return "roller" if kind == "link" else kind
 
 
 DEFAULT_FRAME = FrameLayout(tuple(CHANNEL_BY_NAME[name] for name in DEFAULT_CHANNELS))
 
 WHOLE_FRAME = FrameLayout(CHANNELS)
-"""Layout of frames with every channel, as the CPU's kernel writes them."""
+"""Layout of frames with every channel, of the CPU's kernel."""
 
 
 def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
-    """Layout of frames with the default channels and some on request."""
+    """Layout of frames with default channels and some more."""
     asked = set(channels)
     return FrameLayout(tuple(channel for channel in CHANNELS if not channel.on_request or channel.name in asked))
 
@@ -194,6 +194,6 @@ def drive_frame_width(drive: Drive, frame: FrameLayout = DEFAULT_FRAME) -> int:
 
 
 def channels_of_drive(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
-    """Names of channels, among some, that a drive has parts for."""
+    """Names of the channels that a drive has parts for."""
     sizes = PartCounts.of_drive(drive)
     return tuple(name for name in names if sizes.count_of(CHANNEL_BY_NAME[name].per) > 0)

@@ -50,7 +50,7 @@ def trajectory_in_window(trajectory: Trajectory, start: float, end: float) -> Tr
 
 
 class EngineeringReport:
-    """Engineering report of one recorded variant, each part computed when first asked for.
+    """Engineering report of one recorded variant, computed as asked for.
 
     Args:
         trajectory: the whole recording.
@@ -85,29 +85,29 @@ class EngineeringReport:
 
     @cached_property
     def guide_loads(self) -> list[GuideLoad]:
-        """Load of each guide over its length, in the report's window."""
+        """Load of each guide over its length, in the window."""
         return guide_loads(self.part, self.guide_contacts)
 
     @cached_property
     def hub_forces(self) -> Array:
-        """Force of the chain on sprockets (F, S, 2) [N], in the report's window."""
+        """Forces (F, S, 2) [N] of the chain on sprockets, in the window."""
         return hub_forces(self.part)
 
     @cached_property
     def phase_errors(self) -> dict[int, PhaseError]:
-        """Phase error of each sprocket but the driver, in the report's window."""
+        """Phase error of each driven sprocket, in the window."""
         inside = (self.whole.time >= self.start - 1e-12) & (self.whole.time <= self.end + 1e-12)
         others = [s for s in range(len(self.drive.sprockets)) if s != self.drive.driver]
         return {s: phase_error_in_window(self.whole, s, inside) for s in others}
 
     @cached_property
     def friction_power(self) -> dict[str, Array]:
-        """Friction power (F,) [W] by what rubs, of the whole recording."""
+        """Friction power (F,) [W] by what rubs, over the recording."""
         return friction_power(self.whole)
 
     @cached_property
     def jump_margins(self) -> list[JumpMargin]:
-        """Margin to tooth jump of each sprocket, in the report's window."""
+        """Margin to tooth jump of each sprocket, in the window."""
         return [tooth_jump_margin(self.part, s) for s in range(len(self.drive.sprockets))]
 
     @cached_property
@@ -118,7 +118,7 @@ class EngineeringReport:
 
     @cached_property
     def joint_wear(self) -> JointWear | None:
-        """Sliding of the joints in the report's window; None without a pin radius."""
+        """Sliding of the joints in the window, or None."""
         return joint_wear(self.part)
 
     @cached_property
@@ -129,7 +129,7 @@ class EngineeringReport:
 
     @property
     def elongation_rate(self) -> float | None:
-        """Elongation of the chain by wear [1/s]; None without pins or bearing area."""
+        """Elongation of the chain by wear [1/s], or None."""
         if self.joint_wear is None or self.joint_area is None:
             return None
         return elongation_rate(self.drive, self.joint_wear, self.wear_law.coefficient, self.joint_area)
@@ -224,7 +224,7 @@ def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, float]:
-    """Window of a metrics row [s] within the recording; the latter half if it was not reached."""
+    """Window of a metrics row [s] within the recording."""
     end = float(trajectory.time[-1])
     start, stop = row.get("window_start"), row.get("window_end")
     if row.get("input_work") is None or start is None or stop is None or start >= end:
@@ -233,7 +233,7 @@ def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[floa
 
 
 def engineering_report(run: Run, variant: int | None = None, wear: Wear | None = None) -> EngineeringReport:
-    """Engineering report of a run's recorded variant (the first by default), over its metrics' window.
+    """Engineering report of a run's recorded variant, over its metrics' window.
 
     Raises:
         SimulationError: a variant that was not recorded.

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 @check_arguments(SimulationError, "fatigue.")
 @dataclass(frozen=True)
 class Woehler:
-    """Woehler (S-N) curve of a link's tension range, eq. (a), without endurance limit."""
+    """Woehler (S-N) curve of a link's tension range, eq. (a)."""
 
     exponent: PositiveNumber  # m [-]
     reference_range: PositiveNumber  # D_ref [N]
@@ -39,7 +39,7 @@ class Woehler:
 
 
 def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]:
-    """Function of the package rainflow that yields a series' cycles: (range, mean, 1 or 0.5, first, last).
+    """Function that yields a series' rainflow cycles: (range, mean, 1 or 0.5, first, last).
 
     Raises:
         SimulationError: the extra `rainflow` is not installed.
@@ -52,7 +52,7 @@ def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]
 
 
 def count_links(tension: ArrayLike) -> list[Array]:
-    """Rainflow cycles (C, 3) of each link's tension: range [N], mean [N], and 1 or 0.5.
+    """Rainflow cycles (C, 3) of links' tension: range, mean [N], count.
 
     Args:
         tension: (F, L) of links [N].
@@ -69,7 +69,7 @@ def count_links(tension: ArrayLike) -> list[Array]:
 
 
 def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage (L,) of links over a recorded time, (a); 1 is failure.
+    """Miner damage (L,) of links over time, (a); 1 is failure.
 
     Args:
         tension: (F, L) of links [N].
@@ -85,7 +85,7 @@ def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None 
 def equivalent_range(
     tension: ArrayLike, exponent: float, counted: float, cycles: Sequence[Array] | None = None
 ) -> Array:
-    """Tension range (L,) [N] whose `counted` cycles do each link's fatigue damage, (sum n_i D_i^m / counted)^(1/m).
+    """Tension range (L,) [N] whose `counted` cycles do the same fatigue damage.
 
     Args:
         tension: (F, L) of links [N].
@@ -101,7 +101,7 @@ def equivalent_range(
 
 
 def _link_cycle_sums(cycles: Sequence[Array], reference: float, exponent: float) -> Array:
-    """Sum of n (range / reference)^m over each link's rainflow cycles (L,)."""
+    """Sums (L,) of n (range / reference)^m over links' rainflow cycles."""
     sums = np.zeros(len(cycles))
     for link, found in enumerate(cycles):
         total = 0.0

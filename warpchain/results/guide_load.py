@@ -24,7 +24,7 @@ Index = NDArray[np.intp]
 
 
 def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
-    """Arc length along a guide's face and height above it of points (K, 2) [m]; nan beyond its rounded ends."""
+    """Arc length along a guide's face, and height, of points (K, 2) [m]."""
     place, height = np.full(len(points), np.nan), np.full(len(points), np.inf)
     for piece, before in zip(face.pieces, face.places, strict=True):
         on = piece.heights(points)
@@ -34,7 +34,7 @@ def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
 
 
 def face_tangents(face: Profile, place: Array) -> Array:
-    """Unit tangents (K, 2) of a guide's face at arc lengths (K,) [m]."""
+    """Unit tangents (K, 2) of a guide's face at arc lengths (K,)."""
     begin, heading, curvature = (
         np.array(values)
         for values in (face.places, [p.heading for p in face.pieces], [p.curvature for p in face.pieces])
@@ -45,7 +45,7 @@ def face_tangents(face: Profile, place: Array) -> Array:
 
 
 def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
-    """Rollers (K, 2) [m] at frames (K,) turned to where guide g is drawn, and its angle (K,) [rad]."""
+    """Rollers (K, 2) [m] in a guide's drawn frame, and its angle (K,)."""
     (position,) = require_channels(trajectory, "position")
     x = np.asarray(position, dtype=float)[frame, roller]
     arm = trajectory.drive.arm_of(g)
@@ -61,7 +61,7 @@ STRETCHES_A_PITCH = 4
 
 
 class GuideContacts(NamedTuple):
-    """Rollers that press one guide of a recording, frame by frame."""
+    """Rollers that press one guide of a recording."""
 
     frame: Index  # (K,)
     roller: Index  # (K,)
@@ -112,7 +112,7 @@ class GuideLoad(NamedTuple):
 
 
 def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
-    """Load of a guide in stretches between ascending `edges` (B + 1,) [m]."""
+    """Load of a guide in stretches between `edges` (B + 1,) [m]."""
     count, widths = len(edges) - 1, np.diff(edges)
     inside = (contacts.place >= edges[0]) & (contacts.place <= edges[-1])
     stretch = np.minimum(np.searchsorted(edges, contacts.place[inside], side="right") - 1, count - 1)
@@ -128,7 +128,7 @@ def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pi
 
 
 def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
-    """Load of each guide of a recording, over its length and rounded ends."""
+    """Load of each guide of a recording, over its length."""
     drive = trajectory.drive
     found = []
     for g, mine in enumerate(recorded_guide_contacts(trajectory) if contacts is None else contacts):

@@ -43,7 +43,7 @@ LEVEL_REFERENCE = 1e-6
 
 
 class HousingLoad(NamedTuple):
-    """Load on the housing at one place, over a recording's frames."""
+    """Load on the housing at one place, over frames."""
 
     name: str  # "hub NAME", "bolt NAME N", "guide NAME", "pivot NAME" or "seat NAME"
     place: tuple[float, float]  # [m]
@@ -52,7 +52,7 @@ class HousingLoad(NamedTuple):
 
 
 def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
-    """Loads on the housing at hubs, guides, pivots and seats, chain by chain.
+    """Loads on the housing at hubs, guides, pivots and seats.
 
     Raises:
         SimulationError: recorded without positions, contact forces, or motion of bodies.
@@ -91,7 +91,7 @@ def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 
 
 def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
-    """Force (F, 2) [N] that sprocket s's bearing passes to the housing, (a)."""
+    """Force (F, 2) [N] of a sprocket's bearing on the housing, (a)."""
     center, angle, speed = require_channels(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
     sprocket, time = trajectory.drive.sprockets[s], trajectory.time
     mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.drive.run.gravity)
@@ -117,7 +117,7 @@ def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
 
 
 def _balance_wheel_force(sprocket: Sprocket, angle: Array, speed: Array, time: Array) -> Array:
-    """Inertia force (F, 2) [N] of a sprocket's balance wheel about its center."""
+    """Inertia force (F, 2) [N] of a sprocket's balance wheel."""
     wheel = sprocket.balance_wheel
     assert wheel is not None
     points = np.stack([np.cos(angle + wheel.phase), np.sin(angle + wheel.phase)], axis=-1)
@@ -132,7 +132,7 @@ def _time_derivative(values: Array, time: Array) -> Array:
 
 
 def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Force of the chain on each guide (F, 2) [N], and its moment about the origin (F,) [N m]."""
+    """Chain force (F, 2) [N] on each guide, and moment (F,) about the origin."""
     position, guide_force = require_channels(trajectory, "position", "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     nearest, normal = nearest_guides_of_rollers(trajectory, frame, roller)
@@ -148,7 +148,7 @@ def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array
 
 
 def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[HousingLoad]:
-    """Loads of a guide on the housing, at its bolts (b) or its middle."""
+    """Loads of a guide on the housing, at its bolts (b)."""
     guide = drive.guides[g]
     if not guide.bolts:
         middle = drive.profile(g).points(drive.chain.pitch, caps=False)
@@ -171,12 +171,12 @@ def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[Housi
 
 
 def _moment_about(place: Array, force: Array, moment: Array) -> Array:
-    """Moment (F,) [N m] of a force about a place, from that about the origin."""
+    """Moment (F,) [N m] of a force about another place."""
     return np.asarray(moment - (place[0] * force[:, 1] - place[1] * force[:, 0]))
 
 
 def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> HousingLoad:
-    """Load of the pivot of arm a on the housing, less arms and coil springs on the arm."""
+    """Load of an arm's pivot on the housing."""
     drive, time = trajectory.drive, trajectory.time
     arm = drive.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
@@ -202,7 +202,7 @@ def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[
 
 
 def _coil_force(trajectory: Trajectory, a: int) -> Array:
-    """Force (F, 2) [N] of coil spring and damper on arm a; 0 without one."""
+    """Force (F, 2) [N] of an arm's coil spring and damper."""
     arm = trajectory.drive.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
     angle, speed = np.asarray(arm_angle[:, a], dtype=float), np.asarray(arm_speed[:, a], dtype=float)
@@ -219,7 +219,7 @@ def _coil_force(trajectory: Trajectory, a: int) -> Array:
 
 
 def order_levels(trajectory: Trajectory) -> pa.Table:
-    """Pyarrow table of levels [dB] of housing loads (c) by the driver's `order`, a column a component.
+    """Pyarrow table of housing loads' levels [dB] by `order`, (c).
 
     Raises:
         SimulationError: a driver that stops, turns back or turns too little.
@@ -246,7 +246,7 @@ def _component_unit(name: str) -> str:
 
 
 def components(trajectory: Trajectory) -> dict[str, Array]:
-    """Components (F,) of all housing loads [N, N m] by name: "hub crank.x", ".y" and ".moment"."""
+    """Components (F,) of housing loads [N, N m] by name: "hub crank.x"."""
     found: dict[str, Array] = {}
     for load in housing_loads(trajectory):
         found |= {f"{load.name}.{axis}": load.force[:, k] for k, axis in enumerate("xy")}

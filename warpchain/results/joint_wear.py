@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 class JointWear(NamedTuple):
-    """Sliding of the chain's joints in a window of a recording."""
+    """Sliding of the chain's joints in a window."""
 
     seconds: float  # length of the window [s]
     distance: Array  # (N,) sliding distance s [m] (a)
@@ -33,7 +33,7 @@ class JointWear(NamedTuple):
 
 
 def joint_wear(trajectory: Trajectory) -> JointWear | None:
-    """Sliding of each joint over a recording; None without a pin radius.
+    """Sliding of each joint over a recording, or None.
 
     Frames must come at least twice as often as links turn back and forth.
 
@@ -56,5 +56,5 @@ def joint_wear(trajectory: Trajectory) -> JointWear | None:
 
 
 def elongation_rate(drive: Drive, wear: JointWear, coefficient: float, area: float) -> float:
-    """Elongation of the chain by joint wear [1/s] (b), from k [m^2/N] and A [m^2]."""
+    """Elongation of the chain by joint wear [1/s], (b)."""
     return float(wear.loaded.mean()) * coefficient / (area * drive.chain.pitch * wear.seconds)

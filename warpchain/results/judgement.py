@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
 
 WELL_KEPT_SHARE = 0.5
-"""Step that a reason proposes, over the one that just keeps a limit."""
+"""Step that a reason proposes, over one that just suffices."""
 MOST_NAMED = 6
 MOST_REASONS = 3
 
@@ -32,7 +32,7 @@ Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
 ]
 START_ENERGY_CHANGE = 0.5
-"""Change of energy over losses beyond which a window counts as a start."""
+"""Energy change over losses from which on a window is a start."""
 LimitShare = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 
 
@@ -81,9 +81,9 @@ class Limits(Part):
 
 
 NumberOfEach = Callable[..., NDArray[np.float64]]
-"""Function that gives a number of each drive (V,), as `number_of_each_drive`."""
+"""Function that gives a number of each drive (V,)."""
 ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
-"""Values of a metric column (V,), and where it is null."""
+"""Values of a metric column (V,), and its nulls."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class LimitRule:
     order: int = 0
 
     def reason_text(self, of: str, value: float, limit: float) -> str:
-        """Reason text for a value beyond its limit, with a step that keeps it and what to change."""
+        """Reason text for a value beyond its limit, with advice."""
         step = ""
         if self.order and limit > 0.0:
             step = (
@@ -132,7 +132,7 @@ class LimitRule:
 
 
 def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
-    """A number (V,) of the chain that a metric column's prefix names, in each drive; nan without one."""
+    """A number (V,) of the chain in a metric column's prefix."""
     name = of.partition(".")[0]
 
     def number_of_drive(drive: Drive) -> Any:
@@ -144,12 +144,12 @@ def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain]
 
 
 def breaking_loads(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Breaking load (V,) [N] of each drive's chain; nan where unknown."""
+    """Breaking load (V,) [N] of each drive's chain."""
     return _number_of_prefix_chain(each, of, lambda chain: chain.breaking_load)
 
 
 LEAST_STRETCH = 1e-9
-"""Stretch of a link [m] below which its force counts as none."""
+"""Stretch of a link [m] below which its force is none."""
 
 
 def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
@@ -158,14 +158,14 @@ def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
 
 
 def largest_link_tensions(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link tension (V,) [N] of the window, at least one that counts."""
+    """Largest link tension (V,) [N] of the window."""
     chain, several, _ = of.rpartition(".")
     least, name = least_link_forces(each, of), f"{chain}.tension_max" if several else "tension_max"
     return np.maximum(columns[name][0], least) if name in columns else np.full_like(least, np.nan)
 
 
 def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link force (V,) [N] of the window, pulling or pushing; nan for none."""
+    """Largest link force (V,) [N] of the window, pulling or pushing."""
     names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
     ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_link_forces(each, of)
     largest = np.max(ends, axis=0) if ends else np.zeros_like(least)
@@ -173,7 +173,7 @@ def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues],
 
 
 def has_table_change(drive: Drive, begin: Any, end: Any) -> Any:
-    """Whether a table over time changes what a drive does between two times [s], of a stack (V,)."""
+    """Whether tables over time change a drive between two times [s]."""
     changes = [_has_change_between(*table, begin, end) for table in _tables_over_time(drive)]
     return np.any(changes, axis=0) if changes else False
 
@@ -205,7 +205,7 @@ def _attribute_or_none(part: Any, name: str) -> Any:
 
 
 def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
-    """Whether a table over time has more than one value between two times [s]."""
+    """Whether a table's values change between two times [s]."""
     time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
     changes = np.append(0, np.cumsum(value[1:] != value[:-1]))
     first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
@@ -219,7 +219,7 @@ def _longest_ramp_time(drive: Drive) -> Any:
 
 
 def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Mean tension (V,) [N] of windows after a ramp without changes by tables; else nan."""
+    """Mean tension (V,) [N] of windows that follow a ramp, else nan."""
     ramps, name = each(_longest_ramp_time), f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
         return np.full_like(ramps, np.nan)
@@ -229,7 +229,7 @@ def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnVal
 
 
 def start_window_ones(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """1 where a variant's window (V,) is of a start, else nan."""
+    """Ones (V,) where a window is of a start, else nan."""
     change, null = columns.get("energy_change_relative", (np.zeros_like(columns["diverged_time"][0]), False))
     return np.where((np.abs(change) > START_ENERGY_CHANGE) & ~np.asarray(null), 1.0, np.nan)
 
@@ -360,7 +360,7 @@ DIVERGENCE_CAUSES = {
     "settling": "settling found no equilibrium: make the chain fit more closely (warpchain fit), or take "
     "run.settle = false and a later window",
 }
-"""Causes for a variant to diverge, and what to do about them."""
+"""Causes for a variant to diverge, and remedies."""
 UNMEASURED_REASON = "ended before its window for metrics was over"
 
 
@@ -386,7 +386,7 @@ def judge_variants(
     causes: Sequence[str] | None = None,
     stacks: Sequence[Stack] | None = None,
 ) -> Judgement:
-    """Judgement of V variants, status and reason each, by their metrics.
+    """Judgement of V variants, status and reason, by their metrics.
 
     Args:
         columns: metrics by name, "diverged" and "diverged_time" [s] among them.
@@ -424,7 +424,7 @@ def judge_variants(
 def _reasons_beyond_limits(
     drives: Sequence[Drive], stacks: Sequence[Stack] | None, columns: Mapping[str, ColumnValues], limits: Limits
 ) -> dict[int, list[str]]:
-    """Reasons of variants with metrics beyond limits, by variant, in the order of rules and columns."""
+    """Reasons of variants with metrics beyond limits, by variant."""
     found: dict[int, list[tuple[int, str, str]]] = {}
     chains = {chain.name for drive in drives for chain in drive.chains}
     each = partial(number_of_each_drive, drives, stacks)
@@ -452,7 +452,7 @@ def _reasons_beyond_limits(
 
 
 def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
-    """Reasons (rule, column, text) in the order of rules, and of the drive's metric columns."""
+    """Reasons (rule, column, text) ordered by rules and metric columns."""
     if len({rule for rule, _, _ in reasons}) == len(reasons):
         return reasons
     places = _column_places(drive)
@@ -467,7 +467,7 @@ def _column_places(drive: Drive) -> dict[str, int]:
 
 
 def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains: set[str]) -> NDArray[np.bool_]:
-    """(V,) whether a limit's rule applies to each drive's column of this prefix; `chains` are all chains' names."""
+    """(V,) whether a limit's rule applies to drives' columns of a prefix."""
     own: bool | NDArray[np.bool_] = of == ""
     if of in chains:
         own = np.array([any(chain.name == of for chain in drive.chains) for drive in drives])
@@ -489,7 +489,7 @@ def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, Colu
 
 
 def judgement_warning(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """Warning of one line on variants that are not ok, why, and what to change; None for none.
+    """Warning on variants that are not ok, and advice, or None.
 
     Interrupted variants that are else ok are left out.
     """

@@ -39,7 +39,7 @@ SLIP_LOSSES = "clutches and gear changes"
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
-    """Energy [J] dissipated over the window by group of parts, the largest first.
+    """Energy losses [J] over the window by group, the largest first.
 
     With `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
 
@@ -69,7 +69,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
 
 
 class Loss(NamedTuple):
-    """Energy that a group of parts dissipates over the window [J], power [W], and share of the input work or None."""
+    """Energy loss of a group [J], its power [W] and input share."""
 
     energy: float
     power: float
@@ -77,7 +77,7 @@ class Loss(NamedTuple):
 
 
 def loss_shares(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, Loss]:
-    """Losses by group with power and share of the input work; empty if a run did not reach its window."""
+    """Losses by group with power and share of the input."""
     work = metrics.get("input_work")
     if work is None:
         return {}
@@ -98,7 +98,7 @@ def friction_coefficient(rubbing: FrictionCoefficients, speed: Array) -> Array:
 
 
 def joint_turn_rates(trajectory: Trajectory) -> Array:
-    """Rates g (F, N) [rad/s] at which links at each roller turn against each other."""
+    """Rates g (F, N) [rad/s] at which links turn in joints."""
     position, velocity = require_channels(trajectory, "position", "velocity")
     across = np.roll(position, -1, axis=1) - position
     relative = np.roll(velocity, -1, axis=1) - velocity
@@ -108,14 +108,14 @@ def joint_turn_rates(trajectory: Trajectory) -> Array:
 
 
 def joint_loads(trajectory: Trajectory) -> Array:
-    """Force (F, N) [N] on each joint: the larger of its links' tensions."""
+    """Force (F, N) [N] on each joint, by link tensions."""
     (tension,) = require_channels(trajectory, "tension")
     size = np.abs(np.asarray(tension, dtype=float))
     return np.maximum(size, np.roll(size, 1, axis=1))
 
 
 def total_joint_friction_power(trajectory: Trajectory) -> Array:
-    """Friction power (F,) [W] of all joints: as recorded, else (a)."""
+    """Friction power (F,) [W] of all joints, recorded or (a)."""
     if trajectory.joint_friction_power is not None:
         return np.asarray(trajectory.joint_friction_power, dtype=float).sum(axis=1)
     joint, radius = trajectory.drive.chain.joint, trajectory.drive.chain.pin_radius
@@ -139,7 +139,7 @@ def guide_friction_power(trajectory: Trajectory, g: int, contacts: GuideContacts
 
 
 def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array:
-    """Friction power (F,) [W] on sprocket s's teeth, (c); `near` (F, N) is of `engaged_sprockets`."""
+    """Friction power (F,) [W] on a sprocket's teeth, (c)."""
     position, velocity, sprocket_force, sprocket_speed, sprocket_center = require_channels(
         trajectory, "position", "velocity", "sprocket_force", "sprocket_speed", "sprocket_center"
     )
@@ -158,7 +158,7 @@ def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp])
 
 
 def friction_power(trajectory: Trajectory) -> dict[str, Array]:
-    """Friction power (F,) [W] of "joints", and of guides and sprockets by name."""
+    """Friction power (F,) [W] of joints, guides and sprockets by name."""
     drive = trajectory.drive
     found: dict[str, Array] = {}
     if drive.chain.has_friction:
@@ -175,7 +175,7 @@ def friction_power(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
-    """Friction powers (F,) [W] added up to "joints", "guides" and "teeth"."""
+    """Friction powers (F,) [W] of joints, guides and teeth."""
     groups = {
         "joints": ["joints"],
         "guides": [guide.name for guide in drive.guides],
@@ -186,7 +186,7 @@ def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[st
 
 
 def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
-    """Driver speeds (V,) [rad/s] of a run's ok variants, ascending, and mean friction power (V,) [W] by group.
+    """Driver speeds (V,) [rad/s] of ok variants, and friction power by group.
 
     None with fewer than three speeds, several chains, unlike drivers, or where nothing rubs. Variants must have the
     parts of the first.

@@ -36,11 +36,11 @@ from warpchain.results.strand_passing import strand_displacement
 Array = NDArray[np.float64]
 
 LINES_WITHIN = 2
-"""Lines of a spectrum on either side of an order among which its amplitude is the largest."""
+"""Spectral lines about an order that count for its amplitude."""
 
 
 class SignalSource(NamedTuple):
-    """Source of a simulated signal to compare a measured one with.
+    """Source of a simulated signal to compare with a measured one.
 
     Attributes:
         unit: SI unit.
@@ -76,7 +76,7 @@ class SignalComparison:
 
 
 def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
-    """Simulated signals of a run by name, to compare measured ones with.
+    """Simulated signals of a run by name, for comparison.
 
     STRAND.tension, SPROCKET.speed, "link 7.tension" and so on; of several chains CHAIN.STRAND.tension, "CHAIN.link
     7.tension".
@@ -111,7 +111,7 @@ def signal_units(drive: Drive) -> dict[str, str]:
 
 
 def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, SignalSource]:
-    """Simulated signals of a chain by name; its strands' and links' begin with `before`."""
+    """Simulated signals of a chain by name, prefixed by `before`."""
     drive = trajectory.drive
     found: dict[str, SignalSource] = {}
     for k, name in enumerate(drive.strand_names):
@@ -138,7 +138,7 @@ def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, Sign
 
 
 def _largest_contact_force(trajectory: Trajectory, part: int) -> Array:
-    """Largest contact force (F,) [N] of a sprocket or guide on any roller."""
+    """Largest contact force (F,) [N] of a sprocket or guide."""
     return largest_contact_forces(trajectory)[part]
 
 
@@ -149,7 +149,7 @@ def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
 
 
 def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
-    """Simulated signal of a run by name, to compare a measured one with.
+    """Simulated signal of a run by name, for comparison.
 
     Args:
         option: what precedes the name in errors, such as "--as ".
@@ -203,7 +203,7 @@ def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | N
 
 
 def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -> tuple[Array, Array] | None:
-    """Spectrum of a measured signal over the driver's orders; None if the driver stands still."""
+    """Spectrum of a measured signal over driver orders, or None."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     part = latter_half_frames(trajectory)
     angle = forward_values(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
@@ -219,7 +219,7 @@ def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -
 def _excitation_order_amplitudes(
     trajectory: Trajectory, ours: tuple[Array, Array] | None, theirs: tuple[Array, Array] | None
 ) -> dict[float, tuple[str, float, float]]:
-    """Cause and both signals' amplitudes by excitation order, where both resolve it."""
+    """Cause and amplitudes of both signals by excitation order."""
     if ours is None or theirs is None:
         return {}
     causes = {order.value: order.cause for order in excitation_orders(trajectory.drive)}
@@ -242,7 +242,7 @@ def _excitation_order_amplitudes(
 
 
 def _best_time_offset(time: Array, simulated: Array, measured: MeasuredSignal) -> float:
-    """Offset of the measured time [s] at which both signals correlate best."""
+    """Offset of measured time [s] of best correlation."""
     from scipy.signal import correlate
 
     step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))

@@ -29,7 +29,7 @@ from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, 
 
 MOST_SIGNAL_VALUES = 2**25
 MOST_MEMORY = 2**33
-"""Address space of the process that reads a measured file [bytes]."""
+"""Address space of the process that reads a measured file."""
 MOST_READING_TIME = 300.0
 """Time for reading a measured file [s]."""
 _MAT_NUMBER_CLASSES = (
@@ -46,13 +46,13 @@ _MAT_NUMBER_CLASSES = (
     "logical",
 )
 _TIME_CHANNELS = ("time", "t", "Time")
-"""Names of channels of MDF and variables of MAT that are a time."""
+"""Names of MDF channels and MAT variables of time."""
 _HDF5_HEAD, _HDF5_PLACE = b"\x89HDF\r\n\x1a\n", 512
-"""First bytes of the HDF5 in a MAT file of version 7.3, and where they stand."""
+"""First bytes of HDF5 in a MAT file 7.3, and their place."""
 
 
 def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of a MAT, MDF or TDMS file, read in a process of its own.
+    """Time and value columns of a MAT, MDF or TDMS file, read apart.
 
     Raises:
         SimulationError: as `read_binary_columns_here`, or a file at which that process ended.
@@ -83,7 +83,7 @@ def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[Mea
 
 
 def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of a MAT, MDF or TDMS file, read in this process.
+    """Time and value columns of a MAT, MDF or TDMS file.
 
     Raises:
         SimulationError: a file or column not understood, too many values, or a missing package.
@@ -96,7 +96,7 @@ def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tupl
 
 @contextlib.contextmanager
 def _convert_file_errors(path: str | Path, words: str) -> Iterator[None]:
-    """Context that turns errors of reading a measured file into SimulationError; `words` are for damage."""
+    """Context that turns a measured file's errors into SimulationError."""
     try:
         yield
     except SimulationError:
@@ -133,7 +133,7 @@ def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[str, int]) -> list[str]:
-    """Names of the time and value variables among a MAT file's vectors."""
+    """Names of time and values among a MAT file's vectors."""
     names = [(name, name) for name in lengths]
     at = column_index(path, names, columns.time, 0, "time")
     of = column_index(path, names, columns.column, (at + 1) % max(len(names), 2))
@@ -151,7 +151,7 @@ def _column_of_variable(path: str | Path, name: str, values: np.ndarray) -> Meas
 
 
 def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of a MAT file of version 7.3."""
+    """Time and value columns of a MAT file 7.3."""
     require_extra("hdf5", f"{path}: MAT of version 7.3", SimulationError)
     import h5py
 
@@ -172,7 +172,7 @@ def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tup
 
 
 def _said_variables(path: str | Path, columns: MeasuredColumns, names: list[str]) -> MeasuredColumns:
-    """Columns by name for a file without order: the one called as a time, and the only other.
+    """Columns by name, for a measured file without order.
 
     Raises:
         SimulationError: it is not clear which these are.
@@ -183,20 +183,20 @@ def _said_variables(path: str | Path, columns: MeasuredColumns, names: list[str]
 
 
 def _only_name(path: str | Path, option: str, found: list[str], names: list[str]) -> str:
-    """The only name found in a measured file; raises SimulationError for none or several."""
+    """The only name found in a measured file."""
     if len(found) != 1:
         raise SimulationError(f"{path}: its variables have no order: say --{option}, one of {', '.join(names)}")
     return found[0]
 
 
 def _check_value_count(path: str | Path, name: str, count: int) -> None:
-    """Raises SimulationError where a measured file's column has too many values."""
+    """Raises SimulationError for too long a measured column."""
     if count > MOST_SIGNAL_VALUES:
         raise SimulationError(f"{path}: {name} has {count} values; allowed are at most {MOST_SIGNAL_VALUES}")
 
 
 def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of an MDF file of version 3 or 4."""
+    """Time and value columns of an MDF file."""
     require_extra("mdf", f"{path}: MDF", SimulationError)
     import asammdf
 
@@ -220,7 +220,7 @@ def _columns_from_mdf(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def _columns_from_tdms(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of a TDMS file, time from a waveform or another channel."""
+    """Time and value columns of a TDMS file."""
     require_extra("tdms", f"{path}: TDMS", SimulationError)
     import nptdms
 
@@ -251,7 +251,7 @@ def _columns_from_tdms(path: str | Path, columns: MeasuredColumns) -> tuple[Meas
 
 
 def _column_of_channel(path: str | Path, channel: Any) -> MeasuredColumn:
-    """Measured column of a TDMS channel, instants as seconds since the first."""
+    """Measured column of a TDMS channel, instants in seconds."""
     values, words = np.asarray(channel[:]), channel.properties
     if values.dtype.kind == "M" and len(values):
         values = (values - values[0]) / np.timedelta64(1, "s")
@@ -268,11 +268,11 @@ COLUMN_READERS: dict[str, Callable[[str | Path, MeasuredColumns], tuple[Measured
     ".mdf": _columns_from_mdf,
     ".tdms": _columns_from_tdms,
 }
-"""Functions that read measured columns, by a file's ending; others are text."""
+"""Functions that read measured columns, by a file's ending."""
 
 
 def answer_read_request() -> None:
-    """Reads the measured file named on standard input, in bounded memory, and answers on standard output."""
+    """Reads the measured file that standard input names, and answers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)

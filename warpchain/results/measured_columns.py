@@ -14,12 +14,12 @@ from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
 MeasuredColumn = tuple[str, str, Array]
-"""Name, unit ("" if unknown) and values (K,) of a measured column."""
+"""Name, unit or "", and values (K,) of a measured column."""
 
 
 @dataclass(frozen=True)
 class MeasuredColumns:
-    """Names and units of the time and value columns of a measured file.
+    """Choice of the time and value columns of a measured file.
 
     Attributes:
         column: of the values, by name (with unit as in the file) or number, "#2"; None is the first after the time.
@@ -40,7 +40,7 @@ class MeasuredColumns:
 def column_index(
     path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
 ) -> int:
-    """Index of a measured file's column by name; raises SimulationError for an unknown one."""
+    """Index of a measured file's column by name."""
     try:
         return column_place(names, wanted, default, option)
     except TableError as error:
@@ -48,7 +48,7 @@ def column_index(
 
 
 def require_bounded_values(path: str | Path, name: str, values: Array) -> Array:
-    """Values of a measured column, NaN for gaps; raises SimulationError if one is infinite or too large."""
+    """Values of a measured column, refused if infinite or too large."""
     if (np.abs(values) > HUGE).any():
         raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
     return values

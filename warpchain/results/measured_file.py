@@ -24,7 +24,7 @@ SIGNAL_STATISTICS: dict[str, Callable[[Array], float]] = {
     "largest": lambda x: float(x.max()),
 }
 LATEST_TIME = 1e9
-"""Latest time of a measured signal [s]; later ones are mistakes."""
+"""Latest believable time of a measured signal [s]."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class MeasuredSignal:
 
 
 def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns | None = None) -> MeasuredSignal:
-    """Measured signal of a MAT (.mat), MDF (.mf4, .mdf), TDMS (.tdms) or text file, in SI.
+    """Measured signal of a MAT, MDF, TDMS or text file, in SI.
 
     Dates and times of day count from the first. Instants without a value are left out, equal rounded times spread
     evenly; a warning says how many.
@@ -87,7 +87,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
 
 
 def _without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tuple[Array, Array]:
-    """Times and values (K,) of a measured signal without gaps, of which a warning says the number.
+    """Times and values (K,) of a measured signal without gaps.
 
     Raises:
         SimulationError: a value without a time.
@@ -125,7 +125,7 @@ def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[Measur
 
 
 def _check_first_column(table: TextTable) -> None:
-    """Raises TableError where a text table's first column is no time, but another one is."""
+    """Raises TableError where another column than the first is time."""
     is_time = [
         head.name in TIME_NAMES or quantities.unit_factor(head.unit, "s") is not None or has_clock(table, k)
         for k, head in enumerate(table.heads)

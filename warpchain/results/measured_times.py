@@ -15,17 +15,17 @@ _CLOCK_PARTS = re.compile(
     r"(\d+):(\d+)(?::(\d+)(?:[.,](\d+))?)?(?: ?([AaPp])[Mm])?(?: ?(Z)|([+-])(\d{2}):?(\d{2}))?", re.ASCII
 )
 _ORDERS = {"year first": (0, 1, 2), "day first": (2, 1, 0), "month first": (2, 0, 1)}
-"""Places of year, month and day in a date, by its order."""
+"""Places of year, month and day in a date."""
 
 
 def has_clock(table: TextTable, column: int) -> bool:
-    """Whether a text table's column begins with a date or a time of day."""
+    """Whether a text table's column holds dates or times of day."""
     first = next((cell for cell in table.cells(column) if cell.lower() not in GAPS), "")
     return bool(first and re.search("[-/.:].*[-/.:]|:", first) and _INSTANT.fullmatch(first))
 
 
 def clock_seconds(table: TextTable, column: int) -> Array:
-    """Seconds (rows,) since the first instant of a column of dates or times of day, NaN for gaps.
+    """Seconds (rows,) since the first of dates or times of day.
 
     A date beside a column of times of day is read with it.
 
@@ -86,13 +86,13 @@ def _days(dates: list[str | None], lines: list[int]) -> list[int]:
 
 
 def _day_number(words: list[int], order: tuple[int, int, int]) -> int:
-    """Number of a date's day; raises ValueError for no such day."""
+    """Number of a date's day, or ValueError."""
     year, month, day = (words[place] for place in order)
     return date(year + 2000 if year < 100 else year, month, day).toordinal()
 
 
 def _seconds_of_day(text: str, line: int) -> float:
-    """Seconds from midnight to a time of day, of UTC where it has a zone.
+    """Seconds from midnight to a time of day, in UTC.
 
     Raises:
         TableError: there is no such time of day.
@@ -110,7 +110,7 @@ def _seconds_of_day(text: str, line: int) -> float:
 
 
 def spread_equal_times(time: Array) -> Array:
-    """Times (K,) of a measured signal, equal ones spread evenly up to the next."""
+    """Times (K,) of a measured signal, equal ones spread evenly."""
     starts = np.flatnonzero(np.append(True, np.diff(time) > 0.0))
     ends = np.append(time[starts[1:]], 0.0)
     counts = np.diff(np.append(starts, len(time)))

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table of metrics: name, unit, title and formula."""
+    """Metric column: name, unit, title and formula."""
 
     name: str  # its own, after that of its part and a dot: `camshaft.speed_mean`
     unit: str  # SI, "1" for a count, ratio or flag
@@ -77,7 +77,7 @@ class MetricGroup:
 
 
 def has_partner_friction(drive: Drive, index: int) -> bool:
-    """Whether rollers rub on the drive's sprocket or guide of this index."""
+    """Whether rollers rub on the drive's sprocket or guide."""
     sprockets = len(drive.sprockets)
     return (
         tooth_friction_coefficients(drive)
@@ -583,7 +583,7 @@ WINDOW_METRICS = (
     (VALVE_METRICS,),
     (JOINT_METRICS,),
 )
-"""Metric columns formed of a window's sums; groups in one tuple go part by part."""
+"""Metric columns formed of a window's sums."""
 DESIGN_METRICS = (
     (MetricGroup("chain", (PEAK_FACTOR,)),),
     (FRICTION_POWER_METRICS,),
@@ -594,7 +594,7 @@ DESIGN_METRICS = (
     (MetricGroup("sprocket", (IMPACT_IMPULSE,)),),
     *((group,) for group in RESOLUTION_METRICS),
 )
-"""Metric columns that designs are judged by, formed from other metrics."""
+"""Metric columns that designs are judged by."""
 
 GroupBlocks = tuple[tuple[MetricGroup, ...], ...]
 ALL_METRICS: GroupBlocks = (
@@ -605,7 +605,7 @@ ALL_METRICS: GroupBlocks = (
     (ENGAGED_METRICS,),
     (SETTLING_METRICS,),
 )
-"""Metrics of a variant that ran to its end, in the table's order."""
+"""Metrics of a whole run of a variant, in order."""
 MODE_METRICS = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
     Column("damping_ratio", "1", "damping ratio of that mode"),
@@ -621,7 +621,7 @@ COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
 
 
 def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
-    """Metric groups of a drive in order, each with its names' prefix and the part's index."""
+    """Metric groups of a drive with prefix and part's index."""
     for groups in blocks:
         for index, prefix in enumerate(PART_PREFIXES[groups[0].part](drive)):
             for group in groups:
@@ -630,7 +630,7 @@ def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator
 
 
 CHAIN_PARTS = ("chain", "strand")
-"""Parts whose metrics begin with their chain's name where there are several."""
+"""Parts whose metrics begin with a chain's name, of several."""
 CHAIN_BALANCE_NAMES = ("links.dissipated",)
 """Metric columns of the energy balance that chains have, too."""
 
@@ -638,7 +638,7 @@ CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups i
 
 
 def _columns_key(drive: Drive) -> Hashable:
-    """Key by which drives have equal metric columns, energy balance and driver."""
+    """Key of drives with equal metric columns."""
     if drive.chains:
         return tuple((chain.name, _columns_key(chain.drive)) for chain in chain_drives(drive))
     has = (

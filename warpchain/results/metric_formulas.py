@@ -97,12 +97,12 @@ PART_PREFIXES: dict[str, Callable[[Drive], list[str]]] = {
     "valve": lambda drive: [f"{valves.name}." for valves in drive.valves],
     "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
-"""Functions that give the prefixes of metrics' names for a drive's parts of a kind."""
+"""Functions that give metric prefixes of a drive's parts."""
 
 
 @dataclass(frozen=True)
 class WindowSums:
-    """Sums of one part over the window, of which metrics are formed.
+    """Sums of one part over the window, for metrics.
 
     Attributes:
         sums: rows of the group's sums.
@@ -118,36 +118,36 @@ class WindowSums:
 
     @cached_property
     def cumulative_tension_counts(self) -> NDArray[np.float64]:
-        """Counts (V, bins) of link tensions in each bin and those before."""
+        """Cumulative counts (V, bins) of link tensions."""
         assert self.tension is not None
         return cumulative_counts(self.tension[0])
 
 
 def sum_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a sum over the window."""
+    """Formula of a metric: sum over the window."""
     return lambda of: of.sums[field]
 
 
 def flow_of(*fields: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a sum of a tensioner's oil flows."""
+    """Formula of a metric: sum of a tensioner's oil flows."""
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
 def chamber_filling_time(of: WindowSums) -> VariantValues:
-    """Time (V,) [s] until oil had filled a tensioner's chamber; masked where it has not."""
+    """Metric time (V,) [s] until oil filled a tensioner's chamber."""
     flows = of.sums["flows"]
     return mask_absent(flows["unfilled"] == 0, flows["filling"])
 
 
 def mean_of(field: str, component: int | None = None) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a mean over the window."""
+    """Formula of a metric: mean over the window."""
     if component is not None:
         return lambda of: of.sums[field][..., component] / of.weight
     return lambda of: of.sums[field] / of.weight
 
 
 def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a standard deviation over the window."""
+    """Formula of a metric: standard deviation over the window."""
 
     def formula(of: WindowSums) -> VariantValues:
         center = of.sums[field] / of.weight
@@ -157,16 +157,16 @@ def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def rms_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric that is a root mean square over the window."""
+    """Formula of a metric: root mean square over the window."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
 LEAST_TURNOVER = 1e-3
-"""Least energy that a residual or change is divided by, over that stored."""
+"""Least energy to divide by, over that stored."""
 
 
 def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
-    """Formula of the metric that a share of link tensions is below."""
+    """Formula of a metric: quantile of link tensions."""
 
     def formula(of: WindowSums) -> VariantValues:
         assert of.tension is not None
@@ -178,7 +178,7 @@ def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
 
 
 def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantValues]:
-    """Formula of the share of link tensions below a value [N]."""
+    """Formula of a metric: share of link tensions below [N]."""
 
     def formula(of: WindowSums) -> VariantValues:
         assert of.tension is not None
@@ -190,7 +190,7 @@ def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantVal
 
 
 def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[WindowSums], VariantValues]:
-    """Formula of the standard error of a mean, from the mean's formula."""
+    """Formula of a metric: standard error of a mean."""
 
     def formula(of: WindowSums) -> VariantValues:
         assert of.batches is not None
@@ -202,7 +202,7 @@ def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[
 
 @dataclass(frozen=True)
 class DriftMeans:
-    """Batch means (V, batches) of tension and speeds, by which a variant is judged steady."""
+    """Batch means (V, batches) of tension and speeds, for drift."""
 
     tension: NDArray[np.float64]  # of the chain [N]
     speeds: Sequence[NDArray[np.float64]]  # of each sprocket [rad/s]
@@ -216,7 +216,7 @@ class DriftMeans:
 
     @property
     def tension_change_chance(self) -> VariantValues:
-        """Probability (V,) of so large a change of the mean tension by chance."""
+        """Probability (V,) of so large a tension change by chance."""
         _, chance = window_drift(self.tension)
         return mask_absent(np.isfinite(chance), chance)
 
@@ -245,20 +245,20 @@ class EnergyBalance:
 
     @property
     def efficiency(self) -> VariantValues:
-        """Output over output and losses; masked where loads drive or no work is done."""
+        """Efficiency, output over output and losses, or masked."""
         taken = self.output + self.dissipated
         given = (self.output >= 0.0) & (taken > 0.0)
         return mask_absent(given, self.output / np.where(given, taken, 1.0))
 
     @property
     def relative_change(self) -> VariantValues:
-        """Change of energy over losses, or over `LEAST_TURNOVER` of the energy stored."""
+        """Change of energy over losses."""
         losses = np.maximum(self.dissipated, LEAST_TURNOVER * abs(self.stored))
         return np.where(losses == 0.0, 0.0, self.change / np.where(losses == 0.0, 1.0, losses))
 
     @property
     def relative_residual(self) -> VariantValues:
-        """Residual over half the sum of the balance's terms, or over `LEAST_TURNOVER` of the energy stored."""
+        """Residual of energy over half the balance's terms."""
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
         turnover = np.maximum(turnover, LEAST_TURNOVER * abs(self.stored))
         return np.where(turnover == 0.0, 0.0, self.residual / turnover)
@@ -275,7 +275,7 @@ class DesignInputs:
     index: int  # of the part
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Another metric of the part (V,), nan where there is none."""
+        """Another metric of the part (V,), or nan."""
         found = self.metrics.get(self.prefix + name, np.ma.masked_all(len(self.drives)))
         return np.where(np.ma.getmaskarray(found), np.nan, np.ma.getdata(found))
 
@@ -286,7 +286,7 @@ class DesignInputs:
         return ~np.any(masks, axis=0)
 
     def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[np.float64]:
-        """A number of each drive (V,), computed for a stack at once."""
+        """A number of each drive (V,), computed by stacks."""
         return number_of_each_drive(self.drives, self.stacks, value)
 
     @property
@@ -306,7 +306,7 @@ class DesignInputs:
 
 
 def peak_factor(of: DesignInputs) -> VariantValues:
-    """Metric largest over mean tension of the chain or a strand (V,), (a)."""
+    """Metric largest over mean tension (V,), (a)."""
     return mask_absent(of["tension_mean"] > 0.0, of["tension_max"] / of["tension_mean"])
 
 
@@ -318,7 +318,7 @@ def displacement_std(of: DesignInputs) -> VariantValues:
 
 
 def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
-    """Metric contact energy per revolution of one partner, or of all for the chain (V,) [J], (b)."""
+    """Metric contact energy per revolution (V,) [J], (b)."""
     drive = of.drives[0]
     revolutions = of.sprocket_turns(drive.driver)
     prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]
@@ -336,7 +336,7 @@ def total_friction_power(of: DesignInputs) -> VariantValues:
 
 
 def rated_use(of: DesignInputs) -> VariantValues:
-    """Metric power of the driver over the rated power [-], (e), of a chain size with a rating."""
+    """Metric driver power over rated power (V,) [-], (e)."""
     first = of.drives[0]
     name = first.sprockets[first.driver].name
     moment, speed = (np.ma.getdata(of.metrics[f"{name}.{column}"]) for column in ("moment_mean", "speed_mean"))

@@ -51,14 +51,14 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 MaskedColumns = dict[str, np.ma.MaskedArray[Any, Any]]
-"""Metric columns (V,) by name, masked where a variant has none."""
+"""Metric columns (V,) by name, masked where absent."""
 ColumnBlocks = list[tuple[NDArray[np.int64], MaskedColumns]]
 """Numbers of variants with equal metric columns, and these columns."""
 
 
 @dataclass(frozen=True)
 class VariantEnds:
-    """Ends of V variants; what has a default may be unknown."""
+    """Ends of V variants: steps, states, settling, causes."""
 
     drives: Sequence[Drive]  # (V,)
     schedules: Sequence[Schedule]  # (V,) when they step and are measured
@@ -88,7 +88,7 @@ class VariantEnds:
         )
 
     def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[Any]:
-        """A number of each drive (V,), computed for a stack at once."""
+        """A number of each drive (V,), computed by stacks."""
         return number_of_each_drive(self.drives, self.stacks, value)
 
     def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack] | None:
@@ -113,7 +113,7 @@ class VariantEnds:
 
     @cached_property
     def is_measured(self) -> NDArray[np.bool_]:
-        """Whether each variant came to the end of its window (V,)."""
+        """(V,) whether variants ended their window."""
         return (self.steps > self.schedule_column("window_end")) & ~self.diverged
 
     def schedule_column(self, field: str) -> NDArray[Any]:
@@ -127,11 +127,11 @@ class VariantEnds:
 
 
 def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds:
-    """Ends of groups of variants joined to those of a run; `numbers` are the groups' in the run."""
+    """Ends of groups of variants, numbered, as of one run."""
     order = np.argsort(np.concatenate(numbers))
 
     def values_in_order(each: Sequence[Sequence[Any]]) -> list[Any]:
-        """Values of the groups' variants in the order of the run."""
+        """Values of the groups' variants in run order."""
         values = [value for some in each for value in some]
         return [values[v] for v in order.tolist()]
 
@@ -152,7 +152,7 @@ def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]])
 
 
 def run_columns(ended: VariantEnds) -> MaskedColumns:
-    """Metric columns on whether variants diverged and on their window [s]."""
+    """Metric columns on divergence and window [s]."""
     step = ended.schedule_column("step")
     return {
         "diverged": np.ma.asarray(ended.diverged),
@@ -163,7 +163,7 @@ def run_columns(ended: VariantEnds) -> MaskedColumns:
 
 
 def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns:
-    """Metric columns formed of sums over the window, of variants of equal columns."""
+    """Metric columns formed of sums over the window."""
     columns: MaskedColumns = {}
     duration = (ended.schedule_column("window_end") - ended.schedule_column("window_start")) * ended.schedule_column(
         "step"
@@ -185,7 +185,7 @@ def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns
 def _batch_window_sums(
     sums: Mapping[str, Any], group: MetricGroup, index: int, links: NDArray[np.integer], long: NDArray[np.bool_]
 ) -> WindowSums | None:
-    """Sums of a metric group's part batch by batch, weights nan where there is nothing; or None."""
+    """Sums of a metric group's part by batches, or None."""
     noted, durations = sums["batches"]
     if group.source not in noted:
         return None
@@ -198,7 +198,7 @@ def _batch_window_sums(
 def _tension_counts(
     sums: Mapping[str, Any], group: MetricGroup, index: int
 ) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
-    """Counts of a part's link tensions in bins, and the bins' edges; or None."""
+    """Counts of link tensions in bins, and edges, or None."""
     counts, edges = sums["tension"]
     if group.part == "chain":
         return counts.sum(axis=1), edges
@@ -206,7 +206,7 @@ def _tension_counts(
 
 
 def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
-    """Batch means of tension and speeds over the window, by which variants are judged steady."""
+    """Batch means of tension and speeds over the window."""
     noted, durations = sums["parts"]
     links = ended.number_of_each(lambda drive: drive.chain.links)[:, None]
     weight = noted["chain"]["samples"] * links
@@ -220,7 +220,7 @@ def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
 
 
 def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
-    """Energy balance (V,) over the window [J], of variants of equal columns.
+    """Energy balance (V,) over the window [J].
 
     What prescribes angles and centers, and what supplies oil, does the input work.
     """
@@ -256,7 +256,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
 def design_metric_columns(
     drives: Sequence[Drive], metrics: MaskedColumns, stacks: Sequence[Stack] | None = None
 ) -> MaskedColumns:
-    """Metric columns that designs are judged by, masked where sprockets that must turn stand still."""
+    """Metric columns that designs are judged by."""
     columns: MaskedColumns = {}
     with np.errstate(all="ignore"):
         for prefix, index, group in groups_of_drive(drives[0], DESIGN_METRICS):
@@ -266,7 +266,7 @@ def design_metric_columns(
 
 
 def engaged_columns(ended: VariantEnds) -> MaskedColumns:
-    """Metric columns of the share of sprockets' wraps on teeth at the end (V,)."""
+    """Metric columns of wraps' shares on teeth (V,)."""
     if ended.engaged is None:
         return {}
     groups = groups_of_drive(ended.drives[0], ((ENGAGED_METRICS,),))
@@ -301,11 +301,11 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedCo
 
 
 ChainEnds = tuple[VariantEnds, Mapping[str, Any]]
-"""Ends of one chain of some variants, and its sums as of `metrics_of_variants`."""
+"""Ends of one chain of variants, and its sums."""
 
 
 def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> MaskedColumns:
-    """Metric columns of V variants of several chains, by those of their chains."""
+    """Metric columns of V variants of several chains."""
     columns: MaskedColumns = {}
     balances, measured = [], parts[0][0].is_measured
     for chain, (ended, sums) in zip(drives[0].chains, parts, strict=True):
@@ -325,7 +325,7 @@ def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> Ma
 
 
 def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]) -> ColumnBlocks:
-    """Metric columns of all variants, in blocks of equal columns; `parts_of` gives variants' chains."""
+    """Metric columns of all variants, in blocks of equal columns."""
     found: ColumnBlocks = []
     for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
         parts, drives = parts_of(variants), [ended.drives[v] for v in variants]
@@ -334,7 +334,7 @@ def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Seq
 
 
 def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
-    """Metrics table of all variants from blocks of columns, judged by limits."""
+    """Metrics table of all variants, judged by limits."""
     count = len(ended.drives)
     known = {"variant": np.ma.arange(count), "status": np.ma.zeros(count), "reason": np.ma.zeros(count)}
     known |= run_columns(ended)
@@ -365,7 +365,7 @@ def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.i
 
 
 def table_from_rows(rows: Sequence[Row]) -> pa.Table:
-    """Pyarrow metrics table of rows, with units; null where a row lacks a column."""
+    """Pyarrow metrics table of rows, with units."""
     names = dict.fromkeys(name for row in dict.fromkeys(map(tuple, rows)) for name in row)  # many have the same
     names.pop("variant", None)
     columns = {name: ([row.get(name) for row in rows], None) for name in names}
@@ -373,7 +373,7 @@ def table_from_rows(rows: Sequence[Row]) -> pa.Table:
 
 
 def select_metrics(table: pa.Table, rows: Sequence[int | None], wanted: Callable[[str], bool]) -> pa.Table:
-    """Some columns of some rows of a metrics table, null for no row, without empty columns.
+    """Metrics table of some rows and columns.
 
     Columns stand in the order of the first rows that have them.
     """
@@ -407,7 +407,7 @@ def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) ->
 
 
 def _table_of_columns(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Table:
-    """Pyarrow metrics table of columns by name, each with where it is null."""
+    """Pyarrow metrics table of columns by name, with nulls."""
     known = columns_of_metrics(columns)
     arrays = {name: _arrow_column(known[name].kind, values, mask) for name, (values, mask) in columns.items()}
     return table_with_units(arrays, {name: column.unit for name, column in known.items()})

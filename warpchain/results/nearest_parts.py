@@ -16,7 +16,7 @@ Index = NDArray[np.intp]
 
 
 class ContactForces(NamedTuple):
-    """Contact forces on K rollers of a recording, in order of frames."""
+    """Contact forces on K rollers of a recording."""
 
     frame: Index  # (K,)
     roller: Index  # (K,)
@@ -24,7 +24,7 @@ class ContactForces(NamedTuple):
 
 
 def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[ContactForces, ContactForces]:
-    """Contact forces of sprockets and of guides on rollers, above `least` [N]."""
+    """Contact forces of sprockets and guides above `least` [N]."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     frame, roller = np.nonzero(sprocket_force > least)
     near, _ = nearest_sprockets_of_rollers(trajectory, frame, roller)
@@ -40,7 +40,7 @@ def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[C
 
 
 def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Sprocket (K,) whose pitch circle is nearest to each roller, and distance from it (K,) [m]."""
+    """Nearest sprocket (K,) of each roller, and pitch-circle distance [m]."""
     position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     x = np.asarray(position, dtype=float)[frame, roller]
     near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
@@ -53,7 +53,7 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
 
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
-    """Unit vectors (K, 2), or (F, N, 2) of all, of sprocket s's contact force on rollers at frames (K,).
+    """Unit vectors (K, 2) or (F, N, 2) of sprocket contact forces.
 
     The direction is that of the nearest gap's surface.
     """
@@ -76,7 +76,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
 
 
 def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Guide (K,) whose face is nearest to each roller, and its normal there (K, 2); 0 beyond all faces."""
+    """Nearest guide (K,) of each roller, and face normal (K, 2)."""
     count = len(frame)
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.drive.guides)):
@@ -92,7 +92,7 @@ def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Inde
 
 
 def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> Index:
-    """Sprocket (F, N) that each roller, of some (N,) or all, engages; -1 for none."""
+    """Sprocket (F, N) that rollers engage, -1 for none."""
     drive = trajectory.drive
     which = np.arange(drive.chain.links) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
@@ -102,7 +102,7 @@ def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> I
 
 
 def contact_force_vectors(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Contact forces (F, N, 2) [N] of sprockets and of guides on all rollers."""
+    """Contact forces (F, N, 2) [N] of sprockets and of guides."""
     (position,) = require_channels(trajectory, "position")
     both = []
     for arrows in roller_contact_forces(trajectory):

@@ -30,7 +30,7 @@ Row = dict[str, float]
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulses (P,) [N s] of rollers' first touch with sprocket s, one a tooth passing, (b).
+    """Impulses (P,) [N s] of rollers' engagement on a sprocket, (b).
 
     Args:
         start: time from which touches count [s].
@@ -59,7 +59,7 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
 
 
 def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
-    """Objectives of a recorded window [s] by name, as far as channels allow: (a), (b), fatigue.
+    """Objectives of a recorded window [s] by name.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.
@@ -102,7 +102,7 @@ def _objectives_of_chains(trajectory: Trajectory, start: float, end: float, woeh
 
 
 def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
-    """Objectives of fatigue by name: damage an hour of links, and the tension range that does it."""
+    """Objectives of links' fatigue by name."""
     (tension,) = require_channels(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
     cycles = count_links(tension)
@@ -122,7 +122,7 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """Metrics table of a run, with objectives of its recorded, ok variants as further columns.
+    """Metrics table of a run, with objectives of recorded variants.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.

@@ -26,7 +26,7 @@ LEAST_SAMPLES_A_TURN = 256
 """Least samples of a revolution after resampling."""
 CYCLE_POINTS = 720
 BLOCK_TURNS = 8.0
-"""Revolutions of a block of a run-up, which resolves orders half an order apart."""
+"""Revolutions of a run-up's block, for half orders."""
 
 
 def driver_turns(trajectory: Trajectory) -> Array:
@@ -43,7 +43,7 @@ def last_rising_frames(turns: Array) -> slice:
 
 
 def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
-    """Samples (K,) of a signal at revolutions `at`, by a cubic spline through those at `turns` (F,)."""
+    """Samples (K,) of a signal at revolutions, by spline."""
     from scipy.interpolate import CubicSpline
 
     finite = np.isfinite(values)
@@ -53,12 +53,12 @@ def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
 
 
 def _samples_a_turn(turns: Array) -> int:
-    """Samples of a revolution, so that the slowest keeps all its frames."""
+    """Samples of a revolution, to keep all frames."""
     return max(LEAST_SAMPLES_A_TURN, int(np.ceil(1.0 / float(np.diff(turns).max()))))
 
 
 def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Array | None:
-    """Amplitudes (O,) of a signal's orders, multiples of a half, over the last whole cycles (a); or None."""
+    """Amplitudes (O,) of orders over the last whole cycles, (a)."""
     cycles = int((turns[-1] - turns[0]) / CYCLE_TURNS * (1.0 + 1e-9))
     if cycles < 1 or not np.isfinite(values).all():
         return None
@@ -78,7 +78,7 @@ class OrderCuts(NamedTuple):
 
 
 def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]) -> OrderCuts:
-    """Amplitudes of a signal's orders in overlapping blocks of `BLOCK_TURNS` revolutions, over speed.
+    """Amplitudes of orders in a run-up's blocks, over speed.
 
     Args:
         time, turns: (F,) [s], ascending revolutions.
@@ -104,7 +104,7 @@ def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]
 
 
 class CycleAverage(NamedTuple):
-    """Average of a signal over the angle of the working cycle."""
+    """Average of a signal over the working cycle's angle."""
 
     angle: Array  # (A,) of the driver from where the recording began [rad]
     mean: Array  # (A,) of all cycles at that angle
@@ -114,7 +114,7 @@ class CycleAverage(NamedTuple):
 
 
 def cycle_average(turns: Array, values: Array) -> CycleAverage | None:
-    """Mean and envelope of a signal (F,) over the last whole working cycles; None without one."""
+    """Average of a signal over whole working cycles, or None."""
     first = int(np.ceil(turns[0] / CYCLE_TURNS * CYCLE_POINTS - 1e-9))
     last = int(np.floor(turns[-1] / CYCLE_TURNS * CYCLE_POINTS + 1e-9))
     count = (last - first + 1) // CYCLE_POINTS

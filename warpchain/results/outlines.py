@@ -38,7 +38,7 @@ class OutlinePart(NamedTuple):
 
 
 def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
-    """Pose of a drive's bodies around the unloaded chain's path, sprockets at angle zero.
+    """Pose of a drive's bodies around the unloaded chain.
 
     Raises:
         DriveError: as `chain_path`.
@@ -51,7 +51,7 @@ def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
 
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
-    """Pose of a drive's bodies at a recording's frame; unrecorded ones as at the start."""
+    """Pose of a drive's bodies at a recording's frame."""
     values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
     start = pose_at_start(trajectory.drive)[:3]
     center, angle, arm = (
@@ -61,7 +61,7 @@ def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
 
 
 def chain_outline(drive: Drive, path: ChainPath) -> Array:
-    """Path of the chain as a closed line (P, 2) [m], points a quarter pitch apart."""
+    """Closed line (P, 2) [m] of the chain's path."""
     spacing, line = 0.25 * drive.chain.pitch, []
     for s, sprocket in enumerate(drive.sprockets):
         count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
@@ -85,7 +85,7 @@ def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[Outl
 
 
 def points_on_arm(drive: Drive, pose: DrivePose, a: int, points: Array) -> Array:
-    """Points (..., 2) [m] on arm a moved from the drawing to a pose."""
+    """Points (..., 2) [m] on an arm in a pose."""
     drawn = drive.arms[a].pivot
     return turn_points(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
 
@@ -123,12 +123,12 @@ def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart
 
 
 def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
-    """Closed outline (P, 2) [m] of sprocket s's teeth at angle zero about its center."""
+    """Closed outline (P, 2) [m] of a sprocket's teeth."""
     return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
 
 
 def guide_outline(drive: Drive, g: int) -> Array:
-    """Outline (P, 2) [m] of guide g as drawn: face and rounded ends."""
+    """Outline (P, 2) [m] of a guide as drawn."""
     if not drive.guides[g].straight:
         return drive.profile(g).points(drive.chain.pitch / 12)
     bar = drive.guides[g].bar
@@ -143,7 +143,7 @@ def guide_outline(drive: Drive, g: int) -> Array:
 
 
 def arm_outline(drive: Drive, a: int) -> list[Array]:
-    """Lines (2, 2) [m] of arm a as drawn, from its pivot to what it carries."""
+    """Lines (2, 2) [m] of an arm as drawn."""
     arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
     ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
@@ -156,7 +156,7 @@ COILS = 6
 
 
 def coil_outline(begin: Array, end: Array) -> Array:
-    """Zigzag (P, 2) [m] of a coil spring between two points."""
+    """Zigzag (P, 2) [m] of a coil spring."""
     way = end - begin
     across = 0.08 * np.array([-way[1], way[0]])
     sides = np.tile([1.0, -1.0], COILS)
@@ -166,7 +166,7 @@ def coil_outline(begin: Array, end: Array) -> Array:
 
 
 def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
-    """Outlines (5, 2) [m] of housing and plunger of tensioner k as drawn."""
+    """Outlines (5, 2) [m] of a tensioner's housing and plunger."""
     tensioner = drive.tensioners[k]
     plunger = tensioner.plunger
     wide = drive.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter

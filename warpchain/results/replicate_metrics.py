@@ -26,11 +26,11 @@ COUNT_COLUMN = "n"
 ROLE_OF_ERRORS = "error"
 """Role of standard errors between copies, in fields' metadata."""
 UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
-"""Metric columns taken from the first copy that has a value."""
+"""Metric columns taken from the first copy."""
 
 
 def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
-    """Metrics table of copies, `count` of each drive in turn, with columns that number them."""
+    """Metrics table with columns that number drives and copies."""
     import pyarrow as pa
 
     if count == 1:
@@ -42,7 +42,7 @@ def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
 
 
 def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
-    """Table of a row a drive from a row a copy: worst status, reason, n, mean and standard error of metrics.
+    """Table of a row a drive: status, reason, mean, standard error.
 
     Means are over copies that are ok; where none is, over all that did not diverge.
 
@@ -59,7 +59,7 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
     fields, columns = [table.schema.field(key)], [pa.array(keys)]
 
     def add_column(field: pa.Field, values: Any, name: str = "", **facts: str) -> None:
-        """Adds a column with its field and further metadata to the summary."""
+        """Adds a column with metadata to the summary."""
         known = {k.decode(): v.decode() for k, v in (field.metadata or {}).items()}
         fields.append(pa.field(name or field.name, values.type, metadata=known | facts or None))
         columns.append(values)
@@ -84,7 +84,7 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
 
 
 def _first_rows_with_value(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row (D,) of each drive's first copy with a value, else of its first."""
+    """Row (D,) of each drive's first copy with a value."""
     there = np.append(~np.asarray(column.is_null().to_numpy(), dtype=bool), False)[at]
     return at[np.arange(len(at)), np.where(there.any(axis=1), there.argmax(axis=1), (at >= 0).argmax(axis=1))]
 
@@ -106,7 +106,7 @@ def _copy_numbers(table: pa.Table) -> NDArray[np.int64]:
 
 
 def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> NDArray[np.int64]:
-    """Rows (D, most copies) of each drive's copies, -1 for none."""
+    """Rows (D, copies) of each drive's copies, or -1."""
     order = np.lexsort((number, place))
     counts = np.bincount(place, minlength=drives)
     within = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -149,7 +149,7 @@ def _column_values(table: pa.Table, name: str) -> NDArray[np.float64]:
 def _mean_and_error(
     values: NDArray[np.float64], at: NDArray[np.int64], chosen: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard error of each drive's copies (D,), whose bits do not depend on other drives."""
+    """Mean and standard error (D,) of each drive's copies."""
     each = np.where(chosen, values[at], np.nan)
     there = np.isfinite(each)
     count = there.sum(axis=1)
@@ -161,7 +161,7 @@ def _mean_and_error(
 
 
 def _sum_of_copies(each: NDArray[np.float64]) -> NDArray[Any]:
-    """Sum over the copies of each drive (D,), in their order."""
+    """Sum (D,) over the copies of each drive."""
     found = np.zeros(len(each))
     for column in each.T:
         found = found + column

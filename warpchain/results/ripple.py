@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
-    """Periods in a window of the slowest tension ripple of a drive, or of a stack (V,); 0 for none.
+    """Periods in a window of a drive's slowest tension ripple.
 
     Args:
         turns: of each sprocket in the window, (S,) or (S, V).
@@ -26,7 +26,7 @@ def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: An
     count = len(turns)
 
     def periods_in_window(b: int, order: Any) -> Any:
-        """Periods in the window of an order of a body's revolution."""
+        """Periods in the window of a body's order."""
         led = b if b < count else drive.driver
         return order * turns[led] * (1.0 if b < count else body_speed_ratio(drive, b, led))
 
@@ -42,7 +42,7 @@ def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: An
 
 
 def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
-    """Indices of bodies, and periods per revolution of the tension ripples that they cause."""
+    """Bodies and orders of the tension ripples that they cause."""
     names: list[Any] = []
     acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in drive.sprockets]
     acting += [(of.load, of.prescribed, of.motor) for of in drive.shafts]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def check_channel_names(what: str, names: Iterable[str]) -> None:
-    """Raises SimulationError for names that are no channel's; `what` says whose they are."""
+    """Raises SimulationError for unknown names of channels."""
     for name in names:
         if name not in CHANNEL_NAMES:
             raise SimulationError(f"{what}: {name!r} is unknown; allowed are {', '.join(CHANNEL_NAMES)}")
@@ -33,7 +33,7 @@ def check_channel_names(what: str, names: Iterable[str]) -> None:
 @check_arguments(SimulationError, "record.")
 @dataclass(frozen=True)
 class Record:
-    """Recording options: variants and channels kept as trajectories; metrics are kept of all variants.
+    """Recording options: variants, rate and channels kept as trajectories.
 
     Attributes:
         variants: "all", "none", or indices of variants.
@@ -63,7 +63,7 @@ class Record:
 
 
 def _add_channel_fields(kind: type) -> type:
-    """Class with a dataclass field for each channel that it does not declare."""
+    """Class with dataclass fields for all channels."""
     for name in CHANNEL_NAMES:
         if name not in kind.__annotations__:
             kind.__annotations__[name] = "NDArray[np.floating] | None"
@@ -74,7 +74,7 @@ def _add_channel_fields(kind: type) -> type:
 @dataclass(frozen=True)
 @_add_channel_fields
 class Trajectory:
-    """Recorded motion of one variant: F frames of N rollers and links, S sprockets. Unrecorded channels are None.
+    """Trajectory: recorded motion of one variant, channels over F frames.
 
     Attributes:
         drive: the simulated drive.
@@ -149,7 +149,7 @@ class Trajectory:
 
     @check_arguments(SimulationError)
     def at(self, frames: slice | Sequence[int] | NDArray[Any]) -> Trajectory:
-        """Trajectory at some of its frames: a slice, numbers, or whether each is one (F,).
+        """Trajectory at some of its frames, by slice, numbers or marks.
 
         Raises:
             SimulationError: a frame that there is not.
@@ -162,13 +162,13 @@ class Trajectory:
         return Trajectory(self.drive, self.time[frames], **held, window=self.window)
 
     def to_arrow(self) -> pa.Table:
-        """Pyarrow table of the trajectory, a row a frame, units in the fields' metadata."""
+        """Pyarrow table of the trajectory, a row a frame."""
         from warpchain.results.arrow_tables import trajectory_table
 
         return trajectory_table(self.time, self.channels())
 
     def to_xarray(self) -> xr.Dataset:
-        """Xarray dataset (extra `xarray`) of the trajectory by time, part and axis."""
+        """Xarray dataset (extra `xarray`) of the trajectory."""
         from warpchain.results.arrow_tables import trajectory_dataset
 
         return trajectory_dataset(self.time, self.channels(), self.drive)
@@ -217,7 +217,7 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Run(Mapping[int, Trajectory]):
-    """Result of `simulate`: `run[i]` is variant i's trajectory, `run.metrics` a row a variant.
+    """Result of `simulate`: `run[i]` a trajectory, `run.metrics` a table.
 
     Attributes:
         drives: the drives simulated, in order.
@@ -232,7 +232,7 @@ class Run(Mapping[int, Trajectory]):
     info: RunInfo
 
     def __repr__(self) -> str:
-        """Text of one line: variants, recorded ones, how they were run."""
+        """Text of one line: variants, and how they were run."""
         shape = f"{len(self.drives)} variants, {len(self)} recorded, {self.metrics.num_columns} metrics"
         return f"{type(self).__name__}({shape}, {self.info.device}, {self.info.precision}, {self.info.ended})"
 
@@ -242,7 +242,7 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def numbers(self) -> Sequence[int]:
-        """Numbers of the run's variants in the order of `drives`: 0, 1, ... but in a study's archives."""
+        """Numbers of the run's variants, in the order of `drives`."""
         return getattr(self.trajectories, "numbers", range(len(self.drives)))
 
     @check_arguments(SimulationError)
@@ -259,7 +259,7 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """Whether each variant of the run is judged ok (V,); True where metrics do not say."""
+        """(V,) whether each variant of the run is judged ok."""
         if "status" not in self.metrics.column_names:
             return np.ones(len(self.drives), dtype=bool)
         return np.array([word == OK for word in self.metrics["status"].to_pylist()], dtype=bool)
@@ -273,7 +273,7 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def summary(self) -> pa.Table:
-        """Pyarrow table with a row a drive: worst status of its copies, mean and standard error of metrics.
+        """Pyarrow table with a row a drive, means over its copies.
 
         Errors are `METRIC_se`, the number of copies is `n` (`results.replicate_metrics`).
         """

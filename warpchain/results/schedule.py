@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 
 LOOK_EVERY = 32
-"""Fewest steps between two samples for sums: as many as kernels gather."""
+"""Fewest steps between two samples for sums."""
 
 MOST_STEPS = 2**31 - 2
-"""Most steps of a run, which kernels count in 32 bits."""
+"""Most steps of a run, counted in 32 bits."""
 
 
 def whole_steps(what: str, count: float) -> int:
-    """Rounded number of a schedule's steps; `what` names it in errors.
+    """Rounded number of a schedule's steps, named by `what`.
 
     Raises:
         SimulationError: it is more than can be counted.
@@ -31,7 +31,7 @@ def whole_steps(what: str, count: float) -> int:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Schedule of a variant in steps of `step` seconds: end, window for metrics, samples."""
+    """Schedule of a variant in steps: end, window, samples."""
 
     step: float
     steps: int
@@ -47,7 +47,7 @@ class Schedule:
 
     @property
     def frames(self) -> int:
-        """Number of frames of the whole run, that at t = 0 among them."""
+        """Number of frames of the whole run."""
         return self.steps // self.frame_interval + 1 if self.frame_interval else 0
 
 

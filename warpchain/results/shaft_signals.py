@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def hub_forces(trajectory: Trajectory) -> Array:
-    """Force (F, S, 2) [N] of the chain on sprockets' hubs: as recorded, else contacts' normal forces.
+    """Force (F, S, 2) [N] of the chain on hubs.
 
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.
@@ -48,7 +48,7 @@ ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
 
 
 def phase_error(trajectory: Trajectory, s: int) -> Array:
-    """Phase error (F,) [rad of the driver] of sprocket s, (a).
+    """Phase error (F,) [rad of the driver] of a sprocket, (a).
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -59,7 +59,7 @@ def phase_error(trajectory: Trajectory, s: int) -> Array:
 
 
 class PhaseError(NamedTuple):
-    """Phase error of a shaft over a window [rad of the driver]."""
+    """Phase error of a shaft over a window [rad]."""
 
     shift: float  # mean
     low: float  # smallest
@@ -71,7 +71,7 @@ class PhaseError(NamedTuple):
 def phase_error_in_window(
     trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
 ) -> PhaseError:
-    """Mean, extremes and engine orders of sprocket s's phase error, in a window of frames."""
+    """Phase error of a sprocket in a window of frames."""
     error, turns = phase_error(trajectory, s)[window], driver_turns(trajectory)[window]
     part = last_rising_frames(turns)
     found = order_amplitudes(turns[part], error[part], orders) if len(turns[part]) > 8 else None

@@ -33,7 +33,7 @@ class SignalFeatures:
         return (*self.statistics, *of_orders, *(f"{low:g} to {high:g} Hz" for low, high in self.bands))
 
     def values_of_signal(self, time: Array, values: Array, turns: float) -> Array:
-        """Features (N,) of a signal (K,) at times [s]; nan where it is too short or too coarse.
+        """Features (N,) of a signal (K,); nan if too short.
 
         Args:
             turns: mean speed of the driver [1/s].
@@ -51,7 +51,7 @@ class SignalFeatures:
         return np.array(found + [_band_root_mean_square(lines, amplitude, *band) for band in self.bands])
 
     def standard_errors(self, time: Array, values: Array, turns: float) -> Array:
-        """Standard errors (N,) of a signal's features, from the scatter of its parts."""
+        """Standard errors (N,) of a signal's features."""
         cuts = np.array_split(np.arange(len(time)), ERROR_PARTS)
         parts = np.array([self.values_of_signal(time[cut], values[cut], turns) for cut in cuts])
         return np.nan_to_num(parts.std(axis=0, ddof=1) / np.sqrt(ERROR_PARTS))
@@ -66,7 +66,7 @@ def _amplitude_near_frequency(lines: Array, amplitude: Array, frequency: float) 
 
 
 def _band_root_mean_square(lines: Array, amplitude: Array, low: float, high: float) -> float:
-    """Root mean square of a frequency band of a spectrum (Hann window)."""
+    """Root mean square of a spectrum's frequency band."""
     inside = (lines >= low) & (lines < high)
     if inside.sum() < 4 or high > lines[-1]:
         return np.nan

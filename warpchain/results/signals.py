@@ -17,7 +17,7 @@ from warpchain.results.strand_passing import FRAMES_AT_ONCE, PassingLink, passin
 Array = NDArray[np.float64]
 
 FEWEST_TEETH = 16
-"""Teeth that must pass for an order spectrum to resolve tooth-passing orders."""
+"""Teeth that must pass for an order spectrum."""
 
 TOOTH_PASSINGS = 4
 SPECTRUM_FLOOR = 1e-4
@@ -36,11 +36,11 @@ PART_SIGNALS = (
     ("tensioners", "pressure", "chamber_pressure", "pressure"),
     ("valves", "torque", "valve_torque", "valves"),
 )
-"""Signals of parts that no roller touches: list of a drive, signal, channel, group of curves."""
+"""Signals of parts without rollers: list, signal, channel, group."""
 
 
 def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
-    """Part's name, signal, channel, group and column in the channel, of a drive's `PART_SIGNALS`."""
+    """Part's name, signal, channel, group and column of `PART_SIGNALS`."""
     for parts, signal, channel, group in PART_SIGNALS:
         for i, part in enumerate(getattr(drive, parts)):
             if signal != "pressure" or part.hydraulic:
@@ -48,7 +48,7 @@ def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
 
 
 def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float] | None:
-    """Mean forward speed of the driver in the window [rad/s], and the window [s]; or None."""
+    """Driver's mean speed [rad/s] in the window [s], or None."""
     time, angle, drive = trajectory.time, trajectory.sprocket_angle, trajectory.drive
     start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
     start, end = max(start, float(time[0])), min(end, float(time[-1]))
@@ -59,12 +59,12 @@ def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float
 
 
 def latter_half_frames(trajectory: Trajectory) -> slice:
-    """Frames of the second half of a recording, after transients of the start."""
+    """Frames of the second half of a recording."""
     return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)
 
 
 def last_round_frames(trajectory: Trajectory) -> slice:
-    """Frames of the chain's last round in a recording; all where it makes less than one."""
+    """Frames of the chain's last round in a recording."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive = trajectory.drive
     angle = forward_values(drive, sprocket_angle, drive.driver)
@@ -74,12 +74,12 @@ def last_round_frames(trajectory: Trajectory) -> slice:
 
 
 def forward_values(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
-    """Angles or speeds (F,) of sprocket s, positive in the direction of travel."""
+    """Angles or speeds (F,) of a sprocket, positive in travel."""
     return np.asarray(values[:, s], dtype=float) * drive.sprockets[s].sign
 
 
 def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | None = None) -> Array:
-    """Tension (F,) [N] of the link that passes the middle of a strand."""
+    """Tension (F,) [N] at the middle of a strand."""
     (tension,) = require_channels(trajectory, "tension")
     link = (passing or passing_link(trajectory, strand)).link
     values = np.asarray(tension, dtype=float)[np.arange(len(link)), np.maximum(link, 0)]
@@ -87,7 +87,7 @@ def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | N
 
 
 def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
-    """Speed of sprocket s over the driver's, by the teeth's ratio (F,); 1 without error."""
+    """Speed ratio (F,) of a sprocket to the driver, 1 ideally."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     drive = trajectory.drive
     own, driver = (forward_values(drive, sprocket_speed, k) for k in (s, drive.driver))
@@ -97,7 +97,7 @@ def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
-    """Angle (F,) [rad] of sprocket s ahead of the driver's by the teeth, 0 at the first frame.
+    """Angle (F,) [rad] of a sprocket ahead of the driver.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -110,7 +110,7 @@ def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """Transmission error (F,) [rad]: angle of sprocket s ahead of the driver's by the teeth, less its mean.
+    """Transmission error (F,) [rad] of a sprocket.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -120,7 +120,7 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
 
 
 def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
-    """First transverse frequency [Hz] of a moving strand at its mean tension, over the latter half.
+    """First transverse frequency [Hz] of a moving strand.
 
     Raises:
         SimulationError: recorded without sprocket speeds.
@@ -136,7 +136,7 @@ def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
 
 
 def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Force (F,) [N] of each guide on the chain, and its number of pressed rollers (F,)."""
+    """Force (F,) [N] of each guide, and number of rollers (F,)."""
     (guide_force,) = require_channels(trajectory, "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
@@ -150,7 +150,7 @@ def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]
 
 
 def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
-    """Largest contact force (F,) [N] of each sprocket, then of each guide, on any roller."""
+    """Largest contact force (F,) [N] of each sprocket and guide."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     drive, count = trajectory.drive, len(trajectory.time)
     largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
@@ -166,7 +166,7 @@ def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
 
 
 class ContactAngles(NamedTuple):
-    """Contact forces of all rollers with one sprocket, over the angle of contact.
+    """Contact forces of rollers on a sprocket, over angle.
 
     Attributes:
         angle: (K,) of the roller past the chain's arrival, in the direction of travel [rad].
@@ -182,7 +182,7 @@ class ContactAngles(NamedTuple):
 
 
 def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
-    """Contact force against angle on sprocket s, of all rollers in the latter half."""
+    """Contact forces of rollers on a sprocket, over angle."""
     position, sprocket_center, sprocket_force = require_channels(
         trajectory, "position", "sprocket_center", "sprocket_force"
     )
@@ -199,7 +199,7 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
 
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
-    """Frequencies and amplitudes (K // 2 + 1,) of evenly spaced samples, by a Hann window.
+    """Frequencies and amplitudes (K // 2 + 1,) of even samples.
 
     A sine of amplitude a on a line of the spectrum shows a.
 
@@ -213,7 +213,7 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
-    """Orders and amplitudes of a signal over the driver's revolution, from the latter half.
+    """Orders and amplitudes of a signal over the driver's revolution.
 
     None where the driver stops or turns back, fewer than `FEWEST_TEETH` pass, or values are not finite.
     """
@@ -265,7 +265,7 @@ def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
 
 
 def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
-    """Frames to draw of a series: of the smallest and largest value in each of `buckets` equal spells."""
+    """Frames to draw of a series, its peaks kept."""
     count = len(values)
     if count <= 2 * buckets:
         return np.arange(count)
@@ -280,7 +280,7 @@ def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
 
 
 def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """First frames of at most `buckets` equal spells of a series, and largest values (spells, ...)."""
+    """First frames of a series' spells, and largest values (spells, ...)."""
     count = len(values)
     if count <= buckets:
         return np.arange(count), values
@@ -294,7 +294,7 @@ def _spell_starts(count: int, buckets: int) -> NDArray[np.intp]:
 
 
 class QuantityRange(NamedTuple):
-    """Range and path of a signal, such as an extension or a pressure.
+    """Range and path of a signal, such as a pressure.
 
     Attributes:
         low, mean, high: smallest, mean, largest.
@@ -329,14 +329,14 @@ class OpeningEvents(NamedTuple):
 
 
 def range_and_path(time: Array, values: Array) -> QuantityRange:
-    """Range and path of a signal's samples (F,) at times (F,) [s]."""
+    """Range and path of a signal (F,) over time [s]."""
     seconds = float(time[-1] - time[0])
     path = float(np.abs(np.diff(values)).sum()) / seconds if seconds > 0.0 else 0.0
     return QuantityRange(float(values.min()), float(values.mean()), float(values.max()), path)
 
 
 def opening_events(time: Array, values: Array, threshold: float = 0.0) -> OpeningEvents:
-    """Openings above a threshold of samples (F,) at even times [s]."""
+    """Openings above a threshold of a signal (F,)."""
     open_ = np.concatenate([[False], np.asarray(values) > threshold, [False]])
     begins, ends = np.flatnonzero(open_[1:] & ~open_[:-1]), np.flatnonzero(~open_[1:] & open_[:-1])
     step = float(time[-1] - time[0]) / max(len(time) - 1, 1)
@@ -349,7 +349,7 @@ def opening_events(time: Array, values: Array, threshold: float = 0.0) -> Openin
 
 
 class ProbeSignals(NamedTuple):
-    """Signals of a probe; nan at frames at which no chain is within its radius.
+    """Signals of a probe; nan where no chain is near.
 
     Attributes:
         link: (F,) that passes, -1 for none.
@@ -367,7 +367,7 @@ class ProbeSignals(NamedTuple):
 
 
 def probe_signals(trajectory: Trajectory, at: tuple[float, float], radius: float) -> ProbeSignals:
-    """Signals of a probe at a place [m], of the nearest link within a radius [m].
+    """Signals of a probe at a place, within a radius [m].
 
     Raises:
         SimulationError: recorded without positions, velocities or tensions.

@@ -13,12 +13,12 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int]]:
-    """Status, reason and number of variants, of reasons alike but for numbers, most frequent first."""
+    """Status, reason and number of variants, most frequent first."""
     return sort_by_frequency(merge_alike_reasons((status, reason, 1) for status, reason in found))
 
 
 def reason_of_count(count: int, reason: str) -> str:
-    """Text of a number of variants and the reason of the first."""
+    """Text of a number of variants and a reason."""
     return f"1 variant: {reason}" if count == 1 else f"{count} variants, e.g. {reason}"
 
 
@@ -28,7 +28,7 @@ def sort_by_frequency(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, 
 
 
 def merge_alike_reasons(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
-    """Statuses, reasons and counts, reasons that differ only in numbers merged."""
+    """Statuses, reasons and counts, merged where reasons are alike."""
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}
     for status, reason, count in found:

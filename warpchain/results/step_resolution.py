@@ -39,12 +39,12 @@ BRISTLE_STIFFNESS = 0.12
 
 
 def joint_resolution(of: DesignInputs) -> VariantValues:
-    """Number of steps (V,) in which friction bends a joint by a tooth, (b)."""
+    """Metric steps (V,) in which friction bends a joint, (b)."""
     return _steps_of_force(of, of.number_of_each(_tooth_bend_inertia), _joint_friction_moment(of, of["tension_q999"]))
 
 
 def joint_give(of: DesignInputs) -> VariantValues:
-    """Tension error (V,) of sticking joints that give way, over a strand's `tension_q999`, (c)."""
+    """Metric tension error (V,) of sticking joints that give, (c)."""
     step = np.ma.getdata(of.metrics[STEP_KEY])
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
@@ -60,7 +60,7 @@ def joint_give(of: DesignInputs) -> VariantValues:
 
 
 def partner_resolution(of: DesignInputs) -> VariantValues:
-    """Number of steps (V,) in which friction moves a roller by a pitch, (a), or in a shorter ramp."""
+    """Metric steps (V,) in which friction moves a roller, (a)."""
     ways = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch)
     steps = _steps_of_force(
         of, ways, of.number_of_each(lambda drive: _partner_friction_coefficient(drive, of.index)) * of["force_max"]
@@ -72,19 +72,19 @@ def partner_resolution(of: DesignInputs) -> VariantValues:
 
 
 def is_ramped(drive: Drive, index: int) -> bool:
-    """Whether a partner is a sprocket whose motion is ramped up."""
+    """Whether a partner is a sprocket with ramped motion."""
     return _partner_ramp_time(drive, index) > 0.0
 
 
 def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> np.ma.MaskedArray:
-    """Number of steps in which a force moves a mass; masked for none."""
+    """Number of steps in which a force moves a mass."""
     with np.errstate(all="ignore"):
         steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP_KEY])
     return mask_absent(np.isfinite(steps) & (force > 0.0), steps)
 
 
 def _joint_friction_moment(of: DesignInputs, tension: VariantValues) -> VariantValues:
-    """Largest friction moment (V,) [N m] in a joint at a tension [N], mu kappa r_p T."""
+    """Largest friction moment (V,) [N m] in a joint."""
     return of.number_of_each(_joint_friction_arm) * tension
 
 
@@ -96,7 +96,7 @@ def _joint_friction_arm(drive: Drive) -> float:
 
 
 def _tooth_bend_inertia(drive: Drive) -> float:
-    """Bend of a joint at a tooth times its inertia, (2 pi / z) I [kg m^2]."""
+    """Bend of a joint times its inertia [kg m^2]."""
     chain, teeth = drive.chain, min(sprocket.teeth for sprocket in drive.sprockets)
     return 2.0 * math.pi / teeth * chain.mass * (chain.pitch * chain.pitch) / 6.0
 
@@ -115,6 +115,6 @@ def _partner_friction_coefficient(drive: Drive, index: int) -> float:
 
 
 def _partner_ramp_time(drive: Drive, index: int) -> float:
-    """Time in which a partner's motion is ramped up [s], or 0."""
+    """Ramp time of a partner's motion [s], or 0."""
     motion = drive.sprockets[index].prescribed if index < len(drive.sprockets) else None
     return 0.0 if motion is None else motion.ramp_time

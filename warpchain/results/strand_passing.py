@@ -18,14 +18,14 @@ FRAMES_AT_ONCE = 4096
 
 
 class PassingLink(NamedTuple):
-    """Link that passes the middle of a strand, and the chain's displacement."""
+    """Link that passes a strand's middle, and its displacement."""
 
     link: Index  # (F,) number, -1 for none
     displacement: Array  # (F,) from the straight common tangent [m], left of travel positive, or nan
 
 
 def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
-    """Link that passes the middle of a strand, and displacement, at every frame."""
+    """Link that passes a strand's middle, at every frame."""
     (position,) = require_channels(trajectory, "position")
     path = assembled_path(trajectory.drive)
     start, end = path.strand_start[strand], path.strand_end[strand]
@@ -40,7 +40,7 @@ def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
 def _fill_passing_link(
     position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array
 ) -> None:
-    """Writes link and displacement of a block of frames, where a link passes a strand's middle."""
+    """Writes the links that pass a strand's middle, and displacements."""
     length = float(np.hypot(*(end - start)))
     tx, ty = (end - start) / length
     x, y = position[..., 0], position[..., 1]
@@ -59,5 +59,5 @@ def _fill_passing_link(
 
 
 def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
-    """Transverse displacement (F,) [m] of the chain at a strand's middle, left of travel positive; else nan."""
+    """Transverse displacement (F,) [m] at a strand's middle."""
     return passing_link(trajectory, strand).displacement

@@ -6,20 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 COLOR_ANCHORS = np.array([(45, 85, 215), (0, 170, 220), (70, 195, 95), (245, 205, 50), (225, 45, 40)], dtype=np.float64)
-"""Colors (RGB) at 0, 1/4, 1/2, 3/4 and all of the scale."""
+"""Colors (RGB) at quarters of the tension scale."""
 UNKNOWN_COLOR = (150, 150, 150)
 
 SCALE_PERCENTILE = 99.9
 
 
 def tension_scale_end(tension: NDArray[np.floating]) -> float:
-    """Tension [N] where the color scale of link tensions (...) ends, at least 1."""
+    """Tension [N] where the color scale ends."""
     finite = tension[np.isfinite(tension)]
     return max(float(np.percentile(finite, SCALE_PERCENTILE)), 1.0) if finite.size else 1.0
 
 
 def tension_colors(tension: NDArray[np.floating], full_scale: float) -> NDArray[np.uint8]:
-    """Colors (..., 4) of link tensions (...) [N]: red, green, blue, alpha.
+    """Colors RGBA (..., 4) of link tensions (...) [N].
 
     Args:
         full_scale: tension at the scale's red end [N]; its blue end is 0.

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class JumpMargin(NamedTuple):
-    """Margin of the chain to jumping over a sprocket; nan where no roller is inside the wrap."""
+    """Margin of the chain to tooth jump, or nan."""
 
     margin: Array  # (F,) least of all rollers (a) [m]
     angle: Array  # (F,) of that roller past the chain's arrival [rad]

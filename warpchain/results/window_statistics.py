@@ -25,45 +25,42 @@ Array = NDArray[np.float64]
 ERROR_SUFFIX = "_se"
 
 LOWEST_ORDINATES = 9
-"""Ordinates of (a): periods down to half a turn of the chain in a window of four."""
+"""Number of ordinates in (a)."""
 
 MEDIAN_ERROR_RATIO = 1.075
-"""Median of sqrt(exp(b_0)) over the true root, of independent batches: 1 / c of (a)."""
+"""Median of sqrt(exp(b_0)) over the true root, 1 / c."""
 
 LEAST_ERROR_SHARE = 0.5
-"""Least error, over what the geometric mean of the ordinates gives.
-
-With less, one window in fifty has an error short by a factor of three.
-"""
+"""Least error, over the ordinates' geometric mean, against outliers."""
 
 INTERVAL_ERRORS = 3.5
-"""Standard errors on either side of a mean that hold the long-run mean with 95 %."""
+"""Standard errors beside a mean that make 95 %."""
 
 SLOW_PERIODS = 7.5
-"""Periods in the window of a sine that may be a start, a swing or chance."""
+"""Periods in the window of a slow sine."""
 DETERMINATE_SHARE = 0.2
-"""Share of the ordinates that chance seldom leaves beside a sine."""
+"""Share of the ordinates beside a sine, seldom by chance."""
 SINE_COUNT = 37
 
 LEAST_CHAIN_TURNS = 3.95
-"""Least turns of the chain in a window whose means have an error."""
+"""Least turns of the chain in a window with errors."""
 
 LOG_BIAS = -0.577
-"""Mean of the logarithm of an exponential variate of mean 1."""
+"""Mean logarithm of an exponential variate of mean 1."""
 LEAST_ORDINATE_SHARE = 1e-12
 
 MOST_CORRELATION = 0.9
-"""Most that r counts for: 1 / (1 - r) has no bound."""
+"""Most that r counts for, against 1 / (1 - r)."""
 
 LEAST_PARTS_A_PERIOD = 2.2
-"""Least parts of a window in a period of a ripple that a sine is fitted to."""
+"""Least parts of a window in a fitted ripple's period."""
 
 SIGNIFICANT_CHANCE = 0.01
 LARGE_DRIFT_SHARE = 0.01
 
 
 def cumulative_counts(counts: NDArray[np.integer]) -> Array:
-    """Cumulative counts over bins (V, bins); nan where a bin has overflowed."""
+    """Cumulative counts over bins (V, bins), nan for overflow."""
     below = np.cumsum(counts, axis=1, dtype=np.float64)
     below[counts.min(axis=1) < 0] = np.nan
     return below
@@ -72,7 +69,7 @@ def cumulative_counts(counts: NDArray[np.integer]) -> Array:
 def histogram_quantile(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, share: float, below: Array | None = None
 ) -> Array:
-    """Quantile (V,) of values counted in bins; nan where nothing was counted.
+    """Quantile (V,) of values counted in bins, or nan.
 
     Args:
         counts: (V, bins).
@@ -97,7 +94,7 @@ def histogram_quantile(
 def histogram_share_below(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
 ) -> Array:
-    """Share (V,) of values counted in bins that lies below a value; arguments as of `histogram_quantile`."""
+    """Share (V,) of values counted in bins below a value."""
     below = cumulative_counts(counts) if below is None else below
     least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     last = counts.shape[1] - 1
@@ -115,7 +112,7 @@ def histogram_share_below(
 
 
 def lag_correlation(values: Array) -> Array:
-    """Correlation of values with the next along the last axis, from 0 to `MOST_CORRELATION`."""
+    """Lag-one correlation of values along the last axis."""
     apart = values - values.mean(axis=-1, keepdims=True)
     square = (apart * apart).sum(axis=-1)
     lagged = (apart[..., 1:] * apart[..., :-1]).sum(axis=-1)
@@ -123,7 +120,7 @@ def lag_correlation(values: Array) -> Array:
 
 
 def mean_standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
-    """Standard error (a) of a mean from weighted means of batches, along the last axis; nan where unknown."""
+    """Standard error (a) of a mean, from weighted batch means."""
     weights, count = np.broadcast_to(weights, means.shape), means.shape[-1]
     total = weights.sum(axis=-1, keepdims=True)
     apart = means - (weights * means).sum(axis=-1, keepdims=True) / total
@@ -144,7 +141,7 @@ def mean_standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
 
 
 def _sine_explained_power(found: NDArray[np.complex128], count: int) -> NDArray[np.float32]:
-    """Largest power of the lowest ordinates of `count` batches that one sine explains."""
+    """Largest power of the lowest ordinates in one sine."""
     middle = found * np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST_ORDINATES + 1))
     cosines, sines = (np.moveaxis(part, -1, 0).astype(np.float32) for part in (middle.real, middle.imag))
     along = np.zeros((2, SINE_COUNT, *found.shape[:-1]), dtype=np.float32)
@@ -159,7 +156,7 @@ def _sine_explained_power(found: NDArray[np.complex128], count: int) -> NDArray[
 
 @cache
 def _sine_bases(count: int) -> NDArray[np.float32]:
-    """Ordinates (`LOWEST_ORDINATES`, 2, `SINE_COUNT`) of slow cosines and sines, of unit length."""
+    """Ordinates (`LOWEST_ORDINATES`, 2, `SINE_COUNT`) of slow sines."""
     angle = 2.0 * np.pi * np.linspace(0.3, SLOW_PERIODS, SINE_COUNT)[:, None] * ((np.arange(count) + 0.5) / count - 0.5)
     found = np.fft.rfft(np.stack([np.cos(angle), np.sin(angle)], axis=1))[..., 1 : LOWEST_ORDINATES + 1]
     found *= np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST_ORDINATES + 1))
@@ -175,7 +172,7 @@ def _extrapolation_weights() -> Array:
 
 
 def window_drift(means: Array) -> tuple[Array, Array]:
-    """Drift over the window of means along the last axis, and the chance of so large a one."""
+    """Drift over the window of means, and its chance."""
     count = means.shape[-1]
     place = np.arange(count) - 0.5 * (count - 1)
     square = float((place * place).sum())
@@ -193,7 +190,7 @@ def window_drift(means: Array) -> tuple[Array, Array]:
 
 
 def window_change(means: Array, waves: Array) -> Array:
-    """Change (V,) over the window of means of its parts (V, P), without the slope of a ripple.
+    """Change (V,) over the window of means (V, P), without ripple.
 
     Where the window holds a period or more of the ripple, line and sine are fitted together.
 
@@ -211,6 +208,6 @@ def window_change(means: Array, waves: Array) -> Array:
 
 
 def is_steady(means: Array) -> NDArray[np.bool_]:
-    """Whether means along the last axis do not drift; False where they are not numbers."""
+    """Whether means along the last axis do not drift."""
     change, chance = window_drift(means)
     return (chance >= SIGNIFICANT_CHANCE) | (np.abs(change) <= LARGE_DRIFT_SHARE * np.abs(means.mean(axis=-1)))

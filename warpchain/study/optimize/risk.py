@@ -1,11 +1,13 @@
 """`warpchain risk`: probability that a drive breaks a limit on a metric over its noise, and the likeliest ways.
 
-study.toml  drive.toml   the study and its base drive
-rounds/NNNN/             a batch of runs (`optimize.study_session`)
-results.parquet          all runs, marked as no sample of the noise
-risk.json                the estimates
-played/                  a recording of the most likely way to fail
-today/                   the same of the study's own drive, if another one was asked for
+    study.toml  drive.toml   the study and its base drive
+    rounds/NNNN/             a batch of runs (`optimize.study_session`)
+    results.parquet          all runs, marked as no sample of the noise
+    risk.json                the estimates
+    played/                  a recording of the most likely way to fail
+    today/                   the same of the study's own drive, if another one was asked for
+
+The same study asks for the same runs, so that it can be resumed.
 """
 
 from __future__ import annotations
