@@ -51,7 +51,7 @@ class Coordinates:
         return 2 * self.rollers + len(self.owner)
 
     def turning_coordinate(self, b: int) -> tuple[int, float] | None:
-        """Index of a body's turning coordinate and its lever, or None."""
+        """Index of a body's turning coordinate and angle per unit, or None."""
         turns = np.where(self.turning, self.basis[3 * b + 2], 0.0)
         found = np.flatnonzero(turns)
         return (2 * self.rollers + int(found[0]), float(turns[found[0]])) if len(found) else None
@@ -188,7 +188,11 @@ def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitc
 def damping_matrix(
     probe: ForceProbe, at: Coordinates, base: ProbeStates, conductance: Array | None = None
 ) -> sp.csc_array:
-    """Damping matrix C (n, n) of a drive at rest, without friction."""
+    """Damping matrix C (n, n) of a drive at rest, without friction.
+
+    Args:
+        conductance: (w,) of leaking oil; None leaves it out.
+    """
     steps = _coordinate_steps(probe, at, velocity_step(probe))
     own = _force_derivative(probe, at, steps, lambda change: at.moving_states(base, change))
     return own if conductance is None else sp.csc_array(own + leakage_matrix(probe, at, conductance))

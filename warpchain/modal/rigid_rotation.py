@@ -37,7 +37,11 @@ def free_rotations(found: DriveMotion) -> list[list[float]]:
 
 
 def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], small: float) -> sp.csc_array:
-    """Stiffness matrix of a drive less rigid rotation, (a)."""
+    """Stiffness matrix of a drive less rigid rotation, (a).
+
+    Args:
+        small: [1/s^2], times mass holds what nothing else does.
+    """
     stiffness = found.stiffness
     for turns in groups:
         r, of_sprockets = _rotation_vector(found, turns)

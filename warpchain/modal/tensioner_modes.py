@@ -63,7 +63,11 @@ def tensioner_elements(found: ChainMotion) -> TensionerElements:
 
 
 def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> PlungerMotion:
-    """Motion and energy of a chain's tensioner plungers in modes."""
+    """Motion and energy of a chain's tensioner plungers in modes.
+
+    Args:
+        stiff, drag: (K,) x* K x, x* C x of the drive.
+    """
     at, of, linear = found.at, _tensioner_rows(found), tensioner_elements(found)
     stroke = (at.strokes @ vector).T
     leaked = np.zeros_like(stroke)

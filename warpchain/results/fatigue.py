@@ -87,6 +87,8 @@ def equivalent_range(
 ) -> Array:
     """Tension range (L,) [N] whose `counted` cycles do the same fatigue damage.
 
+    It is (sum n_i D_i^m / counted)^(1/m).
+
     Args:
         tension: (F, L) of links [N].
         exponent: m [-].

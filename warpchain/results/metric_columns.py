@@ -60,18 +60,11 @@ class Column:
 
 @dataclass(frozen=True)
 class MetricGroup:
-    """Metric columns of one kind of part, formed alike.
+    """Metric columns of one kind of part, formed alike."""
 
-    Attributes:
-        part: key of `PART_PREFIXES`.
-        source: field of `kernels.structs.Sums`.
-        weight: of its rows, from the window's length [s] and number of rollers; 0 for no part in the window.
-        applies_to: whether the drive's part of this index has them.
-    """
-
-    part: str
+    part: str  # key of `PART_PREFIXES`
     columns: tuple[Column, ...]
-    source: str = ""
+    source: str = ""  # field of `kernels.structs.Sums`
     weight: Callable[[Any, VariantValues, VariantValues], VariantValues] = lambda sums, duration, rollers: duration
     applies_to: Callable[[Drive, int], bool] | None = None
 

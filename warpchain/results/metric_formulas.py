@@ -102,19 +102,12 @@ PART_PREFIXES: dict[str, Callable[[Drive], list[str]]] = {
 
 @dataclass(frozen=True)
 class WindowSums:
-    """Sums of one part over the window, for metrics.
+    """Sums of one part over the window, for metrics."""
 
-    Attributes:
-        sums: rows of the group's sums.
-        weight: what means divide by: samples, or the window's length [s].
-        batches: sums batch by batch along a last axis; nan weights where there is nothing.
-        tension: counts (V, bins) of link tensions, and edges (V, bins + 1) [N].
-    """
-
-    sums: Any
-    weight: VariantValues
-    batches: WindowSums | None = None
-    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None
+    sums: Any  # rows of the group's sums
+    weight: VariantValues  # what means divide by: samples, or the window's length [s]
+    batches: WindowSums | None = None  # last axis of batches, nan weights for none
+    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None  # counts (V, bins) of link tensions, and edges (V, bins + 1) [N]
 
     @cached_property
     def cumulative_tension_counts(self) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def hub_forces(trajectory: Trajectory) -> Array:
-    """Force (F, S, 2) [N] of the chain on hubs.
+    """Force (F, S, 2) [N] of the chain on hubs, recorded or normal.
 
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.

@@ -97,7 +97,7 @@ def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
-    """Angle (F,) [rad] of a sprocket ahead of the driver.
+    """Angle (F,) [rad] of a sprocket ahead of the driver, by teeth.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -110,7 +110,7 @@ def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """Transmission error (F,) [rad] of a sprocket.
+    """Transmission error (F,) [rad]: angle ahead of the driver, mean removed.
 
     Raises:
         SimulationError: recorded without sprocket angles.

@@ -59,5 +59,5 @@ def _fill_passing_link(
 
 
 def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
-    """Transverse displacement (F,) [m] at a strand's middle."""
+    """Transverse displacement (F,) [m] at a strand's middle, left positive."""
     return passing_link(trajectory, strand).displacement

@@ -209,11 +209,11 @@ def _moderated_errors(errors: Array, counts: Array) -> Array:
 
 
 def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
-    """Weights (R,) of rows in a fit, 1 / (t^2 + e^2), t^2 what the fit misses.
+    """Weights (R,) of rows in a fit, 1 / (t^2 + e^2).
 
     Args:
         errors: (R,) standard errors e; None, or a NaN among them, weighs all rows alike.
-        missed: (R,) residuals of the fit.
+        missed: (R,) residuals of the fit, whose variance is t^2.
         left: part of a row's variance in its residual.
     """
     from scipy.optimize import brentq
