@@ -107,7 +107,7 @@ class WindowSums:
     sums: Any  # rows of the group's sums
     weight: VariantValues  # what means divide by: samples, or the window's length [s]
     batches: WindowSums | None = None  # last axis of batches, nan weights for none
-    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None  # counts (V, bins) of link tensions, and edges (V, bins + 1) [N]
+    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None  # counts (V, bins), edges [N]
 
     @cached_property
     def cumulative_tension_counts(self) -> NDArray[np.float64]:
