@@ -7,8 +7,8 @@ import pytest
 
 from warpchain.assembly import assemble
 from warpchain.assembly.stack_assembly import assemble_stacks
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.errors import DriveError
+from warpchain.model.stacks import stacks_of_drives
 
 
 def link_lengths(assembly):

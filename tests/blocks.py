@@ -14,9 +14,7 @@ from parts import coupling, gears, shaft
 from raw import stepped
 
 from warpchain import Drive, dumps_drive, load_drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.arrays import ARRAYS, device_values, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.chain_rows import ChainRows
 from warpchain.engine.gpu_kernels import block_kind as engine_kind
@@ -26,6 +24,8 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.shared_memory import block_memory
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.statistics import BINS
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.channels import CHANNEL_NAMES, PartCounts, drive_frame_width, frame_with_channels
 from warpchain.results.schedule import Schedule
 

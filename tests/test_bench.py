@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from warpchain import assemble
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.engine.pack import pack
 from warpchain.errors import WarpchainError
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.schedule import Schedule
 
 

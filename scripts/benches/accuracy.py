@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from benches.drives import drive_by_name
 from warpchain import Drive, Record, simulate
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.recorder import RecordingOptions
 from warpchain.engine.simulation import MEMORY, schedules_of
 from warpchain.engine.subensemble import DeviceSettings, Subensemble, Variants
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.progress import StopRequest
 from warpchain.results.channels import frame_with_channels
 from warpchain.results.metrics import metrics_table

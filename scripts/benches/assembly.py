@@ -20,9 +20,9 @@ from warpchain.assembly import assemble
 from warpchain.assembly.stack_assembly import assemble_stacks, layout_faults_of_drives
 from warpchain.drive import Drive
 from warpchain.drive.changed_copies import DriveChanges
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine import pack as packing
 from warpchain.engine import simulation, start_warp, subensemble
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.study.run.row_drives import adjusted_drives
 from warpchain.study.spec.study_tables import Adjust
 

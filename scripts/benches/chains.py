@@ -12,9 +12,9 @@ from common.timing import run_in_turns, second_best_rate
 
 from benches.probe import endless_schedule, launch_seconds
 from warpchain import Drive
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.chain_rows import ChainRows
 from warpchain.engine.pack import pack
+from warpchain.model.stacks import stacks_of_drives
 
 PITCH, SIDE = 0.05, 23
 """Of the chains [m], and links of a strand."""

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from benches.drives import RANGES, drive_by_name, varied_designs
 from benches.gpu import DESIGNS
 from warpchain import Record
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.gpu import gpu_launch_steps
 from warpchain.engine.launches import (
     LAUNCH_PARTS,
@@ -25,6 +24,7 @@ from warpchain.engine.launches import (
 from warpchain.engine.pipeline import MOST_PER_GPU, split_variants
 from warpchain.engine.simulation import schedules_of
 from warpchain.engine.subensemble import Variants
+from warpchain.model.stacks import stacks_of_drives
 
 DRIVES = np.dtype([("steps", int), ("window_start", int), ("window_end", int)])
 PROGRESS = np.dtype([("step", int), ("diverged", int)])

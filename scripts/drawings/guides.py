@@ -15,9 +15,9 @@ from tqdm import tqdm
 from warpchain import Drive, Record, Run, load_drive, loads_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
-from warpchain.drive.oil import static_force, static_pressure, valve_flow
 from warpchain.drive.viscosity import walther_from_slope
 from warpchain.engine.tensioner_bench import PlungerMotion, shake_tensioner
+from warpchain.model.oil import static_force, static_pressure, valve_flow
 from warpchain.results.outlines import DrivePose, guide_arm_tensioner_parts, teeth_parts, turn_points
 from warpchain.results.run import require_channels
 from warpchain.results.strand_passing import strand_displacement

@@ -10,6 +10,7 @@ from common.drives import example_drive, study_of_example
 from matplotlib.figure import Figure
 
 from warpchain import Record, simulate
+from warpchain.model.chain_drives import chain_speed
 from warpchain.study.results import Results
 
 COLORS = ("tab:red", "tab:blue", "tab:green")
@@ -19,7 +20,7 @@ def tooth_blow(teeth: float) -> float:
     """Force [N] with which a roller strikes a fixed tooth: 2 v sin(pi/z) sqrt(K m)."""
     drive = example_drive("marine_lever")
     stiffness = drive.sprocket_stiffness(1)
-    return 2.0 * drive.chain_speed * math.sin(math.pi / teeth) * math.sqrt(stiffness * drive.chain.mass)
+    return 2.0 * chain_speed(drive) * math.sin(math.pi / teeth) * math.sqrt(stiffness * drive.chain.mass)
 
 
 def lever_figure(results: Results, fixed: float) -> Figure:

@@ -13,8 +13,8 @@ from layouts import PITCH, Placed, drive_of, loops, tangles
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.stack_assembly import assemble_stacks
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.errors import DriveError
+from warpchain.model.stacks import stacks_of_drives
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")  # any number that fits, odd ones too
 

@@ -16,8 +16,8 @@ from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import running
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.oil import static_force
 from warpchain.errors import DriveError
+from warpchain.model.oil import static_force
 
 PITCH, TEETH = 0.05, 20
 RADIUS = PITCH / (2.0 * math.sin(math.pi / TEETH))

@@ -8,8 +8,8 @@ from warpchain import assemble
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
 from warpchain.cli import main
 from warpchain.drive import load_drive, save_drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
 
 
 def strains(drive):

@@ -13,12 +13,12 @@ from warpchain.assembly import path
 from warpchain.assembly.fitting import fit_position, fit_positions
 from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.stack_assembly import assemble_stacks
-from warpchain.drive.stacks import pick_variants, stacks_of_drives
 from warpchain.engine.arrays import dtype_of
 from warpchain.engine.body_struct_rows import fill_tensioner_element
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
+from warpchain.model.stacks import pick_variants, stacks_of_drives
 from warpchain.results.schedule import Schedule
 
 

@@ -10,9 +10,9 @@ from layouts import Placed, drive_of, loops
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.layout_checks import layout_faults, strand_crossing
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import example_names
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
 
 PITCH, ROLLER = 0.05, 0.015
 DROP = PITCH / (2.0 * math.sin(math.pi / 20))

@@ -9,7 +9,7 @@ from drives import example, two_sprockets
 from warpchain.assembly.frequencies import moving_frequency
 from warpchain.assembly.rating import passes_moment
 from warpchain.assembly.summary import derive, report
-from warpchain.drive.power_rating import rated_power
+from warpchain.model.power_rating import rated_power
 
 PITCH, TEETH = 0.05, 20
 

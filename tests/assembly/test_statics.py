@@ -15,6 +15,7 @@ from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _assembled_coordinates, _coordinate_name, _Solver, at_rest, load_moments, running
 from warpchain.assembly.summary import derive, report
+from warpchain.model.chain_drives import driver_speed
 
 ISO = {"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "maximum"} | {
     f"contact.sprocket.{key}": None for key in ("clearance", "seat_angle")
@@ -51,7 +52,7 @@ def test_derivatives_are_those_of_the_energy(changes):
 def test_derivatives_by_angles_of_arms_on_arms(drive):
     """Central differences along what arms carry with them, of a state in which guides and teeth press: as above."""
     assembly = assemble(drive)
-    potential = Potential(drive, 50.0, load_moments(drive, drive.driver_speed), laid=assembly.sprocket_angle)
+    potential = Potential(drive, 50.0, load_moments(drive, driver_speed(drive)), laid=assembly.sprocket_angle)
     solver, d = _Solver([potential], [assembly]), 1e-6
 
     def at(x):

@@ -15,7 +15,9 @@ from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.drive.examples import example_names
-from warpchain.drive.stacks import (
+from warpchain.engine.chain_rows import ChainRows
+from warpchain.errors import DriveError
+from warpchain.model.stacks import (
     LARGEST_STACK,
     pick_variants,
     stack_arrays,
@@ -23,8 +25,6 @@ from warpchain.drive.stacks import (
     stacks_of_drives,
     variant_count,
 )
-from warpchain.engine.chain_rows import ChainRows
-from warpchain.errors import DriveError
 
 
 def marine(**values):

@@ -11,6 +11,7 @@ from warpchain import Drive, dumps_drive, loads_drive
 from warpchain.assembly.statics import at_rest
 from warpchain.assembly.summary import derive, report
 from warpchain.fit import fit_position
+from warpchain.model.chain_drives import driver_speed
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +164,7 @@ def test_a_motor_that_nothing_ties_to_the_chain_drives_no_chain():
     del values["sprockets"][0]["prescribed"]
     values["sprockets"][0]["shaft"] = "flywheel"
     drive = Drive(**values)
-    assert drive.driver_speed == 10.0 and drive.sprockets[drive.driver].name == "driver"
+    assert driver_speed(drive) == 10.0 and drive.sprockets[drive.driver].name == "driver"
     found = derive(drive)
     assert [of["speed"] for of in found["shafts"]] == [None, 10.0]
     # nothing drives it: 40 N m s brake the wheel, the sprocket's 2 kg m^2 and the chain's rollers

@@ -10,7 +10,7 @@ from warpchain.assembly.fitting import fit_position, fit_positions
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.assembly.timestep import resolve_step, step_limit
 from warpchain.drive.stack_math import has_arrays
-from warpchain.drive.stacks import pick_variants, stack_arrays, stack_of_values, stacks_of_drives, variant_count
+from warpchain.model.stacks import pick_variants, stack_arrays, stack_of_values, stacks_of_drives, variant_count
 
 COUNT = 24
 

@@ -9,7 +9,7 @@ from command import run as command
 from warpchain import load_drive
 from warpchain.assembly.summary import derive
 from warpchain.drive.catalogue import CHAINS
-from warpchain.drive.power_rating import rated_power
+from warpchain.model.power_rating import rated_power
 
 ASKED = ["--power", "7.5kW", "--speed", "300rpm", "--ratio", 3]
 

@@ -12,8 +12,8 @@ from wrong_values import lines_of, wrong
 
 from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive
 from warpchain.drive.examples import drive_path
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.errors import DriveError
+from warpchain.model.stacks import stacks_of_drives
 
 PITCH = 0.009525
 ARCS = [  # an S that bends left, then right, and a straight piece between

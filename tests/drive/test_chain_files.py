@@ -5,10 +5,10 @@ import pytest
 
 from warpchain.assembly.summary import derive
 from warpchain.drive import dumps_drive, loads_drive
-from warpchain.drive.chain_drives import chain_drives, shaft_speed_ratios
 from warpchain.drive.examples import drive_path
-from warpchain.drive.trains import body_speed_ratio, is_free_body, train_inertia
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives, driver_speed, shaft_speed_ratios
+from warpchain.model.trains import body_speed_ratio, is_free_body, train_inertia
 
 
 def test_a_drive_of_two_chains_reads_back_equal():
@@ -204,7 +204,7 @@ def test_a_shaft_gives_what_it_has_to_its_first_sprocket():
     values = {f"sprockets.{name}": None for name in ("a0.prescribed", "b0.load", "b0.inertia")}
     values |= {"shafts.A.prescribed.speed": 10.0, "shafts.B.load.torque": 600.0, "shafts.B.inertia": 2.0}
     on_shafts = on_sprockets.with_values(values)
-    assert (on_shafts.driver, on_shafts.driver_speed) == (0, 10.0)
+    assert (on_shafts.driver, driver_speed(on_shafts)) == (0, 10.0)
     tensions = [
         [strand["working_tension"] for chain in derive(of)["chains"].values() for strand in chain["strands"]]
         for of in (on_shafts, on_sprockets)

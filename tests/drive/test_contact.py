@@ -10,13 +10,13 @@ from scipy.optimize import brentq
 
 from warpchain.assembly.timestep import highest_frequency
 from warpchain.drive import Material
-from warpchain.drive.friction_coefficients import (
+from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
+from warpchain.errors import DriveError
+from warpchain.model.friction_coefficients import (
     FrictionCoefficients,
     guide_friction_coefficients,
     tooth_friction_coefficients,
 )
-from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
-from warpchain.errors import DriveError
 
 STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3)
 RUBBER = Material(youngs_modulus=10e6, poissons_ratio=0.49)

@@ -13,9 +13,8 @@ from drives import BLADE, MARINE, errors_of, example, put
 
 from warpchain.drive import Drive, Load, dumps_drive, load_drive, loads_drive, save_drive
 from warpchain.drive.schema import Part
-from warpchain.drive.shafts import SprocketShaft
-from warpchain.drive.sprocket import LedSprocket
 from warpchain.errors import DriveError
+from warpchain.model.parts_between_chains import LedSprocket, SprocketShaft
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from warpchain.drive.catalogue import CHAINS
-from warpchain.drive.power_rating import (
+from warpchain.model.power_rating import (
     HORSEPOWER,
     SERVICE_FACTORS,
     elongation_limit,

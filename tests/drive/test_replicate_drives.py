@@ -8,8 +8,8 @@ from drives import MARINE, two_sprockets
 
 from warpchain import assemble, dumps_drive, load_drive, loads_drive
 from warpchain.drive.replicates import Replicates, all_copies, copy_phase, numbered_copies
-from warpchain.drive.start_phase import motion_from_start_phase
 from warpchain.errors import DriveError, SimulationError
+from warpchain.model.start_phase import motion_from_start_phase
 
 TABLE = {"angle": [0.0, 1.0, 3.0, 2.0 * math.pi], "torque": [1.0, 5.0, 2.0, 1.0]}
 

@@ -9,17 +9,17 @@ from drives import STARTING, example, two_sprockets
 from warpchain import Record, dumps_drive, loads_drive, read_archive, simulate, write_archive
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.changed_copies import DriveChanges
 from warpchain.drive.examples import example_names
 from warpchain.drive.quantities import unit_of_key
 from warpchain.drive.schema import Part
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.drive.thermal import GROWS, MATERIALS
 from warpchain.drive.viscosity import THICKEST, THINNEST, walther_from_two_points
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
 from warpchain.fit import fit_position
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.schedule import Schedule
 
 STAY = {

@@ -5,7 +5,7 @@ import pytest
 from drives import timing
 
 from warpchain import Record, simulate
-from warpchain.drive.oil import static_force
+from warpchain.model.oil import static_force
 
 BARE = {"chain.joint": None, "contact.sprocket.friction": 0.0, "contact.guide.friction": 0.0}
 LEFT = (0.012, 0.27)  # heights at which the slack strand passes below and above its blade [m]

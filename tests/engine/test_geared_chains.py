@@ -13,7 +13,7 @@ from raw import stepped
 from warpchain import Record, dumps_drive, loads_drive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive.chain_drives import chain_drives
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.schedule import Schedule
 

@@ -10,7 +10,7 @@ from warpchain import Record, assemble, read_archive, simulate
 from warpchain.assembly.arm_balance import chain_path, path_tension
 from warpchain.assembly.path import path_at
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.outlines import guide_arm_tensioner_parts, pose_at_frame
 from warpchain.view.rerun import view
 

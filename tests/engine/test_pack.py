@@ -8,10 +8,10 @@ from drives import LARGE, ONE_CHAIN, but, example, numbers, two_sprockets
 from warpchain import Record
 from warpchain.assembly.stack_assembly import layout_faults_of_drives
 from warpchain.drive.changed_copies import DriveChanges
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.schedule import Schedule
 
 PLACES = ("first_roller", "first_sprocket", "first_guide", "first_contact", "first_tally")

@@ -18,7 +18,6 @@ from loading import load_script
 from raw import Frames
 
 from warpchain import Record, read_archive, simulate
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine import devices, gpu, pipeline, subensemble
 from warpchain.engine.arrays import sums_bytes
 from warpchain.engine.checkpoint import States
@@ -26,6 +25,7 @@ from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
 from warpchain.engine.subensemble import Variants
 from warpchain.errors import DeviceError, DriveError, LayoutWarning, SimulationError, SuspectWarning
+from warpchain.model.stacks import stacks_of_drives
 
 NONE = Record("none")
 

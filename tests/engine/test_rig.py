@@ -10,12 +10,12 @@ from tensioner_rig import RELIEF, TEXT, VENT, engine, looked, moved, oil_modulus
 import warpchain
 from warpchain import bench_tensioner, loads_drive
 from warpchain.assembly.table_cells import TableList
-from warpchain.drive import oil
 from warpchain.drive.viscosity import walther_from_slope
 from warpchain.engine.body_struct_rows import fill_tensioner_row
 from warpchain.engine.tensioner_bench import SAMPLES_PER_CYCLE, PlungerMotion, shake_tensioner
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.structs import Tensioner, Valve
+from warpchain.model import oil
 
 ELSEWHERE = ("body", "home", "rest", "stop_stiffness", "stop_damping", "bottom", "direction", "point")
 ELSEWHERE += ("check", "relief", "vent", "supply_table")

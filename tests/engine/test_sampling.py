@@ -5,9 +5,10 @@ from drives import example, two_sprockets
 from loading import load_script
 
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.simulation import longest_sample_interval, sample_interval
 from warpchain.kernels.sums import MERGE_EVERY
+from warpchain.model.chain_drives import chain_speed
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.schedule import LOOK_EVERY
 
 looks_study = load_script("drawings.sampling")
@@ -43,8 +44,8 @@ def test_looks_are_further_apart_where_sixteen_of_them_are_in_a_pitch_all_the_sa
     """64 steps h are at most a sixteenth of the time p / v in which the chain moves on by a pitch, v = omega R."""
     assert int(MERGE_EVERY) == LOOK_EVERY
     drive = two_sprockets(speed=20.0)
-    most = drive.chain.pitch / (16 * 64 * drive.chain_speed)
-    assert drive.chain_speed == pytest.approx(20.0 * drive.pitch_radius(0), rel=1e-12)
+    most = drive.chain.pitch / (16 * 64 * chain_speed(drive))
+    assert chain_speed(drive) == pytest.approx(20.0 * drive.pitch_radius(0), rel=1e-12)
     assert [int(longest_sample_interval(drive, step)) for step in (0.999 * most, 1.001 * most)] == [64, 32]
     assert int(longest_sample_interval(two_sprockets(speed=0.0), 1e-5)) == 32  # of which nobody knows how it will move
 

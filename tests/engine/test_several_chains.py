@@ -12,13 +12,13 @@ from drives import assert_alone_as_in_a_crowd, example, two_sprockets
 
 from warpchain import Limits, Record, loads_drive, simulate
 from warpchain.assembly.timestep import step_limit
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine import gpu_kernels
 from warpchain.engine.chain_rows import ChainRows
 from warpchain.engine.gpu import gpu_refusal
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import SETTLE_TOLERANCE, settle_variants
 from warpchain.errors import DriveError, SuspectWarning
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.schedule import Schedule
 

@@ -8,7 +8,7 @@ from tensioner_rig import engine
 
 from warpchain import Record, simulate
 from warpchain.drive import Drive
-from warpchain.drive.oil import static_pressure
+from warpchain.model.oil import static_pressure
 
 BARE = {f"sprockets.tensioner.mount.{name}": 0.0 for name in ("stiffness", "damping", "preload")}
 """The engine's slider without the spring of its own."""

@@ -143,7 +143,7 @@ def ensemble_of(drives, **more):
     """Drives packed for `SAMPLED_STEPS` steps, and how many values their frames take; not one more is there."""
     from blocks import pack_for
 
-    from warpchain.drive.chain_drives import chain_drives
+    from warpchain.model.chain_drives import chain_drives
     from warpchain.results.channels import drive_frame_width
     from warpchain.results.schedule import Schedule
 

@@ -25,9 +25,9 @@ from raw import stepped
 
 from warpchain import load_drive
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import first_places
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.channels import drive_frame_width
 from warpchain.results.schedule import Schedule
 

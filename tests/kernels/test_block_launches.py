@@ -35,7 +35,6 @@ from drives import timing, two_sprockets
 from warpchain import load_drive
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.engine.arrays import (
     ARRAYS,
     assign_values,
@@ -52,6 +51,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kinds import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.relaxation import Settling
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.schedule import Schedule
 
 

@@ -6,7 +6,6 @@ from command import refused
 from drives import example, of_long, two_sprockets
 from tensioner_rig import oil_modulus
 
-from warpchain.drive.oil import static_force, static_pressure
 from warpchain.engine.force_probe import ForceProbe
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import base_drive_modes, campbell, mode_metrics
@@ -16,6 +15,7 @@ from warpchain.modal.mode_page import modes_page
 from warpchain.modal.mode_recording import write_mode_recording
 from warpchain.modal.small_motion import drive_motion
 from warpchain.modal.tensioner_modes import tensioner_elements
+from warpchain.model.oil import static_force, static_pressure
 
 AREA = 0.25 * np.pi * 0.016**2
 ARM = {

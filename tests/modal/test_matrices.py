@@ -6,7 +6,6 @@ from drives import example, of_long, two_sprockets
 from raw import chain
 from tensioner_rig import oil_modulus
 
-from warpchain.drive.oil import static_pressure
 from warpchain.engine.force_probe import ForceProbe
 from warpchain.modal.eigenmodes import eigenpairs
 from warpchain.modal.matrices import (
@@ -19,6 +18,7 @@ from warpchain.modal.matrices import (
     travel_matrix,
 )
 from warpchain.modal.small_motion import drive_motion, oil_conductances, standing_chains
+from warpchain.model.oil import static_pressure
 
 MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0
 LENGTH = PITCH + TENSION / STIFFNESS

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from drives import example
 
-from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.stacks import stacks_of_drives
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.stacks import stacks_of_drives
 from warpchain.results import step_resolution
 from warpchain.results.metric_formulas import number_of_each_drive
 from warpchain.results.metrics import VariantEnds

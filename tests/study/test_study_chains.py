@@ -9,8 +9,8 @@ from parts import part
 
 from warpchain import Limits, Record, assemble, run_study, simulate
 from warpchain.drive import load_drive, save_drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import StudyError
+from warpchain.model.chain_drives import chain_drives
 from warpchain.study.optimize import open_study
 from warpchain.study.report.rerun_scatters import view_study
 from warpchain.study.results import export_table, read_results

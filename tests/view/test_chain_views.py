@@ -10,7 +10,7 @@ import pytest
 from warpchain import read_archive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.summary import report as text_of
-from warpchain.drive.trains import rotation_owners
+from warpchain.drive.body_ties import rotation_owners
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_metrics_row, chain_trajectories
 from warpchain.results.engineering_report import EngineeringReport

@@ -16,8 +16,8 @@ from waiting import wait_for
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import drive_path, example_names
+from warpchain.model.chain_drives import chain_drives
 from warpchain.view.figures.drive_figure import TRAVEL_STYLE, drive_figure
 
 

@@ -10,8 +10,8 @@ from matplotlib.collections import LineCollection
 
 from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import RestingArm, chain_path
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.examples import example_names
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.guide_load import face_coordinates, rollers_in_guide_frame
 from warpchain.results.outlines import (
     chain_outline,

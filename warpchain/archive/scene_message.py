@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpchain.archive.archive_format import body_frame_name, message_class, varint_bytes
 from warpchain.archive.chunk_layout import FrameContent
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.outlines import guide_outline, tooth_outline
 
 DRIVE_FRAME = "drive"

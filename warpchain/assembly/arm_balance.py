@@ -24,8 +24,6 @@ import numpy as np
 from warpchain.assembly.guide_obstacles import place_on_arm
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, PathPlan, PathValues
 from warpchain.drive.face_profile import unit_vector
-from warpchain.drive.mounts import moving_mass
-from warpchain.drive.oil import bottom_place, static_force
 from warpchain.drive.stack_math import (
     UnlikeVariants,
     copysign,
@@ -38,6 +36,8 @@ from warpchain.drive.stack_math import (
     where,
 )
 from warpchain.errors import DriveError
+from warpchain.model.mounts import moving_mass
+from warpchain.model.oil import bottom_place, static_force
 
 if TYPE_CHECKING:
     from warpchain.drive import Arm, Drive

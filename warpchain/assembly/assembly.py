@@ -36,9 +36,8 @@ from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.table_cells import initial_speed
 from warpchain.assembly.taut_string import TautString
+from warpchain.drive.body_ties import BodyTie, body_ties
 from warpchain.drive.face_profile import unit_vector
-from warpchain.drive.mounts import initial_velocity
-from warpchain.drive.sprocket import LedSprocket
 from warpchain.drive.stack_math import (
     UnlikeVariants,
     array_of_columns,
@@ -52,10 +51,12 @@ from warpchain.drive.stack_math import (
     where,
     with_last_axis,
 )
-from warpchain.drive.stacks import pick_variants
-from warpchain.drive.start_phase import motion_from_start_phase
-from warpchain.drive.trains import BodyTie, body_ties, body_turning_sign
 from warpchain.errors import DriveError
+from warpchain.model.mounts import initial_velocity
+from warpchain.model.parts_between_chains import LedSprocket
+from warpchain.model.stacks import pick_variants
+from warpchain.model.start_phase import motion_from_start_phase
+from warpchain.model.trains import body_turning_sign
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Shaft, Sprocket
@@ -131,7 +132,7 @@ def assemble(drive: Drive) -> Assembly:
 
 
 def assemble_stack(drive: Drive) -> Assembly:
-    """The initial states of a stack (`warpchain.drive.stacks`), as one with a first axis: `assemble` of each.
+    """The initial states of a stack (`warpchain.model.stacks`), as one with a first axis: `assemble` of each.
 
     Raises:
         DriveError: as `assemble`, of the first such variant.

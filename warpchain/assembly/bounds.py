@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.drive import Drive
+from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
 from warpchain.drive.stack_math import power
-from warpchain.drive.trains import body_speed_ratio, free_body_loads, nearest_sprocket
+from warpchain.model.chain_drives import chain_speed
+from warpchain.model.trains import body_speed_ratio, free_body_loads
 
 ESCAPE_PITCHES = 10.0
 """A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""
@@ -69,7 +71,7 @@ def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
         drive: one, or a stack, and
         assembly: its states, (V, ...) of a stack.
     """
-    chain, speed = drive.chain, drive.chain_speed
+    chain, speed = drive.chain, chain_speed(drive)
     assembled = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
     tension = assembled + chain.mass / chain.pitch * power(speed, 2)
     return SHARE * np.maximum(_tension_with_loads(drive, tension, speed), LEAST * chain.stiffness * chain.pitch)

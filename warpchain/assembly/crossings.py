@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import ChainPath
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.parts_by_chain import ChainDrive, shaft_of_sprocket
+from warpchain.drive.parts_by_chain import shaft_of_sprocket
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.parts_by_chain import ChainDrive
 
 
 def assemble_chains(drive: Drive) -> list[Assembly]:

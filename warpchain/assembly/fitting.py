@@ -32,12 +32,12 @@ from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, PathPlan, allowed_results, path_at
 from warpchain.assembly.place_search import PlacementGoal, PlaceSearch, run_searches
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.changed_copies import drive_with_numbers
-from warpchain.drive.parts_by_chain import ChainDrive
-from warpchain.drive.stacks import stacks_of_drives
 from warpchain.drive.thermal import expansion_factor
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.parts_by_chain import ChainDrive
+from warpchain.model.stacks import stacks_of_drives
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

@@ -10,11 +10,12 @@ import numpy as np
 
 from warpchain.assembly.table_cells import shaft_ratio
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives, shafts_of_own_chain
+from warpchain.drive.body_ties import body_names
 from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import body_names, body_speed_ratio
+from warpchain.model.chain_drives import chain_driver_ratios, chain_drives, shafts_of_own_chain
+from warpchain.model.trains import body_speed_ratio
 
 
 def strand_frequency(drive: Drive, links: int, tension: float) -> float:

@@ -18,9 +18,9 @@ import numpy as np
 
 from warpchain.argument_checks import check_arguments
 from warpchain.assembly.fitting import paths_as_drawn
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.thermal import expansion_factor
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

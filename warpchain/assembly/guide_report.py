@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.arm_balance import RestingArm, stop_name
 from warpchain.drive.face_profile import unit_vector
-from warpchain.drive.oil import static_force, static_pressure
+from warpchain.model.oil import static_force, static_pressure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

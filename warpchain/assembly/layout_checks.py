@@ -16,9 +16,9 @@ from warpchain.assembly.path import ChainPath
 from warpchain.assembly.strength import HardestPull, strength_advice
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.oil import filled_tensioner, filling_time, outlet_flows, static_pressure
 from warpchain.drive.stack_math import array_of_columns, with_last_axis
 from warpchain.drive.tensioners import Tensioner
+from warpchain.model.oil import filled_tensioner, filling_time, outlet_flows, static_pressure
 
 if TYPE_CHECKING:
     from warpchain.assembly.taut_string import GuideTouch

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.guide_obstacles import PlacedGuide, Run, has_obstructed_strand, place_on_arm, strand_obstacles
 from warpchain.assembly.taut_string import Arc, TautError, TautString, circle_end, taut_string
-from warpchain.drive.mounts import initial_place
 from warpchain.drive.stack_math import (
     UnlikeVariants,
     arctan2,
@@ -41,8 +40,9 @@ from warpchain.drive.stack_math import (
     sqrt,
     table_of_columns,
 )
-from warpchain.drive.stacks import pick_variants, variant_count
 from warpchain.errors import DriveError
+from warpchain.model.mounts import initial_place
+from warpchain.model.stacks import pick_variants, variant_count
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -66,7 +66,7 @@ class ChainPath:
     """The path of a drive's chain along pitch circles and common tangents; S sprockets, as many strands.
 
     Strand k leaves sprocket k and reaches sprocket k + 1 (mod S). The paths of a stack of V variants
-    (`warpchain.drive.stacks`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
+    (`warpchain.model.stacks`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
     Its strings are the same for all but in their numbers, which may be arrays (V,).
 
     Attributes:

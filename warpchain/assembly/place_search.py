@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.arm_balance import chain_paths
 from warpchain.assembly.assembly import Assembly, assemble_stack, assembled_strains
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, allowed_results
-from warpchain.drive.stacks import pick_variants, stacks_of_drives
+from warpchain.model.stacks import pick_variants, stacks_of_drives
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

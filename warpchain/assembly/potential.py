@@ -13,16 +13,11 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import RestingArm, RestingTensioner
 from warpchain.assembly.guide_obstacles import profile_at, rotated_place
+from warpchain.drive.body_ties import first_coupling_ratio, nearest_sprocket
 from warpchain.drive.face_profile import unit_vector
-from warpchain.drive.mounts import moving_mass, unit_direction, wheel_mass
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
-from warpchain.drive.trains import (
-    body_turning_sign,
-    coupling_rest_angle,
-    first_coupling_ratio,
-    is_held_body,
-    nearest_sprocket,
-)
+from warpchain.model.mounts import moving_mass, unit_direction, wheel_mass
+from warpchain.model.trains import body_turning_sign, coupling_rest_angle, is_held_body
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix

@@ -12,7 +12,9 @@ from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.statics import Steady
 from warpchain.drive import Drive
-from warpchain.drive.power_rating import (
+from warpchain.drive.body_ties import nearest_sprocket
+from warpchain.drive.sprocket import Sprocket
+from warpchain.model.power_rating import (
     LEFT_OUT,
     LUBRICATION,
     RATED_HOURS,
@@ -23,8 +25,7 @@ from warpchain.drive.power_rating import (
     rated_power,
     size_rating,
 )
-from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import body_speed_ratio, inertia_behind_body, is_free_body, nearest_sprocket
+from warpchain.model.trains import body_speed_ratio, inertia_behind_body, is_free_body
 
 SLACK = (0.02, 0.04, 0.06)
 """Movement of the slack strand by hand over its length [-]: Tsubaki asks for 4 %, and 2 % where it is long or steep or

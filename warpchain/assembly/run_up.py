@@ -9,18 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.statics import load_moments
-from warpchain.drive.train_speeds import SPEED_STEPS, lumped_drive, speed_steps
-from warpchain.drive.trains import (
-    body_names,
-    body_speed_ratio,
-    driving_body,
-    free_body_loads,
-    inertia_behind_body,
-    is_free_body,
-    is_held_body,
-    nearest_sprocket,
-    part_of_body,
-)
+from warpchain.drive.body_ties import body_names, driving_body, nearest_sprocket, part_of_body
+from warpchain.model.chain_drives import driver_speed
+from warpchain.model.train_speeds import SPEED_STEPS, lumped_drive, speed_steps
+from warpchain.model.trains import body_speed_ratio, free_body_loads, inertia_behind_body, is_free_body, is_held_body
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -49,7 +41,7 @@ class RunUp(NamedTuple):
 def driver_run_up(drive: Drive) -> RunUp:
     """The run-up of a chain's driver: that of a motion's ramp or table over time, else as motors and loads have it."""
     b = driving_body(drive)
-    motion, top = part_of_body(drive, b).prescribed, drive.driver_speed
+    motion, top = part_of_body(drive, b).prescribed, driver_speed(drive)
     if motion is None:
         return _free_run_up(drive)
     table = motion.table
@@ -68,7 +60,7 @@ def driver_run_up(drive: Drive) -> RunUp:
 
 def _free_run_up(drive: Drive) -> RunUp:
     """The run-up of a drive in which nothing is prescribed."""
-    one, top = lumped_drive(drive), drive.driver_speed
+    one, top = lumped_drive(drive), driver_speed(drive)
     grid = speed_steps(one.start, top)
     least, most = one.net_moment_bounds(grid)
     at_work = float(one.net_moment(top))

@@ -41,7 +41,6 @@ from warpchain.assembly.link_laying import LayingCurve, summed_lengths
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut_string import TautError, TautString, point_end, taut_string
 from warpchain.drive.face_profile import unit_vector
-from warpchain.drive.mounts import initial_place
 from warpchain.drive.stack_math import (
     UnlikeVariants,
     ceil,
@@ -60,8 +59,9 @@ from warpchain.drive.stack_math import (
     table_of_columns,
     where,
 )
-from warpchain.drive.stacks import pick_variants
 from warpchain.errors import DriveError
+from warpchain.model.mounts import initial_place
+from warpchain.model.stacks import pick_variants
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

@@ -13,7 +13,9 @@ from warpchain.assembly.assembly import Assembly, assemble_stack
 from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.path import results_in_parts
 from warpchain.drive import Drive
-from warpchain.drive.stacks import (
+from warpchain.drive.body_ties import body_ties, has_trains
+from warpchain.errors import DriveError
+from warpchain.model.stacks import (
     Stack,
     first_refusal,
     first_refused_variant,
@@ -22,8 +24,6 @@ from warpchain.drive.stacks import (
     stacks_of_drives,
     variant_count,
 )
-from warpchain.drive.trains import body_ties, has_trains
-from warpchain.errors import DriveError
 
 Places = NDArray[np.int64]
 

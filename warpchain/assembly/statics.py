@@ -21,20 +21,14 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.potential import EnergyTerms, Map, Potential, stacked_terms
 from warpchain.assembly.table_cells import shaft_ratio, table_cells
-from warpchain.drive.mounts import unit_direction
+from warpchain.drive.body_ties import body_names, rigid_ratios
 from warpchain.drive.schema import HUGE
-from warpchain.drive.shafts import SprocketShaft
-from warpchain.drive.sprocket import ElasticMount, LedSprocket, SliderMount
-from warpchain.drive.trains import (
-    body_names,
-    body_speed_ratio,
-    free_body_loads,
-    is_free_body,
-    is_held_body,
-    rigid_ratios,
-    turns_per_roller,
-)
+from warpchain.drive.sprocket import ElasticMount, SliderMount
 from warpchain.errors import SimulationError
+from warpchain.model.chain_drives import driver_speed
+from warpchain.model.mounts import unit_direction
+from warpchain.model.parts_between_chains import LedSprocket, SprocketShaft
+from warpchain.model.trains import body_speed_ratio, free_body_loads, is_free_body, is_held_body, turns_per_roller
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -121,7 +115,7 @@ def running(
     Raises:
         DriveError: a chain that does not fit.
     """
-    driver, top = drive.sprockets[drive.driver], drive.driver_speed
+    driver, top = drive.sprockets[drive.driver], driver_speed(drive)
     frequency = top * driver.teeth / math.tau
     assembly = assembly or assemble(drive)
     for sprocket in drive.sprockets:

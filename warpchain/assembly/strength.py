@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 from warpchain.assembly.run_up import missing_effects
 from warpchain.drive import Drive
+from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.sprocket import Load
-from warpchain.drive.trains import body_speed_ratio, free_body_loads, is_held_body, nearest_sprocket
+from warpchain.model.trains import body_speed_ratio, free_body_loads, is_held_body
 
 LEAST_STATIC, LEAST_DYNAMIC = 7.0, 5.0
 """Breaking load over the largest tension at work, and over that with the loads' peaks."""

@@ -27,14 +27,20 @@ from warpchain.assembly.statics import Steady
 from warpchain.assembly.strength import LEAST_DYNAMIC, LEAST_STATIC, YIELD, HardestPull, strength_values
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
+from warpchain.drive.body_ties import driving_body, part_of_body
 from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives, shaft_speed_ratios, shafts_of_own_chain
-from warpchain.drive.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
-from warpchain.drive.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, expansion_factor
-from warpchain.drive.trains import driving_body, part_of_body
 from warpchain.drive.viscosity import REFERENCE
+from warpchain.model.chain_drives import (
+    chain_driver_ratios,
+    chain_drives,
+    driver_speed,
+    shaft_speed_ratios,
+    shafts_of_own_chain,
+)
+from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
+from warpchain.model.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
 
 _ROUND = 1e-3
 """Relative: a step that a file rounds is still the automatic one."""
@@ -53,7 +59,7 @@ def working_tensions(
     keeps the mean elongation of the strands that of the preload, unless that would make the slackest one push.
     Centrifugal force adds (m / p) v^2 throughout.
     """
-    speed = drive.driver_speed if speed is None else speed
+    speed = driver_speed(drive) if speed is None else speed
     moments = statics.load_moments(drive, speed) if moments is None else moments
     rise = run_up.tension_rises(drive, moments[:, None])[:, 0].tolist()
     mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
@@ -104,7 +110,7 @@ def _derive_alone(drive: Drive, passed: RunUp) -> dict[str, Any]:
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
     preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
-    driver, speed = drive.sprockets[drive.driver], drive.driver_speed
+    driver, speed = drive.sprockets[drive.driver], driver_speed(drive)
     moments = run_up.run_up_moments(drive, passed)
     resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly, speed, moments[:, -1])
     strands = _strand_values(drive, assembly, preload, resting, running, moments[:, -1])
@@ -231,7 +237,7 @@ def _derive_several(drive: Drive) -> dict[str, Any]:
             "name": shaft.name,
             "sprockets": [s.name for s in drive.sprockets if s.shaft == shaft.name],
             "ratio": ratios[shaft.name],
-            "speed": ratios[shaft.name] * drive.driver_speed,
+            "speed": ratios[shaft.name] * driver_speed(drive),
         }
         for shaft in drive.shafts
     ]

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.body_ties import body_names
 from warpchain.drive.motion_table import PlaceColumn, SpeedTable, Table
-from warpchain.drive.trains import body_names, body_speed_ratio
 from warpchain.drive.valves import LiftCurve
+from warpchain.model.trains import body_speed_ratio
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

@@ -9,21 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.mounts import is_on_springs, mount_spring, moving_mass
-from warpchain.drive.oil import oil_stiffness
-from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.body_ties import body_names, part_of_body
 from warpchain.drive.stack_math import is_true_somewhere, maximum, power, sqrt
-from warpchain.drive.stacks import pick_variants
-from warpchain.drive.trains import (
-    body_names,
-    coupled_bodies,
-    is_free_body,
-    part_of_body,
-    train_inertia,
-    train_of_body,
-)
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.mounts import is_on_springs, mount_spring, moving_mass
+from warpchain.model.oil import oil_stiffness
+from warpchain.model.parts_between_chains import SprocketShaft
+from warpchain.model.stacks import pick_variants
+from warpchain.model.trains import coupled_bodies, is_free_body, train_inertia, train_of_body
 
 AUTOMATIC = 0.6
 """The automatic step, of the limit (docs/model.md: what of a drive it changes)."""

@@ -6,17 +6,13 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive.chain_drives import shafts_of_own_chain
-from warpchain.drive.train_speeds import lumped_drive
-from warpchain.drive.trains import (
-    body_names,
+from warpchain.drive.body_ties import body_names, driving_body, first_coupling_ratio, nearest_sprocket, part_of_body
+from warpchain.model.chain_drives import driver_speed, shafts_of_own_chain
+from warpchain.model.train_speeds import lumped_drive
+from warpchain.model.trains import (
     body_speed_ratio,
     coupled_bodies,
-    driving_body,
-    first_coupling_ratio,
     is_free_body,
-    nearest_sprocket,
-    part_of_body,
     prescribed_leader,
     train_inertia,
     train_of_body,
@@ -52,7 +48,7 @@ def shaft_report(drive: Drive) -> list[dict[str, Any]]:
 def _working_speed(drive: Drive, b: int) -> float | None:
     """Forward speed of a shaft at work [rad/s]; None where no chain or prescribed motion gives it."""
     if nearest_sprocket(drive, b) is not None:
-        return float(drive.driver_speed * body_speed_ratio(drive, b, drive.driver))
+        return float(driver_speed(drive) * body_speed_ratio(drive, b, drive.driver))
     leader = prescribed_leader(drive, b)
     if leader is None:
         return None
@@ -138,9 +134,9 @@ def motor_advice(drive: Drive) -> Iterator[str]:
             f"{name}: pulls {pulled:.4g} N m at rest, as this shaft sees it, where loads "
             f"ask for {asked:.4g} N m: it does not start; give it more, or the loads a viscous part instead"
         )
-    elif one.net_moment(drive.driver_speed) > 0.0 and one.net_moment(_FAST) > 0.0:
+    elif one.net_moment(driver_speed(drive)) > 0.0 and one.net_moment(_FAST) > 0.0:
         yield (
-            f"{name}: no load balances it at any speed: this shaft comes to {own * drive.driver_speed:.4g} rad/s at "
+            f"{name}: no load balances it at any speed: this shaft comes to {own * driver_speed(drive):.4g} rad/s at "
             "the end of the run, and would go on; give a load, or the motor a table over speed that falls to 0"
         )
 

@@ -424,7 +424,7 @@ def plot_command(arguments: argparse.Namespace) -> int:
 
 def report_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain report`: writes a run's engineering report."""
-    from warpchain.drive.power_rating import WEAR_COEFFICIENT
+    from warpchain.model.power_rating import WEAR_COEFFICIENT
     from warpchain.results.engineering_report import Wear
     from warpchain.view.report import report
 

@@ -14,10 +14,10 @@ from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fit_w
 from warpchain.assembly.guide_fit import fit_indentation
 from warpchain.assembly.layout_checks import idle_arm_advice, layout_faults, strain_advice
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.drive_text import self_contained_text, text_with_changes
 from warpchain.drive.examples import drive_path, is_example
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

@@ -26,9 +26,9 @@ from warpchain.drive.defaults import (
     wrap_senses,
 )
 from warpchain.drive.json_schema import drive_schema, schema_text
-from warpchain.drive.power_rating import rated_power, size_rating
 from warpchain.drive.schema import nearest_key_text
 from warpchain.errors import DriveError
+from warpchain.model.power_rating import rated_power, size_rating
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

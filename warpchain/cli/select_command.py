@@ -9,7 +9,8 @@ from typing import NamedTuple
 from warpchain.assembly.summary import table_lines
 from warpchain.cli.new_command import DriveRequest, write_drive_request
 from warpchain.drive.catalogue import CHAINS, CatalogueChain
-from warpchain.drive.power_rating import (
+from warpchain.errors import DriveError
+from warpchain.model.power_rating import (
     LEFT_OUT,
     LUBRICATION,
     RATED_HOURS,
@@ -19,7 +20,6 @@ from warpchain.drive.power_rating import (
     rated_power,
     size_rating,
 )
-from warpchain.errors import DriveError
 
 LEAST_TEETH, MOST_TEETH = 9, 150
 """Fewest and most teeth of a sprocket of `warpchain select`."""

@@ -83,7 +83,7 @@ def time_from_word(word: str) -> float:
 
 def service_factor_from_word(word: str) -> float:
     """A service factor from a word: a number, or LOAD or LOAD,SOURCE of makers' tables."""
-    from warpchain.drive.power_rating import SERVICE_FACTORS
+    from warpchain.model.power_rating import SERVICE_FACTORS
 
     load, _, source = word.partition(",")
     if load in SERVICE_FACTORS and (source or "motor") in SERVICE_FACTORS[load]:

@@ -13,8 +13,8 @@ from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 from warpchain.argument_checks import Index, check_arguments, check_index
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
+from warpchain.drive.body_ties import driving_sprocket
 from warpchain.drive.chain import Chain, NamedChain
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.chain_rules import CHAIN_RULES, PARTS_NAMING_CHAINS, shaft_group_rules
 from warpchain.drive.contact_settings import Contact, GuideContact, merged_contact_values
 from warpchain.drive.csv_files import values_with_files
@@ -45,7 +45,8 @@ from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import Allowed, Part, Problem, Rule, node_list, node_value
 from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import ArmMount, Sprocket
-from warpchain.drive.stack_math import arcsin, hypot, maximum, power, radians, sqrt, where
+from warpchain.drive.sprocket_teeth import is_catching, pitch_radius, sprocket_tooth, tooth_pitch
+from warpchain.drive.stack_math import arcsin, hypot, maximum, power, sqrt, where
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.thermal import (
@@ -56,10 +57,8 @@ from warpchain.drive.thermal import (
     has_other_temperature,
     oil_rules,
 )
-from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
+from warpchain.drive.tooth_shape import Tooth, releasing_seat_angle
 from warpchain.drive.train_rules import train_rules
-from warpchain.drive.train_speeds import driver_top_speed
-from warpchain.drive.trains import driving_sprocket
 from warpchain.drive.valves import Valves, valve_rules
 from warpchain.errors import DriveError, drive_error, warn_caller
 from warpchain.files import read_text_file, refusal_reason, write_text_file
@@ -215,7 +214,24 @@ class Drive(Part):
     @property
     def links(self) -> int:
         """Number of links of all chains."""
-        return sum(chain.links for chain in self.chains) if self.chains else self.chain.links
+        return sum(chain.links for chain in self.each_chain)
+
+    @property
+    def each_chain(self) -> tuple[Chain, ...]:
+        """The chains, one or more; a single one has no name."""
+        return self.chains or (self.chain,)
+
+    @property
+    def chain_prefixes(self) -> tuple[str, ...]:
+        """Beginnings of the names of each chain's strands, links and metrics: "CHAIN.", "" of a single one."""
+        return tuple(f"{chain.name}." for chain in self.chains) or ("",)
+
+    @property
+    def sprockets_by_chain(self) -> tuple[tuple[Chain, tuple[Sprocket, ...]], ...]:
+        """Each chain with the sprockets that it goes around, in order."""
+        names = [getattr(chain, "name", None) for chain in self.each_chain]
+        around = [tuple(of for of in self.sprockets if of.chain == name) for name in names]
+        return tuple(zip(self.each_chain, around, strict=True))
 
     @property
     def driver(self) -> int:
@@ -225,22 +241,6 @@ class Drive(Part):
         return driving_sprocket(self) if first is None else first
 
     @property
-    def driver_speed(self) -> float:
-        """Top speed of the driver [rad/s], its harmonics aside; with a motor, about the speed where moments balance."""
-        prescribed = self.sprockets[self.driver].prescribed
-        if prescribed is None and self.chains:
-            driver = self.driver
-            chain, s = next((r.drive, r.places["sprockets"].index(driver)) for r in chain_drives(self)
-                           if driver in r.places["sprockets"])  # fmt: skip
-            return chain.driver_speed * chain.sprockets[chain.driver].teeth / chain.sprockets[s].teeth
-        return driver_top_speed(self) if prescribed is None else prescribed.top_speed
-
-    @property
-    def chain_speed(self) -> float:
-        """Speed of the chain [m/s] where the driver turns at its top speed, its harmonics aside."""
-        return abs(self.driver_speed) * self.pitch_radius(self.driver)
-
-    @property
     def first_arm_body(self) -> int:
         """Number of the first arm among the bodies: sprockets, shafts, arms."""
         return len(self.sprockets) + len(self.shafts)
@@ -248,22 +248,21 @@ class Drive(Part):
     @property
     def strand_names(self) -> tuple[str, ...]:
         """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next; of several chains, "CHAIN.FROM->TO"."""
-        if self.chains:
-            chains = chain_drives(self)
-            return tuple(f"{chain.name}.{name}" for chain in chains for name in chain.drive.strand_names)
-        names = [sprocket.name for sprocket in self.sprockets]
-        return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
+        found: list[str] = []
+        for prefix, (_, sprockets) in zip(self.chain_prefixes, self.sprockets_by_chain, strict=True):
+            names = [sprocket.name for sprocket in sprockets]
+            found += (f"{prefix}{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
+        return tuple(found)
 
     @check_index("sprockets", DriveError)
     def sprocket_pitch(self, s: int) -> float:
         """Pitch of the teeth of sprocket s [m]: its own, or else the chain's."""
-        own = self.sprockets[s].pitch
-        return self.chain.pitch if own is None else own
+        return tooth_pitch(self.sprockets[s], self.chain)
 
     @check_index("sprockets", DriveError)
     def pitch_radius(self, s: int) -> float:
         """Radius of the circle of sprocket s on which its seats lie [m]: p / (2 sin(pi/z))."""
-        return self.sprocket_pitch(s) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
+        return pitch_radius(self.sprockets[s], self.chain)
 
     @check_index("sprockets", DriveError)
     def riding_radius(self, s: int) -> float:
@@ -297,24 +296,7 @@ class Drive(Part):
     @check_index("sprockets", DriveError)
     def tooth(self, s: int) -> Tooth:
         """The tooth gap of sprocket s: its own, or the contact's, or that of ISO 606 for its teeth."""
-        own = self.sprockets[s].tooth
-        if own is not None:
-            flank = math.inf if own.flank_radius is None else own.flank_radius
-            return Tooth(own.seat_radius, radians(own.seat_angle), flank, own.tip_radius)
-        contact, radius, teeth = self.contact.sprocket, self.chain.roller_radius, self.sprockets[s].teeth
-        if contact.profile == "iso606":
-            assert contact.gap is not None  # the contact's own rule
-            return iso606_tooth(contact.gap, radius, teeth, self.sprocket_pitch(s))
-        assert contact.clearance is not None
-        angle = contact.seat_angle
-        return Tooth(
-            seat_radius=radius + contact.clearance,
-            seat_angle=default_seat_angle(teeth, self.pitch_radius(s), self.chain.pitch)
-            if angle is None
-            else radians(angle),
-            flank_radius=math.inf,
-            tip_radius=self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * radius),
-        )
+        return sprocket_tooth(self.sprockets[s], self.chain, self.contact.sprocket)
 
     @check_index("sprockets", DriveError)
     def seat_angle(self, s: int) -> float:
@@ -337,9 +319,8 @@ class Drive(Part):
 
     def catching_sprockets(self) -> tuple[int, ...]:
         """Indices of sprockets whose straight flanks do not let a strand's rollers go (`drive.tooth_shape`)."""
-        straight = [s for s in range(len(self.sprockets)) if math.isinf(self.tooth(s).flank_radius)]
-        angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in straight)
-        return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
+        of = enumerate(self.sprockets)
+        return tuple(s for s, sprocket in of if is_catching(sprocket, self.chain, self.tooth(s)))
 
     @check_index("guides", DriveError)
     def guide_contact(self, g: int) -> GuideContact:
@@ -566,16 +547,17 @@ class Drive(Part):
         if drive.chains:
             del drive.__dict__["chain"]
         drive.apply_temperature()
-        for chain in chain_drives(drive):
-            links, of = chain.drive.chain.links, f"chains.{chain.name}" if chain.name else "chain"
-            if links % 2:
-                warn_caller(f"{of}.links = {links}: an odd number needs an offset link")
+        for chain in drive.each_chain:
+            if chain.links % 2:
+                of = f"chains.{chain.name}" if isinstance(chain, NamedChain) else "chain"
+                warn_caller(f"{of}.links = {chain.links}: an odd number needs an offset link")
         for arm in drive.arms:
             least = arm.mass * arm.center_radius**2
             if arm.inertia < least:
                 warn_caller(f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}")
-        for chain in chain_drives(drive):
-            _warn_of_catching_sprockets(chain.drive)
+        for chain, sprockets in drive.sprockets_by_chain:
+            for sprocket in sprockets:
+                _warn_if_catching(sprocket, chain, sprocket_tooth(sprocket, chain, drive.contact.sprocket))
         return drive
 
 
@@ -592,13 +574,13 @@ def temperature_rules(drive: Any) -> Iterator[Problem]:
                 yield problem._replace(text=f"{problem.text}, at {drive.temperature:g} degrees C")
 
 
-def _warn_of_catching_sprockets(drive: Drive) -> None:
-    """Warns of sprockets whose straight flanks do not let rollers go."""
-    for s in drive.catching_sprockets():
-        limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
+def _warn_if_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> None:
+    """Warns of a sprocket whose straight flanks do not let rollers go."""
+    if is_catching(sprocket, chain, tooth):
+        limit = math.degrees(releasing_seat_angle(pitch_radius(sprocket, chain), chain.pitch))
         warn_caller(
-            f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
-            f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
+            f"contact.sprocket.seat_angle = {math.degrees(tooth.seat_angle):g}: the straight flanks of "
+            f'"{sprocket.name}" ({sprocket.teeth} teeth) catch the rollers of its strands; '
             f"they let them go below {limit:.1f} degrees"
         )
 

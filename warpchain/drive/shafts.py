@@ -179,20 +179,6 @@ class Shaft(Part):
                 yield Problem((key,), None, "not together with prescribed", BARE)
 
 
-class SprocketShaft(Shaft):
-    """A sprocket of another chain, as a shaft of a chain's own drive (`warpchain.drive.chain_drives`).
-
-    Attributes:
-        shaft: that it turns with.
-        demand: its load and those that its chain turns, together.
-        driven_inertia: inertia that its chain turns, with that of the chain [kg m^2].
-    """
-
-    shaft: Name | None = None
-    demand: Load | None = None
-    driven_inertia: NonNegative = 0.0
-
-
 class Gear(Part):
     """A gear pair that ties two shafts by teeth; a sprocket's name stands for the shaft of its own.
 

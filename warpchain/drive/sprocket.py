@@ -319,18 +319,3 @@ class Sprocket(Part):
             yield Problem(("balance_wheel",), None, 'not together with mount kind "arm"', BARE)
         if node_value(node, "bearing") is not None and node_value(node, "prescribed") is not None:
             yield Problem(("bearing",), None, "not together with prescribed, whose motion nothing disturbs", BARE)
-
-
-class LedSprocket(Sprocket):
-    """The sprocket that leads a chain of which none is prescribed, as another chain turns its shaft.
-
-    Before a run, and where runs are looked at, it counts as prescribed at the speed that the ratios give; in the run
-    its angle is free (`warpchain.drive.trains.is_free_body`).
-
-    Attributes:
-        driver: motion of the drive's driver, as it begins.
-        start_ratio: forward speed at the start over the driver's [-], by the radii at which rollers ride.
-    """
-
-    driver: Prescribed
-    start_ratio: float

@@ -1,4 +1,4 @@
-"""Functions of numbers, or of arrays of them over the variants of a stack (`warpchain.drive.stacks`).
+"""Functions of numbers, or of arrays of them over the variants of a stack (`warpchain.model.stacks`).
 
 A variant's value has the same bits alone as among others: where numpy's function could round otherwise than Python's,
 arrays are worked through number by number, or numbers go through numpy's.

@@ -6,7 +6,16 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from warpchain.drive.chain_drives import DRIVING_KEYS
+from warpchain.drive.body_ties import (
+    DRIVING_KEYS,
+    BodyTie,
+    TiedRatios,
+    body_names,
+    body_ties,
+    has_trains,
+    ratios_with_chains,
+    rigid_ratios,
+)
 from warpchain.drive.schema import (
     BARE,
     Problem,
@@ -19,15 +28,6 @@ from warpchain.drive.schema import (
 )
 from warpchain.drive.shafts import FIXED, Shaft
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.trains import (
-    BodyTie,
-    TiedRatios,
-    body_names,
-    body_ties,
-    has_trains,
-    ratios_with_chains,
-    rigid_ratios,
-)
 
 MOST_BODIES = 60
 """Sprockets and shafts of a drive with shafts, gears or couplings."""

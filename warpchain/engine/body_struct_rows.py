@@ -13,10 +13,9 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.guide_obstacles import rotated_place
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
+from warpchain.drive.body_ties import body_names, has_trains
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.motion_table import PlaceTable
-from warpchain.drive.mounts import start_velocity
-from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.stack_math import (
     array_of_columns,
     elementwise,
@@ -27,24 +26,24 @@ from warpchain.drive.stack_math import (
     where,
     with_last_axis,
 )
-from warpchain.drive.start_phase import motion_from_start_phase, start_phase_angle
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
-from warpchain.drive.trains import (
-    GEAR_PRESSURE_ANGLE,
-    bodies_beyond_gear,
-    body_names,
-    body_speed_ratio,
-    body_turning_sign,
-    coupled_bodies,
-    coupling_rest_angle,
-    has_trains,
-    inertia_of_body,
-    train_of_body,
-)
 from warpchain.kernels.physics.mount import PRESCRIBED
 from warpchain.kernels.physics.tensioner import SERIES
 from warpchain.kernels.physics.train import OVER_SPEED
 from warpchain.kernels.structs import GROUND
+from warpchain.model.mounts import start_velocity
+from warpchain.model.oil import LAMINAR_DROP, bottom_place, static_pressure
+from warpchain.model.start_phase import motion_from_start_phase, start_phase_angle
+from warpchain.model.trains import (
+    GEAR_PRESSURE_ANGLE,
+    bodies_beyond_gear,
+    body_speed_ratio,
+    body_turning_sign,
+    coupled_bodies,
+    coupling_rest_angle,
+    inertia_of_body,
+    train_of_body,
+)
 
 FACE_MARGIN = 0.25
 """Distance from a guide's reach at which rollers are first considered, in pitches."""

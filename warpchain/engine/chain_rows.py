@@ -1,6 +1,6 @@
 """Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
-Each chain is packed and settled as a drive of its own (`warpchain.drive.chain_drives`); `ChainRows.couple_chains` then
+Each chain is packed and settled as a drive of its own (`warpchain.model.chain_drives`); `ChainRows.couple_chains` then
 makes bodies of one shaft or train, in `structs.Motion`, turn together with the inertia of all.
 """
 
@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.crossings import check_planes
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives, shared_bodies
-from warpchain.drive.parts_by_chain import ChainDrive
-from warpchain.drive.stacks import Stack, first_refusal, stacks_of_drives
-from warpchain.drive.trains import inertia_of_body
 from warpchain.engine.contact_mobility import sum_mobility_over_chains
 from warpchain.engine.pack import fill_step_dependence
 from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives, shared_bodies
+from warpchain.model.parts_by_chain import ChainDrive
+from warpchain.model.stacks import Stack, first_refusal, stacks_of_drives
+from warpchain.model.trains import inertia_of_body
 from warpchain.results.metrics import VariantEnds
 
 Value = TypeVar("Value")

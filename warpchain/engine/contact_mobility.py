@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
-from warpchain.drive.mounts import is_on_springs, moving_mass
 from warpchain.drive.stack_math import power
-from warpchain.drive.trains import is_free_body, train_inertia, train_of_body
 from warpchain.engine.body_struct_rows import squared_levers
 from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.model.mounts import is_on_springs, moving_mass
+from warpchain.model.trains import is_free_body, train_inertia, train_of_body
 
 
 def fill_contact_mobility(packed: PackedEnsemble, rows: NDArray[np.integer], drive: Drive, assembly: Assembly) -> None:

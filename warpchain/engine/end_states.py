@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.stack_assembly import Assemblies
 from warpchain.drive import Drive
-from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.engine.arrays import Engine
 from warpchain.engine.packed_ensemble import roller_coordinates
 from warpchain.kernels.native import STATE_ROWS
+from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 ON_TOP = 0.5
 """A roller has left the teeth where its center is this part of its radius beyond their tips; on top of one it is 1."""

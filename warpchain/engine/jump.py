@@ -13,12 +13,13 @@ from warpchain.argument_checks import AllowedRange, PositiveNumber, check_argume
 from warpchain.assembly import tooth_hold
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
+from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.reversed_drive import reversed_drive
-from warpchain.drive.trains import body_speed_ratio, free_body_loads, nearest_sprocket
 from warpchain.engine.simulation import simulate
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
+from warpchain.model.chain_drives import chain_drives, driver_speed
+from warpchain.model.trains import body_speed_ratio, free_body_loads
 from warpchain.results.judgement import Limits
 from warpchain.results.run import Record
 
@@ -147,7 +148,7 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
     if not loads:
         raise DriveError("load: no sprocket or shaft of the drive has one; give one, or search by wear")
     if on is None:
-        speed = drive.driver_speed
+        speed = driver_speed(drive)
         turning = {name: abs(_speed_ratio(drive, b)) for name, (b, _) in loads.items()}
         on = max(loads, key=lambda name: loads[name][1].steady_moment(turning[name] * speed) * turning[name])
     b, load = loads[on]

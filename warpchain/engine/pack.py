@@ -1,6 +1,6 @@
 """Packs drives: assembles each, fills its rows of the ensemble's arrays, and brings its tensioners to rest.
 
-At rest a tensioner's check valve lets in what leaks out, at the pressure P_r (`warpchain.drive.oil`). The content of
+At rest a tensioner's check valve lets in what leaks out, at the pressure P_r (`warpchain.model.oil`). The content of
 oil is then mu = phi(P_r) + ln(V / V_0) at the extension that the body gives (eq. (5), (6) of
 `kernels.physics.tensioner`), and the ratchet is latched where it is.
 """
@@ -20,9 +20,6 @@ from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.stack_assembly import Assemblies, assemble_stacks
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.drive.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
-from warpchain.drive.oil import EXPONENT
-from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.engine.arrays import DIMENSIONS, dtype_of, fill_first_places
 from warpchain.engine.body_struct_rows import (
     fill_arm_row,
@@ -63,6 +60,9 @@ from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.physics.friction import DAMPER, SPRING
 from warpchain.kernels.physics.mount import CARRIED
 from warpchain.kernels.physics.tensioner import LEAST_OIL_SHARE
+from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
+from warpchain.model.oil import EXPONENT
+from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.results.schedule import Schedule, schedule_columns
 
 

@@ -12,7 +12,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.assembly.stack_assembly import Assemblies
-from warpchain.drive.stacks import LARGEST_STACK
 from warpchain.engine.arrays import (
     ARRAYS,
     PACKED_ARRAYS,
@@ -25,6 +24,7 @@ from warpchain.engine.arrays import (
 from warpchain.errors import SimulationError
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.structs import GROUND
+from warpchain.model.stacks import LARGEST_STACK
 from warpchain.results.channels import DEFAULT_FRAME, FrameLayout
 
 REAL_TYPES = {"float64": wp.float64, "float32": wp.float32}

@@ -16,7 +16,6 @@ from warpchain.assembly.bounds import escape_distance
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.stack_math import maximum, power, table_of_columns, where
-from warpchain.drive.stacks import Stack, pick_variants, stacks_of_drives
 from warpchain.engine.devices import make_engine
 from warpchain.engine.pack import rest_tensioners, tensioners_as_springs
 from warpchain.engine.packed_ensemble import (
@@ -30,6 +29,7 @@ from warpchain.engine.struct_rows import FORCE_NUMBERS, widen_box
 from warpchain.kernels import relaxation
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.relaxation import LEAST_STRETCH
+from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 SETTLE_LIMIT = 100_000
 """Most steps that settling takes a variant."""

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from warpchain.argument_checks import Count, FiniteNumber, PositiveNumber, Workers, check_arguments
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.drive.replicates import REPLICATE_WAYS, CopyCount, Replicates, all_copies
 from warpchain.drive.stack_math import maximum
-from warpchain.drive.stacks import Stack, first_refusal, first_refused_variant, stacks_of_drives
 from warpchain.engine.recorder import Recorder, RecordingOptions
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
+from warpchain.model.chain_drives import chain_drives, chain_speed
+from warpchain.model.stacks import Stack, first_refusal, first_refused_variant, stacks_of_drives
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 from warpchain.results.judgement import Limits, judgement_warning
 from warpchain.results.metrics import metrics_table
@@ -258,7 +258,7 @@ def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> 
         step: of it [s], or (V,) of each variant.
     """
     chains = [chain.drive for chain in chain_drives(drive)]
-    moved = np.asarray(maximum(*(of.chain_speed * step / of.chain.pitch for of in chains)))
+    moved = np.asarray(maximum(*(chain_speed(of) * step / of.chain.pitch for of in chains)))
     return np.where(
         (moved > 0.0) & (SAMPLES_PER_PITCH * LONG_SAMPLE_INTERVAL * moved <= 1.0), LONG_SAMPLE_INTERVAL, LOOK_EVERY
     )

@@ -14,10 +14,18 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape_distance
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
-from warpchain.drive.friction_coefficients import FrictionCoefficients, friction_coefficients
+from warpchain.drive.body_ties import part_of_body
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
-from warpchain.drive.mounts import (
+from warpchain.drive.stack_math import array_of_columns, maximum, power, with_last_axis
+from warpchain.drive.stiffness import contact_damping
+from warpchain.engine.body_struct_rows import fill_place_tables, fill_train_counts, piece_count
+from warpchain.kernels.integrate import INTEGRATORS
+from warpchain.kernels.physics.impact import FORCES
+from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
+from warpchain.kernels.structs import GROUND
+from warpchain.model.friction_coefficients import FrictionCoefficients, friction_coefficients
+from warpchain.model.mounts import (
     has_active_mount,
     initial_velocity,
     is_on_springs,
@@ -27,15 +35,8 @@ from warpchain.drive.mounts import (
     wheel_inertia,
     wheel_mass,
 )
-from warpchain.drive.stack_math import array_of_columns, maximum, power, with_last_axis
-from warpchain.drive.start_phase import motion_from_start_phase
-from warpchain.drive.stiffness import contact_damping
-from warpchain.drive.trains import body_turning_sign, is_free_body, part_of_body, prescribed_leader, train_inertia
-from warpchain.engine.body_struct_rows import fill_place_tables, fill_train_counts, piece_count
-from warpchain.kernels.integrate import INTEGRATORS
-from warpchain.kernels.physics.impact import FORCES
-from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
-from warpchain.kernels.structs import GROUND
+from warpchain.model.start_phase import motion_from_start_phase
+from warpchain.model.trains import body_turning_sign, is_free_body, prescribed_leader, train_inertia
 
 FORCE_NUMBERS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6

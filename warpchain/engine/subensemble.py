@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.stack_assembly import layout_faults_of_drives
 from warpchain.drive import Drive
-from warpchain.drive.stacks import Stack, split_stack, stack_of_chosen
 from warpchain.engine.arrays import Engine
 from warpchain.engine.chain_rows import ChainRows
 from warpchain.engine.devices import launch_frame_bytes, launch_step_limit, load_run_kernels, make_engine
@@ -30,6 +29,7 @@ from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.engine.recorder import Recorder, RecordingOptions
 from warpchain.engine.settling import largest_net_forces, settle_variants
 from warpchain.engine.window_sums import LONG_BATCHES, batch_durations, split_sums
+from warpchain.model.stacks import Stack, split_stack, stack_of_chosen
 from warpchain.progress import ProgressReport, StopRequest
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import ChainEnds, ColumnBlocks, VariantEnds, metric_blocks

@@ -22,7 +22,6 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from warpchain.argument_checks import Count, Index, NonNegativeNumber, Workers, check_arguments
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import bodies_of_chain_drive, chain_drives
 from warpchain.engine.process_pool import map_in_processes
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import SimulationError, WarpchainError
@@ -30,6 +29,7 @@ from warpchain.modal.matrices import Array
 from warpchain.modal.rigid_rotation import free_rotations, stiffness_without_rotation
 from warpchain.modal.small_motion import ChainMotion, DriveMotion, drive_motion
 from warpchain.modal.tensioner_modes import PlungerMotion, plunger_motion, standing_lines
+from warpchain.model.chain_drives import bodies_of_chain_drive, chain_drives
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 
 PartEnergy = tuple[str, Array]

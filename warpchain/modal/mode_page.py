@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
+from warpchain.model.chain_drives import chain_drives
 from warpchain.view import html
 from warpchain.view.figures.figure_style import rpm_of_speed
 

@@ -14,11 +14,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from warpchain.drive.chain_drives import bodies_of_chain_drive
+from warpchain.drive.body_ties import part_of_body, ratios_with_chains
 from warpchain.drive.schema import node_value
-from warpchain.drive.trains import is_free_body, part_of_body, ratios_with_chains
 from warpchain.modal.matrices import Array
 from warpchain.modal.small_motion import DriveMotion
+from warpchain.model.chain_drives import bodies_of_chain_drive
+from warpchain.model.trains import is_free_body
 
 
 def free_rotations(found: DriveMotion) -> list[list[float]]:

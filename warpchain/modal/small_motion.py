@@ -17,10 +17,6 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import Joined, equilibrium, passing_rate
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_driver_ratios, chain_drives, shared_bodies
-from warpchain.drive.oil import outlet_flows, static_pressure, valve_flow
-from warpchain.drive.parts_by_chain import ChainDrive
-from warpchain.drive.trains import body_speed_ratio, body_turning_sign, free_body_loads, is_free_body
 from warpchain.engine.force_probe import ForceProbe, ProbeStates
 from warpchain.engine.pack import pack, rest_tensioners
 from warpchain.engine.packed_ensemble import PackedEnsemble
@@ -34,6 +30,10 @@ from warpchain.modal.matrices import (
     tensioner_strokes,
     travel_matrix,
 )
+from warpchain.model.chain_drives import chain_driver_ratios, chain_drives, shared_bodies
+from warpchain.model.oil import outlet_flows, static_pressure, valve_flow
+from warpchain.model.parts_by_chain import ChainDrive
+from warpchain.model.trains import body_speed_ratio, body_turning_sign, free_body_loads, is_free_body
 from warpchain.results.schedule import Schedule
 
 

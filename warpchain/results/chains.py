@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.parts_by_chain import ChainDrive
-from warpchain.drive.shafts import SprocketShaft
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.parts_between_chains import SprocketShaft
+from warpchain.model.parts_by_chain import ChainDrive
 from warpchain.results.channels import CHANNEL_BY_NAME, PartKind
 from warpchain.results.run import Trajectory
 

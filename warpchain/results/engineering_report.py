@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.argument_checks import PositiveNumber, check_arguments
-from warpchain.drive.power_rating import WEAR_COEFFICIENT
-from warpchain.drive.trains import rotation_owners
+from warpchain.drive.body_ties import rotation_owners
 from warpchain.errors import SimulationError
+from warpchain.model.power_rating import WEAR_COEFFICIENT
 from warpchain.results.guide_load import GuideContacts, GuideLoad, guide_loads, recorded_guide_contacts
 from warpchain.results.joint_wear import JointWear, elongation_rate, joint_wear
 from warpchain.results.losses import friction_power

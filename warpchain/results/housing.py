@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.mounts import unit_direction
 from warpchain.drive.sprocket import ArmMount, ElasticMount, PrescribedMount, Sprocket
 from warpchain.errors import SimulationError
+from warpchain.model.mounts import unit_direction
 from warpchain.results.arm_pivots import arm_pivots
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.nearest_parts import nearest_guides_of_rollers

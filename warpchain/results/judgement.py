@@ -16,7 +16,7 @@ from pydantic import Field
 
 from warpchain.drive.schema import Part, Value
 from warpchain.drive.stack_math import maximum
-from warpchain.drive.stacks import Stack
+from warpchain.model.stacks import Stack
 from warpchain.results.metric_formulas import number_of_each_drive
 from warpchain.results.statuses import DIVERGED, OK, SUSPECT, common_reasons, reason_of_count
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.friction_coefficients import (
+from warpchain.model.friction_coefficients import (
     FrictionCoefficients,
     friction_coefficients,
     guide_friction_coefficients,

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.frequencies import excitation_orders, tooth_orders
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import SimulationError
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_UNITS, PartCounts
 from warpchain.results.measured_file import SIGNAL_STATISTICS, MeasuredSignal

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
-from warpchain.drive.mounts import has_moving_center
-from warpchain.drive.power_rating import size_rating
-from warpchain.drive.stacks import Stack, stacks_of_drives
-from warpchain.drive.trains import is_free_body
+from warpchain.model.chain_drives import chain_drives
+from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
+from warpchain.model.mounts import has_moving_center
+from warpchain.model.power_rating import size_rating
+from warpchain.model.stacks import Stack, stacks_of_drives
+from warpchain.model.trains import is_free_body
 from warpchain.results.metric_formulas import (
     PART_PREFIXES,
     VariantValues,

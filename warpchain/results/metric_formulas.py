@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.assembly.rating import smallest_driven
-from warpchain.drive.chain_drives import shafts_of_own_chain
-from warpchain.drive.power_rating import rated_power
-from warpchain.drive.stacks import Stack
+from warpchain.model.chain_drives import shafts_of_own_chain
+from warpchain.model.power_rating import rated_power
+from warpchain.model.stacks import Stack
 from warpchain.results.window_statistics import (
     cumulative_counts,
     histogram_quantile,

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.stacks import LARGEST_STACK, Stack, pick_variants
-from warpchain.drive.trains import is_free_body
+from warpchain.model.stacks import LARGEST_STACK, Stack, pick_variants
+from warpchain.model.trains import is_free_body
 from warpchain.results.arrow_tables import table_with_units
 from warpchain.results.judgement import Limits, judge_variants
 from warpchain.results.metric_columns import (

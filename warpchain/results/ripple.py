@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.body_ties import body_names
 from warpchain.drive.sprocket import PrescribedMount
 from warpchain.drive.stack_math import is_true_somewhere, minimum
-from warpchain.drive.trains import body_names, body_speed_ratio
+from warpchain.model.trains import body_speed_ratio
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive

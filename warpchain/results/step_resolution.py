@@ -23,12 +23,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.drive.friction_coefficients import (
+from warpchain.drive.stack_math import minimum
+from warpchain.model.friction_coefficients import (
     friction_coefficients,
     guide_friction_coefficients,
     tooth_friction_coefficients,
 )
-from warpchain.drive.stack_math import minimum
 from warpchain.results.metric_formulas import STEP_KEY, DesignInputs, VariantValues, displacement_std, mask_absent
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from html import escape
 from typing import Any
 
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import WarpchainError
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.channels import CHANNEL_BY_NAME
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
 from warpchain.results.metric_columns import title_of_metric, unit_of_metric

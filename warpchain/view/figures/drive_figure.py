@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.assembly import assemble
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
 from warpchain.errors import DriveError
+from warpchain.model.chain_drives import chain_drives
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.nearest_parts import contact_force_vectors
 from warpchain.results.outlines import (

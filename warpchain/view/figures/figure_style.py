@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.chain_drives import chain_drives
-from warpchain.drive.trains import driving_body, part_of_body
+from warpchain.drive.body_ties import driving_body, part_of_body
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, whole_file
+from warpchain.model.chain_drives import chain_drives, driver_speed
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import TOOTH_PASSINGS, driver_speed_and_window, peak_frames
 
@@ -51,7 +51,7 @@ def run_line(of: Drive | Trajectory) -> str:
 def driver_speed_text(of: Drive | Trajectory) -> str:
     """The driver's name and speed in words, of a run its mean if not the top speed."""
     drive = of if isinstance(of, Drive) else of.drive
-    name, top = drive.sprockets[drive.driver].name, drive.driver_speed
+    name, top = drive.sprockets[drive.driver].name, driver_speed(drive)
     if isinstance(of, Drive):
         led = part_of_body(drive, driving_body(drive)).prescribed is not None
         return f"{name} {'at' if led else 'up to about'} {rpm_of_speed(top):.4g} rpm"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.argument_checks import check_arguments
 from warpchain.assembly.frequencies import excited_orders
-from warpchain.drive.trains import rotation_owners
+from warpchain.drive.body_ties import rotation_owners
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, write_text_file
 from warpchain.results.chains import chain_metrics_row, chain_trajectories

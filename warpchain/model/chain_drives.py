@@ -1,9 +1,9 @@
 """Each chain of a drive as a drive of its own, and the speed ratios of shafts and chains.
 
 Bodies that shafts, gears and couplings tie are a group. It is part of one chain, its home: the one that turns it, or
-the first that it turns. There its sprockets of other chains are shafts (`warpchain.drive.shafts.SprocketShaft`). In the
-other chains such a sprocket has the inertia of its train, and is led or prescribed as that is; in a run it turns as the
-shaft at home (`shared_bodies`).
+the first that it turns. There its sprockets of other chains are shafts (`SprocketShaft`). In the other chains such a
+sprocket has the inertia of its train, and is led or prescribed as that is; in a run it turns as the shaft at home
+(`shared_bodies`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,11 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from warpchain.drive.parts_by_chain import (
+from warpchain.drive.body_ties import TiedRatios, body_names, body_ties, part_of_body, ratios_with_chains
+from warpchain.drive.sprocket import Load, Prescribed, Sprocket
+from warpchain.model.mounts import wheel_inertia
+from warpchain.model.parts_between_chains import LedSprocket, SprocketShaft
+from warpchain.model.parts_by_chain import (
     CHAIN_PARTS,
     GROUP_PARTS,
     TRAIN_PARTS,
@@ -21,21 +25,9 @@ from warpchain.drive.parts_by_chain import (
     chain_part_places,
     motion_by_own_angle,
 )
-from warpchain.drive.shafts import SprocketShaft
-from warpchain.drive.sprocket import LedSprocket, Load, Prescribed, Sprocket
-from warpchain.drive.start_phase import motion_from_start_phase
-from warpchain.drive.trains import (
-    TiedRatios,
-    body_names,
-    body_speed_ratio,
-    body_ties,
-    inertia_of_body,
-    part_of_body,
-    prescribed_leader,
-    ratios_with_chains,
-    train_inertia,
-    train_of_body,
-)
+from warpchain.model.start_phase import motion_from_start_phase
+from warpchain.model.train_speeds import driver_top_speed
+from warpchain.model.trains import body_speed_ratio, inertia_of_body, prescribed_leader, train_inertia, train_of_body
 
 DRIVING_KEYS = ("prescribed", "motor", "initial_speed")
 """Keys that make a body drive, the strongest first."""
@@ -130,6 +122,25 @@ def chain_drives(drive: Any, loaded: bool = False) -> tuple[ChainDrive, ...]:
         found[name] = _chain_drive(plan, name, found, starts, loaded)
         starts[name] = _start_motion(plan, plan.leaders[name], found, starts)
     return tuple(found[chain.name] for chain in drive.chains)
+
+
+def driver_speed(drive: Any) -> Any:
+    """Top speed of a drive's driver [rad/s], its harmonics aside; with a motor, about the speed where moments balance.
+
+    A stack has that of each variant (V,).
+    """
+    prescribed = drive.sprockets[drive.driver].prescribed
+    if prescribed is None and drive.chains:
+        driver = drive.driver
+        chain, s = next((r.drive, r.places["sprockets"].index(driver)) for r in chain_drives(drive)
+                        if driver in r.places["sprockets"])  # fmt: skip
+        return driver_speed(chain) * chain.sprockets[chain.driver].teeth / chain.sprockets[s].teeth
+    return driver_top_speed(drive) if prescribed is None else prescribed.top_speed
+
+
+def chain_speed(drive: Any) -> Any:
+    """Speed of a drive's chain [m/s] where the driver turns at its top speed, its harmonics aside."""
+    return abs(driver_speed(drive)) * drive.pitch_radius(drive.driver)
 
 
 def chain_driver_ratios(drive: Any) -> list[float]:
@@ -234,8 +245,6 @@ def _speed_ratio_by_name(plan: _MotionPlan, b: int) -> Any:
 
 def _sprocket_away_from_home(plan: _MotionPlan, s: int, names: set[str]) -> Sprocket:
     """Sprocket s in a chain that is not its home, with the inertia and the motion of its train."""
-    from warpchain.drive.mounts import wheel_inertia  # here, since it takes numpy
-
     drive, sprocket = plan.drive, plan.drive.sprockets[s]
     led_by, first = prescribed_leader(drive, s), train_of_body(drive, s).bodies[0]
     changes = _motions_by_own_angle(plan, s, names) | {"shaft": plan.names[first], "prescribed": None}
@@ -268,7 +277,7 @@ def _led_sprocket(
     home = found[plan.home_chain(s)]
     turned = plan.speed_ratio(s, home.places["sprockets"][home.drive.driver])
     start = _start_motion(plan, s, found, starts)
-    mean = Prescribed.model_construct(speed=turned * home.drive.driver_speed, ramp_time=start.motion.ramp_time)
+    mean = Prescribed.model_construct(speed=turned * driver_speed(home.drive), ramp_time=start.motion.ramp_time)
     values = sprocket.__dict__ | {"prescribed": mean}
     return LedSprocket.model_construct(**values, driver=start.motion, start_ratio=start.ratio)
 

@@ -69,7 +69,7 @@ def static_pressure(tensioner: Tensioner) -> Any:
     """Absolute pressure [Pa] at rest, with as much coming in as going out; the ambient one where the check valve stays
     closed, and in a chamber that is drained.
     """
-    from warpchain.drive.stacks import pick_variants, stack_arrays
+    from warpchain.model.stacks import pick_variants, stack_arrays
 
     assert tensioner.oil is not None
     oil = tensioner.oil.model_copy(update={"supply_table": None})

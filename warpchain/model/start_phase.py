@@ -9,7 +9,7 @@ from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Motor, Shaft
 from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
 from warpchain.drive.stack_math import is_true_somewhere
-from warpchain.drive.trains import turns_per_roller
+from warpchain.model.trains import turns_per_roller
 
 TurningMotion = TypeVar("TurningMotion", Prescribed, Load, Motor)
 

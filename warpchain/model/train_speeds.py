@@ -5,19 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from warpchain.drive.shafts import SprocketShaft
+from warpchain.drive.body_ties import driving_body, driving_sprocket, nearest_sprocket, part_of_body
 from warpchain.drive.stack_math import has_arrays, maximum, minimum, power, where
-from warpchain.drive.trains import (
-    body_speed_ratio,
-    driving_body,
-    driving_sprocket,
-    free_body_loads,
-    inertia_of_body,
-    is_free_body,
-    nearest_sprocket,
-    part_of_body,
-    train_of_body,
-)
+from warpchain.model.parts_between_chains import SprocketShaft
+from warpchain.model.trains import body_speed_ratio, free_body_loads, inertia_of_body, is_free_body, train_of_body
 
 BALANCE_HALVINGS = 60
 """Halvings of the interval in which moments balance."""

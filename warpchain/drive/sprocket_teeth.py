@@ -1,0 +1,47 @@
+"""Teeth of a drive's sprockets: their pitch, their gap, and whether they let rollers go."""
+
+from __future__ import annotations
+
+import math
+
+from warpchain.drive.chain import Chain
+from warpchain.drive.contact_settings import SprocketContact
+from warpchain.drive.sprocket import Sprocket
+from warpchain.drive.stack_math import radians
+from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
+
+
+def tooth_pitch(sprocket: Sprocket, chain: Chain) -> float:
+    """Pitch of a sprocket's teeth [m]: its own, or else its chain's."""
+    return chain.pitch if sprocket.pitch is None else sprocket.pitch
+
+
+def pitch_radius(sprocket: Sprocket, chain: Chain) -> float:
+    """Radius of the circle on which a sprocket's seats lie [m]: p / (2 sin(pi/z))."""
+    return tooth_pitch(sprocket, chain) / (2.0 * math.sin(math.pi / sprocket.teeth))
+
+
+def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -> Tooth:
+    """The tooth gap of a sprocket: its own, or the contact's, or that of ISO 606 for its teeth."""
+    own = sprocket.tooth
+    if own is not None:
+        flank = math.inf if own.flank_radius is None else own.flank_radius
+        return Tooth(own.seat_radius, radians(own.seat_angle), flank, own.tip_radius)
+    radius, teeth = chain.roller_radius, sprocket.teeth
+    if contact.profile == "iso606":
+        assert contact.gap is not None  # the contact's own rule
+        return iso606_tooth(contact.gap, radius, teeth, tooth_pitch(sprocket, chain))
+    assert contact.clearance is not None
+    angle, seats = contact.seat_angle, pitch_radius(sprocket, chain)
+    return Tooth(
+        seat_radius=radius + contact.clearance,
+        seat_angle=default_seat_angle(teeth, seats, chain.pitch) if angle is None else radians(angle),
+        flank_radius=math.inf,
+        tip_radius=seats + 0.5 * (chain.pitch - 2.0 * radius),
+    )
+
+
+def is_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> bool:
+    """Whether a sprocket's straight flanks do not let a strand's rollers go (`warpchain.drive.tooth_shape`)."""
+    straight = math.isinf(tooth.flank_radius)
+    return straight and bool(tooth.seat_angle > releasing_seat_angle(pitch_radius(sprocket, chain), chain.pitch))

@@ -1,0 +1,76 @@
+"""The parts of a drive that belong to each of its chains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Set
+from dataclasses import dataclass
+from typing import Any
+
+from warpchain.drive.arms import Arm
+from warpchain.drive.sprocket import ArmMount
+
+CHAIN_PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
+"""Lists of a drive whose parts each belong to one chain."""
+GROUP_PARTS = ("gears", "couplings", "valves")
+"""Lists of a drive whose parts each belong to one group of tied bodies."""
+TRAIN_PARTS = ("shafts", *GROUP_PARTS)
+"""Lists of a drive whose parts turn sprockets, or are turned by them."""
+
+
+@dataclass(frozen=True)
+class ChainDrive:
+    """One chain of a drive as a drive of its own, and the places of its parts in the whole drive.
+
+    Attributes:
+        name: of the chain, "" where it is the only one.
+        drive: the chain as a drive of its own; its first sprocket that is prescribed leads it. Where none is, the one
+            that another chain turns counts as prescribed (`warpchain.model.parts_between_chains.LedSprocket`).
+        places: by list, `CHAIN_PARTS` and `TRAIN_PARTS`, the places of its parts in the whole drive.
+    """
+
+    name: str
+    drive: Any
+    places: dict[str, tuple[int, ...]]
+
+
+def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
+    """Places of a chain's parts in the lists `CHAIN_PARTS` of the whole drive, by list.
+
+    A tensioner is of the chain of the body that it pushes.
+    """
+    naming = ("sprockets", "guides", "probes")
+    own = {kind: {i for i, part in enumerate(getattr(drive, kind)) if part.chain == name} for kind in naming}
+    own["arms"] = {a for a, arm in enumerate(drive.arms) if chain_of_arm(drive, arm) == name}
+    bodies = {drive.sprockets[s].name for s in own["sprockets"]} | {drive.arms[a].name for a in own["arms"]}
+    own["tensioners"] = {t for t, tensioner in enumerate(drive.tensioners) if tensioner.on in bodies}
+    return {kind: tuple(sorted(own[kind])) for kind in CHAIN_PARTS}
+
+
+def chain_of_arm(drive: Any, arm: Arm) -> str | None:
+    """Name of the chain of an arm: that of what it carries, of the arms on it or below it; else the first."""
+    first = arm.arm or arm.name
+    row = {first} | {other.name for other in drive.arms if other.arm == first}
+    guides = [guide.chain for guide in drive.guides if guide.arm in row]
+    carried = [s.chain for s in drive.sprockets if isinstance(s.mount, ArmMount) and s.mount.arm in row]
+    return next(iter(guides + carried), drive.chains[0].name)
+
+
+def motion_by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], float]) -> Any:
+    """A motion, load or motor with harmonics and tables over the angle of shafts of its own chain, or of its own.
+
+    Args:
+        names: of the shafts of its own chain.
+        ratio: speed of a shaft over its own.
+    """
+    changes: dict[str, Any] = {}
+    if getattr(motion, "harmonics", ()):
+        changes["harmonics"] = tuple(
+            h if h.shaft is None or h.shaft in names
+            else h.model_copy(update={"order": h.order * ratio(h.shaft), "shaft": None})
+            for h in motion.harmonics
+        )  # fmt: skip
+    table = motion.table
+    if table is not None and table.shaft is not None and table.shaft not in names:
+        angle = tuple(x / ratio(table.shaft) for x in table.angle)
+        changes["table"] = table.model_copy(update={"angle": angle, "shaft": None})
+    return motion.model_copy(update=changes) if changes else motion
