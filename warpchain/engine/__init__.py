@@ -27,11 +27,11 @@ def _is_warp_started() -> bool:
 
 
 CACHE_VARIABLE = "WARP_CACHE_PATH"
-"""Environment variable of the folder in which Warp keeps compiled kernels."""
+"""Environment variable of Warp's folder of compiled kernels."""
 
 
 def _init_warp() -> None:
-    """Starts Warp; where its cache of kernels cannot be written, with a temporary one."""
+    """Starts Warp, with a temporary kernel cache if its own cannot be written."""
     import warp as wp
 
     with contextlib.suppress(OSError):
@@ -54,10 +54,10 @@ def _init_warp() -> None:
 def start_warp(precompiled: bool = True) -> None:
     """Starts Warp, once, without its messages on devices, caches and modules.
 
-    A program that wants these starts Warp itself (`warp.init()`) or sets `warp.config.log_level` before its first run.
+    A program that wants these starts Warp itself (`warp.init()`).
 
     Args:
-        precompiled: False does without precompiled headers, of which the CUDA compiler warns where they do not match.
+        precompiled: False does without precompiled headers, of which the CUDA compiler may warn.
     """
     import warp as wp
 
@@ -77,7 +77,7 @@ def start_warp(precompiled: bool = True) -> None:
 
 @contextlib.contextmanager
 def _silenced_stderr() -> Iterator[None]:
-    """Discards what this process, compiled code too, writes to its standard error."""
+    """Context that discards what this process writes to standard error."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

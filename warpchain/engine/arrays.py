@@ -1,7 +1,7 @@
-"""The table of an ensemble's arrays, `ARRAYS`, from which they are packed, cast, uploaded, summed up and kept.
+"""Table of an ensemble's arrays, `ARRAYS`, from which they are packed, cast, uploaded, summed up and kept.
 
-The structs of `kernels.structs` have each array by its name, with the type of its values. A new array is a row of the
-table; a new field of a struct needs nothing here. `Engine` is what steps an ensemble.
+A new array is a row of the table; a new field of a struct of `kernels.structs` needs nothing here. `Engine` is what
+steps an ensemble.
 """
 
 from __future__ import annotations
@@ -23,20 +23,15 @@ from warpchain.kernels.precision import as_float32, as_float64
 from warpchain.kernels.statistics import BINS, NOTES
 
 SPARE_LENGTHS = 4096
-"""Lengths after the last link, which the block kernels' threads without a roller read."""
+"""Lengths after the last link, for block kernels' threads without a roller."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """Items along which arrays lie, variant after variant.
+    """Dimension of arrays: items along which they lie, variant after variant."""
 
-    Attributes:
-        count: (variants,) items of each variant, from the rows of `drives`.
-        first: the field of `kernels.structs.Drive` with each variant's first item, "" where there is none.
-    """
-
-    count: Callable[[NDArray[Any]], NDArray[Any]]
-    first: str = ""
+    count: Callable[[NDArray[Any]], NDArray[Any]]  # (variants,) items of each variant, from the rows of `drives`
+    first: str = ""  # field of `kernels.structs.Drive` with a variant's first item, or ""
 
 
 DIMENSIONS = {
@@ -57,11 +52,11 @@ DIMENSIONS = {
     "tally": Dimension(lambda drives: drives["rollers"] * (drives["sprockets"] + 1), "first_tally"),
     "histogram": Dimension(lambda drives: drives["sprockets"] + 1),
 }
-"""Partners are a variant's sprockets, then its guide-bars; histograms those of its strands and one of no strand."""
+"""Dimensions of arrays by name; partners are sprockets, then guides, histograms strands and none."""
 
 
 def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
-    """(variants + 1,) places at which each variant's items begin and the last one's end, by dimension."""
+    """Places (variants + 1,) at which variants' items begin and end, by dimension."""
     return {
         name: np.append(0, np.cumsum(kind.count(drives).astype(np.int64), dtype=np.int64))
         for name, kind in DIMENSIONS.items()
@@ -69,7 +64,7 @@ def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
 
 
 def fill_first_places(drives: NDArray[Any]) -> NDArray[Any]:
-    """Fills the places at which parts begin into rows of `kernels.structs.Drive`, and returns these."""
+    """Fills the places of parts' first items into rows of `structs.Drive`, and returns these."""
     for name, places in first_places(drives).items():
         if DIMENSIONS[name].first:
             drives[DIMENSIONS[name].first] = places[:-1]
@@ -78,23 +73,14 @@ def fill_first_places(drives: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class ArrayRow:
-    """A row of the table of arrays.
+    """Row of the table of an ensemble's arrays."""
 
-    Attributes:
-        dimension: a key of `DIMENSIONS`; "" for what variants share, and for scratch.
-        width: values of an item.
-        packed_name: the array of `PackedEnsemble` with its first values, "" for zeros.
-        values_for_device: gives other first values, of a packed ensemble and of whether it is for blocks at float32.
-        in_checkpoints: whether checkpoints keep it.
-        where: "cpu" or "gpu" where only one of them uses it.
-    """
-
-    dimension: str
-    width: int = 1
-    packed_name: str = ""
-    values_for_device: Callable[[Any, bool], NDArray[Any]] | None = None
+    dimension: str  # key of `DIMENSIONS`; "" for what variants share, and for scratch
+    width: int = 1  # values of an item
+    packed_name: str = ""  # array of `PackedEnsemble` with the first values, "" for zeros
+    values_for_device: Callable[[Any, bool], NDArray[Any]] | None = None  # for blocks at float32
     in_checkpoints: bool = False
-    where: str = ""
+    where: str = ""  # "cpu" or "gpu", or both
 
 
 def padded_lengths(packed: Any, blocks: bool) -> NDArray[Any]:
@@ -103,7 +89,7 @@ def padded_lengths(packed: Any, blocks: bool) -> NDArray[Any]:
 
 
 def seat_directions(packed: Any, blocks: bool) -> NDArray[np.floating]:
-    """(seats, 2) directions; for blocks (seats, 4), multiples of 2^-12 and what remains (`physics.tooth`)."""
+    """Directions (seats, 2) of tooth seats; for blocks (seats, 4), multiples of 2^-12 and rest."""
     if not blocks:
         return np.asarray(packed.seats)
     coarse = np.rint(4096.0 * packed.seats) / 4096.0
@@ -111,7 +97,7 @@ def seat_directions(packed: Any, blocks: bool) -> NDArray[np.floating]:
 
 
 def harmonic_rows(packed: Any, blocks: bool) -> NDArray[np.floating]:
-    """Rows (order, amplitude, phase) of harmonics, for blocks with the phase's sine."""
+    """Rows (order, amplitude, phase) of harmonics; for blocks with the phase's sine."""
     rows = packed.harmonics
     return np.column_stack([rows, np.sin(rows[:, 2])]) if blocks else np.asarray(rows)
 
@@ -198,7 +184,7 @@ ARRAYS = {
         "body": ArrayRow("body", in_checkpoints=True),
     },
 }
-"""The arrays of `kernels.structs` (Ensemble, State, Sums, Tallies), by group and name."""
+"""Arrays of `kernels.structs` (Ensemble, State, Sums, Tallies), by group and name."""
 
 PACKED_ARRAYS = {
     row.packed_name: (group, name) for group, rows in ARRAYS.items() for name, row in rows.items() if row.packed_name
@@ -208,7 +194,7 @@ PACKED_ARRAYS = {
 
 @cache
 def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
-    """Warp's type of an array's values, in the CPU's kernels or in those of `blocks`."""
+    """Warp type of an array's values, in the CPU's kernels or in `blocks`."""
     kinds = structs.types(real, blocks)
     of_group = {
         "ensemble": kinds.Ensemble,
@@ -221,21 +207,21 @@ def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
 
 @cache
 def dtype_of(kind: Any) -> np.dtype[Any]:
-    """The numpy type of a Warp struct's rows, or of a scalar or of a vector's parts."""
+    """Numpy dtype of a Warp struct, scalar or vector's parts."""
     if hasattr(kind, "numpy_dtype"):
         return np.dtype(kind.numpy_dtype())
     return np.dtype(wp.dtype_to_numpy(getattr(kind, "_wp_scalar_type_", kind)))
 
 
 def array_lengths(drives: NDArray[Any], group: str) -> dict[str, int]:
-    """Length of each array of a group that has a dimension, at least 1, as Warp reads no empty array."""
+    """Length of each array of a group with a dimension, at least 1."""
     counts = {name: max(int(kind.count(drives).sum()), 1) for name, kind in DIMENSIONS.items()}
     counts["partner"] = counts["sprocket"] + counts["guide"]
     return {name: row.width * counts[row.dimension] for name, row in ARRAYS[group].items() if row.dimension}
 
 
 def _upload_array(packed: Any, group: str, name: str, device: str, blocks: bool) -> wp.array:
-    """A copy of an array's first values on a device."""
+    """Device copy of an array's first values."""
     row, kind = ARRAYS[group][name], array_type(group, name, packed.real, blocks)
     paired = blocks and packed.precision == "float32"
     values = (
@@ -246,7 +232,7 @@ def _upload_array(packed: Any, group: str, name: str, device: str, blocks: bool)
 
 
 def device_values(array: wp.array, group: str, name: str, real: type) -> NDArray[Any]:
-    """The values of a device's array, in the CPU's types."""
+    """Values of a device's array, in the CPU's types."""
     values: NDArray[Any] = array.numpy()
     kind = dtype_of(array_type(group, name, real))
     return values if values.dtype == kind else as_float64(values, kind)
@@ -258,7 +244,7 @@ def assign_values(array: wp.array, values: NDArray[Any]) -> None:
 
 
 def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
-    """The constant data of a run (`kernels.structs.types(...).Ensemble`) on `device`."""
+    """Constant data of a run (`structs.types(...).Ensemble`) on a device."""
     kinds = structs.types(packed.real, blocks)
     ensemble = kinds.Ensemble()
     for name in ARRAYS["ensemble"]:
@@ -267,9 +253,10 @@ def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
 
 
 def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None) -> Any:
-    """The initial state (`kernels.structs.types(...).State`) on `device`.
+    """Initial state (`structs.types(...).State`) on a device.
 
-    `large`, for block kernels, is how many values, and values of parts, blocks share in global memory.
+    Args:
+        large: values, and values of parts, that block kernels keep in global memory.
     """
     blocks = large is not None
     state = structs.types(packed.real, blocks).State()
@@ -293,7 +280,7 @@ def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None)
 
 
 def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
-    """Sums to which nothing has been added (`types(...).Sums`): minima at +infinity, maxima at -infinity."""
+    """Sums (`types(...).Sums`) of nothing: minima at +infinity, maxima at -infinity."""
     sums = structs.types(packed.real, blocks).Sums()
     for name, count in array_lengths(packed.drives, "sums").items():
         struct = array_type("sums", name, packed.real, blocks)
@@ -314,13 +301,13 @@ def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
 
 
 def sums_bytes(packed: Any) -> int:
-    """Bytes that an ensemble's sums and statistics take."""
+    """Bytes of an ensemble's sums and statistics."""
     counts = array_lengths(packed.drives, "sums")
     return sum(count * dtype_of(array_type("sums", name, packed.real)).itemsize for name, count in counts.items())
 
 
 def empty_tallies(packed: Any, device: str) -> structs.Tallies:
-    """Tallies of the block kernels, to which nothing has been added."""
+    """Tallies of the block kernels, of nothing."""
     tallies = structs.Tallies()
     for name, count in array_lengths(packed.drives, "tallies").items():
         setattr(tallies, name, wp.zeros(count, dtype=array_type("tallies", name, packed.real), device=device))
@@ -328,74 +315,74 @@ def empty_tallies(packed: Any, device: str) -> structs.Tallies:
 
 
 class FrameSource(Protocol):
-    """Frames of one launch."""
+    """Source of one launch's frames."""
 
     def numpy(self) -> NDArray[np.floating]:
-        """The frames, in the host's memory."""
+        """Frames of a launch in the host's memory."""
         ...
 
 
 class Engine(ABC):
-    """An engine that steps an ensemble: `cpu.CpuEngine` or `gpu.GpuEngine`.
+    """Engine that steps an ensemble: `cpu.CpuEngine` or `gpu.GpuEngine`.
 
-    Its arrays that change as variants run have the groups and names of `ARRAYS`.
+    Its changing arrays have the groups and names of `ARRAYS`.
     """
 
     packed: Any
     has_own_steps = False
-    """Whether each variant may take a number of steps of its own in a launch."""
+    """Whether variants may take different numbers of steps in a launch."""
 
     @abstractmethod
     def advance(self, steps: Any, frames: Any) -> list[Future[None]]:
-        """Starts `steps` steps of every variant that has not ended, and writes their frames to `frames`.
+        """Starts `steps` steps of every variant that has not ended, frames going to `frames`.
 
         `steps` is a number, or (variants,) where the engine `has_own_steps`.
         """
 
     @abstractmethod
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Sets the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
+        """Sets the state of each variant's relaxation, `kernels.relaxation.Settling`."""
 
     @abstractmethod
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
+        """Starts up to `steps` steps of relaxation of variants not settled."""
 
     @abstractmethod
     def settling_states(self) -> NDArray[Any]:
-        """(variants,) copy of the state of each variant's relaxation."""
+        """Copy (variants,) of the state of each variant's relaxation."""
 
     @abstractmethod
     def frame_buffer(self, values: int) -> FrameSource:
-        """A buffer of `values` values for a launch's frames."""
+        """Buffer of `values` values for a launch's frames."""
 
     @abstractmethod
     def changing_structs(self) -> dict[str, Any]:
-        """The structs that change, by group."""
+        """Structs of the engine that change, by group."""
 
     @abstractmethod
     def fetch_array(self, group: str, name: str) -> NDArray[Any]:
-        """A copy of an array, in the CPU's types."""
+        """Copy of an engine's array, in the CPU's types."""
 
     @abstractmethod
     def set_array(self, group: str, name: str, values: NDArray[Any]) -> None:
-        """Sets an array, from values as `fetch_array` gives them."""
+        """Sets an engine's array, from values as of `fetch_array`."""
 
     @abstractmethod
     def close(self) -> None:
         """Waits for what runs, and frees threads and memory."""
 
     def rollers(self) -> NDArray[np.floating]:
-        """A copy of the rollers' rows, as in `PackedEnsemble.rollers`."""
+        """Copy of the rollers' rows, as in `PackedEnsemble.rollers`."""
         return self.fetch_array("state", "rollers")
 
     def bodies(self) -> NDArray[Any]:
-        """A copy of the bodies' states, as in `PackedEnsemble.bodies`."""
+        """Copy of the bodies' states, as in `PackedEnsemble.bodies`."""
         return self.fetch_array("state", "bodies")
 
     def progress(self) -> NDArray[Any]:
-        """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
+        """Copy (variants,) of `structs.Progress`: next step, whether diverged."""
         return self.fetch_array("state", "progress")
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """The window's sums, by name as in `kernels.structs.Sums`."""
+        """Sums of the window, by name as in `kernels.structs.Sums`."""
         return {name: self.fetch_array("sums", name) for name in ARRAYS["sums"]}

@@ -1,4 +1,4 @@
-"""Fills rows of the kernels' structs from a drive: profiled guides, arms, tensioners, trains, valves."""
+"""Fills rows of the kernels' structs of bodies from a drive: profiled guides, arms, tensioners, trains, valves."""
 
 from __future__ import annotations
 
@@ -46,24 +46,21 @@ from warpchain.model.trains import (
 )
 
 FACE_MARGIN = 0.25
-"""Distance from a guide's reach at which rollers are first considered, in pitches."""
+"""Distance from a guide's reach at which rollers count, in pitches."""
 
 
 def has_profile_face(drive: Drive, g: int) -> bool:
-    """Whether kernels take guide g as a profile: all but straight bars on the ground."""
+    """Whether kernels take guide g as a profile: all but straight, fixed bars."""
     return not drive.guides[g].straight or drive.guides[g].arm is not None
 
 
 def piece_count(drive: Drive) -> int:
-    """Rows of `kernels.structs.Piece` of a drive: the pieces of each profile, and one more that says where it ends."""
+    """Number of a drive's rows of `structs.Piece`: pieces of profiles, and ends."""
     return sum(len(drive.profile(g).pieces) + 1 for g in range(len(drive.guides)) if has_profile_face(drive, g))
 
 
 def fill_profile_face(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
-    """Fills the face of guide g of `kernels.structs.Guide`, and its pieces from `first` on among a drive's (V, pieces).
-
-    Returns the number of rows used.
-    """
+    """Fills the face of guide g into `structs.Guide`, pieces from `first` on; returns rows used."""
     profile, arm = drive.profile(g), drive.arm_of(g)
     origin = np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)  # the same for all of a stack
     row["body"] = GROUND if arm is None else drive.first_arm_body + arm
@@ -83,7 +80,7 @@ def fill_profile_face(row: Any, pieces: Any, first: int, drive: Drive, g: int) -
 
 
 def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: float, margin: float) -> None:
-    """Fills the box along the face's chord in which rollers may be near it, `margin` [m] beyond its reach."""
+    """Fills the box along a guide face's chord in which rollers may be near."""
     points = profile.points(0.25 * profile.end_radius) - origin
     start = np.asarray(profile.face[0].start) - origin
     chord = np.asarray(profile.face[-1].end) - origin - start
@@ -97,30 +94,29 @@ def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offs
 
 
 def guide_effective_mass(drive: Drive, g: int) -> float:
-    """m_e [kg] of a roller that slides on guide g: less than its mass on a light arm."""
+    """Effective mass m_e [kg] of a roller that slides on guide g."""
     arm = drive.arm_of(g)
     return drive.chain.mass if arm is None else arm_effective_mass(drive, arm)
 
 
 def arm_effective_mass(drive: Drive, a: int) -> float:
-    """m_e [kg] of a roller on arm a, with which friction of all contacts on the arm at once is stable.
+    """Effective mass m_e [kg] of a roller on arm a, for stable friction.
 
-    With the n rollers that there is room for on its faces, at its reach r, and the z on sprockets that it carries with
-    their centers d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
+    With n rollers on its faces at reach r, and z on sprockets d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
     """
     square = squared_levers(drive, a, [sprocket.teeth for sprocket in drive.sprockets])
     return 1.0 / (1.0 / drive.chain.mass + square / drive.arm_inertia(a))
 
 
 def squared_levers(drive: Drive, a: int, rollers: Sequence[Any]) -> Any:
-    """n r^2 + sum z d^2 [m^2] of arm a: n rollers on its faces, z of `rollers` on each sprocket that it carries."""
+    """Sum n r^2 + sum z d^2 [m^2] of arm a, of rollers on faces and sprockets."""
     on_faces = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
     square = on_faces * power(drive.arm_lever(a), 2)
     return square + sum(rollers[s] * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
 
 
 def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
-    """Fills the rows of arm a in `kernels.structs.Arm`, `Motion` and, at rest, `BodyState`."""
+    """Fills arm a into `structs.Arm`, `Motion` and `BodyState`, at rest."""
     arm = drive.arms[a]
     row["pivot"] = body["center"] = array_of_columns(arm.pivot)
     motion["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
@@ -149,7 +145,7 @@ def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembl
 
 
 def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
-    """(..., 2) mass of arm a with the sprockets on it times its center's place from the pivot, as drawn [kg m]."""
+    """Mass moment (..., 2) [kg m] of arm a with its sprockets about the pivot."""
     pivot, found = array_of_columns(drive.arms[a].pivot), np.zeros(2)
     for mass, place in drive.masses_on(a):
         found = found + with_last_axis(mass) * (array_of_columns(place) - pivot)
@@ -157,7 +153,7 @@ def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
 
 
 def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> None:
-    """Fills the tables of a `kernels.structs.Mount` whose center follows one."""
+    """Fills the tables of a `structs.Mount` whose center follows one."""
     for axis in "xy":
         column = None if table is None else table.displacement_along(axis)
         if column is not None:
@@ -165,7 +161,7 @@ def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> 
 
 
 def fill_pivot_row(row: Any, drive: Drive, a: int, tables: TableList) -> None:
-    """Fills the `kernels.structs.Mount` of arm a, whose pivot follows a table."""
+    """Fills the `structs.Mount` of arm a, whose pivot follows a table."""
     arm = drive.arms[a]
     row["active"], row["moves"], row["home"] = 1, PRESCRIBED, array_of_columns(arm.pivot)
     fill_place_tables(row, arm.pivot_table, tables)
@@ -174,14 +170,11 @@ def fill_pivot_row(row: Any, drive: Drive, a: int, tables: TableList) -> None:
 
 
 STOP_DAMPING = 0.3
-"""Damping ratio of ratchet and bottom, with the mass of the plunger or of a roller, whichever is more."""
+"""Damping ratio of ratchet and bottom, by the larger of plunger and roller."""
 
 
 def fill_tensioner_row(row: Any, drive: Drive, t: int, tables: TableList) -> None:
-    """Fills the `kernels.structs.Tensioner` of a drive's tensioner t.
-
-    It touches an arm at a point of the arm's, a sprocket on a slider at its center.
-    """
+    """Fills the `structs.Tensioner` of a drive's tensioner t."""
     tensioner, body = drive.tensioners[t], drive.tensioner_body(t)
     row["body"] = body
     arm = body - drive.first_arm_body
@@ -201,7 +194,7 @@ def fill_tensioner_row(row: Any, drive: Drive, t: int, tables: TableList) -> Non
 
 
 def fill_tensioner_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
-    """Fills what a `kernels.structs.Tensioner` is without its place: spring, oil, valves, ratchet and stops."""
+    """Fills spring, oil, valves, ratchet and stops of a `structs.Tensioner`."""
     stiffness, mass = drive.chain.stiffness, maximum(tensioner.plunger_mass, drive.chain.mass)
     row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * sqrt(stiffness * mass)
     row["stiffness"], row["preload"] = tensioner.spring_stiffness, tensioner.spring_preload
@@ -215,7 +208,7 @@ def fill_tensioner_element(row: Any, drive: Drive, tensioner: Tensioner) -> None
 
 
 def _expansion_pressure(pressure: Any, oil: Any) -> Any:
-    """K + P exp(-phi) of oil at a pressure [Pa], eq. (10a) of `physics.tensioner`."""
+    """Expansion pressure K + P exp(-phi) of oil [Pa], eq. (10a) of `physics.tensioner`."""
     share, ratio = 1.0 / (1.0 + oil.air), pressure / oil.ambient
     q, b = share * pressure / oil.bulk_modulus, share * oil.air * power(ratio, -5.0 / 7.0)
     total = 0.0 * q
@@ -228,13 +221,13 @@ def _expansion_pressure(pressure: Any, oil: Any) -> Any:
 
 
 def oil_energies(oil: Any) -> tuple[Any, Any]:
-    """`still` and `supplied` of `structs.Tensioner` [Pa]: the enthalpies' zero, and that of oil that is supplied."""
+    """Energies `still` and `supplied` of `structs.Tensioner` [Pa], zero and oil supplied."""
     still = _expansion_pressure(oil.ambient, oil)
     return still, _expansion_pressure(oil.supply, oil) - still
 
 
 def _fill_oil_fields(row: Any, tensioner: Tensioner) -> None:
-    """Fills what a `kernels.structs.Tensioner` has of oil and valves."""
+    """Fills oil and valves of a `structs.Tensioner`."""
     oil, valve, chamber = tensioner.oil, tensioner.valve, tensioner.chamber
     assert oil is not None and valve is not None and chamber is not None
     row["area"], row["volume"] = tensioner.area, chamber.volume
@@ -268,19 +261,19 @@ def _fill_oil_fields(row: Any, tensioner: Tensioner) -> None:
 
 
 def fill_train_counts(row: Any, drive: Drive) -> None:
-    """Fills a `kernels.structs.Drive`'s counts of shafts, gears, couplings and valves, and whether it is tied."""
+    """Fills counts of shafts, gears, couplings and valves into a `structs.Drive`."""
     row["shafts"], row["gears"], row["couplings"] = len(drive.shafts), len(drive.gears), len(drive.couplings)
     row["valves"] = len(drive.valves)
     row["tied"] = is_tied(drive)
 
 
 def is_tied(drive: Drive) -> bool:
-    """Whether kernels gather the moments on bodies before they turn any: with trains or valves."""
+    """Whether a drive has trains or valves, for which kernels gather moments first."""
     return has_trains(drive) or bool(drive.valves)
 
 
 def fill_train_row(row: Any, drive: Drive, b: int) -> None:
-    """Fills how body b turns in its train, in its `kernels.structs.Motion`; an arm is in none."""
+    """Fills how body b turns in its train into its `structs.Motion`."""
     if b >= drive.first_arm_body:
         row["train"] = -1
         return
@@ -289,13 +282,13 @@ def fill_train_row(row: Any, drive: Drive, b: int) -> None:
 
 
 def fill_shaft_row(row: Any, h: int, assembly: Assembly) -> None:
-    """Fills the `kernels.structs.BodyState` of shaft h, at the first sprocket's center."""
+    """Fills the `structs.BodyState` of shaft h."""
     row["speed"] = assembly.shaft_speed[..., h]
     row["center"] = assembly.path.center[..., 0, :]
 
 
 def fill_motor_row(row: Any, drive: Drive, h: int, tables: TableList) -> None:
-    """Fills the motor of shaft h; it stays zero without one."""
+    """Fills the motor of shaft h; zero without one."""
     motor, b = drive.shafts[h].motor, len(drive.sprockets) + h
     if motor is None:
         return
@@ -314,7 +307,7 @@ def fill_motor_row(row: Any, drive: Drive, h: int, tables: TableList) -> None:
 
 
 def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None:
-    """Fills the `kernels.structs.Coupling` c."""
+    """Fills the `structs.Coupling` c."""
     coupling = drive.couplings[c]
     first, second = coupled_bodies(drive, coupling)
     row["first"], row["second"] = GROUND if coupling.is_grounded else first, second
@@ -335,7 +328,7 @@ def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None
 
 
 def fill_coupling_state(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
-    """Fills the initial state of coupling c, which is not twisted where the chain has been laid."""
+    """Fills the initial state of coupling c, untwisted."""
     ratios = drive.couplings[c].ratios
     row["ratio"], row["capacity"] = 1.0 if ratios is None else ratios.ratio[0], math.inf
     row["rest"] = coupling_rest_angle(drive, c, row["ratio"], assembly.sprocket_angle)[2]

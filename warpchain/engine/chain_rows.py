@@ -1,7 +1,7 @@
 """Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
-Each chain is packed and settled as a drive of its own (`warpchain.model.chain_drives`); `ChainRows.couple_chains` then
-makes bodies of one shaft or train, in `structs.Motion`, turn together with the inertia of all.
+Each chain is packed and settled as a drive of its own; `ChainRows.couple_chains` then makes bodies of one shaft or
+train turn together with the inertia of all.
 """
 
 from __future__ import annotations
@@ -31,15 +31,11 @@ Value = TypeVar("Value")
 
 
 class ChainRows:
-    """The rows of variants.
-
-    Args:
-        drives: the variants.
-        stacks: stacks of them.
+    """Rows of variants, one for each chain.
 
     Attributes:
-        first_rows: (V + 1,) row of each variant's first chain, and where the last one's end.
-        drives: (rows,) one a chain; of variants with one chain, the variants themselves.
+        first_rows: (V + 1,) row of each variant's first chain, and the end.
+        drives: (rows,) one a chain.
         stacks: stacks of these.
     """
 
@@ -56,7 +52,7 @@ class ChainRows:
 
     @cached_property
     def variant_of_row(self) -> NDArray[np.int64]:
-        """(rows,) the variant of each row."""
+        """Variant (rows,) of each row."""
         return np.repeat(np.arange(len(self.variant_drives)), np.diff(self.first_rows))
 
     def values_by_row(self, values: Sequence[Value]) -> Sequence[Value]:
@@ -64,7 +60,7 @@ class ChainRows:
         return values if self.one_chain_each else [values[v] for v in self.variant_of_row.tolist()]
 
     def numbers_by_row(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(rows,) the number in the run of each row's variant, from those of variants."""
+        """Numbers (rows,) in the run of each row's variant."""
         return numbers if self.one_chain_each else numbers[self.variant_of_row]
 
     def layout_faults(self, layouts: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:
@@ -92,7 +88,10 @@ class ChainRows:
         )
 
     def couple_chains(self, packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> None:
-        """Ties the chains of each variant in `packed`, in float64, whose variants are numbered `numbers` in the run.
+        """Ties the chains of each variant in `packed`, in float64.
+
+        Args:
+            numbers: of variants in the run, for errors.
 
         Raises:
             DriveError: chains that cross in one plane.
@@ -109,7 +108,7 @@ class ChainRows:
         fill_step_dependence(packed)
 
     def _couple_chains_of(self, packed: PackedEnsemble, v: int, a: int, b: int) -> None:
-        """Ties the chains of variant v, whose rows are `a` to `b` - 1."""
+        """Ties the chains of variant v, rows `a` to `b` - 1."""
         drive, rows = self.variant_drives[v], packed.drives
         rows["chains"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin = int(rows["first_body"][a])
@@ -133,11 +132,11 @@ class ChainRows:
 
 
 ChainSprocket = tuple[int, int, int]
-"""A sprocket: its row, its body, and its place among the sprockets of all rows."""
+"""A chain's sprocket: its row, its body, its place among all sprockets."""
 
 
 def _number_trains(packed: PackedEnsemble, rows: range, begin: int) -> None:
-    """Numbers the trains of a variant's rows among its bodies, which begin at `begin`; an arm has a negative number."""
+    """Numbers the trains of a variant's rows among its bodies from `begin`."""
     for row in packed.drives[rows.start : rows.stop]:
         bodies = int(row["first_body"]) + np.arange(int(row["bodies"]))
         own, motions = bodies - begin, packed.motions
@@ -159,11 +158,11 @@ TRAIN_FIELDS = (
     "drive_harmonics",
     "drive_table",
 )
-"""Fields of `structs.Motion` that bodies of a train share, apart from the sign."""
+"""Fields of `structs.Motion` that bodies of a train share."""
 
 
 def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
-    """Makes `body`, which stands for a shaft in one chain, turn as that shaft's body `home` in another."""
+    """Makes `body` turn as `home`, the same shaft's body in another chain."""
     motions = packed.motions
     motions["shaft_offset"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in TRAIN_FIELDS:
@@ -174,7 +173,7 @@ def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
 
 
 def _sum_contacts_over_chains(packed: PackedEnsemble, members: Sequence[ChainSprocket]) -> None:
-    """Fills contact mobility and effective mass of tooth friction of a train for the rollers of all its chains.
+    """Fills contact mobility and friction's effective mass of a train over all its chains.
 
     1/m_e = 1/m + sum of z times the mobility of a point, as in `struct_rows.tooth_effective_mass`.
     """

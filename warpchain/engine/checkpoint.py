@@ -1,10 +1,10 @@
-"""States of variants within a run, from which a longer run continues with the bits of one that was never interrupted.
+"""Checkpoints: states of variants within a run, from which a longer run continues bit by bit.
 
-A variant's state is kept before the last step of its window that is a multiple of `DIVERGENCE_CHECK`: what moves, what
-contacts and tensioners remember, and the window's sums. A longer run continues
+A variant's state is kept before the last step of its window that is a multiple of `DIVERGENCE_CHECK`. A longer run
+continues
 
-- with the sums, where its window begins at the same step, samples are as far apart, and each note of its batches
-  (`kernels.statistics`) before that step was taken, as it was where the window becomes a whole number of times as long;
+- with the sums, where its window begins at the same step, samples are as far apart, and notes of batches
+  (`kernels.statistics`) agree;
 - without them, on a CPU, where its window begins later.
 
 Otherwise the variant begins anew.
@@ -34,36 +34,31 @@ from warpchain.results.schedule import LOOK_EVERY, MOST_STEPS, Schedule
 from warpchain.version import installed_version
 
 MOST_STOPS = 16
-"""Most steps at which a run stops to keep states; variants of unlike steps share them."""
+"""Most steps at which a run stops to keep states."""
 FORMAT = 8
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 
 @dataclass(frozen=True)
 class VariantState:
-    """The state of a variant within its run.
+    """State of a variant within its run."""
 
-    Attributes:
-        facts: drive, run and step to which it belongs, values that JSON holds.
-        data: bytes of its arrays, one after the other.
-    """
-
-    facts: Mapping[str, Any]
-    data: bytes = field(repr=False)
+    facts: Mapping[str, Any]  # drive, run and step, as JSON
+    data: bytes = field(repr=False)  # bytes of its arrays, one after the other
 
     @property
     def step(self) -> int:
-        """The next step."""
+        """Number of the next step of a kept state."""
         return int(self.facts["next"])
 
     def to_bytes(self) -> bytes:
-        """Facts and data as bytes, for a file."""
+        """Bytes of facts and data, for a file."""
         head = json.dumps(self.facts, sort_keys=True).encode()
         return len(head).to_bytes(8, "little") + head + self.data
 
     @classmethod
     def from_bytes(cls, data: bytes) -> VariantState:
-        """A state from the bytes that `to_bytes` gave.
+        """Variant state from bytes of `to_bytes`.
 
         Raises:
             ValueError: other bytes.
@@ -77,12 +72,12 @@ class VariantState:
 
 @dataclass
 class States:
-    """States from which variants of a run begin, and those kept of it; an argument of `simulate`.
+    """States from which variants of a run begin, and those kept; an argument of `simulate`.
 
     Attributes:
-        keep: whether to keep the variants' states.
-        begin: a state for each variant, None for one that begins anew; () for none at all.
-        kept: after the run, the state of each variant that came so far; None of others.
+        keep: whether to keep states.
+        begin: a state for each variant, None to begin anew; () for none at all.
+        kept: after the run, the state of each variant that came so far.
         used: after the run, which variants continued from a state.
     """
 
@@ -92,7 +87,7 @@ class States:
     used: list[bool] = field(default_factory=list)
 
     def prepare(self, count: int) -> None:
-        """Makes room for a run of so many variants.
+        """Makes room for the states of so many variants.
 
         Raises:
             SimulationError: not one state a variant to begin with.
@@ -103,13 +98,13 @@ class States:
 
 
 def _drive_digest(drive: Drive) -> str:
-    """SHA-256 of a drive's content apart from the duration and sample rate of its run."""
+    """SHA-256 of a drive's content apart from duration and sample rate."""
     plain = drive.model_copy(update={"run": drive.run.model_copy(update={"duration": 1.0, "sample_rate": 1.0})})
     return hashlib.sha256(plain.model_dump_json().encode()).hexdigest()
 
 
 def _required_facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any]:
-    """The facts that a state must have for a run to continue from it; `run` is precision and kind of device."""
+    """Facts that a state must have to continue; `run` is precision and device."""
     return {
         "format": FORMAT,
         "warpchain": installed_version(),
@@ -120,13 +115,13 @@ def _required_facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any
 
 
 def latest_stop_step(schedule: Schedule) -> int:
-    """The last step at which a variant can be kept; 0 for none."""
+    """Last step at which a variant's state can be kept, or 0."""
     unit = int(DIVERGENCE_CHECK)
     return schedule.window_end // unit * unit
 
 
 def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
-    """Whether a run can take over a state's sums: the same window so far, and its notes."""
+    """Whether a run can take over a state's sums: same window and notes."""
     first, last = kept.facts["window"]
     if (
         kept.facts.get("look_every", LOOK_EVERY) != schedule.sample_interval
@@ -138,7 +133,7 @@ def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
 
 
 def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]] | None:
-    """(note of the longer run, note of the state) for each note before the state; None where one was not taken."""
+    """Notes of the longer run and of the state, in pairs; None if one lacks."""
     first, last = kept.facts["window"]
     every = schedule.sample_interval
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
@@ -150,7 +145,7 @@ def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]
 
 
 def _is_usable(kept: VariantState, drive: Drive, schedule: Schedule, run: str) -> bool:
-    """Whether a run can continue from a state."""
+    """Whether a run can continue from a variant's state."""
     if any(kept.facts.get(name) != value for name, value in _required_facts(drive, schedule, run).items()):
         return False
     later = schedule.window_start >= kept.step and _is_on_cpu(run)
@@ -158,12 +153,12 @@ def _is_usable(kept: VariantState, drive: Drive, schedule: Schedule, run: str) -
 
 
 def _is_on_cpu(run: str) -> bool:
-    """Whether `run`, precision and kind of device, is on a CPU."""
+    """Whether `run`, precision and device, is on a CPU."""
     return run.endswith("cpu")
 
 
 def stop_steps(schedules: Sequence[Schedule]) -> NDArray[np.int64]:
-    """(V,) step at which each variant is kept, of at most `MOST_STOPS` different ones."""
+    """Steps (V,) at which variants' states are kept, at most `MOST_STOPS` different ones."""
     wanted = np.array([latest_stop_step(schedule) for schedule in schedules], dtype=np.int64)
     held = np.unique(wanted)
     if len(held) > MOST_STOPS:
@@ -172,12 +167,11 @@ def stop_steps(schedules: Sequence[Schedule]) -> NDArray[np.int64]:
 
 
 class StateKeeper:
-    """Keeps the states of variants of a run, and restores those from which they begin.
+    """Keeper of the states of a run's variants, which also restores them.
 
     Args:
-        states: filled as the run goes; prepared for it.
-        drives, schedules: the variants.
-        numbers: (V,) their numbers in the run.
+        states: filled as the run goes.
+        numbers: (V,) of the variants in the run.
         run: precision and kind of device.
     """
 
@@ -204,7 +198,7 @@ class StateKeeper:
         self._ends: dict[int, dict[str, Any]] = {}
 
     def drives_to_settle(self) -> list[Drive]:
-        """The drives, without settling of those that continue from a state."""
+        """Drives without settling of those that continue from a state."""
         settled = {"settle": False}
         return [
             drive if kept is None else drive.model_copy(update={"run": drive.run.model_copy(update=settled)})
@@ -212,7 +206,7 @@ class StateKeeper:
         ]
 
     def take_over_settling(self, packed: PackedEnsemble, settled: NDArray[Any], left: NDArray[np.float64]) -> None:
-        """Sets box and settling of variants that continue, and notes those of all for the states to keep."""
+        """Sets box and settling of variants that continue, and notes those of all."""
         for v, kept in enumerate(self.begin):
             if kept is not None:
                 facts = kept.facts
@@ -238,7 +232,7 @@ class StateKeeper:
             engine.set_array(*name, values)
 
     def steps_ahead(self, progress: NDArray[Any]) -> NDArray[np.int64]:
-        """(V,) steps until each variant is to be kept, more than any run has where it is not."""
+        """Steps (V,) until each variant's state is to be kept, or more than any."""
         ahead = self._stops - progress["step"]
         return np.where((progress["diverged"] == 0) & (ahead > 0), ahead, MOST_STEPS + 1)
 
@@ -251,7 +245,7 @@ class StateKeeper:
                 self._states.kept[self._numbers[v]] = self._variant_state(v, _variant_bytes(arrays, places, v))
 
     def _variant_state(self, v: int, data: bytes) -> VariantState:
-        """The state of variant v, with the bytes of its arrays."""
+        """State of variant v, with the bytes of its arrays."""
         schedule = self._schedules[v]
         window = [schedule.window_start, schedule.window_end]
         more = {"next": int(self._stops[v]), "window": window, "look_every": schedule.sample_interval, **self._ends[v]}
@@ -259,7 +253,7 @@ class StateKeeper:
 
 
 def _checkpoint_arrays(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
-    """Copies of an engine's arrays that checkpoints keep, by group and name, in the order of a state's bytes."""
+    """Copies of an engine's arrays that checkpoints keep, by group and name."""
     return {
         (group, name): engine.fetch_array(group, name)
         for group in engine.changing_structs()
@@ -269,14 +263,14 @@ def _checkpoint_arrays(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
 
 
 def _variant_places(packed: PackedEnsemble) -> dict[tuple[str, str], NDArray[np.int64]]:
-    """(variants + 1,) places at which each variant's values begin in each array that checkpoints keep."""
+    """Places (variants + 1,) of variants' values in each array of checkpoints."""
     first = first_places(packed.drives)
     rows = {(group, name): row for group in ARRAYS for name, row in ARRAYS[group].items() if row.in_checkpoints}
     return {name: row.width * first[row.dimension] for name, row in rows.items()}
 
 
 def _variant_bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
-    """Bytes of a variant's part of all arrays, without the gaps between fields."""
+    """Bytes of a variant's part of all arrays, without gaps."""
     parts = (values[places[name][v] : places[name][v + 1]] for name, values in arrays.items())
     return b"".join(repack_fields(part, recurse=True).tobytes() for part in parts)
 
@@ -288,7 +282,7 @@ def _set_variant(
     kept: VariantState,
     schedule: Schedule,
 ) -> None:
-    """Sets a variant's part of all arrays; sums that its window has not begun stay as they are.
+    """Sets a variant's part of all arrays from its kept state.
 
     Raises:
         SimulationError: the state is of another layout.

@@ -1,7 +1,6 @@
-"""Compiles kernels that Warp's cache lacks: the CPU's in threads, a GPU's in processes of their own.
+"""Compilation of kernels that Warp's cache lacks: the CPU's in threads, a GPU's in processes of their own.
 
-CUDA's compiler takes one kernel at a time in a process. Here each gets a process, which compiles it for the caller's
-GPU without using one, and puts it into Warp's cache. What fails there is compiled, with its error, when it is loaded.
+CUDA's compiler takes one kernel at a time in a process. What fails there is compiled, with its error, when loaded.
 """
 
 from __future__ import annotations
@@ -31,10 +30,7 @@ POLL_INTERVAL = 0.05
 
 @contextlib.contextmanager
 def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator[None]:
-    """Loads the CPU's kernels in threads: all but the last before the context begins, the last before it ends.
-
-    The last, that of steps, takes longest to compile and begins first.
-    """
+    """Context that loads the CPU's kernels in threads, the last before it ends."""
     import warp as wp
 
     lacking = sum(not is_cached(module, "cpu", 1) for module in modules)
@@ -57,26 +53,20 @@ def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator
 
 
 class KernelSpec(NamedTuple):
-    """The function and arguments that make a kernel.
+    """Specification of a kernel to compile."""
 
-    Attributes:
-        factory: gives the same kernel for the same arguments.
-        arguments: of the factory.
-        threads: of a block.
-    """
-
-    factory: Callable[..., wp.Kernel]
+    factory: Callable[..., wp.Kernel]  # gives the same kernel for the same arguments
     arguments: tuple[Any, ...]
-    threads: int
+    threads: int  # of a block
 
     @property
     def module(self) -> Any:
-        """The Warp module of which the kernel is the only one."""
+        """Warp module of which the kernel is the only one."""
         return self.factory(*self.arguments).module
 
 
 def is_cached(module: Any, device: str, threads: int) -> bool:
-    """Whether Warp's cache has a module, for a device and blocks of so many threads; True where that is unknown."""
+    """Whether Warp's cache has a module for a device; True if unknown."""
     try:
         return _cache_path(module, device, threads).exists()
     except (AttributeError, TypeError):
@@ -93,7 +83,7 @@ def _cache_path(module: Any, device: str, threads: int) -> Path:
 
 @dataclass(frozen=True)
 class CompileJob:
-    """A kernel to compile: for which architecture, whether to intermediate code, and to which file of the cache."""
+    """Job to compile a kernel: architecture, whether intermediate code, cache file."""
 
     spec: KernelSpec
     arch: int
@@ -102,7 +92,7 @@ class CompileJob:
 
 
 def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJob]:
-    """The kernels that a GPU needs and Warp's cache lacks."""
+    """Jobs for the kernels that a GPU needs and Warp's cache lacks."""
     import warp as wp
 
     for of in wanted:
@@ -114,12 +104,12 @@ def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJ
 
 
 def compile_in_processes(jobs: Sequence[CompileJob], cores: int, report: ProgressReport, stop: StopRequest) -> None:
-    """Compiles kernels, at most one on a core at a time, until a stop is asked for; a single one is left to the caller.
+    """Compiles kernels in processes, one a core, until a stop is asked for.
+
+    A single one is left to the caller.
 
     Args:
-        jobs: those that take longest first; repeated ones are done once.
-        cores: of this machine.
-        report, stop: of the run.
+        jobs: those that take longest first.
     """
     left = list({job.path: job for job in jobs}.values())
     processes: list[tuple[CompileJob, subprocess.Popen[bytes]]] = []
@@ -146,7 +136,7 @@ def compile_in_processes(jobs: Sequence[CompileJob], cores: int, report: Progres
 
 
 def _start_compiler(job: CompileJob) -> subprocess.Popen[bytes]:
-    """A process that compiles a kernel."""
+    """Process that compiles a kernel."""
     process = start_python(__name__)
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended
@@ -155,7 +145,7 @@ def _start_compiler(job: CompileJob) -> subprocess.Popen[bytes]:
 
 
 def compile_job(job: CompileJob) -> None:
-    """Compiles a kernel, unless this process makes another one, as where laws were added at runtime."""
+    """Compiles a kernel, unless this process makes another one."""
     import warp as wp
 
     from warpchain.engine import start_warp

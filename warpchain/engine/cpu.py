@@ -1,8 +1,4 @@
-"""The CPU engine: an ensemble in the machine's memory, its variants spread over a pool of threads.
-
-Each thread takes groups of variants and has a scratch of its own, so that a variant's results depend neither on the
-others nor on the number of threads.
-"""
+"""CPU engine: an ensemble in the machine's memory, its variants spread over a pool of threads."""
 
 from __future__ import annotations
 
@@ -21,13 +17,13 @@ from warpchain.kernels.cpu.advance import SCRATCH_ROWS, advance_kernel
 from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
-"""Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
+"""Row lengths of the CPU's scratch, each with its own kernel, off powers of two."""
 SPARE_VALUES = 32
-"""Values of a row beyond its longest chain: loops take whole lanes, links begin later (`cpu.rollers`)."""
+"""Values of a scratch row beyond its longest chain, for whole lanes."""
 
 
 def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
-    """The kernel "advance" or "relax" of an ensemble at a precision, not loaded yet."""
+    """CPU kernel "advance" or "relax" of an ensemble, not loaded yet."""
     form = real_type(precision), _row_capacity(packed)
     if name == "relax":
         return relax_kernel(*form)
@@ -35,12 +31,7 @@ def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
 
 
 class CpuEngine(Engine):
-    """Steps an ensemble on the CPU.
-
-    Args:
-        packed: the ensemble.
-        workers: number of threads.
-    """
+    """Engine that steps an ensemble on the CPU, by `workers` threads."""
 
     def __init__(self, packed: PackedEnsemble, workers: int) -> None:
         self.packed = packed
@@ -60,7 +51,7 @@ class CpuEngine(Engine):
         self._settling: wp.array = wp.empty(0, dtype=relaxation.Settling, device="cpu")
 
     def _kernel(self, name: str) -> Any:
-        """The compiled kernel, loaded."""
+        """Compiled CPU kernel, loaded."""
         if name not in self._kernels:
             kernel = cpu_kernel(name, self.packed, self.packed.precision)
             wp.load_module(kernel.module, device="cpu", block_dim=1)
@@ -68,7 +59,7 @@ class CpuEngine(Engine):
         return self._kernels[name]
 
     def _launch(self, name: str, before: list[Any], after: list[Any]) -> list[Future[None]]:
-        """Launches a kernel over all variants, in groups, on the pool."""
+        """Launches a CPU kernel over all variants, in groups, on the pool."""
         kernel = self._kernel(name)
         group = max(1, -(-self.variants // (8 * self.workers)))
 
@@ -112,7 +103,7 @@ class CpuEngine(Engine):
 
 
 def _row_capacity(packed: PackedEnsemble) -> int:
-    """The shortest row length that holds the longest chain and one more roller."""
+    """Shortest scratch row length for the longest chain and one more roller."""
     from warpchain.errors import SimulationError
 
     longest = int(packed.drives["rollers"].max())

@@ -1,12 +1,12 @@
-"""Chooses between the CPU, a GPU and all GPUs by a rule of what runs take on devices of their classes.
+"""Device choice between the CPU, a GPU and all GPUs, by a rule of what runs take on them.
 
 For variants of n rollers and w steps each, c cores that do r roller-steps a second each, and k GPUs that do r full,
 
     t_cpu = max(most of w n, (sum of w n) / c) / r                                                            (1)
     t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / (k r))^2)                                        (2)
 
-where l is the time of a step of few variants, and a step with metrics counts `METRICS_FACTOR` times. Settling is left
-out. Kernels that Warp's cache lacks add the time to compile them.
+l the time of a step of few variants; a step with metrics counts `METRICS_FACTOR` times. Kernels that Warp's cache lacks
+add the time to compile them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ GPU_START = 0.1
 METRICS_FACTOR = 1.5
 COMPILE_SECONDS = {"cpu": 8.0, "gpu": 10.0}
 EQUAL_WITHIN = 1.05
-"""Times that differ by less than this factor are taken for equal."""
+"""Factor within which estimated times count as equal."""
 
 
 class DeviceChoice(NamedTuple):
@@ -44,9 +44,9 @@ class DeviceChoice(NamedTuple):
 def fastest_devices(
     gpus: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> DeviceChoice:
-    """The CPU, one of some GPUs, or all of them: what is estimated to finish `times` an ensemble first.
+    """Choice of the CPU, a GPU or all, estimated to finish `times` an ensemble first.
 
-    Of choices within `EQUAL_WITHIN` the plainest. Kernels are looked for only on what would be chosen.
+    Of choices within `EQUAL_WITHIN` the plainest.
     """
     choices = dict.fromkeys([("cpu",), (gpus[0],), tuple(gpus)])
     found = {devices: estimated_seconds(devices, packed, precision, cores, times) for devices in choices}
@@ -66,7 +66,7 @@ def fastest_devices(
 def estimated_seconds(
     devices: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> float:
-    """Estimated seconds of the steps of `times` an ensemble, on `cores` threads of the CPU, (1), or on GPUs, (2)."""
+    """Estimated seconds of `times` an ensemble's steps on CPU cores (1) or GPUs (2)."""
     drives = packed.drives
     window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
     steps = drives["steps"] + (METRICS_FACTOR - 1.0) * np.maximum(window, 0.0)
@@ -78,7 +78,7 @@ def estimated_seconds(
 
 
 def gpu_speed(device: str, precision: str) -> tuple[float, float]:
-    """Roller-steps a second of a full GPU of its class, and seconds of a step of few variants (docs/performance.md)."""
+    """Roller-steps a second of a full GPU, and seconds of a small step."""
     import warp as wp
 
     gpu, single = wp.get_device(device), precision == "float32"
@@ -88,7 +88,7 @@ def gpu_speed(device: str, precision: str) -> tuple[float, float]:
 
 
 def has_uncompiled_kernels(device: str, packed: PackedEnsemble, precision: str) -> bool:
-    """Whether Warp's cache lacks a kernel that takes the steps of a run on this device."""
+    """Whether Warp's cache lacks a kernel of a run's steps on a device."""
     if device == "cpu":
         from warpchain.engine.cpu import cpu_kernel
 

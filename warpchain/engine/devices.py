@@ -15,10 +15,10 @@ from warpchain.progress import ProgressReport, StopRequest
 
 
 def devices_by_name(device: str | None, packed: PackedEnsemble) -> tuple[str, ...]:
-    """The devices that `device` names: "cpu", "cuda" for all GPUs, "cuda:1" for one, None for GPUs or else the CPU.
+    """Names of devices: of "cpu", "cuda" (all GPUs), "cuda:1", or None (GPUs, else CPU).
 
     Raises:
-        SimulationError: for an unknown name, no such GPU, one that is too old, or an ensemble that a GPU cannot run.
+        SimulationError: an unknown name, no such GPU, too old a one, or an ensemble that a GPU cannot run.
     """
     if device == "cpu":
         return ("cpu",)
@@ -52,7 +52,7 @@ def devices_by_name(device: str | None, packed: PackedEnsemble) -> tuple[str, ..
 
 
 def processor_name() -> str:
-    """The processor's name."""
+    """Name of the machine's processor."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
@@ -61,7 +61,7 @@ def processor_name() -> str:
 
 
 def usable_gpus() -> tuple[str, ...]:
-    """The GPUs of this machine that are new enough."""
+    """Names of this machine's GPUs that are new enough."""
     names = _gpu_architectures()
     if not names:
         return ()
@@ -71,7 +71,7 @@ def usable_gpus() -> tuple[str, ...]:
 
 
 def gpus_by_name(device: str | None) -> tuple[str, ...]:
-    """The GPUs that `device` can mean (None: all), () for none and for what is no GPU here."""
+    """Names of GPUs that `device` can mean (None: all), or ()."""
     if device == "cpu":
         return ()
     gpus = usable_gpus()
@@ -81,14 +81,12 @@ def gpus_by_name(device: str | None) -> tuple[str, ...]:
 def choose_devices(
     device: str | None, packed: PackedEnsemble, precision: str, cores: int, count: int, times: float = 1.0
 ) -> DeviceChoice:
-    """The devices that `device` names; for None those expected to finish first.
+    """Choice of devices that `device` names; for None those expected to finish first.
 
     Args:
-        device: as the user names it.
         packed: the ensemble, or a part of it.
-        precision: of the run.
         cores: CPU threads.
-        count: number of variants, of which each takes one device.
+        count: of variants, of which each takes one device.
         times: work of the run over that of `packed`.
 
     Raises:
@@ -101,7 +99,7 @@ def choose_devices(
 
 
 def _gpu_architectures() -> dict[str, int]:
-    """The GPUs that Warp sees, with their architectures (compute capability times ten)."""
+    """Architectures (compute capability times ten) of the GPUs that Warp sees."""
     import warp as wp
 
     start_warp()
@@ -111,13 +109,7 @@ def _gpu_architectures() -> dict[str, int]:
 
 
 def make_engine(device: str, packed: PackedEnsemble, cores: int) -> Engine:
-    """An engine for the ensemble on a device.
-
-    Args:
-        device: "cpu" or such as "cuda:0".
-        packed: the ensemble.
-        cores: CPU threads, where the device is the CPU.
-    """
+    """Engine for an ensemble on a device, "cpu" or such as "cuda:0"."""
     if device == "cpu":
         from warpchain.engine.cpu import CpuEngine
 
@@ -137,12 +129,11 @@ def load_run_kernels(
     report: ProgressReport,
     stop: StopRequest,
 ) -> Iterator[None]:
-    """Compiles and loads the kernels of a run: the CPU's of steps by the context's end, others before it.
+    """Context that compiles and loads a run's kernels, the CPU's of steps by its end.
 
     Args:
-        device, packed, cores: as in `make_engine`.
         precision: of the steps.
-        settles: whether any variant is to be settled, which the context does.
+        settles: whether any variant is to be settled, within the context.
         report, stop: of the run.
     """
     if device != "cpu":
@@ -160,10 +151,7 @@ def load_run_kernels(
 
 
 def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
-    """Steps of a launch on a device, `wanted` at most.
-
-    On the CPU whole rounds of `MERGE_EVERY`, if they fit, so that sums do not depend on how a run is cut into launches.
-    """
+    """Number of steps of a launch on a device, `wanted` at most, in whole rounds."""
     if device == "cpu":
         from warpchain.kernels.sums import MERGE_EVERY
 
@@ -175,7 +163,7 @@ def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
 
 
 def launch_frame_bytes(device: str) -> int | None:
-    """Most bytes of the frames of one launch, None where only the memory budget limits them."""
+    """Most bytes of the frames of one launch, None for no limit."""
     if device == "cpu":
         return None
     from warpchain.engine.gpu import FRAME_BYTES

@@ -1,4 +1,4 @@
-"""The last state of each variant: the rollers on the teeth, and the cause of divergence."""
+"""End states of variants: rollers on the teeth, and the cause of divergence."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from warpchain.kernels.native import STATE_ROWS
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 ON_TOP = 0.5
-"""A roller has left the teeth where its center is this part of its radius beyond their tips; on top of one it is 1."""
+"""Height of a roller's center above tooth tips, in radii, that has left the teeth."""
 
 TORN = 2.0
-"""A chain is torn where a link is longer than this many times its length."""
+"""Length of a link, over its own, from which on a chain is torn."""
 
 
 def engaged_fractions(
     engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None
 ) -> NDArray[np.float64]:
-    """(V, S) rollers now on each sprocket's teeth over those of the assembled wrap, NaN beyond a drive's sprockets.
+    """Engaged rollers (V, S) on each sprocket's teeth over those of the assembled wrap, NaN for none.
 
-    On the teeth is a roller whose center is nearer than half a pitch to the pitch circle inward, and less than `ON_TOP`
-    of its radius beyond the tips outward. May exceed 1, as a strand's first rollers are near the teeth, too.
+    On the teeth is a roller within half a pitch inward of the pitch circle, and `ON_TOP` outward of the tips.
     """
     packed = engine.packed
     counts = packed.drives["sprockets"].astype(np.int64)
@@ -49,7 +48,7 @@ def engaged_fractions(
 
 
 def divergence_causes(engine: Engine, drives: Sequence[Drive], diverged: NDArray[np.bool_]) -> list[str]:
-    """(V,) why each variant diverged, a key of `results.judgement.DIVERGENCE_CAUSES`; "" where it did not."""
+    """Causes (V,) of divergence, of `results.judgement.DIVERGENCE_CAUSES`; "" for none."""
     packed, causes = engine.packed, [""] * len(drives)
     if not diverged.any():
         return causes
@@ -79,10 +78,7 @@ def _is_inside(row: Any, places: NDArray[np.float64]) -> bool:
 def _tooth_reach(
     stacks: Sequence[Stack], assemblies: Assemblies, shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Least and largest distance from the center at which a roller is on the teeth [m], and rollers there at assembly.
-
-    (V, S) each, NaN beyond a drive's sprockets.
-    """
+    """Least and largest radius (V, S) [m] of rollers on teeth, and their number at assembly."""
     inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):

@@ -1,8 +1,8 @@
-"""Forces of a drive in given states, as accelerations of perturbed copies, by the CPU kernel.
+"""Force probe: forces of a drive in given states, as accelerations of perturbed copies, by the CPU kernel.
 
 A copy takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the forces of exactly the
 given state. The step is 2^21 s, a power of two, so that nothing is rounded. Contacts are found closed at the floor of
-their impact speed, and damp as their law says, without any step in it. The oil's mass is given.
+their impact speed, and the oil's mass is given.
 """
 
 from __future__ import annotations
@@ -24,49 +24,37 @@ Array = NDArray[np.float64]
 
 PROBE_STEP = 2.0**21
 COPIES = 32
-"""Copies that are evaluated in one launch."""
+"""Copies that a force probe evaluates in one launch."""
 
 
 @dataclass
 class ProbeStates:
-    """Copies of a drive of N rollers, B bodies and T tensioners, each in a state of its own.
+    """States of copies of a drive of N rollers, B bodies and T tensioners."""
 
-    Attributes:
-        position, velocity: (copies, N, 2) of the rollers [m], [m/s].
-        bodies: (copies, B, 3) centers and angles (x, y, theta) [m], [rad].
-        rates: (copies, B, 3) their rates [m/s], [rad/s].
-        oil: (copies, T) logarithm of the mass of oil in each tensioner (`kernels.physics.tensioner`, eq. (6)).
-    """
-
-    position: Array
-    velocity: Array
-    bodies: Array
-    rates: Array
-    oil: Array
+    position: Array  # (copies, N, 2) of the rollers [m]
+    velocity: Array  # (copies, N, 2) of the rollers [m/s]
+    bodies: Array  # (copies, B, 3) centers and angles (x, y, theta) [m], [rad]
+    rates: Array  # (copies, B, 3) [m/s], [rad/s]
+    oil: Array  # (copies, T) log mass of oil in tensioners (`physics.tensioner`, (6))
 
 
 @dataclass(frozen=True)
 class BodyFreedom:
-    """A body's free directions and its inertia.
+    """Free directions of a body and its inertia."""
 
-    Attributes:
-        free: (3, k) directions of (x, y, theta) in which it is free, as columns.
-        inertia: (3, 3) its mass matrix in (x, y, theta) where it stands, with the coupling of a balance wheel.
-    """
-
-    free: Array
-    inertia: Array
+    free: Array  # (3, k) free directions of (x, y, theta), as columns
+    inertia: Array  # (3, 3) mass matrix in (x, y, theta)
 
     def without_turning(self) -> BodyFreedom:
-        """The freedom of a body that turns as another one does."""
+        """Freedom of a body that turns as another one does."""
         return BodyFreedom(self.free[:, ~self.free[2].astype(bool)], self.inertia)
 
 
 class ForceProbe:
-    """Accelerations of one drive's rollers and bodies in given states.
+    """Probe of accelerations of a drive's rollers and bodies in given states.
 
     Args:
-        packed: one variant at rest, in float64, as from `modal.small_motion`.
+        packed: one variant at rest, in float64.
         workers: CPU threads.
     """
 
@@ -98,7 +86,7 @@ class ForceProbe:
         self._carried = on_arms + [of for of in hubs if of[1] != GROUND]
 
     def packed_state(self) -> ProbeStates:
-        """The packed state, at rest, as one copy."""
+        """Packed state at rest, as one copy."""
         rows, bodies = self.base.roller_rows(0), self.base.bodies
         place = np.column_stack([bodies["center"], bodies["angle"]])
         position = np.ascontiguousarray(rows[0:2].T)
@@ -108,7 +96,7 @@ class ForceProbe:
         )
 
     def body_freedom(self, b: int, angle: float) -> BodyFreedom:
-        """The free directions of body `b` and its inertia at an angle [rad], with that of valves."""
+        """Free directions of body `b` and its inertia at an angle [rad]."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
         turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
         if not mount["active"]:
@@ -126,9 +114,7 @@ class ForceProbe:
         return BodyFreedom(np.hstack([slides, turns]), inertia)
 
     def arm_joints(self, angles: Array) -> list[tuple[int, int, float]]:
-        """Arms on other arms: body of each, of its carrier, and d.s [kg m^2] of `kernels.physics.hub`, (b).
-
-        `angles` are those of all bodies (B,) [rad]."""
+        """Arms on arms: bodies of each and its carrier, d.s [kg m^2] of `physics.hub`, (b)."""
         found, first = [], self.body_count - int(self.base.drives["arms"][0])
         for b, arm in enumerate(self.base.arms[: self.body_count - first], first):
             if arm["on"]:
@@ -145,7 +131,7 @@ class ForceProbe:
         return np.array(self._engine.state.cams.numpy()[: self.body_count])
 
     def _valve_inertia(self, b: int) -> float:
-        """Inertia of valves that turns with body `b`, as it sees it where the drive stands [kg m^2]."""
+        """Inertia of valves [kg m^2] as body `b` sees it."""
         if not self.base.drives["valves"][0]:
             return 0.0
         motions, cams = self.base.motions[: self.body_count], self._cam_states
@@ -155,7 +141,7 @@ class ForceProbe:
         return float(((motions["ratio"][train] / motions["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
     def train_angles(self, b: int) -> Array:
-        """Angles of all bodies (B,) as they turn with the first of a train; of others (1,), of followers (0,)."""
+        """Angles (B,) of all bodies as they turn with a train's first; else (1,) or (0,)."""
         motions = self.base.motions[: self.body_count]
         if not self.base.drives["tied"][0] or motions["train"][b] < 0:
             return np.ones(1)
@@ -165,8 +151,9 @@ class ForceProbe:
         return np.ones(1) if np.count_nonzero(ratios) == 1 else np.asarray(ratios / np.linalg.norm(ratios))
 
     def __call__(self, states: ProbeStates) -> tuple[Array, Array, Array]:
-        """Accelerations of rollers (copies, N, 2) [m/s^2] and of bodies' (x, y, theta) (copies, B, 3), and pressures in
-        tensioners (copies, T) [Pa]; accelerations are NaN where a copy has left the drive's box.
+        """Accelerations of rollers (copies, N, 2), of bodies (copies, B, 3), and pressures (copies, T) [Pa].
+
+        Accelerations are NaN where a copy has left the drive's box.
         """
         count = len(states.position)
         straight, turned = np.empty_like(states.position), np.empty_like(states.bodies)
@@ -206,11 +193,11 @@ class ForceProbe:
         return straight, turned, self._pushes["pressure"][:count]
 
     def touching_rollers(self, states: ProbeStates) -> NDArray[np.bool_]:
-        """(S + G, N) whether each roller touches each sprocket and guide-bar in the first of the states."""
+        """(S + G, N) whether rollers touch sprockets and guides in the first state."""
         self._evaluate(ProbeStates(**{name: value[:1] for name, value in vars(states).items()}))
         partners = self.sprockets + int(self.base.drives["guides"][0])
         return np.array(self._impact_speed[: partners * self.rollers].reshape(partners, self.rollers) > 0.0)
 
     def close(self) -> None:
-        """Ends the threads."""
+        """Ends the probe's threads."""
         self._engine.close()

@@ -1,7 +1,7 @@
-"""The GPU engine: an ensemble in one GPU's memory, one block of threads a variant.
+"""GPU engine: an ensemble in one GPU's memory, one block of threads a variant.
 
 Variants with like numbers of rollers and sprockets go into one launch (`launches`). Frames come back on a stream of
-their own while the next steps run.
+their own.
 """
 
 from __future__ import annotations
@@ -47,32 +47,32 @@ from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.progress import ProgressReport, StopRequest
 
 OLDEST_ARCHITECTURE = 70
-"""Oldest architecture (compute capability times ten) for which kernels are compiled."""
+"""Oldest GPU architecture (compute capability times ten) for kernels."""
 
 FRAME_BYTES = 32 * 2**20
-"""Most bytes of frames of one launch: pinned memory takes long to get, and small copies hide behind the next steps."""
+"""Most bytes of frames of one launch, as pinned memory takes long."""
 
 LAUNCH_WORK = 1.0e10
-"""Roller-steps of one launch, about a third of a second, so that progress shows and Ctrl-C is heard."""
+"""Roller-steps of one GPU launch, about a third of a second."""
 
 STREAMS = 4
 """Streams on which launches of unlike variants run side by side."""
 
 KERNEL_LOCK = Lock()
-"""Held to make and load kernels, which the threads of several GPUs share."""
+"""Lock to make and load kernels, shared by several GPUs' threads."""
 
 LAUNCH_STEPS = 131_072
-"""Most steps of one launch, about a quarter of a second for a single variant."""
+"""Most steps of one GPU launch."""
 
 MOST_LINKS = 16 * ROLLER_CAPACITIES[-1]
-"""Links of the longest chain, as each thread's rollers are in unrolled loops."""
+"""Links of the longest chain that a GPU takes."""
 
 MOST_PARTNERS = BITS
-"""Sprockets and guide-bars of one drive, as the bits of an int keep which of them a roller is near."""
+"""Most sprockets and guides of one drive on a GPU, bits of an int."""
 
 
 def gpu_launch_steps(rollers: float, wanted: int) -> int:
-    """Steps of a launch over `rollers` rollers in all, `wanted` at most, that takes a fraction of a second.
+    """Number of steps of a GPU launch over `rollers` rollers, `wanted` at most.
 
     Whole multiples of `STEP_UNIT`, so that results do not depend on where launches end.
     """
@@ -81,7 +81,7 @@ def gpu_launch_steps(rollers: float, wanted: int) -> int:
 
 
 def gpu_refusal(packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> str | None:
-    """Why a GPU cannot run this ensemble, None if it can; variants are called `numbers`, None counts them from 0."""
+    """Reason why a GPU cannot run an ensemble, or None; `numbers` name variants."""
     drives, begins = packed.drives, packed.first_rows
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
@@ -99,7 +99,7 @@ def gpu_refusal(packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None
 
 @contextmanager
 def explain_gpu_failures(device: str, variants: int) -> Iterator[None]:
-    """Raises errors of Warp within as one line on what failed.
+    """Context that raises errors of Warp as one line on what failed.
 
     Raises:
         DeviceError: the GPU does not answer any more.
@@ -131,11 +131,9 @@ def compile_missing_kernels(
     report: ProgressReport,
     stop: StopRequest,
 ) -> None:
-    """Compiles the kernels of a run that Warp's cache lacks: of steps and, in float64, of settling.
+    """Compiles a GPU's kernels of a run, of steps and settling, that Warp's cache lacks.
 
     Args:
-        device: a GPU.
-        packed: what runs on it.
         precision: of the steps.
         settles: whether any variant is to be settled.
         cores, report, stop: as in `compilation.compile_in_processes`.
@@ -148,7 +146,7 @@ def compile_missing_kernels(
 
 
 class FrameBuffer:
-    """A launch's frames, on the device and, after `numpy`, in the host's memory."""
+    """Frame buffer of a GPU launch, on the device and in the host's memory."""
 
     def __init__(self, values: int, packed: PackedEnsemble, device: str) -> None:
         self.values, self._of = values, (device, packed.variants)
@@ -157,7 +155,7 @@ class FrameBuffer:
         self.copied: Any = None
 
     def numpy(self) -> NDArray[np.floating]:
-        """The frames, once they have been copied."""
+        """Frames of a GPU launch, once they have been copied."""
         if self.copied is not None:
             with explain_gpu_failures(*self._of):
                 wp.synchronize_event(self.copied)
@@ -165,11 +163,7 @@ class FrameBuffer:
 
 
 class GpuEngine(GpuKernels, Engine):
-    """Steps an ensemble on one GPU.
-
-    Args:
-        packed: the ensemble.
-        device: such as "cuda:0".
+    """Engine that steps an ensemble on one GPU.
 
     Raises:
         SimulationError: if the GPU's memory does not hold the ensemble.
@@ -199,7 +193,7 @@ class GpuEngine(GpuKernels, Engine):
         return explain_gpu_failures(self.device, self.packed.variants)
 
     def _load_kernels(self, *names: str) -> None:
-        """Loads the kernels of these names, by default of those that take steps, once; compiles what is missing."""
+        """Loads the GPU kernels of these names, by default of steps, once."""
         if names in self._loaded:
             return
         with self._explain_failures(), KERNEL_LOCK, ThreadPoolExecutor(8) as pool:
@@ -210,13 +204,13 @@ class GpuEngine(GpuKernels, Engine):
         self._loaded.add(names)
 
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
-        """Launches a bucket's kernel for variants `order` of it."""
+        """Launches a bucket's GPU kernel for its variants `order`."""
         made = self._bucket_kernel(name, bucket)
         dim, block = made.kind.shape.launch_threads(len(order)), made.kind.shape.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
-        """Sequences of launches that take `share` (V,) steps: whether beside others, bucket, launches."""
+        """Launches that take `share` (V,) steps, by bucket, and whether beside others."""
         drives, step, lanes = self.packed.drives, self._progress["step"], []
         begins = metrics_start_steps(drives, step)
         for bucket, apart in zip(self.buckets, self._in_global_memory, strict=True):
@@ -261,7 +255,7 @@ class GpuEngine(GpuKernels, Engine):
         return [self._pool.submit(work)]
 
     def _upload_launches(self, launches: Sequence[Launch]) -> Iterator[list[wp.array]]:
-        """Of each launch, on the device: its variants, their end steps, and the steps at which their frames begin."""
+        """Device arrays of each launch: variants, end steps, first steps of frames."""
         columns: list[wp.array] = []
         with wp.ScopedStream(self.stream):
             for each in zip(*(launch[1:] for launch in launches), strict=True):
@@ -294,7 +288,7 @@ class GpuEngine(GpuKernels, Engine):
         return self._progress
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """The window's sums, by name as in `kernels.structs.Sums`."""
+        """Sums of the window, by name as in `kernels.structs.Sums`."""
         with self._explain_failures(), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device, blocks=True)
             for name in ARRAYS["sums"]:

@@ -1,7 +1,7 @@
-"""The kernels and blocks with which the variants of an ensemble run on a GPU.
+"""GPU kernels and blocks with which the variants of an ensemble run.
 
-Variants with like numbers of rollers, sprockets and so on form a bucket, which is launched at once. Its block shape
-has the threads of a variant and the rollers of a thread.
+Variants with like numbers of rollers, sprockets and so on form a bucket, which is launched at once. Its block shape has
+the threads of a variant and the rollers of a thread.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from warpchain.kernels.gpu.shared_memory import block_memory, launch_bytes_per_b
 from warpchain.kernels.gpu.statistics import collect_kernel
 
 ROLLER_CAPACITIES = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
-"""Rollers for which blocks have room; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
+"""Rollers for which GPU blocks have room, up to 1,024."""
 
 LONGEST_ON_A_WARP = 512
-"""Links of the longest chain that one warp may have to itself."""
+"""Links of the longest chain that has one warp to itself."""
 
 FEW_VARIANTS = 1
-"""Most variants a multiprocessor that are few: each has a roller a thread, and a warp for its bodies alone."""
+"""Most variants a multiprocessor that are few: a roller a thread."""
 
 VARIANTS_PER_BLOCK = 4
-"""Variants of a block, a warp each, where running the same code at the same time makes them faster."""
+"""Variants of a block, a warp each, where that is faster."""
 
 FULL_OF_OIL = 11
-"""Variants of a block, a warp each, whose oil another warp has: with that one they take all of a multiprocessor."""
+"""Variants of a block whose oil another warp has, a whole multiprocessor's."""
 
 FULL_WITH_METRICS = 7
-"""Variants of a block with oil and metrics at float64, beyond which registers spill."""
+"""Variants of a block with oil and metrics at float64, without spilled registers."""
 
 FULL_AT_FLOAT32 = 15
 """Variants of a block with oil, without metrics, at float32."""
@@ -47,14 +47,14 @@ COLLECT_THREADS = 256
 """Threads of a block that adds up the tallies of others."""
 
 CAM_STEP = 8
-"""A kernel has room for a multiple of so many cams of valves."""
+"""Multiple of cams of valves for which a kernel has room."""
 
 RESERVED_BYTES = 1024
-"""Bytes of a multiprocessor's shared memory that each block takes beside its own."""
+"""Bytes of shared memory that each block takes beside its own."""
 
 
 def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Rollers for which blocks for chains of `links` links have room, so that like chains share a kernel."""
+    """Rollers for which blocks for chains of `links` links have room."""
     most = ROLLER_CAPACITIES[-1]
     step = np.minimum(2 ** np.ceil(np.log2(np.maximum(links, most))).astype(int) // 8, most)
     return np.where(
@@ -65,10 +65,9 @@ def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
-    """The block for chains of up to `room` links (`roller_capacity`), of which a multiprocessor gets `each` variants.
+    """Block shape for chains of `room` links, `each` variants a multiprocessor.
 
-    Few variants have a roller a thread, many a warp each; longer chains up to 16 rollers a thread and `shared_bytes` of
-    memory. Moments on bodies are added up in the same order in all, so results do not depend on the number of variants.
+    Few variants have a roller a thread, many a warp each. Results do not depend on the number of variants.
     """
     if room > LONGEST_ON_A_WARP:
         threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
@@ -79,7 +78,7 @@ def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShap
 
 
 def is_simple_kind(kind: BlockKind) -> bool:
-    """Whether kernels of a kind are as short as can be, but for friction at float32."""
+    """Whether kernels of a kind are as short as can be, but for friction."""
     rubs = kind.friction.contacts or kind.friction.joints
     more = (
         kind.moving or kind.has_stages or kind.links == "varied" or kind.parts.arms or kind.parts.tied or kind.profiles
@@ -88,10 +87,7 @@ def is_simple_kind(kind: BlockKind) -> bool:
 
 
 def resident_variants(kind: BlockKind) -> int:
-    """Variants for which the compiler is to make room on a multiprocessor, which bounds a thread's registers.
-
-    Measured on an H200 and an H100 (docs/kernels.md).
-    """
+    """Number of variants that the compiler makes room for on a multiprocessor."""
     shape, per = kind.shape, kind.shape.rollers_per_thread
     if shape.oil_warp:
         return shape.variants_per_block
@@ -112,33 +108,24 @@ def resident_variants(kind: BlockKind) -> int:
 
 @dataclass(frozen=True)
 class Bucket:
-    """Variants that share kernels.
+    """Bucket of variants that share GPU kernels."""
 
-    Attributes:
-        kind: of the kernel that takes steps without metrics.
-        variants: their numbers, of several chains the rows of the first.
-        order: `variants` on the device.
-        most_shared: bytes of shared memory that a block may have on the device.
-        each: variants that a multiprocessor gets.
-    """
-
-    kind: BlockKind
-    variants: NDArray[np.integer]
-    order: wp.array
-    most_shared: int = DECLARED
-    each: int = 1
+    kind: BlockKind  # of the kernel that takes steps without metrics
+    variants: NDArray[np.integer]  # their numbers, of several chains the rows of the first
+    order: wp.array  # `variants` on the device
+    most_shared: int = DECLARED  # bytes of shared memory that a block may have
+    each: int = 1  # variants that a multiprocessor gets
 
     @property
     def count(self) -> int:
-        """Number of variants."""
+        """Number of variants in the bucket."""
         return len(self.variants)
 
 
 def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
-    """The kind with several variants a block where that is faster and their memory fits, otherwise the kind itself.
+    """Block kind with several variants a block where that is faster, or itself.
 
-    That is so of long code, and of oil, which gets a warp of its own, where a multiprocessor gets more variants than it
-    holds otherwise.
+    So it is of long code, and of oil, which gets a warp of its own.
     """
     shape = kind.shape
     if kind.parts.hydraulic and shape.threads == WARP:
@@ -161,7 +148,7 @@ def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> Blo
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
-    """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
+    """Block kind of a bucket's kernel "advance", "measure" (metrics) or "relax"."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
         parts = replace(
@@ -188,11 +175,11 @@ COLUMN_SUMS = {
     np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "other_bodies", "valves"),
     np.minimum: ("linear_hysteretic",),
 }
-"""How columns of several chains become those of their variant; the others by `np.maximum`."""
+"""Functions that join columns of chains to their variant's; else `np.maximum`."""
 
 
 def variant_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
-    """The properties that decide the kernels of steps, (variants,) each."""
+    """Properties (variants,) that decide the GPU kernels of steps, by name."""
     chains, begins, columns = packed.drives["chains"], packed.first_rows, chain_kind_columns(packed)
     if len(begins) == packed.variants:
         return columns
@@ -206,7 +193,7 @@ def variant_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
 
 
 def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
-    """The properties that decide the kernels of each chain by itself, (rows,) each."""
+    """Properties (rows,) that decide the GPU kernels of each chain, by name."""
     drives = packed.drives
     cells = packed.motions["drive_table"]["cells"] + packed.motions["load_table"]["cells"]
     cells = cells + packed.mounts["x_table"]["cells"] + packed.mounts["y_table"]["cells"]
@@ -239,7 +226,7 @@ def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
 
 
 def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: int = DECLARED) -> BlockKind:
-    """The kind of kernel of a variant with these columns, of which a multiprocessor gets `each`."""
+    """Block kind of a variant with these columns, `each` a multiprocessor."""
     counts = {field.name: int(columns[field.name]) for field in fields(Parts)}
     return BlockKind(
         real,
@@ -255,7 +242,7 @@ def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: 
 
 
 def global_memory_values(buckets: Sequence[Bucket]) -> tuple[int, int]:
-    """Values, and values of parts, that blocks too large for shared memory keep in global memory."""
+    """Numbers of values, and of parts' values, that large blocks keep in global memory."""
     needs = np.zeros(2, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
@@ -265,14 +252,14 @@ def global_memory_values(buckets: Sequence[Bucket]) -> tuple[int, int]:
 
 
 def _distinct_rows(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
-    """The different rows of some keys, the largest first."""
+    """Distinct rows of keys, the largest first."""
     differ = (keys != keys[0]).any(axis=0)
     rows = np.unique(keys[:, differ], axis=0, return_index=True)[1] if differ.any() else np.zeros(1, dtype=int)
     return sorted((tuple(row) for row in keys[rows].tolist()), reverse=True)
 
 
 class BucketKernel(NamedTuple):
-    """A kernel of a bucket, its kind, how many variants a multiprocessor is to hold of it, and what makes it."""
+    """Kernel of a bucket, its kind, resident variants, and specification."""
 
     kernel: Any
     kind: BlockKind
@@ -281,15 +268,11 @@ class BucketKernel(NamedTuple):
 
 
 class GpuKernels:
-    """The kernels of an ensemble on a GPU.
-
-    Args:
-        packed: the ensemble.
-        device: such as "cuda:0".
+    """Kernels of an ensemble on a GPU.
 
     Attributes:
-        buckets: the variants by the kernels that step them.
-        chain_buckets: their chains by the kernels that settle them, each by itself.
+        buckets: variants by the kernels that step them.
+        chain_buckets: chains by the kernels that settle them.
     """
 
     def __init__(self, packed: PackedEnsemble, device: str) -> None:
@@ -307,7 +290,7 @@ class GpuKernels:
         )
 
     def _make_buckets(self, columns: Mapping[str, NDArray[Any]], rows: NDArray[np.integer]) -> list[Bucket]:
-        """The variants, or chains, at these rows, by kernel, the longest first."""
+        """Buckets of the variants, or chains, at these rows, the longest first."""
         packed = self.packed
         keys = np.column_stack(list(columns.values()))
         buckets = []
@@ -324,7 +307,7 @@ class GpuKernels:
         return buckets
 
     def _bucket_kernel(self, name: str, bucket: Bucket) -> BucketKernel:
-        """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
+        """Bucket's kernel "advance", "measure" (metrics) or "relax"."""
         key = name, id(bucket)
         if key not in self._kernels:
             kind = kernel_kind(name, bucket)
@@ -338,11 +321,11 @@ class GpuKernels:
         return self._kernels[key]
 
     def buckets_of_kernel(self, name: str) -> list[Bucket]:
-        """The buckets for which a kernel of this name is launched."""
+        """Buckets for which a kernel of this name is launched."""
         return self.chain_buckets if name == "relax" else self.buckets
 
     def kernel_specs(self, *names: str) -> list[KernelSpec]:
-        """Specifications of the kernels of these names, by default those of steps and of adding up their sums."""
+        """Specifications of the kernels of these names, by default those of steps."""
         made = [self._bucket_kernel(name, of) for name in names or self._names for of in self.buckets_of_kernel(name)]
         blocks = [of.spec for of in made]
         return blocks if names else [*blocks, KernelSpec(collect_kernel, (self.packed.real,), COLLECT_THREADS)]

@@ -1,4 +1,4 @@
-"""The load or the wear at which a chain jumps a tooth: bisection, many values at once, forward and in reverse."""
+"""Tooth jump: load or wear at which a chain jumps, by bisection, many values at once, forward and in reverse."""
 
 from __future__ import annotations
 
@@ -28,11 +28,9 @@ Direction = Literal["forward", "reverse"]
 BOTH: tuple[Direction, ...] = ("forward", "reverse")
 UNITS = {"torque": "N m", "wear": "1"}
 MOST_WEAR = 0.1
-"""Largest wear that is tried: that of drive files."""
+"""Largest wear that is tried for a jump: that of drive files."""
 ESTIMATE_RATIO, ESTIMATE_HALVINGS, LEAST_ESTIMATE = 1.5, 3, 1e-3
-"""Ratio of the values between which an estimate is sought, how often these are halved, and the part of the range that
-counts as none.
-"""
+"""Ratio of values between which an estimate is sought, halvings, least part of the range."""
 
 Tolerance = Annotated[float, AllowedRange("a number from 1e-4 to 0.5", lambda x: 1e-4 <= x <= 0.5)]
 Values = Annotated[int, AllowedRange("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000)]
@@ -40,18 +38,18 @@ Values = Annotated[int, AllowedRange("a whole number from 1 to 1000", lambda n: 
 
 @dataclass(frozen=True)
 class Jump:
-    """A drive's tooth jump in one direction.
+    """Tooth jump of a drive in one direction.
 
     Attributes:
         direction: "forward", or "reverse" (`warpchain.drive.reversed_drive`).
-        on: what carries the torque, or the chain that wears, "" for the only one.
+        on: what carries the torque, or the chain that wears.
         own: the drive's own torque [N m] or wear [-].
-        holds: the largest value that was run without a jump below the first with one.
-        jumps: the smallest that was run with a jump; None if none is within the range.
-        sprocket: where; None where runs broke down before anything was seen of it.
-        tension: largest of any link at `holds` [N]; nan where that was not run, as at 0.
-        tight, slack: means of the strands beside that sprocket at `holds` [N], likewise.
-        estimate: where the teeth cease to hold at rest (`warpchain.assembly.tooth_hold`); None if not in the range.
+        holds: largest value that was run without a jump.
+        jumps: smallest that was run with a jump, or None.
+        sprocket: where, if seen.
+        tension: largest of any link at `holds` [N].
+        tight, slack: means of the strands beside that sprocket at `holds` [N].
+        estimate: where teeth cease to hold at rest (`warpchain.assembly.tooth_hold`), or None.
     """
 
     direction: Direction
@@ -68,7 +66,7 @@ class Jump:
 
 @dataclass
 class _JumpSearch:
-    """A search in one direction: the chain holds at `low` and jumps at `high`, once that is known."""
+    """Search for a tooth jump in one direction, between `low` and `high`."""
 
     direction: Direction
     drive: Drive
@@ -92,24 +90,20 @@ def find_jumps(
     values: Values = 8,
     **options: Any,
 ) -> list[Jump]:
-    """Finds where the chain jumps a tooth, or leaves the teeth, over all of a run from its start on.
+    """Tooth jumps of a drive, one a direction, found over all of a run.
 
-    Every round runs `values` values a direction, all in one ensemble: first each twice the one before, up to `most`
-    (wear: evenly), then evenly between the last that holds and the first that jumps.
+    Every round runs `values` values a direction: first each twice the one before, up to `most` (wear: evenly), then
+    evenly between the last that holds and the first that jumps.
 
     Args:
-        drive: the drive.
-        by: what grows: the constant part of a load's torque, or the elongation of a chain.
-        on: sprocket or shaft with that load, default the one that takes most power; of several chains, the chain.
+        by: what grows: a load's constant torque, or the elongation of a chain.
+        on: sprocket or shaft with that load, by default of most power; or the chain.
         directions: in which the drive runs.
-        most: largest value; None is the torque of the chain's breaking load at the pitch circle, or a wear of 0.1.
-        tolerance: of what was found, relative; of wear, of the range.
+        most: largest value; None is the torque of the breaking load, or a wear of 0.1.
+        tolerance: relative; of wear, of the range.
         values: runs of a round and direction.
-        options: duration, device, precision, memory, workers and progress, as `warpchain.simulate` takes them; and
-            report, a function that is called with a line after each round.
-
-    Returns:
-        One for each direction.
+        options: duration, device, precision, memory, workers and progress, as of `warpchain.simulate`, and report,
+            called with a line after each round.
 
     Raises:
         DriveError: no such load or chain, or a drive that cannot run in reverse.
@@ -135,12 +129,12 @@ def find_jumps(
 
 
 def _even_values(low: float, high: float, count: int) -> list[float]:
-    """`count` values that divide low to high evenly, the last of them high."""
+    """Values that divide low to high evenly, `count` up to high."""
     return np.linspace(low, high, count + 1)[1:].tolist()
 
 
 def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
-    """Name of what carries the load, its own torque, and that at which the chain breaks [N m]."""
+    """Name of the load's body, its own torque, and that of a broken chain [N m]."""
     bodies: Sequence[Any] = (*drive.sprockets, *drive.shafts)
     loads = {bodies[b].name: (b, load) for b, load in free_body_loads(drive)}
     if on is not None and on not in loads:
@@ -165,17 +159,17 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
 
 
 def _speed_ratio(drive: Drive, b: int) -> float:
-    """Speed of a body over the driver's, by the teeth of chains; 1 of a body that no chain turns."""
+    """Speed of a body over the driver's, by teeth."""
     return 1.0 if nearest_sprocket(drive, b) is None else body_speed_ratio(drive, b, drive.driver)
 
 
 def _chain_of_sprocket(drive: Drive, s: int) -> tuple[Any, int]:
-    """The chain of sprocket s, and its place on it."""
+    """Chain of sprocket s, and its place on it."""
     return next((chain, k) for chain in chain_drives(drive) for k, i in enumerate(chain.places["sprockets"]) if i == s)
 
 
 def _own_and_limit_wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
-    """Name of the chain, its own elongation, and the largest with which it can be assembled."""
+    """Name of the chain, its elongation, and the largest that can be assembled."""
     chains = {chain.name: chain.drive for chain in chain_drives(drive)}
     if on is None:
         on = next(iter(chains))
@@ -201,7 +195,7 @@ def _can_assemble(drive: Drive) -> bool:
 
 
 def _changed_drive(drive: Drive, by: str, on: str, value: float) -> Drive:
-    """The drive with a torque of this size, in the sense of its own, or with this wear."""
+    """Drive with another torque or wear, for a jump search."""
     if by == "wear":
         return drive.with_values({f"chains.{on}.elongation" if drive.chains else "chain.elongation": value})
     kind, place = next(
@@ -213,7 +207,7 @@ def _changed_drive(drive: Drive, by: str, on: str, value: float) -> Drive:
 
 
 def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive], options: dict[str, Any]) -> None:
-    """Runs all values of a round, and narrows each search."""
+    """Runs all values of a round, and narrows each jump search."""
     drives = [changed(search.drive, value) for search in todo for value in search.values]
     with warnings.catch_warnings():
         for kind in (SuspectWarning, LayoutWarning):
@@ -235,7 +229,7 @@ def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive]
 
 
 def jump_in_metrics(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
-    """Whether the chain jumped, or came off, in a run with these metrics, and the sprocket on which that is worst."""
+    """Whether the chain jumped in a run with these metrics, and the worst sprocket."""
     if row["diverged"]:
         return True, None
     names = [sprocket.name for sprocket in drive.sprockets]
@@ -247,7 +241,7 @@ def jump_in_metrics(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None
 
 
 def _state_line(search: _JumpSearch, by: str) -> str:
-    """A line on the progress of a search."""
+    """Line of text on the progress of a jump search."""
     unit, low = (" N m", search.low) if by == "torque" else (" %", 100.0 * search.low)
     if search.high is None:
         return f"{search.direction}: holds up to {low:.4g}{unit}"
@@ -256,7 +250,7 @@ def _state_line(search: _JumpSearch, by: str) -> str:
 
 
 def _jump_of_search(search: _JumpSearch, by: str, on: str, own: float, most: float) -> Jump:
-    """The result of a search that has ended."""
+    """Tooth jump of a search that has ended."""
     tension = tight = slack = float("nan")
     if search.held is not None:
         drive, row = search.held
@@ -271,18 +265,18 @@ def _jump_of_search(search: _JumpSearch, by: str, on: str, own: float, most: flo
 
 
 def _strands_beside(drive: Drive, name: str) -> list[str]:
-    """The names of the two strands beside a sprocket."""
+    """Names of the two strands beside a sprocket."""
     chain, k = _chain_of_sprocket(drive, [sprocket.name for sprocket in drive.sprockets].index(name))
     before = f"{chain.name}." if chain.name else ""
     return [f"{before}{chain.drive.strand_names[i]}" for i in (k - 1, k)]
 
 
 def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: float) -> float | None:
-    """The value at which the sprocket that jumped ceases to hold at rest, by bisection; None beyond `most`."""
+    """Value at which a sprocket ceases to hold at rest, by bisection, or None."""
     name = search.sprocket
 
     def has_jump_at_rest(value: float) -> bool:
-        """Whether the chain jumps on that sprocket at rest, at a torque or wear of this value."""
+        """Whether the chain jumps on that sprocket at rest, at this value."""
         for chain in chain_drives(_changed_drive(search.drive, by, on, value), loaded=True):
             names = [sprocket.name for sprocket in chain.drive.sprockets]
             if name in names:

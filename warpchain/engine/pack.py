@@ -1,8 +1,7 @@
 """Packs drives: assembles each, fills its rows of the ensemble's arrays, and brings its tensioners to rest.
 
-At rest a tensioner's check valve lets in what leaks out, at the pressure P_r (`warpchain.model.oil`). The content of
-oil is then mu = phi(P_r) + ln(V / V_0) at the extension that the body gives (eq. (5), (6) of
-`kernels.physics.tensioner`), and the ratchet is latched where it is.
+At rest a tensioner's check valve lets in what leaks out, at the pressure P_r (`warpchain.drive.oil`). The content of
+oil is then mu = phi(P_r) + ln(V / V_0) ((5), (6) of `kernels.physics.tensioner`), and the ratchet is latched.
 """
 
 from __future__ import annotations
@@ -72,16 +71,15 @@ def pack(
     stacks: Sequence[Stack] | None = None,
     numbers: NDArray[np.int64] | None = None,
 ) -> PackedEnsemble:
-    """Packs drives in float64, each in its assembled initial state.
+    """Packed ensemble of drives in float64, each in its assembled initial state.
 
     Args:
-        drives: the drives.
         schedules: their steps.
         stacks: stacks of the drives, if known.
-        numbers: their numbers in messages; None counts them from 0.
+        numbers: of drives in messages.
 
     Raises:
-        DriveError: for a drive whose chain does not fit; the message names the variant.
+        DriveError: a drive whose chain does not fit.
     """
     stacks = stacks_of_drives(drives) if stacks is None else stacks
     assemblies = assemble_stacks(stacks, numbers)
@@ -107,7 +105,7 @@ def pack(
 
 
 def fill_step_dependence(packed: PackedEnsemble) -> None:
-    """Fills what of contact laws and friction depends on the drives' steps."""
+    """Fills what of packed contact laws and friction depends on the step."""
     for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         fill_bristles(friction[: len(steps)], steps)
@@ -122,7 +120,7 @@ def fill_step_dependence(packed: PackedEnsemble) -> None:
 
 
 def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64]) -> None:
-    """Fills what of friction depends on the step: bristles as stiff as it can follow, and their dampers."""
+    """Fills friction bristles as stiff as the step can follow, and their dampers."""
     inertia = friction["inertia"]
     stiffness = np.minimum(friction["stiffness"], SPRING * inertia / (step * step))
     friction["spring"] = stiffness * step
@@ -131,7 +129,7 @@ def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64]) -> None:
 
 @dataclass
 class SharedRows:
-    """Rows that an ensemble's variants share, gathered as drives are packed."""
+    """Rows that an ensemble's variants share, gathered while packing."""
 
     harmonics: RowList
     seats: RowList
@@ -139,7 +137,7 @@ class SharedRows:
 
 
 def _stack_parts(stacks: Sequence[Stack], assemblies: Assemblies) -> Iterator[tuple[Stack, Assembly]]:
-    """The stacks, in parts that were assembled at once, and their assemblies."""
+    """Stacks, in parts assembled at once, and their assemblies."""
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):
             whole = len(places) == len(stack.members)
@@ -148,20 +146,20 @@ def _stack_parts(stacks: Sequence[Stack], assemblies: Assemblies) -> Iterator[tu
 
 @contextmanager
 def _blank_rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Rows of zeros to fill within the context, which then go to their places in an array."""
+    """Context of zero rows to fill, which then go into an array."""
     rows = np.zeros(places.shape, dtype=array.dtype)
     yield rows
     array[places] = rows
 
 
 def _fill_rows(array: NDArray[Any], places: NDArray[Any], fill: Callable[..., None], *given: Any) -> None:
-    """Fills rows of zeros by `fill`, and puts them at their places in an array."""
+    """Fills zero rows by `fill`, and puts them into an array."""
     with _blank_rows(array, places) as row:
         fill(row, *given)
 
 
 def _pack_stack(packed: PackedEnsemble, part: Stack, assembly: Assembly, gathered: SharedRows) -> None:
-    """Fills the rows of a stack's variants, in their initial states."""
+    """Packs a stack's variants, in their initial states."""
     drive, v = part.drive, part.members
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in DIMENSIONS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(drive, assembly)
@@ -193,7 +191,7 @@ def _pack_stack(packed: PackedEnsemble, part: Stack, assembly: Assembly, gathere
 def _pack_trains(
     packed: PackedEnsemble, drive: Drive, at: Mapping[str, NDArray[np.int64]], assembly: Assembly, gathered: SharedRows
 ) -> None:
-    """Fills the rows of shafts, gears, couplings and valves, where a stack has any."""
+    """Packs shafts, gears, couplings and valves of a stack."""
     if not is_tied(drive):
         return
     for h in range(len(drive.shafts)):
@@ -224,7 +222,7 @@ def _pack_sprocket(
     assembly: Assembly,
     gathered: SharedRows,
 ) -> None:
-    """Fills the rows of sprocket s; `at` says where the parts of each variant begin."""
+    """Packs sprocket s of a stack; `at` has variants' first parts."""
     mine, body = at["first_sprocket"] + s, at["first_body"] + s
     _fill_rows(packed.sprockets, mine, fill_sprocket_row, drive, s, gathered.seats)
     _fill_rows(
@@ -252,7 +250,7 @@ def _pack_sprocket(
 
 
 def _pack_guides(packed: PackedEnsemble, drive: Drive, at: Mapping[str, NDArray[np.int64]]) -> None:
-    """Fills the rows of the guides of a stack."""
+    """Packs the guides of a stack."""
     used = 0
     with _blank_rows(packed.pieces, consecutive_places(at["first_piece"], piece_count(drive))) as pieces:
         for g in range(len(drive.guides)):
@@ -274,7 +272,7 @@ def _pack_guides(packed: PackedEnsemble, drive: Drive, at: Mapping[str, NDArray[
 
 
 def tensioner_extensions(packed: PackedEnsemble) -> NDArray[np.float64]:
-    """(all tensioners,) extension of each where its body stands [m]."""
+    """Extensions (all tensioners,) [m] where their bodies stand."""
     first = np.repeat(packed.drives["first_body"].astype(np.int64), packed.drives["tensioners"])
     of = packed.tensioners[: len(first)]
     body = packed.bodies[first + of["body"]]
@@ -285,13 +283,13 @@ def tensioner_extensions(packed: PackedEnsemble) -> NDArray[np.float64]:
 
 
 def oil_compression(pressure: NDArray[np.float64], of: NDArray[Any]) -> NDArray[np.float64]:
-    """phi(P) of oil with air, eq. (5)."""
+    """Compression phi(P) of oil with air, eq. (5)."""
     ratio = pressure / of["ambient"]
     return of["oil_share"] * ratio - of["air_share"] * ratio ** (-1.0 / EXPONENT)
 
 
 def rest_tensioners(packed: PackedEnsemble) -> None:
-    """Sets every tensioner of an ensemble to the state that it has at rest where its body stands."""
+    """Sets tensioners of a packed ensemble to rest where bodies stand."""
     x = tensioner_extensions(packed)
     of, oil = packed.tensioners[: len(x)], packed.oil[: len(x)]
     oil["farthest"] = x
@@ -306,7 +304,7 @@ def rest_tensioners(packed: PackedEnsemble) -> None:
 
 
 def tensioners_as_springs(tensioners: NDArray[Any]) -> NDArray[Any]:
-    """Tensioners that push with their force at rest: as springs, without dampers and ratchets."""
+    """Tensioner rows that push as at rest: springs without dampers and ratchets."""
     slow = tensioners.copy()
     wet = slow["hydraulic"] == 1
     slow["preload"][wet] += ((slow["rest"] - slow["ambient"]) * slow["area"])[wet]

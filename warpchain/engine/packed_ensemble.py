@@ -1,4 +1,4 @@
-"""Many drives as the flat arrays that kernels read, each variant's parts one after the other."""
+"""Packed ensemble: many drives as the flat arrays that kernels read, each variant's parts one after the other."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ REAL_TYPES = {"float64": wp.float64, "float32": wp.float32}
 
 
 def real_type(precision: str) -> type:
-    """Warp's scalar type of a precision; a SimulationError for an unknown one."""
+    """Warp's scalar type of a precision; raises SimulationError for an unknown one."""
     if precision not in REAL_TYPES:
         raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
     return REAL_TYPES[precision]
 
 
 def roller_state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 6, N) rows x, y, vx, vy and the low parts of x, y, which are 0 in float64."""
+    """Rows (..., 6, N) of rollers: x, y, vx, vy and low parts of x, y."""
     rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
     rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
     return rows
 
 
 def consecutive_places(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
-    """(V, count) places `first` to `first + count - 1` of each variant."""
+    """Places (V, count) from `first` (V,) on of each variant."""
     return np.asarray(first, dtype=np.int64)[:, None] + np.arange(count)
 
 
 def strided_view(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any] | None:
-    """Writable view (V, count) of the values from `first` (V,) on; None where these are not equally far apart."""
+    """Writable view (V, count) of values from `first` on; None if unevenly spaced."""
     apart = np.diff(first)
     apart_by = int(apart[0]) if len(apart) else count
     if apart_by < count or (apart != apart_by).any():
@@ -60,13 +60,13 @@ def strided_view(values: NDArray[Any], first: NDArray[np.integer], count: int) -
 
 
 def gather_values(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any]:
-    """(V, count) values from `first` (V,) on, to read."""
+    """Values (V, count) from `first` (V,) on, to read."""
     view = strided_view(values, first, count)
     return values[consecutive_places(first, count)] if view is None else view
 
 
 def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) -> None:
-    """Sets the values from `first` (V,) on to `rows`, (V, count) or (count,) for all."""
+    """Sets the values from `first` (V,) on to `rows`."""
     view = strided_view(values, first, rows.shape[-1])
     if view is None:
         values[consecutive_places(first, rows.shape[-1])] = rows
@@ -77,7 +77,7 @@ def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArr
 def roller_coordinates(
     rows: NDArray[np.floating], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """x and y (K, N) of the `count` rollers of each of K variants, which begin at `first` (K,)."""
+    """Coordinates x and y (K, N) of rollers of K variants from `first`."""
     both = gather_values(rows, STATE_ROWS * first, 2 * count)
     return both[:, :count], both[:, count:]
 
@@ -86,17 +86,17 @@ _PackedArrays: Any = make_dataclass("Arrays", PACKED_ARRAYS)
 
 
 def is_speed_dependent(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether the coefficient of each row of `structs.Friction` depends on the speed."""
+    """Whether the coefficient of each `structs.Friction` depends on speed."""
     return np.asarray(rows["mu_static"] != rows["mu_dynamic"])
 
 
 @dataclass
 class PackedEnsemble(_PackedArrays):
-    """An ensemble as numpy structured arrays, laid out as `kernels.structs`.
+    """Packed ensemble of drives, as numpy structured arrays of `kernels.structs`.
 
     Attributes:
         drives, chains ...: the packed arrays of `arrays.ARRAYS`; those of parts have one row at least.
-        rollers: (6 * all rollers,) rows of each variant: x, y, vx, vy, and the low parts of x, y (float32).
+        rollers: (6 * all rollers,) rows x, y, vx, vy, low parts of x, y of each variant.
         assemblies: the initial states.
         frame: layout of recorded frames.
     """
@@ -107,7 +107,7 @@ class PackedEnsemble(_PackedArrays):
 
     @classmethod
     def blank(cls, drives: NDArray[Any], assemblies: Assemblies) -> PackedEnsemble:
-        """An ensemble in float64 with the counts and places of `drives`, and zeros elsewhere."""
+        """Ensemble in float64 with the counts of `drives`, and zeros elsewhere."""
         arrays: dict[str, Any] = {}
         for group in ARRAYS:
             counts = array_lengths(drives, group)
@@ -119,17 +119,17 @@ class PackedEnsemble(_PackedArrays):
         return cls(**arrays | {"drives": drives}, precision="float64", assemblies=assemblies)
 
     def remove_lag(self) -> None:
-        """Makes contacts take speeds as they are, for drives that take no step."""
+        """Makes contacts take speeds as they are, for drives without steps."""
         for law in (self.sprockets["law"], self.guides["law"]):
             law["lag"] = law["yielding"] = law["most_damping"] = 0.0
 
     def copy(self) -> PackedEnsemble:
-        """A copy with arrays of its own."""
+        """Ensemble with copied arrays."""
         return replace(self, **{name: getattr(self, name).copy() for name in PACKED_ARRAYS})
 
     @cached_property
     def real(self) -> type:
-        """Warp's scalar type of the precision."""
+        """Warp's scalar type of the ensemble's precision."""
         return REAL_TYPES[self.precision]
 
     @property
@@ -152,20 +152,20 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def contact_friction_kinds(self) -> NDArray[np.int64]:
-        """(variants,) friction on teeth and guide-bars: 0 none, 1 of a constant coefficient, 2 by the speed."""
+        """Friction kind (variants,) of contacts: 0 none, 1 constant, 2 by speed."""
         both = (self.tooth_friction, self.guide_friction)
         rubs = self.has_any_of(*(friction["inertia"] > 0.0 for friction in both))
         return rubs * (1 + self.has_any_of(*(is_speed_dependent(friction) for friction in both)))
 
     @property
     def joint_friction_kinds(self) -> NDArray[np.int64]:
-        """(variants,) friction of the chain's joints: 0 none, 1 of a constant coefficient, 2 by the speed."""
+        """Friction kind (variants,) of joints: 0 none, 1 constant, 2 by speed."""
         joint = self.chains["joint"]
         return np.asarray((joint["inertia"] > 0.0) * (1 + is_speed_dependent(joint)))
 
     @property
     def has_varied_links(self) -> NDArray[np.bool_]:
-        """(variants,) whether links of a chain differ in more than their length, or have play."""
+        """(variants,) whether a chain's links differ, or have play."""
         of = self.chains
         unlike = (of["outer_stiffness"] != of["stiffness"]) | (of["outer_damping"] != of["damping"])
         return np.asarray(unlike | (of["play"] != 0.0))
@@ -184,10 +184,10 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_crowded_arms(self) -> NDArray[np.bool_]:
-        """(variants,) whether an arm carries a guide beside a sprocket or another guide."""
+        """(variants,) whether an arm carries a guide and something else."""
 
         def carried(counts: str, bodies: NDArray[np.integer]) -> NDArray[np.int64]:
-            """(bodies,) how many of some parts, which drives have so many of, bodies carry."""
+            """Number (bodies,) of a kind's parts that each body carries."""
             owner = np.repeat(self.drives["first_body"], self.drives[counts])
             on = bodies[: len(owner)] != GROUND
             return np.bincount((owner + bodies[: len(owner)])[on], minlength=len(self.bodies))
@@ -203,7 +203,7 @@ class PackedEnsemble(_PackedArrays):
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
     def _sums_by_variant(self, counts: str, numbers: NDArray[np.integer]) -> NDArray[np.int64]:
-        """(variants,) sums of the parts' whole numbers, of which each variant has `drives[counts]`."""
+        """Sums (variants,) of parts' numbers, `drives[counts]` a variant."""
         owner = np.repeat(np.arange(self.variants), self.drives[counts])
         return np.bincount(owner, numbers[: len(owner)], self.variants).astype(np.int64)
 
@@ -219,7 +219,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def cam_counts(self) -> NDArray[np.int64]:
-        """(variants,) number of cams that lift valves."""
+        """Number (variants,) of cams that lift valves."""
         return self._sums_by_variant("valves", self.valves["phases"])
 
     def first_roller_value(self, v: int) -> int:
@@ -227,14 +227,14 @@ class PackedEnsemble(_PackedArrays):
         return STATE_ROWS * int(self.drives["first_roller"][v])
 
     def roller_rows(self, v: int) -> NDArray[np.floating]:
-        """View (6, N) of variant v's rows x, y, vx, vy and low parts of x, y."""
+        """View (6, N) of variant v's roller rows."""
         first, n = self.first_roller_value(v), int(self.drives["rollers"][v])
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def groups_by_rollers(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
-        """Variants (K,) with the same number of rollers, where their rollers begin (K,), and that number.
+        """Groups of variants (K,) of equal roller numbers, their first rollers, and that number.
 
-        At most `LARGEST_STACK` variants at a time, which fit the processor's caches.
+        At most `LARGEST_STACK` variants at a time.
         """
         rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
         for count in np.unique(rollers).tolist():
@@ -243,12 +243,12 @@ class PackedEnsemble(_PackedArrays):
                 yield some, first[some], count
 
     def variant_range(self, a: int, b: int) -> PackedEnsemble:
-        """Variants `a` to `b` - 1 as an ensemble that shares this one's arrays."""
+        """Ensemble of variants `a` to `b` - 1, arrays shared."""
         places = {kind: slice(int(first[a]), int(first[b])) for kind, first in first_places(self.drives).items()}
         return self._select_variants(places, self.drives[a:b].copy(), self.assemblies[a:b])
 
     def pick_variants(self, which: Sequence[int]) -> PackedEnsemble:
-        """The variants `which`, each as often as it is named, as an ensemble with arrays of its own."""
+        """Ensemble of the variants `which`, arrays copied."""
         chosen = np.asarray(which, dtype=np.int64)
         places = {}
         for kind, first in first_places(self.drives).items():
@@ -259,7 +259,7 @@ class PackedEnsemble(_PackedArrays):
     def _select_variants(
         self, places: Mapping[str, slice | NDArray[np.int64]], drives: NDArray[Any], assemblies: Assemblies
     ) -> PackedEnsemble:
-        """An ensemble of the variants whose items of each dimension are at `places`."""
+        """Ensemble of the variants whose items are at `places`."""
         arrays = {}
         for name, (group, of) in PACKED_ARRAYS.items():
             row, values = ARRAYS[group][of], getattr(self, name)
@@ -269,10 +269,10 @@ class PackedEnsemble(_PackedArrays):
         return replace(self, **arrays | {"drives": fill_first_places(drives)}, assemblies=assemblies)
 
     def at_precision(self, precision: str) -> PackedEnsemble:
-        """This float64 ensemble at another precision; the low parts of positions hold what these lose.
+        """Ensemble at another precision; low parts of positions hold what is lost.
 
         Raises:
-            SimulationError: for an unknown precision.
+            SimulationError: an unknown precision.
         """
         real = real_type(precision)
         if precision == self.precision:

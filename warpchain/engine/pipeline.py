@@ -1,7 +1,6 @@
-"""A run in subensembles: some are packed by the main thread while GPUs step others and threads compute their metrics.
+"""Pipeline of a run in subensembles: some are packed while GPUs step others and threads compute their metrics.
 
-A variant's result does not depend on how a run is divided. Where a GPU fails, another takes its subensemble, packed
-anew.
+A variant's result does not depend on how a run is divided. Where a GPU fails, another takes its subensemble.
 """
 
 from __future__ import annotations
@@ -29,20 +28,20 @@ if TYPE_CHECKING:
     from warpchain.engine.checkpoint import StateKeeper
 
 FEWEST_PER_SUBENSEMBLE = 2048
-"""Fewest variants of a subensemble, on average, where a GPU gets several."""
+"""Fewest variants of a subensemble, on average, of several a GPU."""
 
 MOST_PER_GPU = 4
 """Most subensembles of a GPU."""
 
 FIRST_WORK = 0.4
-"""Work of the first subensemble of each of several GPUs over that of the others, so that the last GPU begins early."""
+"""Work of each GPU's first subensemble over that of the others."""
 
 DEALT_TOGETHER = 128
-"""Variants of a stack that go to one subensemble together, as each stack in it has a cost of its own."""
+"""Variants of a stack that go to one subensemble together."""
 
 
 def split_variants(variants: Variants, gpus: int, most: int) -> list[Variants]:
-    """Variants divided into `most` subensembles for each of `gpus` GPUs at most; all in one without GPUs."""
+    """Variants divided into at most `most` subensembles a GPU."""
     count = len(variants.drives)
     parts = min(count, gpus * max(1, min(most, count // (gpus * FEWEST_PER_SUBENSEMBLE)))) if gpus else 1
     if parts == 1 or _has_too_large_drive(variants):
@@ -51,10 +50,7 @@ def split_variants(variants: Variants, gpus: int, most: int) -> list[Variants]:
 
 
 def deal_variants(variants: Variants, count: int, gpus: int) -> Iterator[NDArray[np.bool_]]:
-    """Masks (V,) of `count` subensembles of about the same work, each with all lengths of runs that a stack has.
-
-    Where several GPUs get several, the first ones have `FIRST_WORK` of the others' work.
-    """
+    """Masks (V,) of `count` subensembles of about the same work."""
     work, together = variants.roller_steps, max(1, min(DEALT_TOGETHER, len(variants.drives) // (8 * count)))
     part, load = np.zeros(len(work), dtype=np.int64), np.zeros(count)
     if 1 < gpus < count:
@@ -79,11 +75,9 @@ def _has_too_large_drive(variants: Variants) -> bool:
 def plan_run(
     variants: Variants, frame: FrameLayout, device: str | None, settings: tuple[str, int], most: int
 ) -> tuple[list[Variants], Subensemble, DeviceChoice]:
-    """The subensembles of a run, the first of them packed, and the devices on which they run.
+    """Parts of a run, the first as a packed subensemble, and its devices.
 
     Args:
-        variants: all variants.
-        frame: layout of recorded frames.
         device: as the user names it.
         settings: precision, and CPU threads.
         most: subensembles of a GPU.
@@ -106,15 +100,15 @@ def plan_run(
 
 
 class SubensembleQueue:
-    """Runs subensembles on GPUs; as a context, it ends when all have, or stops all where something is raised.
+    """Queue that runs subensembles on GPUs; a context that ends when all have.
 
     Args:
         settings: precision and threads; the device is replaced.
         gpus: run one subensemble each at a time.
-        make_recorders: gives the recorder and the keeper of states of a subensemble.
+        make_recorders: gives a subensemble's recorder and keeper of states.
         again: whether a subensemble whose GPU fails may go to another.
         total: simulated time of all [s].
-        report, stop: of the run; the calling thread reports.
+        report, stop: of the run.
     """
 
     def __init__(
@@ -154,7 +148,7 @@ class SubensembleQueue:
         wp.set_device(self._device)  # which threads set in turns
 
     def add(self, part: Subensemble) -> None:
-        """Hands a subensemble to the next free GPU. Raises what one before has raised.
+        """Hands a subensemble to the next free GPU; raises earlier errors.
 
         Raises:
             SimulationError: a variant that a GPU does not accept.
@@ -171,7 +165,7 @@ class SubensembleQueue:
         self._report_progress()
 
     def _run_on_gpu(self, number: int, part: Subensemble) -> SubensembleResult:
-        """Runs a subensemble on a GPU, and on another where that fails.
+        """Result of a subensemble on a GPU, or on another where that fails.
 
         Raises:
             DeviceError: no GPU is left, or it is not to be run again.
@@ -204,11 +198,11 @@ class SubensembleQueue:
 
     @property
     def layout_faults(self) -> list[Sequence[str]]:
-        """Faults of the layouts of all variants that were added, in the order of the run."""
+        """Faults of the layouts of all added variants, in run order."""
         return [self._layouts[number] for number in sorted(self._layouts)]
 
     def joined_result(self) -> SubensembleResult:
-        """Waits for all subensembles; returns the result of all variants."""
+        """Result of all variants, once all subensembles have run."""
         while wait(self._running, timeout=0.1).not_done:
             self._report_progress()
         self._report_progress()
@@ -221,7 +215,7 @@ class SubensembleQueue:
         return SubensembleResult(ended, lambda: blocks, frames, max(outcome.end_time for outcome in outcomes))
 
     def _report_progress(self) -> None:
-        """Reports the progress of all; raises what any has raised."""
+        """Reports the progress of all subensembles; raises their errors."""
         for future in self._running:
             if future.done():
                 future.result()

@@ -1,4 +1,4 @@
-"""Work in processes of its own, for many small things that Python's lock would keep from threads."""
+"""Pool of processes for many small things that Python's lock would keep from threads."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from warpchain.progress import ProgressReport, completed_futures, ignore_progres
 from warpchain.python_process import can_start_python, start_python
 
 FEWEST_THINGS = 16
-"""Things for which a process is worth its start, which takes a second or two."""
+"""Things for which a process is worth its start."""
 
 
 def map_in_processes(
@@ -28,12 +28,10 @@ def map_in_processes(
     phase: str = "",
     report: ProgressReport = ignore_progress,
 ) -> list[Any]:
-    """Results of a function for many things, in their order; where it raises an exception, that is the result.
-
-    Few things are done here, one after the other.
+    """Results of a function for many things, in order, or the exceptions raised.
 
     Args:
-        work: a function of a module, or `functools.partial` of one; it, things and results can be pickled.
+        work: function of a module, or `functools.partial` of one, that can be pickled.
         workers: processes at most.
         phase, report: what is reported as things are done.
 
@@ -84,7 +82,7 @@ def map_in_processes(
 
 
 def _result_or_error(work: Callable[[Any], Any], thing: Any) -> Any:
-    """The result of `work(thing)`, or the exception that it raises."""
+    """Result of `work(thing)`, or the exception that it raises."""
     try:
         return work(thing)
     except Exception as error:
@@ -92,7 +90,7 @@ def _result_or_error(work: Callable[[Any], Any], thing: Any) -> Any:
 
 
 def serve_requests() -> None:
-    """Does the work read from standard input, and writes results to what was standard output, until the input ends."""
+    """Does pickled work from standard input, results going to standard output."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)

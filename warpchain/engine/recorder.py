@@ -1,4 +1,4 @@
-"""Collects the frames that kernels write, launch by launch, in memory or in an archive."""
+"""Recorder of the frames that kernels write, launch by launch, in memory or in an archive."""
 
 from __future__ import annotations
 
@@ -27,31 +27,22 @@ if TYPE_CHECKING:
     from warpchain.engine.packed_ensemble import PackedEnsemble
 
 BUFFER_FRACTION = 0.25
-"""Part of the memory budget that the two frame buffers may take."""
+"""Part of the memory budget of the two frame buffers."""
 
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """Which trajectories of a run to record, and where.
-
-    Attributes:
-        record: which trajectories to keep.
-        precision: "float64" or "float32".
-        memory: budget for state, buffers and kept trajectories [bytes].
-        archive: file that frames go to instead of memory.
-        options: how the archive is written; None takes the defaults.
-        overwrite: replace an archive of that name.
-    """
+    """Options of a run's recording: trajectories, memory, archive."""
 
     record: Record
     precision: str
-    memory: int
-    archive: str | Path | None = None
+    memory: int  # budget for state, buffers and kept trajectories [bytes]
+    archive: str | Path | None = None  # file that frames go to instead of memory
     options: ArchiveOptions | None = None
     overwrite: bool = False
 
     def open_archive(self, drives: Sequence[Drive], info: RunInfo) -> AbstractContextManager[ArchiveWriter | None]:
-        """Begins the archive of a run of these drives; the context gives None where there is to be none."""
+        """Context of the writer of a run's archive, or None."""
         if self.archive is None:
             return nullcontext()
         from warpchain.archive import ArchiveWriter
@@ -62,7 +53,7 @@ class RecordingOptions:
     def finished_trajectories(
         self, writer: ArchiveWriter | None, metrics: pa.Table, info: RunInfo, frames: Mapping[int, Trajectory]
     ) -> Mapping[int, Trajectory]:
-        """The trajectories of a run that has ended, in memory, or in the archive, which is finished."""
+        """Trajectories of an ended run, in memory or in the finished archive."""
         if self.archive is None or writer is None:
             return frames
         from warpchain.archive import read_archive
@@ -72,7 +63,7 @@ class RecordingOptions:
 
 
 def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
-    """The part of a budget that an ensemble's sums and statistics leave [bytes]; a SimulationError below 0."""
+    """Memory budget [bytes] beside an ensemble's sums; raises SimulationError below 0."""
     from warpchain.engine.arrays import sums_bytes
 
     taken = sums_bytes(packed)
@@ -85,19 +76,17 @@ def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
 
 
 class Recorder:
-    """Lays out the frame buffers of some variants of a run, and collects their frames.
+    """Recorder of some variants' frames, which lays out buffers for them.
 
     Args:
-        schedules: (V,) of the variants.
-        numbers: (V,) their numbers in the run.
-        packed: the packed variants.
+        numbers: (V,) of the variants in the run.
         recording: of the run; of its memory they have their part.
         rows: their chains.
-        count: number of the run's variants.
+        count: of the run's variants.
         archive: where frames go; None keeps them in memory.
 
     Raises:
-        SimulationError: if the trajectories, or a single frame of each variant, exceed the memory budget.
+        SimulationError: trajectories, or a frame of each variant, exceed the memory budget.
     """
 
     def __init__(
@@ -141,7 +130,7 @@ class Recorder:
             self._check_memory(memory)
 
     def _check_memory(self, memory: int) -> None:
-        """Raises a SimulationError for trajectories that would not fit in memory."""
+        """Raises SimulationError for trajectories that do not fit in memory."""
         frames = np.array([self.schedules[v].frames for v in self.owners], dtype=np.int64)
         wanted = float((frames * self.widths).sum()) * self.bytes_per_value
         if wanted > memory:
@@ -152,7 +141,7 @@ class Recorder:
             )
 
     def launch_step_limit(self, limit: int, most: int | None = None) -> int:
-        """Steps of a launch, `limit` at most, such that its frames fit a buffer, of `most` bytes if given."""
+        """Number of steps of a launch whose frames fit a buffer, `limit` at most."""
         if not self.indices:
             return limit
         values = self._buffer_values if most is None else min(self._buffer_values, most // self.bytes_per_value)
@@ -160,7 +149,7 @@ class Recorder:
         return int(max(1, min(limit, room / float((self.widths / self.every).sum()))))
 
     def lay_out_buffer(self, steps: int) -> int:
-        """Sets where each variant's frames begin in a buffer for launches of `steps` steps; returns its length."""
+        """Sets where variants' frames begin in a buffer; returns its length."""
         counts = steps // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
         ends = np.cumsum(counts * self.widths)
         self.first = ends - counts * self.widths
@@ -168,7 +157,7 @@ class Recorder:
         return int(ends[-1]) if self.indices else 0
 
     def take_frames(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
-        """Takes the frames of a launch from its buffer; `before` and `after` are the rows' progress."""
+        """Takes the frames of a launch from its buffer, by rows' progress."""
         parts: dict[int, list[Trajectory]] = {}
         for k, (v, r) in enumerate(zip(self.owners, self.written, strict=True)):
             every, width = int(self.every[k]), int(self.widths[k])
@@ -185,7 +174,7 @@ class Recorder:
             self._keep_chunk(v, chains[0] if len(chains) == 1 else trajectory_of_chains(self.drives[v], chains))
 
     def _trajectory(self, r: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
-        """Frames of a row in a buffer, as a trajectory with memory of its own."""
+        """Trajectory of a row's frames in a buffer, copied."""
         drive = self.rows.drives[r]
         channels, names = (
             self.packed.frame.split_frames(values, PartCounts.of_drive(drive)),
@@ -194,18 +183,18 @@ class Recorder:
         return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in names})
 
     def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
-        """Appends a part of a variant's trajectory to the archive or to memory."""
+        """Appends a part of a trajectory to the archive or memory."""
         if self._archive is not None:
             self._archive.append(self.numbers[v], chunk)
         else:
             self._kept[v].append(chunk)
 
     def kept_trajectories(self) -> Mapping[int, Trajectory]:
-        """The trajectories kept in memory, by their variants' numbers in the run; hands them over."""
+        """Trajectories kept in memory, by variants' numbers; hands them over."""
         return {} if self._archive is not None else {self.numbers[v]: self._joined_trajectory(v) for v in self.indices}
 
     def _joined_trajectory(self, v: int) -> Trajectory:
-        """A variant's parts as one trajectory."""
+        """Trajectory joined of a variant's parts."""
         chunks = self._kept.pop(v)
         if not chunks:
             rows = range(self.begins[v], self.begins[v + 1])

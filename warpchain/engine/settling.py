@@ -1,6 +1,6 @@
 """Settling: brings assembled chains to static equilibrium, all sprockets held, before the first step.
 
-Done in float64 whatever the run's precision, by the kernel `relax` of `warpchain.kernels`.
+Done in float64 whatever the run's precision, by the kernel `relax`.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from warpchain.kernels.relaxation import LEAST_STRETCH
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 SETTLE_LIMIT = 100_000
-"""Most steps that settling takes a variant."""
+"""Most steps of settling a variant."""
 
 SETTLE_TOLERANCE = 1.0e-3
-"""Residual that settling aims at, as a fraction of the largest link force."""
+"""Residual that settling aims at, over the largest link force."""
 
 SETTLE_DAMPING = 0.1
-"""Link damping while settling, of sqrt(k m), which quiets fast axial modes and leaves the equilibrium as it is."""
+"""Link damping while settling, of sqrt(k m), for fast axial modes."""
 
 SETTLE_STEP = 0.7
-"""Relaxation step as a fraction of the stability limit."""
+"""Relaxation step over the stability limit."""
 
 
 def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
-    """A copy of the ensemble at rest, sprockets held, contacts without dissipation or friction, links damped.
+    """Packed ensemble to settle: at rest, sprockets held, links damped, without friction.
 
-    Rollers inside guide-bars are pushed out through the face, however deep. Tensioners push with their force at rest.
+    Rollers inside guides are pushed out through the face.
     """
     still = packed.copy()
     for name in ("tooth_friction", "guide_friction"):
@@ -71,7 +71,7 @@ def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
 
 
 def damp_arm_contacts(still: PackedEnsemble) -> None:
-    """Gives contacts of drives with arms the dampers that links have while settling."""
+    """Damps contacts of drives with arms, for settling."""
     drives = still.drives
     damping = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     for laws, count in ((still.sprockets["law"], "sprockets"), (still.guides["law"], "guides")):
@@ -82,7 +82,7 @@ def damp_arm_contacts(still: PackedEnsemble) -> None:
 
 
 def lighten_arms(packed: PackedEnsemble, stacks: Sequence[Stack]) -> None:
-    """Reduces arms' inertia, for settling, until the fastest oscillates half as fast, in omega^2, as the rollers do."""
+    """Reduces arms' inertia for settling, until they oscillate like rollers."""
     for stack in stacks:
         drive, count = stack.drive, len(stack.drive.arms)
         if count:
@@ -102,19 +102,13 @@ def settle_variants(
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
     stacks: Sequence[Stack] | None = None,
 ) -> NDArray[Any]:
-    """Settles the variants that ask for it: moves rollers, arms and boxes of `packed`, whose velocities stay.
+    """Settles variants that ask for it: moves rollers, arms and boxes; returns `Settling` (variants,).
 
     Args:
-        packed: the ensemble in float64.
-        device: where to settle.
-        cores: CPU threads.
+        packed: in float64.
         steps: of one launch.
-        run: waits for launches, given a function that tells (done, total) in drives, by their steps; False ends it.
-            It is asked before the first launch, too, with none to wait for.
-        stacks: stacks of the drives, if known.
-
-    Returns:
-        (variants,) `kernels.relaxation.Settling`: residual and steps of each variant.
+        run: waits for launches, given a function that reports (done, total); False ends it.
+        stacks: of the drives, if known.
     """
     wanted = np.array([drive.run.settle for drive in drives])
     state = np.zeros(packed.variants, dtype=relaxation.Settling.numpy_dtype())
@@ -152,7 +146,7 @@ def settle_variants(
 
 
 def _move_to_settled(packed: PackedEnsemble, stack: Stack, moved: NDArray[np.floating], bodies: NDArray[Any]) -> None:
-    """Moves rollers, arms and boxes of a stack's variants to where they have settled."""
+    """Moves rollers, arms and boxes of a stack to where they have settled."""
     drive, rows = stack.drive, packed.drives[stack.members]
     links = drive.chain.links
     first = STATE_ROWS * rows["first_roller"].astype(np.int64)
@@ -173,11 +167,11 @@ def _move_to_settled(packed: PackedEnsemble, stack: Stack, moved: NDArray[np.flo
 
 
 def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(V,) largest net force that settling left on a roller [N], from its residuals (`kernels.relaxation`).
+    """Largest net force (V,) [N] that settling left on a roller.
 
     Args:
         packed: the settled ensemble in float64.
-        residual: (V,) over the largest link force, or if that is larger a roller's weight, or the least that counts.
+        residual: (V,) over the largest link force or least that counts.
     """
     largest = np.zeros(packed.variants)
     for alike, first, count in packed.groups_by_rollers():

@@ -1,8 +1,4 @@
-"""`simulate`: runs an ensemble of drives, from schedules to metrics and trajectories, with an orderly end on Ctrl-C.
-
-Tensions, mid-strand displacements and slips are sampled every so many steps, as a sample takes as long as two steps
-(`scripts/drawings/sampling.py` shows what that misses).
-"""
+"""`simulate`: runs an ensemble of drives, from schedules to metrics and trajectories, with an orderly end on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -43,13 +39,13 @@ MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
 
 SAMPLES_PER_PITCH = 16
-"""Fewest samples while the chain moves on by a pitch, the period of polygon action and contacts."""
+"""Fewest samples while the chain moves on by a pitch."""
 
 SAMPLES_PER_WINDOW = 320
-"""Fewest samples in a window where they are further apart than `LOOK_EVERY`."""
+"""Fewest samples in a window where further apart than `LOOK_EVERY`."""
 
 LONG_SAMPLE_INTERVAL = 2 * LOOK_EVERY
-"""Steps between samples of a chain that is slow enough for them."""
+"""Steps between samples of a slow chain."""
 
 
 @check_arguments(SimulationError)
@@ -74,42 +70,38 @@ def simulate(
     replicate_by: str = REPLICATE_WAYS[0],
     states: States | None = None,
 ) -> Run:
-    """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
+    """Run of drives, simulated all at once: metrics and recorded trajectories.
 
-    The drives may differ in every value, in the number of links, teeth, sprockets and guide-bars. A variant's result
-    depends neither on the others nor on the number of threads, to the last bit.
+    A variant's result depends neither on the others nor on the number of threads, to the last bit.
 
     Args:
-        drives: one drive or many.
-        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for those expected to finish first
-            (`info.choice` tells why). Results on different devices differ in their last bits.
+        drives: one drive or many, which may differ in every value.
+        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for those expected to finish first (`info.choice`
+            says why). Results on different devices differ in their last bits.
         precision: "float64" or "float32".
         duration: simulated time [s]; None takes each drive's own.
         step: time step [s], or "auto"; None takes each drive's own.
-        record: which trajectories to keep; None keeps all, at each drive's own sample rate.
+        record: which trajectories to keep; None keeps all.
         window: (start, end) of the time over which metrics are taken [s]; None is the second half of the run.
-        progress: True shows a bar; a function is called with (phase, done, total): "compiling", in kernels, where
-            Warp's cache lacks some; "settling", in drives; "simulating", in simulated time of all variants [s], the
-            part of it that is done of the work.
+        progress: True shows a bar; a function gets (phase, done, total): "compiling", in kernels; "settling", in
+            drives; "simulating", in simulated time of all variants [s].
         memory: budget for sums and statistics, buffers and kept trajectories [bytes].
-        archive: MCAP file that recorded frames go to while the run goes on, instead of memory; `run[i]` then reads
-            from it.
-        archive_options: how the archive is written; None takes the defaults.
+        archive: MCAP file that recorded frames go to instead of memory.
+        archive_options: how the archive is written.
         overwrite: replace an archive of that name.
         workers: number of CPU threads; None takes all cores.
-        limits: what a variant may come to and still be "ok" (column `status` of the metrics); None takes the defaults.
-        replicates: run this many copies of each drive that differ in how they begin, the drive itself among them; copy
-            k of drive d is variant d * replicates + k, and `run.summary` has mean, standard error and n of each drive.
-        replicate_by: "build", copies begin at other phases within a tooth of the driver, their rollers laid elsewhere
-            in the tooth gaps; "phase", at other phases; "perturbation", with every roller displaced by some 1e-9
-            pitches.
+        limits: what a variant may come to and still be "ok" (column `status` of the metrics).
+        replicates: run this many copies of each drive that differ in how they begin; copy k of drive d is variant d *
+            replicates + k, and `run.summary` has mean, standard error and n of each drive.
+        replicate_by: "build", copies begin at other phases within a tooth, their rollers laid elsewhere in the gaps;
+            "phase", at other phases; "perturbation", with every roller displaced by some 1e-9 pitches.
         states: keeps where variants stand, so that longer runs go on from there (`warpchain.engine.checkpoint`).
 
     Returns:
         The run. If the user interrupts (Ctrl-C), what was computed until then, with `run.info.ended` "interrupted".
 
     Raises:
-        DriveError: a chain that does not fit, or a step beyond its limit; the message names the variant.
+        DriveError: a chain that does not fit, or a step beyond its limit.
         SimulationError: an argument that is not allowed, an unknown device, a window outside the run, or trajectories
             that exceed the memory budget.
 
@@ -190,7 +182,7 @@ def schedules_of(
     window: tuple[float, float] | None,
     stacks: Sequence[Stack] | None = None,
 ) -> list[Schedule]:
-    """Steps, samples and window of each variant, in whole steps.
+    """Schedules of variants: steps, samples and window, in whole steps.
 
     Raises:
         DriveError: a step beyond a variant's limit.
@@ -213,7 +205,7 @@ def schedules_of(
 def _step_sizes(
     drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None
 ) -> tuple[list[float], list[int]]:
-    """The step of each variant [s], and the most steps between two samples of its chain.
+    """Step of each variant [s], and most steps between samples of its chain.
 
     Raises:
         DriveError: the first variant whose step is beyond its limit.
@@ -235,7 +227,7 @@ def _step_sizes(
 def _schedule(
     v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
 ) -> Schedule:
-    """The schedule of variant v: samples `longest` steps apart at most, frames at `rate` [Hz], None for none."""
+    """Schedule of variant v, samples `longest` apart at most, frames at `rate` [Hz]."""
     start, end = window
     steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
     first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
@@ -251,11 +243,11 @@ def _schedule(
 
 
 def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
-    """() or (V,) most steps between two samples that the chain's mean speed allows.
+    """Most steps, () or (V,), between two samples at the chain's mean speed.
 
     Args:
         drive: one, or a stack.
-        step: of it [s], or (V,) of each variant.
+        step: [s], or (V,) of each variant.
     """
     chains = [chain.drive for chain in chain_drives(drive)]
     moved = np.asarray(maximum(*(chain_speed(of) * step / of.chain.pitch for of in chains)))
@@ -265,7 +257,7 @@ def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> 
 
 
 def sample_interval(longest: int, window: int) -> int:
-    """Steps between two samples in a window of so many steps, at most `longest` (`longest_sample_interval`)."""
+    """Steps between two samples in a window, at most `longest`."""
     return longest if window >= SAMPLES_PER_WINDOW * longest else LOOK_EVERY
 
 

@@ -40,23 +40,23 @@ from warpchain.model.trains import body_turning_sign, is_free_body, prescribed_l
 
 FORCE_NUMBERS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6
-"""Part of m p^2 / 6 that the friction of a joint has to stop, so that all joints at once still decay."""
+"""Part of m p^2 / 6 that joint friction has to stop, for stability."""
 
 CONTACT_MARGIN = 1.0 / 16.0
-"""Distance, in roller radii, from which a roller may come to touch a partner within a step."""
+"""Distance, in roller radii, from which a roller may reach a partner."""
 
 PIN_STIFFNESS = 12.0
-"""Stiffness of a pin in its bush over a link's: its two pins are taken to have a sixth of its compliance."""
+"""Stiffness of a pin in its bush over a link's."""
 
 TANGENTIAL_STIFFNESS = 0.8
-"""Stiffness of a contact along its surface over that across it (Mindlin 1949; 0.82 for steel)."""
+"""Stiffness of a contact along its surface over that across (Mindlin 1949)."""
 
 DEEPEST_ENTRY = 0.5
-"""Depth in a guide-bar, in roller radii, at which a roller seen for the first time has not come through the face."""
+"""Depth in a guide, in roller radii, beyond which a roller missed the face."""
 
 
 class RowList:
-    """Rows of (order, amplitude, phase), or of seat directions, gathered as drives are packed."""
+    """List of rows, of harmonics or seat directions, gathered while packing."""
 
     def __init__(self, width: int) -> None:
         self.blocks: list[NDArray[np.float64]] = []
@@ -72,12 +72,12 @@ class RowList:
         return first, len(self.blocks[-1])
 
     def array(self) -> NDArray[np.float64]:
-        """All rows; one row of zeros where there are none, since Warp reads no empty array."""
+        """Array of all rows; one row of zeros for none."""
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
 
 
 def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
-    """Fills a `kernels.structs.ContactLaw`, apart from what depends on the step and on bodies."""
+    """Fills a `structs.ContactLaw`, apart from step and bodies."""
     row["form"] = FORCE_NUMBERS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
@@ -86,7 +86,7 @@ def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) ->
 
 
 def fill_sprocket_row(row: Any, drive: Drive, s: int, seats: RowList) -> None:
-    """Fills the `kernels.structs.Sprocket` of sprocket s; `seats` gathers the directions of tooth seats."""
+    """Fills the `structs.Sprocket` of sprocket s; `seats` gathers tooth seats."""
     teeth = drive.sprockets[s].teeth
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
@@ -111,13 +111,13 @@ def fill_sprocket_row(row: Any, drive: Drive, s: int, seats: RowList) -> None:
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
-    """(order, amplitude, phase) of the harmonics of body s, orders by its own revolutions."""
+    """Rows (order, amplitude, phase) of body s's harmonics, by its revolutions."""
     rows = [array_of_columns((h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
 def fill_motion_row(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
-    """Fills the `kernels.structs.Motion` of sprocket or shaft s, its prescribed motion or its load."""
+    """Fills the `structs.Motion` of sprocket or shaft s: prescribed motion or load."""
     turned, led_by = part_of_body(drive, s), prescribed_leader(drive, s)
     row["sign"] = body_turning_sign(drive, s)
     row["start_angle"] = angle
@@ -143,20 +143,20 @@ def fill_motion_row(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowLi
 
 
 def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList) -> None:
-    """Appends the rows of harmonics to `harmonics`, and fills where they stand."""
+    """Appends rows of harmonics, and fills where they stand."""
     first, _ = harmonics.add(rows)
     row["count"] = rows.shape[-2]
     row["first"] = first + (rows.shape[-2] * np.arange(len(rows)) if rows.ndim > 2 else 0)
 
 
 def fill_table_row(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
-    """Fills where body s's table stands among `tables`, to which it is added; without a table nothing."""
+    """Fills where body s's table stands among `tables`, added to these."""
     if table is not None:
         tables.add(row, table, shaft_ratio(drive, s, table.shaft))
 
 
 def fill_straight_face(row: Any, drive: Drive, g: int) -> None:
-    """Fills the face of a straight guide-bar on the ground, of `kernels.structs.Guide`."""
+    """Fills the face of a straight, fixed guide into `structs.Guide`."""
     bar = drive.guides[g].bar
     start, end = array_of_columns(bar.start), array_of_columns(bar.end)
     chord = end - start
@@ -170,14 +170,14 @@ def fill_straight_face(row: Any, drive: Drive, g: int) -> None:
 
 
 def fill_guide_row(row: Any, drive: Drive, g: int) -> None:
-    """Fills a `kernels.structs.Guide` apart from its face."""
+    """Fills a `structs.Guide` apart from its face."""
     row["law"]["ahead"] = CONTACT_MARGIN * drive.chain.roller_radius
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
     fill_law_row(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
 
 def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: float, stiffness: float) -> None:
-    """Fills the `kernels.structs.Friction` of a contact, apart from what depends on the step; zero without friction.
+    """Fills a contact's `structs.Friction`, apart from the step; zero without friction.
 
     `effective_mass` is what friction has to stop [kg] (`tooth_effective_mass`).
     """
@@ -186,11 +186,9 @@ def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: f
 
 
 def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia: float, stiffness: float) -> None:
-    """Fills a `kernels.structs.Friction`, apart from what depends on the step.
+    """Fills a `structs.Friction`, apart from the step.
 
     Args:
-        row: the row.
-        rubbing: coefficients of friction.
         inertia: what friction has to stop [kg], of joints [kg m^2].
         stiffness: of the contact across its surface [N/m], of joints [N m/rad].
     """
@@ -200,12 +198,12 @@ def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia:
 
 
 def tooth_effective_mass(drive: Drive, s: int) -> float:
-    """m_e [kg] of a roller on sprocket s with which the friction of all its teeth at once is stable.
+    """Effective mass m_e [kg] of a roller on sprocket s, for stable friction.
 
     Forces f_i on z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's points: no
-    eigenvalue of G is above its trace, z times the mobility of a point, 1/M + (r + b/M)^2 / J for a sprocket that turns
-    and whose center moves (b of its balance wheel, J about their common center of mass), r as far as contacts reach; an
-    arm that carries it adds d^2 / I, d its center from the pivot. So 1/m_e = 1/m + z times that.
+    eigenvalue of G is above its trace, z times 1/M + (r + b/M)^2 / J for a sprocket that turns and whose center moves
+    (b of its balance wheel, J about their common center of mass), r as far as contacts reach; an arm that carries it
+    adds d^2 / I, d its center from the pivot. So 1/m_e = 1/m + z times that.
     """
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
@@ -223,7 +221,7 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
 
 
 def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
-    """Fills the `kernels.structs.Strand` after sprocket s: its line and its middle roller as assembled."""
+    """Fills the `structs.Strand` after sprocket s: line and middle roller."""
     path = assembly.path
     chord = path.strand_end[..., s, :] - path.strand_start[..., s, :]
     length = np.hypot(chord[..., 0], chord[..., 1])
@@ -234,7 +232,7 @@ def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
 
 
 def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
-    """Fills a `kernels.structs.Drive`: counts, integrator, and the box that rollers and bodies do not leave."""
+    """Fills a `structs.Drive`: counts, integrator, and the box of motion."""
     row["chains"] = 1
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
     row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.shafts) + len(drive.arms), len(drive.arms)
@@ -268,17 +266,14 @@ def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
 
 
 def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float64]) -> None:
-    """Widens drives' boxes so that rollers at `position` (..., 2, N) are inside by `margin` (..., 1) [m].
-
-    A box stays as it is where a roller is not finite.
-    """
+    """Widens drives' boxes around rollers (..., 2, N) by `margin` (..., 1) [m], if finite."""
     sound = np.isfinite(position).all(axis=(-2, -1))[..., None]
     row["low"] = np.where(sound, np.minimum(row["low"], position.min(axis=-1) - margin), row["low"])
     row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-1) + margin), row["high"])
 
 
 def fill_hub_row(row: Any, drive: Drive, s: int) -> None:
-    """Fills the `kernels.structs.Hub` of sprocket s, its `inertia` for a step of 1 s."""
+    """Fills the `structs.Hub` of sprocket s, its `inertia` for a step of 1 s."""
     sprocket, arm = drive.sprockets[s], drive.carrier(s)
     row["arm"] = GROUND if arm is None else drive.first_arm_body + arm
     if arm is not None:
@@ -292,14 +287,14 @@ def fill_hub_row(row: Any, drive: Drive, s: int) -> None:
 
 
 def fill_body_row(row: Any, drive: Drive, assembly: Assembly, s: int) -> None:
-    """Fills the `kernels.structs.BodyState` of sprocket s with its initial state."""
+    """Fills the initial `structs.BodyState` of sprocket s."""
     row["angle"], row["speed"] = assembly.sprocket_angle[..., s], assembly.sprocket_speed[..., s]
     row["center"] = assembly.path.center[..., s, :]
     row["velocity"] = initial_velocity(drive.sprockets[s], drive.pivot_table(s))
 
 
 def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
-    """Fills the `kernels.structs.Mount` of sprocket s; a fixed center without a balance wheel leaves it zero."""
+    """Fills the `structs.Mount` of sprocket s; zero for a plain fixed center."""
     sprocket, gravity = drive.sprockets[s], drive.run.gravity
     plungers = drive.plunger_mass_on(s)
     if isinstance(sprocket.mount, ArmMount):
@@ -340,12 +335,12 @@ def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
 
 
 def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
-    """(..., 2, 2) matrices with these values along x and y."""
+    """Matrices (..., 2, 2) with these values along x and y."""
     return array_of_columns(values)[..., None] * np.eye(2)
 
 
 def fill_chain_row(row: Any, drive: Drive) -> None:
-    """Fills a `kernels.structs.Chain`, the inertia of its joints' friction for a step of 1 s."""
+    """Fills a `structs.Chain`, joint friction's inertia for a step of 1 s."""
     chain = drive.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
     row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping

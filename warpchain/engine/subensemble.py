@@ -1,7 +1,4 @@
-"""Subensembles: variants of a run that one device packs, settles and steps together.
-
-A run is one subensemble, or several, of which some are stepped while others are packed (`engine.pipeline`).
-"""
+"""Subensembles: variants of a run that one device packs, settles and steps together."""
 
 from __future__ import annotations
 
@@ -41,37 +38,31 @@ if TYPE_CHECKING:
     from warpchain.engine.checkpoint import StateKeeper, States
 
 LAUNCH_WORK = 20_000_000
-"""Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
+"""Most roller-steps of a variant in one launch, so that progress shows."""
 
 PERTURBATION = 1e-9
-"""Standard deviation of each coordinate's displacement, in pitches."""
+"""Standard deviation of perturbed coordinates, in pitches."""
 
 
 @dataclass(frozen=True)
 class Variants:
-    """Variants of a run.
-
-    Attributes:
-        drives, schedules: one each a variant.
-        stacks: stacks of the drives, numbered from 0.
-        numbers: (V,) the variants' numbers in the run, ascending.
-    """
+    """Variants of a run: drives, schedules, stacks."""
 
     drives: Sequence[Drive]
     schedules: Sequence[Schedule]
-    stacks: Sequence[Stack]
-    numbers: NDArray[np.int64]
+    stacks: Sequence[Stack]  # of the drives, numbered from 0
+    numbers: NDArray[np.int64]  # (V,) in the run, ascending
 
     @cached_property
     def roller_steps(self) -> NDArray[np.float64]:
-        """(V,) rollers times steps of each variant."""
+        """Rollers times steps (V,) of each variant."""
         rollers = np.zeros(len(self.drives))
         for stack in self.stacks:
             rollers[stack.members] = stack.drive.links
         return rollers * (np.array([schedule.steps for schedule in self.schedules]) + 1.0)
 
     def select(self, chosen: NDArray[np.bool_]) -> Variants:
-        """The variants for which `chosen` (V,) is true, in stacks that fit the processor's caches."""
+        """Variants for which `chosen` (V,) is true, in stacks that fit caches."""
         kinds = (stack_of_chosen(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
         stacks = [part for stack in kinds for part in split_stack(stack)]
         places = np.flatnonzero(chosen).tolist()
@@ -81,45 +72,31 @@ class Variants:
 
 @dataclass(frozen=True)
 class DeviceSettings:
-    """The device, precision and threads on which a subensemble runs.
+    """Settings of a subensemble's device: precision and threads."""
 
-    Attributes:
-        device: "cpu" or such as "cuda:0".
-        precision: "float64" or "float32".
-        cores: CPU threads.
-    """
-
-    device: str
-    precision: str
-    cores: int
+    device: str  # "cpu" or such as "cuda:0"
+    precision: str  # "float64" or "float32"
+    cores: int  # CPU threads
 
 
 @dataclass(frozen=True)
 class SubensembleResult:
-    """Final states, metrics and trajectories of variants that have run.
-
-    Attributes:
-        ends: the final states.
-        metric_blocks: gives their metrics, numbered as in the run.
-        trajectories: those recorded in memory, by numbers in the run.
-        end_time: when the last step was done, by `time.monotonic` [s].
-    """
+    """Result of a subensemble: final states, metrics and trajectories."""
 
     ends: VariantEnds
-    metric_blocks: Callable[[], ColumnBlocks]
-    trajectories: Mapping[int, Trajectory]
-    end_time: float
+    metric_blocks: Callable[[], ColumnBlocks]  # gives the metrics, numbered as in the run
+    trajectories: Mapping[int, Trajectory]  # recorded in memory, by numbers in the run
+    end_time: float  # of the last step, by `time.monotonic` [s]
 
 
 class Subensemble:
-    """Variants of a run, packed.
+    """Subensemble of a run's variants, packed.
 
     Args:
-        variants: the variants.
         frame: layout of recorded frames.
 
     Raises:
-        DriveError: a chain that does not fit; the message names the variant.
+        DriveError: a chain that does not fit.
     """
 
     def __init__(self, variants: Variants, frame: FrameLayout) -> None:
@@ -134,12 +111,12 @@ class Subensemble:
         self.layout_faults = rows.layout_faults(self.row_layout_faults)
 
     def make_recorder(self, recording: RecordingOptions, count: int, archive: ArchiveWriter | None = None) -> Recorder:
-        """A recorder of the variants' frames, with their part of the memory of `count` variants."""
+        """Recorder of the variants' frames, with their part of the memory."""
         variants = self.variants
         return Recorder(variants.schedules, variants.numbers, self.packed, recording, self.rows, count, archive)
 
     def make_state_keeper(self, states: States | None, settings: DeviceSettings) -> StateKeeper | None:
-        """A keeper that restores and keeps the variants' states; None where `states` is."""
+        """Keeper of the variants' states, or None."""
         if states is None:
             return None
         from warpchain.engine.checkpoint import StateKeeper
@@ -155,7 +132,7 @@ class Subensemble:
         report: ProgressReport,
         stop: StopRequest,
     ) -> SubensembleResult:
-        """Settles the variants and steps them to their ends, or until a stop is asked for."""
+        """Result of the variants, settled and stepped to their ends or a stop."""
         drives, stacks, packed = self.rows.drives, self.rows.stacks, self.packed
         steps = launch_step_limit(settings.device, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
         settling, of = (drives, stacks) if keeper is None else (keeper.drives_to_settle(), None)
@@ -213,7 +190,7 @@ def _metric_blocks(
     sums: tuple[dict[str, NDArray[Any]], PackedEnsemble],
     numbers: NDArray[np.int64],
 ) -> ColumnBlocks:
-    """Metrics of variants, by their numbers in the run, from the sums of their rows, which begin at `begins`."""
+    """Metrics of variants, by number, from the sums of their rows."""
     chains = np.diff(begins)
 
     def parts_of(variants: NDArray[np.intp]) -> list[ChainEnds]:
@@ -224,7 +201,7 @@ def _metric_blocks(
 
 
 def _wait_for_launch(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], None]) -> None:
-    """Waits for a launch, calling `tick`; on a request to stop cancels what has not begun. Raises its errors."""
+    """Waits for a launch, calling `tick`; on a stop cancels the rest."""
     pending = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
@@ -246,7 +223,7 @@ def _launch_all_steps(
     stop: StopRequest,
     keeper: StateKeeper | None = None,
 ) -> None:
-    """Launches steps until every variant has ended; the frames of one launch are taken while the next runs."""
+    """Launches steps until every variant has ended, taking frames meanwhile."""
     drives = engine.packed.drives
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
     total, simulated = float(((last + 1) * rollers).sum()), float((last * drives["step"]).sum())
@@ -280,7 +257,7 @@ def _launch_all_steps(
 def _next_launch_steps(
     engine: Engine, most: int, progress: NDArray[Any], keeper: StateKeeper | None
 ) -> int | NDArray[np.integer]:
-    """Steps of the next launch, `most` at most, one or (V,), that end where a variant's state is to be kept."""
+    """Steps of the next launch, one or (V,), up to states to keep."""
     ahead = np.full(len(progress), MOST_STEPS) if keeper is None else keeper.steps_ahead(progress)
     if engine.has_own_steps:
         return next_launch_steps(np.minimum(steps_left(engine.packed.drives, progress), ahead), most)
@@ -289,12 +266,12 @@ def _next_launch_steps(
 
 @cache
 def _import_ahead() -> None:
-    """Imports what metrics of batches need, which takes 0.3 s, in a thread of its own."""
+    """Imports what batch metrics need in a thread of its own."""
     Thread(target=import_module, args=("scipy.special",)).start()
 
 
 def scatter_in_gaps(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
-    """Displaces rollers of drives with `run.seating`, evenly over the narrowest tooth gap's clearance."""
+    """Displaces rollers of drives with `run.seating` within tooth gaps."""
     for v, drive in enumerate(drives):
         if drive.run.seating is not None:
             rows = packed.roller_rows(v)
@@ -306,7 +283,7 @@ def scatter_in_gaps(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
 
 
 def perturb_rollers(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
-    """Displaces rollers of drives with `run.perturbation` by normal draws of `PERTURBATION` pitches."""
+    """Displaces rollers of drives with `run.perturbation` by normal draws."""
     for v, drive in enumerate(drives):
         if drive.run.perturbation is not None:
             rows = packed.roller_rows(v)

@@ -1,4 +1,4 @@
-"""A test rig for tensioners: imposes sines on the plunger, and gives force and pressure, as on a shaker."""
+"""Test rig for tensioners: imposes sines on the plunger, and returns force and pressure, as on a shaker."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SAMPLED_STEPS, SAMPLES_PER_CYCLE = 10_000, 500
-"""Steps and samples of a cycle; at 400 Hz forces are within 2e-4 of those of ever smaller steps."""
+"""Steps and samples of a sampled cycle, for forces within 2e-4."""
 SWEEP_STEPS = 2_500
 """Steps of a cycle that is not sampled."""
 MOST_CYCLES = 10_000
-"""Cycles of a ride at most, and of all rides together where they are sampled."""
+"""Most cycles of a ride, and of all sampled rides."""
 FARTHEST = 1.0
-"""Amplitude and extension at most [m]."""
+"""Most amplitude and extension [m]."""
 SLOWEST, FASTEST = 1e-4, 1e5
-"""Frequencies [Hz]."""
+"""Allowed frequencies [Hz]."""
 THINNEST, THICKEST = 1e-8, 20.0
-"""Kinematic viscosities [m^2/s], beyond which no oil lies."""
+"""Allowed kinematic viscosities [m^2/s]."""
 
 SAMPLE_UNITS = {
     "time": "s", "extension": "m", "force": "N", "pressure": "Pa", "valve_lift": "m", "leaked": "m^3",
@@ -50,53 +50,39 @@ RIDE_UNITS = {
     "leak_loss": "J", "valve_loss": "J", "damper_loss": "J", "suction_work": "J", "gained": "J",
     "vapor": "1",
 }  # fmt: skip
-"""Columns of a ride's own numbers; those from `force_min` on are of the last cycle."""
+"""Columns of a ride's numbers and units; from `force_min` on of the last cycle."""
 
 
 @dataclass(frozen=True)
 class PlungerMotion:
-    """The sine that one ride imposes, and the oil.
+    """Sine that one ride imposes on a tensioner's plunger."""
 
-    Attributes:
-        amplitude: of the sine [m].
-        frequency: [Hz].
-        extension: about which it swings [m].
-        viscosity: kinematic, in place of the tensioner's own [m^2/s].
-    """
-
-    amplitude: float
-    frequency: float
-    extension: float = 0.0
-    viscosity: float | None = None
+    amplitude: float  # [m]
+    frequency: float  # [Hz]
+    extension: float = 0.0  # about which it swings [m]
+    viscosity: float | None = None  # kinematic, in place of the tensioner's own [m^2/s]
 
 
 @dataclass(frozen=True)
 class RideTables:
-    """The results of rides.
+    """Tables of rides of a tensioner."""
 
-    Attributes:
-        rides: a row each, with the columns of `RIDE_UNITS`.
-        samples: for each ride a table with the columns of `SAMPLE_UNITS`; () if none were asked for.
-    """
-
-    rides: pa.Table
-    samples: tuple[pa.Table, ...]
+    rides: pa.Table  # a row each, with the columns of `RIDE_UNITS`
+    samples: tuple[pa.Table, ...]  # a table a ride with the columns of `SAMPLE_UNITS`, or ()
 
 
 @check_arguments(SimulationError)
 def bench_tensioner(
     drive: Drive, name: str, *, amplitude: float, frequency: float, cycles: int = 10, extension: float = 0.0
 ) -> pa.Table:
-    """Imposes x = extension + amplitude sin(2 pi f t) on the plunger of a drive's tensioner, from rest on.
+    """Table of a tensioner's response to x = extension + amplitude sin(2 pi f t), from rest.
 
-    The force is that of spring, oil and stops on whatever holds the plunger; the plunger's own inertia is not in it.
+    The force is that of spring, oil and stops; the plunger's own inertia is not in it.
 
     Args:
-        drive: that has the tensioner.
         name: the tensioner's.
         amplitude: [m].
         frequency: [Hz].
-        cycles: of the sine.
         extension: about which it swings [m], 0 as drawn.
 
     Returns:
@@ -116,15 +102,13 @@ def shake_tensioner(
     drive: Drive, name: str, shakes: Sequence[PlungerMotion], cycles: int = 10, samples: bool = False,
     progress: Progress = False,
 ) -> RideTables:  # fmt: skip
-    """Rides many sines, each on a copy of the tensioner.
+    """Tables of many sine rides, each on a copy of the tensioner.
 
     Args:
-        drive: that has the tensioner.
-        name: the tensioner's.
         shakes: the rides.
         cycles: of each sine.
-        samples: whether to keep the samples of the rides.
-        progress: True shows a bar; a function is called with ("rides", done, total).
+        samples: whether to keep samples.
+        progress: True shows a bar; a function gets ("rides", done, total).
 
     Raises:
         DriveError, SimulationError: as `bench_tensioner`.
@@ -158,10 +142,10 @@ def shake_tensioner(
 
 
 def tensioner_by_name(drive: Drive, name: str) -> TensionerPart:
-    """The tensioner of a name.
+    """Tensioner of a name.
 
     Raises:
-        DriveError: in one line, with the names that there are.
+        DriveError: no such name; lists those that there are.
     """
     for tensioner in drive.tensioners:
         if tensioner.name == name:
@@ -171,7 +155,7 @@ def tensioner_by_name(drive: Drive, name: str) -> TensionerPart:
 
 
 def _check_motion(tensioner: TensionerPart, one: PlungerMotion, cycles: int) -> None:
-    """Raises a SimulationError for a motion that cannot be run."""
+    """Raises SimulationError for a plunger motion that cannot be run."""
     if not 0.0 < one.amplitude <= FARTHEST:
         raise SimulationError(f"amplitude = {one.amplitude:g}: must be a number above 0, at most {FARTHEST:g} m")
     if not SLOWEST <= one.frequency <= FASTEST:
@@ -194,7 +178,7 @@ def _check_motion(tensioner: TensionerPart, one: PlungerMotion, cycles: int) -> 
 def _struct_rows(
     drive: Drive, tensioner: TensionerPart, shakes: Sequence[PlungerMotion], cycles: int, samples: bool
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rows of `Ride` and of `structs.Tensioner`."""
+    """Rows of `Ride` and of `structs.Tensioner` for rides."""
     rides = np.zeros(len(shakes), dtype=Ride.numpy_dtype())
     rows = np.zeros(len(shakes), dtype=Tensioner.numpy_dtype())
     for ride, row, one in zip(rides, rows, shakes, strict=True):
@@ -208,7 +192,7 @@ def _struct_rows(
 
 
 def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> TensionerPart:
-    """The tensioner with another oil [m^2/s]; None keeps its own."""
+    """Tensioner with another oil [m^2/s]; None keeps its own."""
     if viscosity is None:
         return tensioner
     assert tensioner.oil is not None
@@ -236,7 +220,7 @@ def _sample_table(one: PlungerMotion, values: NDArray[np.float64]) -> pa.Table:
 
 
 def _unit_table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
-    """Table of columns with the units in the fields' metadata."""
+    """Table of columns with units in the fields' metadata."""
     import pyarrow as pa
 
     return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

@@ -19,22 +19,21 @@ from warpchain.results.metric_formulas import LazyFields
 SumFields = Mapping[str, NDArray[Any]]
 
 LONG_BATCHES = 20
-"""Parts of a window, of several batches each, from which a drift is told."""
+"""Parts of a window, of several batches each, for drifts."""
 
 
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(V, bins + 1) edges of the bins of tension for V scales (`kernels.statistics`) [N]."""
+    """Edges (V, bins + 1) [N] of the bins of tension for V scales."""
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
 
 
 def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[np.integer]) -> dict[str, Any]:
-    """The sums of V variants with S sprockets, G guides, A arms and T tensioners each.
+    """Sums of V variants with S sprockets, G guides, A arms and T tensioners each.
 
     Returns:
         "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm" (V, A), "tensioner"
-        (V, T); "batches" and "parts": sums over each batch, or part, along a last axis, and their lengths (V, batches)
-        or (V, parts) [s]; "tension": counts of link tensions in each bin, of each strand and of no strand
-        (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
+        (V, T); "batches" and "parts" along a last axis, with lengths (V, batches) or (V, parts) [s]; "tension", counts
+        (V, S + 1, bins), the last of no strand, and edges (V, bins + 1) [N].
     """
     drives, first = packed.drives[variants], first_places(packed.drives)
     found = {}
@@ -49,16 +48,16 @@ def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[n
 
 
 def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> NDArray[Any]:
-    """(V, count, ...) rows of each variant, the first of them at `begin`; a view where nothing lies between."""
+    """Rows (V, count, ...) of each variant from `begin`; a view if adjacent."""
     if (np.diff(begin) == count).all():
         return values[begin[0] : begin[0] + len(begin) * count].reshape(len(begin), count, *values.shape[1:])
     return values[consecutive_places(begin, count)]
 
 
 def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) -> None:
-    """Subtracts the bodies' late work (`kernels.physics.body.late_power`) from the contacts' dissipation in `found`.
+    """Subtracts the bodies' late work (`physics.body.late_power`) from contacts' dissipation.
 
-    Of an arm it goes to the first guide, else sprocket, that it carries; `drive` is one of the variants, all alike.
+    Of an arm it goes to the first guide, else sprocket, that it carries.
     """
     found["contact"] = found["contact"].copy()  # not the engine's own
     taken, sprockets = found["contact"]["dissipated"], int(drive["sprockets"])
@@ -74,7 +73,7 @@ def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) ->
 def _batch_sums_by_name(
     found: Mapping[str, Any], drives: NDArray[Any], batches: int
 ) -> tuple[dict[str, SumFields], NDArray[np.float64]]:
-    """Sums over each of `batches` batches of the window, by name and field, and their lengths (V, batches) [s]."""
+    """Sums over batches of the window, by name and field, and lengths (V, batches) [s]."""
     kept = slice(int(BATCHES) // batches - 1, None, int(BATCHES) // batches)  # the notes that end one
     noted = [name for name in found if f"{name}_notes" in found]
     sums = {name: batch_sums(found[f"{name}_notes"][..., kept], found[name]) for name in noted}
@@ -84,23 +83,19 @@ def _batch_sums_by_name(
 def note_steps(
     start: NDArray[Any] | int, end: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = int(BATCHES)
 ) -> NDArray[np.int64]:
-    """(..., batches - 1) steps at which batches of a window end, if it is long enough (`kernels.statistics`)."""
+    """Steps (..., batches - 1) at which batches of a window end."""
     first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, sample_interval))
     reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
     return np.asarray(-(-reached // every) * every)
 
 
 def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
-    """(...) whether a window of so many steps has a sample for each batch."""
+    """(...) whether a window of so many steps has a sample a batch."""
     return window >= batches * sample_interval
 
 
 def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArray[np.float64]:
-    """(V, batches) time of each batch [s], nan where the window is too short for so many.
-
-    Args:
-        drives: (V,) `kernels.structs.Drive`.
-    """
+    """Duration (V, batches) [s] of each batch, nan if windows are too short."""
     start, noted, end = _batch_edges(drives, batches)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
@@ -109,17 +104,17 @@ def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArra
 
 
 def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Steps at which windows begin (V, 1), batches but the last end (V, batches - 1) and windows end (V, 1)."""
+    """Steps at which windows begin (V, 1), batches end, and windows end (V, 1)."""
     start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "sample_interval"))
     return start[:, None], note_steps(start, end, every, batches), end[:, None]
 
 
 def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> SumFields:
-    """The sums over each batch, by field.
+    """Sums over each batch, by field.
 
     Args:
-        notes: (..., notes), the sums as they were at the batches' ends.
-        totals: (...) the sums at the window's end.
+        notes: (..., notes) sums at the batches' ends.
+        totals: (...) sums at the window's end.
     """
 
     def batches(name: str) -> NDArray[Any]:
