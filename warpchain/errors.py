@@ -63,6 +63,7 @@ class SuspectWarning(UserWarning):
 
 def warn_caller(text: str, kind: type[Warning] = UserWarning) -> None:
     """Warns as from the line outside warpchain that called it, or the outermost one."""
+    # `warnings.warn` has `skip_file_prefixes` for this from Python 3.12 on
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _SKIPPED_PACKAGES:
         level, frame = level + 1, frame.f_back

@@ -183,6 +183,7 @@ class StopRequest:
         self._asked = True
 
     def __call__(self, signum: int, frame: object) -> None:
+        # the first Ctrl-C raises nothing: an exception may be lost, such as in C code that calls Python
         if self._asked:
             raise KeyboardInterrupt
         self.ask_to_stop()

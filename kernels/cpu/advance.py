@@ -31,7 +31,7 @@ SCRATCH_ROWS = len(ROWS)
 
 @wp.func
 def step_now(drive: Drive, step: int):
-    """Step `step`, with the sums and frames that it is wanted for."""
+    """`Now` of step `step`, with the sums and frames wanted of it."""
     now = Now()
     now.step = step
     now.time = wp.float64(step) * drive.step
@@ -50,9 +50,9 @@ def step_now(drive: Drive, step: int):
 
 @cache
 def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.Kernel:
-    """The kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers of a chain.
+    """CPU kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers of a chain.
 
-    Frames lie as `frame` says (`kernels.frames`). Only with `several` may a variant have more than one chain.
+    Frames have the channels of `frame` (`kernels.frames`). Only with `several` may a variant have more than one chain.
     """
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
@@ -72,23 +72,23 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
 
     @wp.func
     def drive_at(ensemble: Ensemble, row: int):
-        """The row of a chain, by value, so that another may take its place in a variable."""
+        """`Drive` row of a chain, by value."""
         return ensemble.drives[row]
 
     @wp.func
     def chain_at(ensemble: Ensemble, row: int):
-        """The chain of a row, by value."""
+        """`Chain` of a row, by value."""
         return ensemble.chains[row]
 
     @wp.func
     def has_left(state: State, drive: Drive, w: wp.array[Real]):
-        """Whether a roller or body of a chain has left the drive's box, or is no number."""
+        """Whether a roller or body of a chain has left the drive's box, or is not finite."""
         inside = rollers.is_inside(w, drive.rollers, drive.low, drive.high)
         return inside == 0 or body_states.has_sound_bodies(state, drive) == 0
 
     @wp.func
     def begin_launch(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real]):
-        """Brings a chain from the state into the scratch's rows."""
+        """Copies a chain from the state into the scratch's rows, at a launch's begin."""
         rollers.fetch(state, ensemble.lengths, w, drive.first_roller, drive.rollers)
         contact_rows.fetch_dampers(state, drive, w)
         neighbor_list.reset(w, drive)
@@ -96,7 +96,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
 
     @wp.func
     def end_launch(ensemble: Ensemble, state: State, sums: Sums, row: int, drive: Drive, w: wp.array[Real]):
-        """Brings the chain of a row back into the state, and merges its sums."""
+        """Copies a chain back into the state, and merges its sums, at a launch's end."""
         chain_sums.merge_tallies(ensemble, state, sums, row, w)
         rollers.put_back(state, w, drive.first_roller, drive.rollers)
         contact_rows.put_back_dampers(state, drive, w)
@@ -111,7 +111,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         scratch: wp.array2d[Real],
         count: int,
     ):
-        """Takes the chains of a variant, which begin at row `variant`, up to `count` steps on."""
+        """Takes the chains of a variant, from row `variant` on, up to `count` steps on."""
         chains, w = wp.static(1), scratch[0]
         if wp.static(several):
             drive, chain = drive_at(ensemble, variant), chain_at(ensemble, variant)
@@ -190,7 +190,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         first: int,
         steps: int,
     ):
-        """Takes variants, whose chains begin at rows `first` + thread, up to `steps` steps on, with sums and frames."""
+        """Takes the variants of threads, from row `first` on, up to `steps` steps on, with sums and frames."""
         variant = first + wp.tid()
         if ensemble.drives[variant].chains > 0:
             advance_variant(ensemble, state, sums, variant, frames, scratch, steps)

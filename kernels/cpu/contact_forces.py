@@ -1,4 +1,4 @@
-"""Normal forces of a group of rollers' contacts with one partner, and the powers that contacts and friction take."""
+"""Normal forces of rollers' contacts with one partner, and the powers that contacts and friction take."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -23,7 +23,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class ContactForceFunctions:
-    """Normal forces of contacts that are in the rows, and the powers that they and friction take."""
+    """CPU functions of contacts' normal forces and powers."""
 
     value_if_touching: wp.Function
     copy_row: wp.Function
@@ -34,7 +34,7 @@ class ContactForceFunctions:
 
 @cache
 def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
-    """The functions that evaluate contacts in the rows, for rows of `capacity` values of type `Real`."""
+    """CPU functions of contacts' normal forces and powers, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Memory = kinds.Memory
     vec2 = kinds.vec2
@@ -45,12 +45,13 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def value_if_touching(w: wp.array[Real], i: int, value: Real):
-        """`value` where roller i touches, else 0: beyond the chain's end values need not be numbers."""
+        """`value` where roller `i` touches, else 0, also beyond the chain's end."""
+        # beyond the chain's end values may be no numbers
         return wp.where(access.load(w, row.penetration + i) > Real(0.0), value, Real(0.0))
 
     @wp.func
     def approach_acceleration(w: wp.array[Real], i: int, memory: Memory):
-        """Acceleration of the relative velocity of roller i's contact [m/s^2], by the forces so far."""
+        """Acceleration [m/s^2] of the relative velocity of roller i's contact, by the forces so far."""
         arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
         return relative_acceleration(
             memory.straight, memory.angular, arm, rollers.acceleration(w, i, memory.inverse_mass, memory.gravity)
@@ -58,7 +59,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def normal_approach(w: wp.array[Real], i: int, memory: Memory):
-        """Speed at which roller i's penetration grows [m/s], and its acceleration by the forces so far [m/s^2]."""
+        """Speed [m/s] at which roller i's penetration grows, and its acceleration [m/s^2]."""
         normal_x = access.load(w, row.normal_x + i)
         normal_y = access.load(w, row.normal_y + i)
         more = approach_acceleration(w, i, memory)
@@ -67,7 +68,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def store_normal_force(w: wp.array[Real], i: int, size: Real, kept: Real, damper_speed: Real):
-        """Stores the normal force on roller i, and what its contact remembers."""
+        """Stores roller i's normal force and the contact's memory in their rows."""
         x = value_if_touching(w, i, size * access.load(w, row.normal_x + i))
         y = value_if_touching(w, i, size * access.load(w, row.normal_y + i))
         access.store(w, row.force_x + i, x)
@@ -78,9 +79,9 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_steady_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
-        """Stores the normal force on roller i as if its contact did not open, close or begin.
+        """Stores roller i's normal force for a contact that does not change within the step.
 
-        Returns 1 if the contact remembers something else, and 2 more if it does open, close or begin.
+        Returns 1 if the contact's memory changes, plus 2 if the contact does open, close or begin.
         """
         penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
         speed, growth = normal_approach(w, i, memory)
@@ -92,7 +93,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def mend_changing_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
-        """Stores the normal forces of contacts that do open, close or begin in this step, which are few; returns 1."""
+        """Stores the normal forces of contacts that open, close or begin within the step; returns 1."""
         i = group.low
         while i < group.high:
             penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
@@ -108,7 +109,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_force(w: wp.array[Real], i: int):
-        """Adds the contact's force to that on roller i, and stores its moment on the partner's body."""
+        """Adds the contact's force to that on roller `i`, and stores its moment on the partner's body."""
         force = vec2(access.load(w, row.force_x + i), access.load(w, row.force_y + i))
         arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
         access.store(w, row.fx + i, access.load(w, row.fx + i) + force[0])
@@ -117,7 +118,8 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def copy_row(w: wp.array[Real], group: Group, source: int, to: int):
-        """Copies the group's values of a row; in a row whose place the compiler knows, loops vectorize."""
+        """Copies the group's values from row `source` to row `to`."""
+        # loops vectorize over rows whose place the compiler knows
         i = group.low
         while i < group.high:
             access.store(w, to + i, access.load(w, source + i))
@@ -125,9 +127,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_normal_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
-        """Stores normal forces; of a linear law in a loop of its own, which vectorizes. Returns whether memories
-        change.
-        """
+        """Stores the normal forces of a group's contacts; returns whether memories change."""
         changed = int(0)
         i = group.low
         if law.exponent == Real(1.0):
@@ -144,10 +144,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_powers(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
-        """Stores the powers that roller i's contact takes at the mean of the speeds before and after the step.
-
-        That without friction is with stages its damper's; that of friction is stored where the contact `rubs`.
-        """
+        """Stores the powers of roller i's contact, with friction's where it `rubs`, at the step's mean speeds."""
         more = approach_acceleration(w, i, memory)
         speed_x = access.load(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = access.load(w, row.relative_y + i) + memory.lag * more[1]
@@ -163,7 +160,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_measured_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
-        """Adds the contact's force to that on roller i, and stores its moment and powers; 1 if it begins."""
+        """Adds the contact's force to that on roller `i`, stores moment and powers; returns 1 if it begins."""
         add_force(w, i)
         find_powers(w, i, law, rubs, memory)
         return contact_rows.is_beginning(w, i)
@@ -172,10 +169,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
     def add_measured_forces(
         w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory
     ):
-        """Adds forces to those on rollers, and stores moments and powers; of a linear law in loops that vectorize.
-
-        Returns 1 if any contact begins.
-        """
+        """Adds contact forces to those on rollers, stores moments and powers; returns 1 if any contact begins."""
         began = int(0)
         rubs = friction.inertia > Real(0.0)
         i = group.low
@@ -195,7 +189,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_forces(w: wp.array[Real], group: Group):
-        """Adds the contacts' forces to those on rollers, and stores their moments on the partner's body."""
+        """Adds contact forces to those on rollers, and stores their moments on the partner's body."""
         i = group.low
         while i < group.high:
             add_force(w, i)

@@ -1,4 +1,4 @@
-"""Friction of a group of rollers' contacts with one partner."""
+"""Friction of rollers' contacts with one partner."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,14 +16,14 @@ from .rollers import rows
 
 @dataclass(frozen=True)
 class ContactFrictionFunctions:
-    """Friction of contacts whose normal forces are in the rows."""
+    """CPU functions of contacts' friction, after their normal forces."""
 
     add_friction_forces: wp.Function
 
 
 @cache
 def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunctions:
-    """The functions of contacts' friction, for rows of `capacity` values of type `Real`."""
+    """CPU functions of contacts' friction, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Memory = kinds.Memory
     row = rows(capacity)
@@ -38,7 +38,8 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def store_friction(w: wp.array[Real], i: int, drag: Real, holds: Real):
-        """Stores and adds friction `drag` on roller i, and what its bristle holds; in numbers, not vectors."""
+        """Stores friction `drag` of roller i's contact and its bristle's force, and adds it to the contact force."""
+        # numbers, not vectors, which would keep loops from vectorizing
         x = contact_forces.value_if_touching(w, i, drag * -access.load(w, row.normal_y + i))
         y = contact_forces.value_if_touching(w, i, drag * access.load(w, row.normal_x + i))
         access.store(w, row.friction_x + i, x)
@@ -49,7 +50,7 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def recall_bristles(w: wp.array[Real], group: Group, memory: Memory):
-        """Stores the forces of bristles until now in their row; 0 of a contact that begins."""
+        """Copies bristles' forces from the contacts' memory to their row, 0 where a contact begins."""
         i = group.low
         while i < group.high:
             held = Real(0.0)
@@ -60,7 +61,7 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def keep_bristles(w: wp.array[Real], group: Group, memory: Memory):
-        """Keeps the forces of bristles in the contacts' memory."""
+        """Copies bristles' forces from their row to the contacts' memory."""
         i = group.low
         while i < group.high:
             if access.load(w, row.penetration + i) > Real(0.0):
@@ -69,7 +70,7 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def add_friction_forces(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory):
-        """Adds friction to the contacts' forces; coefficients that depend on speed have a loop of their own."""
+        """Adds friction to the contact forces of a group."""
         recall_bristles(w, group, memory)
         i = group.low
         while i < group.high:

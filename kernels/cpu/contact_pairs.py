@@ -1,4 +1,4 @@
-"""Contacts of the rollers of one variant with its partners, sprockets and guides, run by run."""
+"""Contacts of one variant's rollers with its partners, sprockets and guides, run by run."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -22,14 +22,14 @@ from .teeth import tooth_functions
 
 @dataclass(frozen=True)
 class ContactPairFunctions:
-    """Contacts of all rollers of one variant with all partners."""
+    """CPU functions of all contacts of one variant."""
 
     add_contact_forces: wp.Function
 
 
 @cache
 def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
-    """The functions that evaluate all contacts of one variant, for rows of `capacity` values of type `Real`."""
+    """CPU functions of all contacts of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Ensemble, State, Memory, Chain = kinds.Ensemble, kinds.State, kinds.Memory, kinds.Chain
     partners = partner_functions(Real)
@@ -48,10 +48,8 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
     def find_gap_contacts(
         w: wp.array[Real], ensemble: Ensemble, first: int, end: int, n: int, partner: partners.Partner, memory: Memory
     ):
-        """Stores where rollers of a run are in a sprocket's gaps; returns the group that may touch it.
-
-        The run is from roller `first` to before `end`. In most steps none of them comes, leaves or changes its seat.
-        """
+        """Stores gap coordinates of rollers `first` to before `end` in a sprocket; returns the group that may touch."""
+        # in most steps no roller comes, leaves or changes its seat
         moved, others = seats.find_gap_coordinates(w, first, end, n, partner.sprocket, partner.pose, partner.body)
         if others != 0 or moved != wp.uint64(0):
             group = near_rollers.near_group(w, first, end, n, partner, memory)
@@ -65,9 +63,7 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
     def find_guide_contacts(
         w: wp.array[Real], ensemble: Ensemble, first: int, end: int, n: int, partner: partners.Partner, memory: Memory
     ):
-        """Stores the contacts of rollers from `first` to before `end` with a guide; returns the group that may touch
-        it.
-        """
+        """Stores contacts of rollers `first` to before `end` with a guide; returns the group that may touch."""
         group = near_rollers.near_group(w, first, end, n, partner, memory)
         if partner.guide.pieces == 0:
             guides.find_bar_contacts(w, group, partner.guide, partner.pose, memory)
@@ -79,7 +75,7 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
     def find_run_contacts(
         ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], p: int, run: int, memory: Memory
     ):
-        """Stores the contacts of one run of rollers with partner p; returns the group that may touch it."""
+        """Stores the contacts of one run of rollers with partner `p`; returns the group that may touch."""
         n = drive.rollers
         first, count = neighbor_list.run_span(w, drive, p, run)
         if p < drive.sprockets:
@@ -101,11 +97,8 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
         totals: wp.array[Totals],
         slot: int,
     ):
-        """Adds the forces of the contacts in the rows to rollers and to `totals[slot]`.
-
-        Returns 1 if contacts remember something else from now on. Totals are in memory: passed by value, they would be
-        copied where branches join.
-        """
+        """Adds a group's contact forces to rollers and `totals[slot]`; returns 1 if contacts' memories change."""
+        # totals stay in memory: by value they would be copied where branches join
         measured = memory.wanted.measures != 0
         if law.answer > Real(0.0):
             contact_forces.copy_row(w, group, memory.damper_row, row.damper_speed)
@@ -131,7 +124,7 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
     def add_counts_and_sizes(
         w: wp.array[Real], group: Group, on_teeth: bool, impacts: int, wanted: Now, totals: wp.array[Totals], slot: int
     ):
-        """Adds first contacts and rollers that missed a face to the totals, and magnitudes of forces for frames.
+        """Adds first contacts and missed faces to totals, and sizes of forces to rows for frames.
 
         `impacts` are the totals' before this group.
         """
@@ -154,7 +147,7 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
         run: int,
         memory: Memory,
     ):
-        """Adds the contact forces of one run of rollers with partner p, eq. (5)-(23), to rollers and totals."""
+        """Adds contact forces of one run of rollers with partner `p`, eq. (5)-(23), to rollers and totals."""
         group = find_run_contacts(ensemble, state, drive, w, p, run, memory)
         on_teeth = p < drive.sprockets
         if group.high > group.low:
@@ -177,11 +170,8 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
 
     @wp.func
     def add_contact_forces(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], memory: Memory):
-        """Adds the contact forces of all rollers with all partners to rollers, `Totals` and wrenches on bodies.
-
-        One loop over all runs, not one over each partner's: else what the loops over rollers want of a partner, common
-        and rare ones alike, is laid out before its first run.
-        """
+        """Adds contact forces of all rollers and partners to rollers, `Totals` and wrenches on bodies."""
+        # one loop over all runs: with one over each partner's, rare values of a partner are laid out before its runs
         p = int(0)
         run = int(0)
         while p < drive.sprockets + drive.guides:

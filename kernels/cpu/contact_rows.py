@@ -1,9 +1,8 @@
-"""Contacts of a group of rollers with one partner, in the rows of a scratch, and what contacts remember.
+"""Rows of the scratch for a group of rollers' contacts with one partner, and contacts' memory.
 
-Teeth, guide-bars and profiles put how rollers touch them into rows (`store_contact`); all that follows is the same for
-all. What tracks a seat or a piece goes from roller to roller; the rest are plain loops over rows, from the first roller
-of the group that is near to the last, which vectorize (see `rollers`). A roller in between that is not near has the
-penetration of one that does not touch.
+Teeth, guide-bars and profiles store their contacts here (`store_contact`); all that follows is the same. Loops go over
+rows from the group's first near roller to the last, and vectorize (see `rollers`). Others in between have the
+penetration `AWAY`.
 """
 
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from .rollers import ROWS, rows
 
 @dataclass(frozen=True)
 class ContactRowFunctions:
-    """Functions that keep contacts with the partner at hand in the rows of a scratch."""
+    """CPU functions that keep contacts with one partner in rows."""
 
     recall_impact_speed: wp.Function
     keep_impact_speeds: wp.Function
@@ -34,7 +33,7 @@ class ContactRowFunctions:
 
 @cache
 def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
-    """The functions that keep contacts in rows, for rows of `capacity` values of type `Real`."""
+    """CPU functions that keep contacts in rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Memory, State = kinds.Memory, kinds.State
     access = row_access(Real)
@@ -42,7 +41,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def recall_impact_speed(w: wp.array[Real], i: int, group: Group, memory: Memory):
-        """Stores and returns the v0 that roller i's contact has kept until now [m/s]."""
+        """Stores and returns the v0 [m/s] that roller i's contact remembers."""
         before = Real(0.0)
         if is_near(group, i):
             before = access.load(memory.impact_speed, memory.first + i)
@@ -51,7 +50,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def keep_impact_speeds(w: wp.array[Real], group: Group, memory: Memory):
-        """Keeps the contacts' v0 in their memory."""
+        """Copies contacts' v0 to their memory."""
         i = group.low
         while i < group.high:
             if is_near(group, i):
@@ -60,7 +59,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def store_arm(w: wp.array[Real], i: int, x: Real, y: Real):
-        """Stores where roller i is from the center of the partner's body [m]."""
+        """Stores roller i's place from the center of the partner's body [m]."""
         access.store(w, row.arm_x + i, x)
         access.store(w, row.arm_y + i, y)
 
@@ -68,7 +67,8 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
     def store_contact(
         w: wp.array[Real], i: int, penetration: Real, normal_x: Real, normal_y: Real, relative_x: Real, relative_y: Real
     ):
-        """Stores roller i's penetration, `AWAY` where it is not near, normal and relative velocity, in numbers."""
+        """Stores roller i's penetration, `AWAY` where not near, contact normal and relative velocity."""
+        # numbers, not vectors, which would keep loops from vectorizing
         access.store(w, row.penetration + i, penetration)
         access.store(w, row.normal_x + i, normal_x)
         access.store(w, row.normal_y + i, normal_y)
@@ -77,12 +77,12 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def damper_row(p: int):
-        """First index of the row of speeds at which dampers of contacts with partner p acted in the step before."""
+        """First index of the row of damper speeds of contacts with partner `p`."""
         return wp.static(len(ROWS) * capacity) + p * wp.static(capacity)
 
     @wp.func
     def fetch_dampers(state: State, drive: Drive, w: wp.array[Real]):
-        """Brings the rows of dampers' speeds from the state, as a launch begins."""
+        """Copies contacts' damper speeds from the state to their rows, at a launch's begin."""
         for p in range(drive.sprockets + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
@@ -90,7 +90,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def put_back_dampers(state: State, drive: Drive, w: wp.array[Real]):
-        """Brings the rows of dampers' speeds back into the state, as a launch ends."""
+        """Copies contacts' damper speeds from their rows to the state, at a launch's end."""
         for p in range(drive.sprockets + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
@@ -98,14 +98,14 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def is_beginning(w: wp.array[Real], i: int):
-        """1 where roller i's contact begins."""
+        """1 where roller i's contact begins, else 0."""
         return wp.where(
             access.load(w, row.penetration + i) > Real(0.0) and access.load(w, row.v0_before + i) <= Real(0.0), 1, 0
         )
 
     @wp.func
     def add_force_sizes(w: wp.array[Real], group: Group, sizes: int):
-        """Adds the normal forces' magnitudes to row `sizes`, for frames."""
+        """Adds the normal forces' sizes to row `sizes`, for frames."""
         i = group.low
         while i < group.high:
             access.store(w, sizes + i, access.load(w, sizes + i) + access.load(w, row.force_size + i))

@@ -1,4 +1,4 @@
-"""Totals over a group of rollers' contacts with one partner, and over all groups of the partner."""
+"""Totals over rollers' contacts with one partner, group by group."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .rollers import rows
 
 @dataclass(frozen=True)
 class ContactSumFunctions:
-    """Totals of a partner's contacts, from the rows."""
+    """CPU functions of the totals of a partner's contacts."""
 
     add_totals: wp.Function
     count_beginning: wp.Function
@@ -25,7 +25,7 @@ class ContactSumFunctions:
 
 @cache
 def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
-    """The functions that sum over contacts in the rows, for rows of `capacity` values of type `Real`."""
+    """CPU functions of contacts' totals, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     access = row_access(Real)
     row = rows(capacity)
@@ -33,10 +33,8 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
 
     @wp.func
     def add_totals(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool, rubs: bool):
-        """Adds the group's forces and moments, roller by roller; where `measured`, powers and magnitudes too.
-
-        All in one loop: sums wait for their own last value only, and friction's where contacts rub is one more.
-        """
+        """Adds a group's contact forces and moments to totals; where `measured`, powers and sizes too."""
+        # one loop: each sum waits for its own last value only
         moment = totals[slot].moment
         x = Real(totals[slot].push[0])
         y = Real(totals[slot].push[1])
@@ -68,7 +66,7 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
 
     @wp.func
     def count_beginning(w: wp.array[Real], group: Group):
-        """The number of contacts of the group that begin."""
+        """Number of contacts of the group that begin."""
         count = int(0)
         i = group.low
         while i < group.high:
@@ -78,7 +76,7 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
 
     @wp.func
     def add_energies(w: wp.array[Real], group: Group, law: kinds.ContactLaw, totals: wp.array[Totals], slot: int):
-        """Adds the contacts' elastic energies to the totals."""
+        """Adds elastic energies of a group's contacts to totals."""
         energy = totals[slot].energy
         i = group.low
         while i < group.high:
@@ -99,7 +97,7 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
         totals: wp.array[Totals],
         slot: int,
     ):
-        """Adds the group's forces, moments, powers and, at the window's ends, elastic energies to the totals."""
+        """Adds a group's contact forces, moments, powers and, at the window's ends, energies to totals."""
         if friction.inertia > Real(0.0):
             add_totals(w, group, totals, slot, True, True)
         else:

@@ -17,7 +17,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class ForceFunctions:
-    """Forces of one variant at one instant."""
+    """CPU functions of one variant's forces at one instant."""
 
     add_link_forces: wp.Function
     add_contact_forces: wp.Function
@@ -25,7 +25,7 @@ class ForceFunctions:
 
 @cache
 def force_functions(Real: type, capacity: int) -> ForceFunctions:
-    """The functions that evaluate the forces of one variant, for rows of `capacity` values of type `Real`."""
+    """CPU functions of one variant's forces, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     rollers = roller_functions(Real, capacity)
     near_rollers = near_roller_functions(Real, capacity)
@@ -43,7 +43,7 @@ def force_functions(Real: type, capacity: int) -> ForceFunctions:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Sets the forces of links and joints on rollers, and of tensioners, after the poses of bodies."""
+        """Sets poses of bodies, forces of links and joints on rollers, and those of tensioners."""
         n = drive.rollers
         near_rollers.find_poses(state, drive)
         rubs = chain.joint.inertia > Real(0.0)
@@ -69,7 +69,7 @@ def force_functions(Real: type, capacity: int) -> ForceFunctions:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Adds the forces of contacts on rollers, and sets their wrenches on bodies, with those of hubs."""
+        """Adds contact forces to rollers, and sets wrenches on bodies, with those of hubs."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         contact_pairs.add_contact_forces(ensemble, state, drive, w, memory)

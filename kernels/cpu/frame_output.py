@@ -1,4 +1,4 @@
-"""Frames of one variant, from an evaluated step."""
+"""Frames of one variant, written on the CPU from an evaluated step."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,14 +17,14 @@ from .trains import train_functions
 
 @dataclass(frozen=True)
 class FrameOutputFunctions:
-    """Frames of one variant."""
+    """CPU function that writes one variant's frames."""
 
     write_frame: wp.Function
 
 
 @cache
 def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutputFunctions:
-    """The functions that write frames of one variant, which lie as `frame` says (`kernels.frames`)."""
+    """CPU function that writes one variant's frames, with the channels of `frame` (`kernels.frames`)."""
     kinds = types(Real)
     vec2 = kinds.vec2
     frame_writers = frame_writer_functions(Real, frame)
@@ -37,7 +37,7 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
 
     @wp.func
     def roller_extra(w: wp.array[Real], i: int):
-        """Forces of roller i and of the link after it, for a frame."""
+        """`Extra` of roller `i` and the link after it, for a frame."""
         of = kinds.Extra()
         of.tension = access.load(w, row.tension + i)
         of.rate = access.load(w, row.rate + i)

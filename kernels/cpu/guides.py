@@ -1,4 +1,4 @@
-"""Contacts of a group of rollers with one guide, a straight bar or a profile: who is near, and how deep."""
+"""Contacts of rollers with one guide, a straight bar or a profile: who is near, and how deep."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class GuideFunctions:
-    """Contacts of a group of rollers with one guide, a straight bar or a profile."""
+    """CPU functions of rollers' contacts with one guide."""
 
     mark_over_bar: wp.Function
     forget_bar: wp.Function
@@ -28,7 +28,7 @@ class GuideFunctions:
 
 @cache
 def guide_functions(Real: type, capacity: int) -> GuideFunctions:
-    """The functions of contacts with one guide, for rows of `capacity` values of type `Real`."""
+    """CPU functions of contacts with one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Memory, Guide = kinds.Memory, kinds.Guide
     vec2 = kinds.vec2
@@ -41,7 +41,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def mark_over_bar(w: wp.array[Real], first: int, last: int, guide: Guide):
-        """Marks the rollers from `first` to before `last` that are at a guide-bar's face or ends."""
+        """Marks rollers from `first` to before `last` that are at a guide-bar's face or ends."""
         reach = wp.float64(guide.end_radius + guide.roller_radius + guide.law.ahead)
         end = wp.float64(guide.length) + reach
         i = first
@@ -57,7 +57,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def forget_bar(first: int, count: int, near: wp.uint64, memory: Memory):
-        """Forgets the contacts of rollers that are no longer over a guide-guide."""
+        """Clears the contacts of rollers no longer over a guide-bar."""
         left = access.find_unlike(memory.impact_speed, memory.first + first, count, Real(UNTOUCHED)) & ~near
         while left != wp.uint64(0):
             access.store(memory.impact_speed, memory.first + first + lowest_bit(left), Real(UNTOUCHED))
@@ -65,7 +65,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def face_penetration(w: wp.array[Real], i: int, penetration: Real, guide: Guide):
-        """Penetration of roller i in a guide, `AWAY` if it did not come in through the face; stores which is so."""
+        """Penetration of roller `i` in a guide, `AWAY` if it missed the face; stores which is so."""
         kept = Real(UNTOUCHED)
         if penetration > -guide.law.ahead and has_missed_face(penetration, access.load(w, row.v0_before + i), guide):
             kept = Real(MISSED)
@@ -75,7 +75,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def find_bar_contacts(w: wp.array[Real], group: Group, guide: Guide, body: Pose, memory: Memory):
-        """Stores the rollers' contacts with a guide-guide, eq. (21)-(23)."""
+        """Stores a group's contacts with a guide-bar, eq. (21)-(23)."""
         i = group.low
         while i < group.high:
             arm = rollers.exact_position(w, i) - body.center
@@ -93,7 +93,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def count_missed(w: wp.array[Real], group: Group, totals: Totals):
-        """Totals with the number of the group's rollers that did not come in through the face."""
+        """Totals with the number of the group's rollers that missed the guide's face."""
         bits = group.near
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
@@ -106,7 +106,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def mark_over_profile(w: wp.array[Real], first: int, end: int, guide: Guide, body: Pose):
-        """Marks the rollers from `first` to before `end` that are near a profile."""
+        """Marks rollers from `first` to before `end` that are near a guide's profile."""
         i = first
         while i < end:
             near = Real(0.0)
@@ -117,7 +117,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def recall_pieces(w: wp.array[Real], group: Group, memory: Memory):
-        """Stores the v0 of contacts with a profile, and the pieces that rollers were over (-1: none), in their rows."""
+        """Copies v0 of contacts with a profile, and rollers' pieces (-1: none), from memory to rows."""
         i = group.low
         while i < group.high:
             contact_rows.recall_impact_speed(w, i, group, memory)
@@ -138,7 +138,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
         pieces: wp.array[Piece],
         memory: Memory,
     ):
-        """Finds the pieces that rollers, bits `which` from `first` on, are over now."""
+        """Finds the profile's pieces under rollers, bits `which` from `first` on."""
         bits = which
         while bits != wp.uint64(0):
             i = first + lowest_bit(bits)
@@ -150,7 +150,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def store_piece_contact(w: wp.array[Real], i: int, guide: Guide, body: Pose, piece: Piece, following: Piece):
-        """Stores roller i's contact with a piece of a profile; +1 where it is past the piece, -1 before it, else 0."""
+        """Stores roller i's contact with a profile's piece; returns +1 past the piece, -1 before it, else 0."""
         arm = rollers.exact_position(w, i) - body.center
         penetration, facing, beyond = piece_contact(frame_vector(arm, body), piece, following, guide)
         facing = rotated_vector(facing, body.cosine, body.sine)
@@ -163,7 +163,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
 
     @wp.func
     def store_piece_contacts(w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece]):
-        """Stores the rollers' contacts with the pieces that they are over; 1 if any is over another piece by now."""
+        """Stores a group's contacts with their pieces of a profile; returns 1 if any is over another piece."""
         moved = int(0)
         left = group.near
         while left != wp.uint64(0):
@@ -186,10 +186,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
     def find_profile_contacts(
         w: wp.array[Real], group: Group, guide: Guide, body: Pose, pieces: wp.array[Piece], memory: Memory
     ):
-        """Stores the rollers' contacts with a profile, whose `first_piece` is its first among all `pieces`.
-
-        In most steps none of them comes to another piece.
-        """
+        """Stores a group's contacts with a guide's profile."""
         recall_pieces(w, group, memory)
         track_pieces(w, group.first, group.fresh, guide, body, pieces, memory)
         if store_piece_contacts(w, group, guide, body, pieces) != 0:

@@ -1,6 +1,6 @@
-"""Links of chains whose joints rub or whose links differ, on the CPU, and the friction of joints.
+"""Links of chains whose joints rub or whose links differ, and the friction of joints, on the CPU.
 
-Plain loops over rows, as in `rollers`: joint n is joint 0 again, link i's values of two components stand at i + 1.
+Plain loops over rows, as in `rollers`: joint n is joint 0 again, link i's values of two components are at i + 1.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class JointFunctions:
-    """Link forces of chains whose joints rub or whose links differ, and the friction of joints."""
+    """CPU functions of links whose joints rub or which differ, and of joints' friction."""
 
     find_link_forces: wp.Function
     find_joint_moments: wp.Function
@@ -35,7 +35,7 @@ class JointFunctions:
 
 @cache
 def joint_functions(Real: type, capacity: int) -> JointFunctions:
-    """The functions of one variant's joints, for rows of `capacity` values of type `Real`."""
+    """CPU functions of joints, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -45,7 +45,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def store_turn_rate(w: wp.array[Real], i: int, d: vec2, v: vec2):
-        """Stores the rate at which link i turns, and n / L."""
+        """Stores the rate at which link `i` turns, and n / L."""
         lever, turn = link_turning(d, v)
         access.store(w, row.turn_rate + i, turn)
         access.store(w, row.couple_x + i + 1, lever[0])
@@ -53,10 +53,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_link_forces(w: wp.array[Real], n: int, chain: Chain):
-        """Stores tension, force and turning of every link; contact forces start at zero.
-
-        Links that differ or have play have a loop of their own.
-        """
+        """Stores tension, force and turning of every link with joints; sets contact forces to zero."""
         rollers.repeat_first_roller(w, n)
         i = int(0)
         if not has_uneven_links(chain):
@@ -77,7 +74,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moment(w: wp.array[Real], i: int, mu: Real, chain: Chain, memory: kinds.Memory):
-        """Stores the friction moment of the joint after link i, and what its bristle holds; in numbers, not vectors."""
+        """Stores the friction moment of the joint after link `i`, and its bristle's."""
         tension, turn = access.load(w, row.tension + i), access.load(w, row.turn_rate + i)
         tension_after, turn_after = access.load(w, row.tension + i + 1), access.load(w, row.turn_rate + i + 1)
         held = access.load(w, row.joint_bristle + i + 1)
@@ -89,7 +86,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moments(w: wp.array[Real], n: int, chain: Chain, memory: kinds.Memory):
-        """Stores the moment of every joint; of one coefficient at all speeds in a loop of its own, which vectorizes."""
+        """Stores the friction moment of every joint, and its bristle's."""
         access.store(w, row.tension + n, access.load(w, row.tension))
         access.store(w, row.turn_rate + n, access.load(w, row.turn_rate))
         mu = chain.joint.mu_dynamic
@@ -108,7 +105,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def add_couple_forces(w: wp.array[Real], n: int):
-        """Adds the couple of its two joints to every link's force."""
+        """Adds the couple of its two joints' friction to every link's force."""
         i = int(0)
         while i < access.round_up(n):
             lever = vec2(access.load(w, row.couple_x + i + 1), access.load(w, row.couple_y + i + 1))
@@ -128,11 +125,9 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def add_friction_powers(w: wp.array[Real], n: int, chain: Chain, lag: Real, share: Real):
-        """Adds the powers that joints dissipate to the rollers' tallies, at the mean of a leapfrog step's two
-        velocities.
+        """Adds the powers of joints' friction to rollers' tallies, at a leapfrog step's mean velocities.
 
-        `lag` is the time from the velocities' instant to that of the forces, half a step; `share` is the part of a
-        step that these stand for.
+        `lag` [s] is from the velocities' instant to that of the forces; `share` is the part of a step to count.
         """
         i = int(0)
         while i < access.round_up(n):
@@ -145,7 +140,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def turn_rate(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
-        """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
+        """Rate [rad/s] at which link `i` turns, `lag` [s] after the velocities' instant."""
         mine = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
         of_next = rollers.acceleration(w, next_index(i, n), chain.inverse_mass, chain.gravity)
         lever, turn = link_turning(rollers.link_vector(w, i), rollers.link_velocity(w, i) + lag * (of_next - mine))
@@ -153,7 +148,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def friction_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
-        """Power that joint i dissipates [W]; summed over all joints it is that of `add_friction_powers`."""
+        """Power [W] of friction in joint `i`, one of those that `add_friction_powers` adds."""
         turn = turn_rate(w, i, n, chain, lag)
         return joint_friction_power(
             access.load(w, row.moment + i), turn_rate(w, previous_index(i, n), n, chain, lag), turn

@@ -1,4 +1,4 @@
-"""Sums of each link and roller of one variant, which a loop that vectorizes adds to in each step.
+"""Tallies of each link and roller of one variant, which a vectorized loop adds to in each step.
 
 They are merged into the sums of chain and strands every `MERGE_EVERY` steps, before strands change their links.
 """
@@ -18,7 +18,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class LinkTallyFunctions:
-    """Sums of each link and roller of one variant, and what they add to the sums of chain and strands."""
+    """CPU functions of links' and rollers' tallies."""
 
     clear: wp.Function
     add_rates: wp.Function
@@ -34,7 +34,7 @@ class LinkTallyFunctions:
 
 @cache
 def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
-    """The functions of links' tallies, for rows of `capacity` values of type `Real`."""
+    """CPU functions of links' tallies, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -44,7 +44,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def clear(w: wp.array[Real], n: int):
-        """Begins the links' tallies anew."""
+        """Sets the links' tallies to zero."""
         i = int(0)
         while i < access.round_up(n):
             access.store(w, row.tension_min + i, Real(wp.inf))
@@ -55,9 +55,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def add_rates(w: wp.array[Real], n: int, share: Real):
-        """Adds a step's squared rates of elongation to the links' tallies; `share` is the part of a step that it stands
-        for.
-        """
+        """Adds a step's squared rates of elongation, times `share` of a step, to links' tallies."""
         i = int(0)
         while i < access.round_up(n):
             rate = access.load(w, row.rate + i)
@@ -66,7 +64,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes(w: wp.array[Real], n: int):
-        """Widens the links' extremes of tension by those of a step."""
+        """Widens the extremes of links' tallies by a step's tensions."""
         i = int(0)
         while i < access.round_up(n):
             tension = access.load(w, row.tension + i)
@@ -86,7 +84,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def add_strand_tensions(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
-        """A strand's sums with a sample of the tensions of the links between its two tangent points."""
+        """A strand's sums with a sample of its links' tensions."""
         seen = LinkTally()
         link = strand.first_link
         for _ in range(strand.links):
@@ -105,7 +103,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def merge_links(w: wp.array[Real], n: int, chain: Chain, sums: ChainSums, step: wp.float64):
-        """`sums` with the tallies of all links; `step` is a step's length [s]."""
+        """The chain's `sums` with the tallies of all links; `step` is its length [s]."""
         for i in range(n):
             sums = merge_extremes_of(w, i, sums)
             stiffness, damping = link_spring(i, chain)
@@ -114,14 +112,14 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def merge_friction(w: wp.array[Real], n: int, friction: wp.float64, step: wp.float64):
-        """`friction` with what the tallies of all rollers say that their joints took [J]."""
+        """`friction` [J] with that of joints in the tallies of all rollers."""
         for i in range(n):
             friction = friction + step * wp.float64(access.load(w, row.joint_friction + i))
         return friction
 
     @wp.func
     def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
-        """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
+        """Transverse displacement [m] of the chain at mid-strand, positive to the left of travel."""
         i = strand.middle
         j = next_index(i, n)
         return mid_strand_displacement(
@@ -134,7 +132,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def merge_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
-        """`sums` with the tallies of the links between the strand's two tangent points."""
+        """A strand's `sums` with the tallies of its links."""
         link = strand.first_link
         for _ in range(strand.links):
             sums = merge_extremes_of(w, link, sums)
@@ -143,9 +141,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def rollers_energy(w: wp.array[Real], n: int, chain: Chain, back: Real):
-        """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
-        instant.
-        """
+        """Kinetic, elastic and potential energy [J] of rollers and links, `back` [s] after the velocities' instant."""
         total = wp.float64(0.0)
         i = int(0)
         while i < n:

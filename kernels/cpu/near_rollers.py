@@ -1,4 +1,4 @@
-"""The rollers that are near a sprocket or guide, and what contacts remember of those that leave it."""
+"""Rollers near a sprocket or guide, and the memory of contacts that leave it."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +17,7 @@ from .seats import seat_functions
 
 @dataclass(frozen=True)
 class NearRollerFunctions:
-    """Functions that find which rollers are near a partner."""
+    """CPU functions that find the rollers near a partner."""
 
     find_poses: wp.Function
     memory_at_chain: wp.Function
@@ -28,7 +28,7 @@ class NearRollerFunctions:
 
 @cache
 def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
-    """The functions that find rollers near a partner, for rows of `capacity` values of type `Real`."""
+    """CPU functions that find rollers near a partner, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     State, Memory = kinds.State, kinds.Memory
     partners = partner_functions(Real)
@@ -41,13 +41,14 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def find_poses(state: State, drive: Drive):
-        """Sets all bodies' poses, one right after the other: each is a long chain that waits for itself only."""
+        """Sets the poses of all bodies of a drive."""
+        # one right after the other: each is a long chain of operations that waits for itself only
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.poses[b] = pose_of(state.bodies[b])
 
     @wp.func
     def memory_at_chain(memory: Memory, drive: Drive, chain: kinds.Chain):
-        """The memory of contacts with the first partner of a drive, whose chain it is."""
+        """Contacts' memory at the first partner of a drive, for its chain."""
         memory.first = drive.first_contact
         memory.inverse_mass = chain.inverse_mass
         memory.gravity = chain.gravity
@@ -55,7 +56,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def contact_memory(state: State, drive: Drive):
-        """The memory of contacts with the first partner of a drive, before `memory_at_chain`."""
+        """Contacts' memory at the first partner of a drive, before `memory_at_chain`."""
         memory = Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
@@ -68,7 +69,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def mark_near(w: wp.array[Real], first: int, end: int, partner: partners.Partner):
-        """Marks the rollers from `first` to before `end` that are near a partner."""
+        """Marks rollers from `first` to before `end` that are near a partner."""
         if partner.teeth != 0:
             seats.mark_engaged(w, first, end, partner.sprocket, partner.pose)
         elif partner.guide.pieces == 0:
@@ -78,7 +79,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def forget_seats(first: int, count: int, near: wp.uint64, memory: Memory):
-        """Forgets seats or pieces, and contacts, of rollers that are no longer near; returns who had one, as bits."""
+        """Clears seats or pieces, and contacts, of rollers no longer near; returns who had one, as bits."""
         seated = seat_access.find_unlike(memory.seat, memory.first + first, count, -1)
         left = seated & ~near
         while left != wp.uint64(0):
@@ -92,7 +93,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
     def forget_partner(
         w: wp.array[Real], first: int, count: int, near: wp.uint64, partner: partners.Partner, memory: Memory
     ):
-        """Forgets the contacts of rollers that are not near; returns who had a seat or piece, as bits."""
+        """Clears the contacts with a partner of rollers not near; returns who had a seat or piece, as bits."""
         seated = wp.uint64(0)
         if partner.teeth != 0 or partner.guide.pieces != 0:
             seated = forget_seats(first, count, near, memory)
@@ -104,7 +105,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func(inline=False)
     def rebuild_neighbor_list(ensemble: kinds.Ensemble, state: State, drive: Drive, w: wp.array[Real]):
-        """Rebuilds the neighbor list of all partners; a guide that moves keeps all rollers."""
+        """Rebuilds the neighbor list of all partners, with all rollers for a guide that moves."""
         n = drive.rollers
         memory = contact_memory(state, drive)
         skin = neighbor_list.skin_width(w)
@@ -128,9 +129,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def near_group(w: wp.array[Real], first: int, end: int, n: int, partner: partners.Partner, memory: Memory):
-        """The group of rollers from `first` to before `end` that are near a partner; the others' contacts are
-        forgotten.
-        """
+        """Group of rollers from `first` to before `end` near a partner; clears the others' contacts."""
         mark_near(w, first, end, partner)
         count = wp.min(n, end) - first
         near = access.find_unlike(w, row.near + first, count, Real(0.0))

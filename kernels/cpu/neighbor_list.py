@@ -1,9 +1,8 @@
-"""Which rollers can come near a partner within the next steps: only these are looked at.
+"""Neighbor list on the CPU: runs of rollers that can come near a partner within the next steps.
 
-Every so often all rollers are held against each partner, widened by a skin. Those found are kept as runs of up to
-`GROUP` rollers one after the other, those in between included. As long as no roller and no body is faster than
-a limit, none of the others comes through more than 0.7 of the skin in the steps for which the runs hold, which leaves
-more than float32 rounds off. So results do not depend on runs.
+Every so often all rollers are compared with each partner, widened by a skin. Those found are kept as runs of up to
+`GROUP` rollers in a row. As long as no roller and no body is faster than a limit, none of the others comes through more
+than 0.7 of the skin while the runs hold, so that results do not depend on runs.
 """
 
 from dataclasses import dataclass
@@ -16,24 +15,24 @@ from ..structs import Drive, types
 from .rollers import rows
 
 SKIN = 0.25
-"""By how much partners are widened, of the first link's length."""
+"""Width of the neighbor list's skin over the first link's length."""
 
 
 GROUP = wp.constant(64)
-"""Rollers of a group."""
+"""Most rollers of a group."""
 
 
 RUN_GAP = wp.constant(16)
-"""Rollers between two that are near from which on a run ends; where a sprocket has both ends of the chain, say."""
+"""Rollers between two near ones from which on a run of the neighbor list ends."""
 
 
 MOST_STEPS = 64
-"""Steps for which runs hold at most."""
+"""Most steps for which the neighbor list holds."""
 
 
 @wp.struct
 class Group:
-    """Rollers one after the other of which some are near a partner."""
+    """Rollers in a row of which some are near a partner."""
 
     first: wp.int32
     near: wp.uint64  # bit k: roller `first` + k is near
@@ -54,7 +53,7 @@ def highest_bit(bits: wp.uint64) -> int:
 
 @wp.func
 def single_bit(k: int):
-    """A number of 64 bits whose bit k alone is set."""
+    """64 bits of which bit `k` alone is set."""
     return wp.uint64(1) << wp.uint64(k)
 
 
@@ -66,13 +65,13 @@ def without_lowest_bit(bits: wp.uint64):
 
 @wp.func
 def is_near(group: Group, i: int):
-    """Whether roller i, between `low` and `high`, is near."""
+    """Whether roller `i`, between the group's `low` and `high`, is near."""
     return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
 
 
 @dataclass(frozen=True)
 class NeighborListFunctions:
-    """Runs of rollers that can come near a partner within the next steps."""
+    """CPU functions of the neighbor list: runs of rollers near partners."""
 
     store_runs: wp.Function
     mark_all_near: wp.Function
@@ -89,7 +88,7 @@ class NeighborListFunctions:
 
 @cache
 def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
-    """The functions that keep runs in rows of `capacity` values of type `Real`."""
+    """CPU functions of the neighbor list, in rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     lanes = LANES[Real]
     access = row_access(Real)
@@ -97,22 +96,22 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def group_count(n: int):
-        """Most runs of `n` rollers, each but the last a whole group."""
+        """Number of whole groups of `n` rollers."""
         return (n + GROUP - 1) // GROUP
 
     @wp.func
     def run_slots(n: int):
-        """Most runs of a partner: whole groups, and two that end where others follow only later."""
+        """Most runs of one partner in the neighbor list."""
         return group_count(n) + 2
 
     @wp.func
     def is_crowded(drive: Drive):
-        """Whether the rows have no room for so many runs, which then are whole groups of all rollers."""
+        """Whether rows have no room for a neighbor list; runs are then all rollers' whole groups."""
         return (drive.sprockets + drive.guides) * run_slots(drive.rollers) > wp.static(capacity)
 
     @wp.func
     def store_runs(w: wp.array[Real], n: int, p: int):
-        """Stores the rollers that are marked near as the runs of partner p."""
+        """Stores the rollers that are marked near as the runs of partner `p`."""
         place = p * run_slots(n) - 1
         count = int(0)
         first = int(0)
@@ -132,7 +131,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def mark_all_near(w: wp.array[Real], n: int):
-        """Marks all rollers as near."""
+        """Marks all rollers as near, for the neighbor list."""
         i = int(0)
         while i < access.round_up(n):
             access.store(w, row.near + i, Real(1.0))
@@ -140,7 +139,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def reset(w: wp.array[Real], drive: Drive):
-        """Makes the whole chain the runs of each partner, which hold for no step."""
+        """Makes the whole chain the runs of each partner, to be rebuilt before the next step."""
         mark_all_near(w, drive.rollers)
         if not is_crowded(drive):
             for p in range(drive.sprockets + drive.guides):
@@ -150,24 +149,24 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def is_outdated(w: wp.array[Real], drive: Drive):
-        """Whether runs must be made anew before forces are evaluated."""
+        """Whether the neighbor list must be rebuilt before forces are evaluated."""
         return not (access.load(w, row.lifetime) > Real(0.0)) and drive.integrator == 0 and not is_crowded(drive)
 
     @wp.func
     def invalidate_if_fast(w: wp.array[Real], velocity: wp.vec2d):
-        """Ends the time for which runs hold if a body's center, which has moved, is too fast."""
+        """Ends the neighbor list's lifetime if a body's center, which has moved, is too fast."""
         limit = wp.float64(access.load(w, row.lifetime + 1))
         if not (wp.dot(velocity, velocity) <= limit * limit):
             access.store(w, row.lifetime, Real(0.0))
 
     @wp.func
     def skin_width(w: wp.array[Real]):
-        """Width [m] by which partners are widened."""
+        """Width [m] of the neighbor list's skin."""
         return access.load(w, row.length) * wp.static(Real(SKIN))
 
     @wp.func
     def set_lifetime(w: wp.array[Real], drive: Drive):
-        """Sets for how many steps new runs hold, while none is a quarter faster than the fastest is now."""
+        """Sets the steps for which a new neighbor list holds, for speeds up to 5/4 of the fastest now."""
         square = Real(0.0)
         for i in range(drive.rollers):
             vx = access.load(w, row.vx + i)
@@ -181,14 +180,14 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def run_count(w: wp.array[Real], drive: Drive, p: int):
-        """The number of runs of partner p."""
+        """Number of runs of partner `p` in the neighbor list."""
         if is_crowded(drive):
             return group_count(drive.rollers)
         return int(access.load(w, row.runs + p))
 
     @wp.func
     def run_span(w: wp.array[Real], drive: Drive, p: int, k: int):
-        """Run k of partner p: its first roller and the number of its rollers, both multiples of the lanes."""
+        """First roller and number of rollers of run `k` of partner `p`, multiples of the lanes."""
         n = drive.rollers
         if is_crowded(drive):
             return k * GROUP, wp.min(access.round_up(n - k * GROUP), GROUP)
@@ -197,7 +196,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def near_group(first: int, near: wp.uint64, fresh: wp.uint64):
-        """The group that begins at roller `first`; bits `near` are not 0."""
+        """Group that begins at roller `first`, with bits `near`, not 0, and `fresh`."""
         group = Group()
         group.first = first
         group.near = near
@@ -208,7 +207,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def whole_group(first: int, end: int):
-        """The rollers from `first` to before `end` as a group."""
+        """Group of all rollers from `first` to before `end`."""
         group = Group()
         group.first = first
         group.low = first

@@ -1,4 +1,4 @@
-"""The sprockets and guides of one variant, which its rollers touch: the partners of its contacts."""
+"""Partners of one variant's contacts: the sprockets and guides that its rollers touch."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +12,7 @@ from ..structs import GROUND, Drive, Pose, types
 
 @dataclass(frozen=True)
 class PartnerFunctions:
-    """The sprockets and guides of one variant, where they are now, with their contact laws."""
+    """CPU functions of a variant's sprockets and guides with their contact laws."""
 
     Partner: Any
     sprocket_partner: wp.Function
@@ -26,13 +26,13 @@ class PartnerFunctions:
 
 @cache
 def partner_functions(Real: type) -> PartnerFunctions:
-    """The functions that give the partners of one variant's contacts."""
+    """CPU functions of the partners of a variant's contacts, at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.struct
     class Partner:
-        """A sprocket, or a guide where `teeth` is 0, and the body that carries it."""
+        """A sprocket, or a guide where `teeth` is 0, and the pose of its body."""
 
         teeth: wp.int32
         body: wp.int32  # of the drive, or `GROUND`
@@ -42,7 +42,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def sprocket_partner(ensemble: Ensemble, state: State, drive: Drive, s: int):
-        """Sprocket s of a drive, where it is now."""
+        """Sprocket `s` of a drive as a contact partner, at its pose."""
         partner = Partner()
         partner.teeth = 1
         partner.body = s
@@ -52,7 +52,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def guide_partner(ensemble: Ensemble, state: State, drive: Drive, g: int):
-        """Guide g of a drive, where it is now."""
+        """Guide `g` of a drive as a contact partner, at its pose."""
         partner = Partner()
         bar = ensemble.guides[drive.first_guide + g]
         partner.body = bar.body
@@ -69,7 +69,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def partner_at(ensemble: Ensemble, state: State, drive: Drive, p: int):
-        """Partner p of a drive, its sprockets and then its guides."""
+        """Partner `p` of a drive's contacts: its sprockets, then its guides."""
         if p < drive.sprockets:
             partner = sprocket_partner(ensemble, state, drive, p)
             return partner
@@ -78,7 +78,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def law_of_partner(ensemble: Ensemble, drive: Drive, p: int):
-        """The contact law of partner p of a drive."""
+        """Contact law of partner `p` of a drive."""
         if p < drive.sprockets:
             law = ensemble.sprockets[drive.first_sprocket + p].law
             return law
@@ -87,7 +87,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def friction_of_partner(ensemble: Ensemble, drive: Drive, p: int):
-        """The friction of partner p of a drive."""
+        """Friction of partner `p` of a drive."""
         if p < drive.sprockets:
             friction = ensemble.tooth_friction[drive.first_sprocket + p]
             return friction
@@ -96,7 +96,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def carrier_of_partner(ensemble: Ensemble, drive: Drive, p: int):
-        """The body of the drive that carries partner p, or `GROUND`."""
+        """Body that carries partner `p` of a drive, or `GROUND`."""
         body = p
         if p >= drive.sprockets:
             body = ensemble.guides[drive.first_guide + p - drive.sprockets].body
@@ -104,7 +104,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def widened_partner(partner: Partner, skin: Real):
-        """A partner to which rollers within a skin [m] more are near."""
+        """A contact partner to which rollers within `skin` [m] more are near."""
         far = wp.sqrt(partner.sprocket.far_square) + skin
         near = wp.max(wp.sqrt(partner.sprocket.near_square) - skin, Real(0.0))
         partner.sprocket.far_square = far * far

@@ -19,7 +19,7 @@ from .rollers import roller_functions, rows
 
 @cache
 def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
-    """The kernel that settles variants, for up to `capacity` - 1 rollers of a chain."""
+    """CPU kernel that settles variants, for up to `capacity` - 1 rollers of a chain."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     rollers = roller_functions(Real, capacity)
@@ -33,7 +33,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
-        """Kinetic energy of the rollers [J]."""
+        """Kinetic energy [J] of rollers in settling."""
         total = wp.float64(0.0)
         i = int(0)
         while i < n:
@@ -45,7 +45,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def arms_energy(ensemble: Ensemble, state: State, drive: Drive):
-        """Kinetic energy of the arms [J]."""
+        """Kinetic energy [J] of arms in settling."""
         total = wp.float64(0.0)
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
@@ -55,7 +55,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def largest_arm_acceleration(ensemble: Ensemble, state: State, drive: Drive, chain: Chain):
-        """Largest net moment on an arm, as the acceleration [m/s^2] of a roller pushed by that over its reach."""
+        """Largest net moment on an arm, as acceleration [m/s^2] of a roller at its reach."""
         worst = wp.float64(0.0)
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
@@ -67,7 +67,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def relax_arms(ensemble: Ensemble, state: State, drive: Drive, kick: wp.float64, h: wp.float64):
-        """Takes every arm a step of relaxation on."""
+        """Takes every arm one step of relaxation on."""
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
             rates = bodies.accelerations_of(ensemble, state, drive, b, wp.float64(0.0))
@@ -94,7 +94,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
     def settle_variant(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], variant: int, w: wp.array[Real], steps: int
     ):
-        """Takes one variant up to `steps` steps of relaxation on, in a function that the compiler does not inline."""
+        """Takes one variant up to `steps` steps of relaxation on."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         chain.joint.inertia = Real(0.0)  # no friction while settling

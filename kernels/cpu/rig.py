@@ -1,7 +1,7 @@
-"""A test rig on the CPU: one tensioner a thread, whose plunger is moved on a sine as by a shaker.
+"""Tensioner's test rig on the CPU: one a thread, its plunger moved on a sine as by a shaker.
 
-x = x_0 + amplitude sin(2 pi f t), from the state at rest at x_0. `RideSums` has the sums of the last cycle; the work
-W = -int F dx that the shaker does on the plunger goes by the mean of the forces at a step's ends.
+x = x_0 + amplitude sin(2 pi f t), from the state at rest at x_0. The work W = -int F dx that the shaker does on the
+plunger goes by the mean of the forces at a step's ends.
 """
 
 import math
@@ -21,12 +21,12 @@ from ..structs import Tensioner, TensionerFlows
 from ..sums import add_flows
 
 SAMPLE_COLUMNS = ("extension", "force", "pressure", "valve_lift", "leaked", "supplied")
-"""What a sample holds; flows since the start."""
+"""Columns of a rig's sample; flows since the start."""
 
 
 @wp.struct
 class Ride:
-    """The prescribed motion of a plunger."""
+    """Prescribed motion of a tensioner's plunger on the rig."""
 
     center: wp.float64  # x_0 [m]
     amplitude: wp.float64  # [m]
@@ -56,7 +56,7 @@ class RideSums:
 
 @wp.func
 def plunger_position(step: int, ride: Ride):
-    """Extension x [m] and its rate x' [m/s] at a step."""
+    """Extension x [m] of a plunger on the rig and its rate x' [m/s] at a step."""
     turn = wp.float64(wp.static(2.0 * math.pi)) / wp.float64(ride.cycle)
     angle = turn * wp.float64(step % ride.cycle)
     return ride.center + ride.amplitude * wp.sin(angle), ride.amplitude * turn / ride.step * wp.cos(angle)
@@ -70,7 +70,7 @@ def shake_plungers(
     samples: wp.array3d[wp.float64],
     sums: wp.array[RideSums],
 ):
-    """Moves the plungers from number `first` on as prescribed; samples (rides, samples, columns)."""
+    """Rides tensioners from number `first` on and writes samples (rides, samples, columns) and sums."""
     r = first + wp.tid()
     ride = rides[r]
     tensioner = tensioners[r]

@@ -1,9 +1,8 @@
 """The rollers of one variant on the CPU: their rows in a scratch, link forces, kick and drift.
 
-The rows have a constant length (`rows`). They are read and written through `native.row_access`, which tells the
-compiler that neighbors in a row are neighbors in memory; with plain loops (`while`, not `range`) it then vectorizes
-loops without branches: 1,080 million link forces a second on one core with AVX-512, against 115 with Warp's strided
-array indexing (docs/performance.md).
+Rows have a constant length (`rows`). Read and written through `native.row_access` in plain loops (`while`, not `range`)
+without branches, they vectorize: 1,080 million link forces a second on one core with AVX-512, against 115 with Warp's
+strided array indexing (docs/performance.md).
 """
 
 from dataclasses import dataclass, fields
@@ -18,7 +17,7 @@ from ..structs import types
 
 @dataclass(frozen=True)
 class Rows:
-    """First index of each row of a scratch, in their order."""
+    """First index of each row of a scratch, in order."""
 
     x: int  # position [m]
     y: int
@@ -100,7 +99,7 @@ ROWS = tuple(field.name for field in fields(Rows))
 
 @cache
 def rows(capacity: int) -> Rows:
-    """The rows of a scratch whose rows hold `capacity` values."""
+    """First indices of a scratch's rows of `capacity` values."""
     firsts = {name: k * capacity for k, name in enumerate(ROWS)}
     for name in ("link_x", "link_y"):
         firsts[name] += 15  # so that what stands at i + 1 begins with a cache line, at both precisions
@@ -109,7 +108,7 @@ def rows(capacity: int) -> Rows:
 
 @dataclass(frozen=True)
 class RollerFunctions:
-    """Functions on the rollers of one variant, in the rows of a scratch."""
+    """CPU functions on the rollers of one variant."""
 
     fetch: wp.Function
     put_back: wp.Function
@@ -129,7 +128,7 @@ class RollerFunctions:
 
 @cache
 def roller_functions(Real: type, capacity: int) -> RollerFunctions:
-    """The functions on rollers, for rows of `capacity` values of type `Real`."""
+    """CPU functions on rollers, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -139,10 +138,9 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def fetch(state: kinds.State, lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
-        """Brings a chain's rollers, joints' bristles and links' lengths from the state into the scratch.
+        """Copies a chain's rollers, bristles and link lengths from the state into the scratch.
 
-        Args:
-            first, n: its first roller, and how many it has.
+        The chain has `n` rollers from roller `first` on.
         """
         for k in range(STATE_ROWS):
             for i in range(n):
@@ -156,7 +154,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def put_back(state: kinds.State, w: wp.array[Real], first: int, n: int):
-        """Brings a chain's rollers and joints' bristles back into the state."""
+        """Copies a chain's rollers and bristles from the scratch into the state."""
         for k in range(STATE_ROWS):
             for i in range(n):
                 state.rollers[STATE_ROWS * first + k * n + i] = w[k * wp.static(capacity) + i]
@@ -166,7 +164,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def clear_rows(w: wp.array[Real], first: int, second: int, n: int):
-        """Sets two rows to zero, which begin at `first` and `second`."""
+        """Sets two rows of rollers, from `first` and `second` on, to zero."""
         i = int(0)
         while i < n:
             access.store(w, first + i, Real(0.0))
@@ -175,7 +173,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def exact_position(w: wp.array[Real], i: int):
-        """Position of roller i in float64 [m]."""
+        """Position [m] of roller `i` in float64."""
         if wp.static(compensated):
             return wp.vec2d(
                 wp.float64(access.load(w, row.x + i)) + wp.float64(access.load(w, row.x_low + i)),
@@ -186,7 +184,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def link_vector(w: wp.array[Real], i: int):
-        """Vector from roller i to roller i + 1 [m], exact at float32 too."""
+        """Vector [m] from roller `i` to roller i + 1, exact at float32 too."""
         d = vec2(
             access.load(w, row.x + i + 1) - access.load(w, row.x + i),
             access.load(w, row.y + i + 1) - access.load(w, row.y + i),
@@ -200,7 +198,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def link_velocity(w: wp.array[Real], i: int):
-        """Velocity of roller i + 1 relative to roller i [m/s]."""
+        """Velocity [m/s] of roller i + 1 relative to roller `i`."""
         return vec2(
             access.load(w, row.vx + i + 1) - access.load(w, row.vx + i),
             access.load(w, row.vy + i + 1) - access.load(w, row.vy + i),
@@ -208,7 +206,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def store_link_force(w: wp.array[Real], i: int, tension: Real, rate: Real, u: vec2):
-        """Stores tension and force of link i; contact forces start at zero."""
+        """Stores tension and force of link `i`; sets contact forces to zero."""
         access.store(w, row.tension + i, tension)
         access.store(w, row.rate + i, rate)
         access.store(w, row.link_x + i + 1, tension * u[0])
@@ -218,7 +216,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def move(w: wp.array[Real], i: int, dx: Real, dy: Real):
-        """Moves roller i by (dx, dy) [m]; what float32 rounds off is kept in the low part."""
+        """Moves roller `i` by (dx, dy) [m], with float32's rounding in the low parts."""
         if wp.static(compensated):
             x, x_low = compensated_sum(access.load(w, row.x + i), access.load(w, row.x_low + i), dx)
             y, y_low = compensated_sum(access.load(w, row.y + i), access.load(w, row.y_low + i), dy)
@@ -232,7 +230,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def repeat_first_roller(w: wp.array[Real], n: int):
-        """Makes roller n the same as roller 0."""
+        """Copies roller 0 to roller n, which closes the chain."""
         access.store(w, row.x + n, access.load(w, row.x))
         access.store(w, row.y + n, access.load(w, row.y))
         access.store(w, row.vx + n, access.load(w, row.vx))
@@ -243,7 +241,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def find_link_forces(w: wp.array[Real], n: int, chain: Chain):
-        """Stores tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
+        """Stores tension and force of every link, eq. (2), (3), link i's at i + 1; sets contact forces to zero."""
         repeat_first_roller(w, n)
         i = int(0)
         while i < access.round_up(n):
@@ -256,20 +254,20 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def acceleration_components(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2] in x and y: its two links, its contacts and gravity."""
+        """Acceleration [m/s^2] of roller `i` by links, contacts and gravity, in x and y."""
         x = access.load(w, row.link_x + i + 1) - access.load(w, row.link_x + i) + access.load(w, row.fx + i)
         y = access.load(w, row.link_y + i + 1) - access.load(w, row.link_y + i) + access.load(w, row.fy + i)
         return acceleration_component(x, inverse_mass, gravity[0]), acceleration_component(y, inverse_mass, gravity[1])
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2] as a vector: its two links, its contacts and gravity."""
+        """Acceleration [m/s^2] of roller `i` by links, contacts and gravity, as a vector."""
         ax, ay = acceleration_components(w, i, inverse_mass, gravity)
         return vec2(ax, ay)
 
     @wp.func
     def kick_and_drift(w: wp.array[Real], n: int, chain: Chain, kick: Real, h: Real):
-        """v += kick a, then x += h v; neighbor lists hold for a step less, or no longer where a roller is fast."""
+        """Advances all rollers: v += kick a, then x += h v; ages the neighbor list, or ends it where one is fast."""
         inverse_mass = chain.inverse_mass
         limit = access.load(w, row.lifetime + 1) * access.load(w, row.lifetime + 1)
         fast = int(0)
@@ -288,7 +286,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def is_inside(w: wp.array[Real], n: int, low: wp.vec2d, high: wp.vec2d):
-        """1 while every roller is finite and in the box, else 0."""
+        """1 while every roller is finite and in the drive's box, else 0."""
         good = int(1)
         i = int(0)
         while i < n:

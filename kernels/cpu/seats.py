@@ -1,4 +1,4 @@
-"""Seats of a group of rollers in one sprocket, and where the rollers are in the seats' gaps."""
+"""Seats of rollers in one sprocket, and where the rollers are in the seats' gaps."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -14,7 +14,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class SeatFunctions:
-    """Seats of a group of rollers in one sprocket."""
+    """CPU functions of rollers' seats in one sprocket."""
 
     mark_engaged: wp.Function
     forget_directions: wp.Function
@@ -25,7 +25,7 @@ class SeatFunctions:
 
 @cache
 def seat_functions(Real: type, capacity: int) -> SeatFunctions:
-    """The functions that find seats in one sprocket, for rows of `capacity` values of type `Real`."""
+    """CPU functions of seats in one sprocket, for rows of `capacity` values of type `Real`."""
     Memory, Sprocket = types(Real).Memory, types(Real).Sprocket
     compensated = Real == wp.float32
     rollers = roller_functions(Real, capacity)
@@ -35,7 +35,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def mark_engaged(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose):
-        """Marks the rollers from `first` to before `end` that are between the teeth."""
+        """Marks rollers from `first` to before `end` that are between a sprocket's teeth."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         i = first
@@ -51,7 +51,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def forget_directions(w: wp.array[Real], first: int, which: wp.uint64):
-        """Forgets the directions of the seats of rollers, bits `which` from `first` on."""
+        """Clears the seats' directions of rollers, bits `which` from `first` on."""
         bits = which
         while bits != wp.uint64(0):
             access.store(w, row.direction_owner + first + lowest_bit(bits), Real(-1.0))
@@ -59,7 +59,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def keep_impact_speeds(w: wp.array[Real], first: int, end: int, number: int, memory: Memory):
-        """Keeps v0 of contacts with sprocket `number` of the drive, in their rows and their memory."""
+        """Copies v0 of contacts with sprocket `number` from rows to memory."""
         i = first
         while i < end:
             if access.load(w, row.direction_owner + i) == Real(number):
@@ -79,7 +79,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def store_compensated(w: wp.array[Real], high: int, low: int, value: wp.float64):
-        """Stores a value at the rows' precision, and at float32 what that rounds off."""
+        """Stores a float64 in a row, and at float32 its rounding in row `low`."""
         rounded = Real(value)
         access.store(w, high, rounded)
         if wp.static(compensated):
@@ -87,7 +87,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def load_compensated(w: wp.array[Real], high: int, low: int):
-        """A value that `store_compensated` has stored, in float64."""
+        """Float64 that `store_compensated` has stored in rows."""
         value = wp.float64(access.load(w, high))
         if wp.static(compensated):
             value += wp.float64(access.load(w, low))
@@ -103,9 +103,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Stores the directions at angle zero of the seats of rollers, bits `which` from `first` on, in sprocket
-        `number`.
-        """
+        """Stores the seats' directions at angle zero of rollers, bits `which` from `first` on."""
         bits = which
         while bits != wp.uint64(0):
             i = first + lowest_bit(bits)
@@ -120,9 +118,9 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
     def find_gap_coordinates(
         w: wp.array[Real], first: int, end: int, n: int, sprocket: Sprocket, body: Pose, number: int
     ):
-        """Stores where rollers are in the gaps of the seats that they have kept on sprocket `number` of the drive.
+        """Stores gap coordinates of rollers by the seats that they kept on sprocket `number`.
 
-        Returns who of them has come nearer to another seat, as bits, and 1 if others are near than those who have one.
+        Returns who is nearer to another seat, as bits, and 1 if others are near than have a seat.
         """
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
@@ -161,7 +159,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Gives rollers that have come nearer to another seat that one."""
+        """Changes seats of rollers that are nearer to another one."""
         bits = moved
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
@@ -183,7 +181,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Finds the seats of the rollers of a group that are near, and where they are in their gaps."""
+        """Finds seats and gap coordinates of a group's near rollers in one sprocket."""
         find_seats(w, group, sprocket, body, memory)
         other = access.find_unlike(w, row.direction_owner + group.first, group.high - group.first, Real(number))
         find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)

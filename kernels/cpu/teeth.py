@@ -1,4 +1,4 @@
-"""Contacts of a group of rollers with the teeth of one sprocket, in whose gaps they have seats."""
+"""Contacts of rollers with the teeth of one sprocket, in whose gaps they have seats."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class ToothFunctions:
-    """Contacts of a group of rollers with the teeth of one sprocket."""
+    """CPU functions of rollers' contacts with one sprocket's teeth."""
 
     find_contacts: wp.Function
     count_first_contacts: wp.Function
@@ -24,7 +24,7 @@ class ToothFunctions:
 
 @cache
 def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
-    """The functions of contacts with teeth, for rows of `capacity` values of type `Real`."""
+    """CPU functions of contacts with teeth, for rows of `capacity` values of type `Real`."""
     Sprocket = types(Real).Sprocket
     row = rows(capacity)
     rollers = roller_functions(Real, capacity)
@@ -33,7 +33,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def store_gap_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores the rollers' contacts in their gaps without tips (`tooth.tooth_contact`); 1 if any is at a tip."""
+        """Stores rollers' contacts in tooth gaps without tips; returns 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
@@ -64,7 +64,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def store_flank_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores the rollers' contacts in gaps without tips, those of straight flanks in a loop of their own."""
+        """Stores rollers' contacts in tooth gaps without tips, by any flank; see `store_gap_contacts`."""
         if sprocket.flank_curvature > Real(0.0):
             tipped = store_gap_contacts(w, first, end, sprocket, body, number)
             return tipped
@@ -74,7 +74,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def mend_tip_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket):
-        """Stores penetrations and normals of rollers at tips, which are few."""
+        """Stores penetrations and normals of the few rollers at tooth tips."""
         i = first
         while i < end:
             xi = access.load(w, row.radial + i)
@@ -98,7 +98,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def count_first_contacts(w: wp.array[Real], group: Group):
-        """The number of rollers of the group that touch for the first time in their pass."""
+        """Number of the group's rollers that touch teeth for the first time in their pass."""
         count = int(0)
         i = group.low
         while i < group.high:

@@ -1,7 +1,4 @@
-"""Sums over the window of one variant, from an evaluated step, and its energy balance.
-
-Functions that few steps call are kept out of the time loop's one piece (`inline=False`), which compiles sooner then.
-"""
+"""Sums over the window of one variant on the CPU, from an evaluated step, and its energy balance."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -54,14 +51,14 @@ from .trains import train_functions
 
 @dataclass(frozen=True)
 class WindowSumFunctions:
-    """Sums over the window of one variant."""
+    """CPU function that adds one variant's steps to its window's sums."""
 
     add_step: wp.Function
 
 
 @cache
 def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
-    """The functions that add steps to the window's sums, for rows of `capacity` values of type `Real`."""
+    """CPU function that adds steps to the window's sums, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     chain_sums = chain_sum_functions(Real, capacity)
@@ -73,9 +70,9 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
     joints = joint_functions(Real, capacity)
     train_sums = train_sum_functions(Real)
 
-    @wp.func(inline=False)
+    @wp.func(inline=False)  # out of the time loop's one piece, as few steps call it: that compiles faster
     def mechanical_energy(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], now: Now):
-        """Energy of chain, contacts, bodies, tensioners and couplings at an evaluated step [J]."""
+        """Energy [J] of chain, contacts, bodies, tensioners and couplings at an evaluated step."""
         total = link_tallies.rollers_energy(w, drive.rollers, chain, Real(now.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
@@ -108,7 +105,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
 
     @wp.func
     def add_sprocket_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, s: int, now: Now):
-        """Adds a step of sprocket s of the drive and its mount to the sums of the window."""
+        """Adds a step of sprocket `s` and its mount to the window's sums."""
         i = drive.first_sprocket + s
         b = drive.first_body + s
         motion = ensemble.motions[b]
@@ -135,11 +132,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
     def wrench_with_pivot_forces(
         ensemble: Ensemble, state: State, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
     ):
-        """The wrench on arm a of the drive with the forces of arms that it carries on their pivots, and its
-        accelerations.
-
-        See `physics.hub`, (b) and (c).
-        """
+        """Wrench on arm `a` with carried arms' forces on their pivots, and its accelerations (`physics.hub`)."""
         for k in range(drive.arms):
             arm = ensemble.arms[drive.first_arm + k]
             if arm.on == a + 1:
@@ -152,7 +145,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
 
     @wp.func
     def add_arm_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, a: int, now: Now):
-        """Adds a step of arm a of the drive to the sums of the window."""
+        """Adds a step of arm `a` to the window's sums."""
         b = drive.first_body + drive.bodies - drive.arms + a
         i = drive.first_arm + a
         body = body_states.body_now(ensemble, state, b, now.time, now.lag)
@@ -175,7 +168,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
 
     @wp.func
     def add_tensioner_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):
-        """Adds a step of tensioner t of all to the sums of the window, and at its ends the flows of its meter."""
+        """Adds a step of tensioner `t` to the window's sums, and flows at the window's ends."""
         tensioner = ensemble.tensioners[t]
         push = state.pushes[t]
         body = body_states.body_now(ensemble, state, drive.first_body + tensioner.body, now.time, now.lag)
@@ -187,7 +180,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
 
     @wp.func
     def add_contact_step(state: State, sums: Sums, drive: Drive, now: Now):
-        """Adds the contacts of an evaluated step to the sums of the window."""
+        """Adds the contacts of an evaluated step to the window's sums."""
         first = drive.first_sprocket + drive.first_guide
         for i in range(first, first + drive.sprockets + drive.guides):
             of = state.totals[i]
@@ -207,7 +200,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
         w: wp.array[Real],
         now: Now,
     ):
-        """Adds an evaluated step to the sums of the window."""
+        """Adds an evaluated step to the window's sums."""
         n, chain = drive.rollers, ensemble.chains[variant]
         if now.step % MERGE_EVERY == 0 or now.step == drive.window_start:
             chain_sums.merge_and_sample(ensemble, state, sums, variant, drive, w, now.step)

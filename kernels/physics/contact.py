@@ -192,6 +192,7 @@ def dissipated_power(force: Any, relative: Any, acceleration: Any, lag: Any):
         relative: velocity of the partner's point less the roller's, `lag` [s] before the forces' instant [m/s].
         acceleration: of that velocity (`relative_acceleration`) [m/s^2].
     """
+    # with the speed before the step alone, the energy balance would drift
     return power_of_force(force[0], force[1], relative[0] + lag * acceleration[0], relative[1] + lag * acceleration[1])
 
 

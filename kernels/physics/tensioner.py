@@ -567,6 +567,7 @@ def zero_flows(h: wp.float32):
 @wp.func
 def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
     """Flows of a tensioner's oil in a step with their energies [J], by the enthalpy at the mean of both z."""
+    # at the mean z, work on the plunger and what is stored, lost and supplied differ by O(h^2)
     phi, slope = compression(z, tensioner)
     density = exponential(phi)
     middle = enthalpy(type(z)(0.5) * (before + z), tensioner)

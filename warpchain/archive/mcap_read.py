@@ -244,6 +244,7 @@ class McapIndex:
 
     def _parse_summary(self, summary: bytes) -> bool:
         """Fills the index from an MCAP summary; returns whether that is complete."""
+        # for indexes, which come by the ten thousand, `mcap.records` takes 3 to 6 times as long
         stated, messages = None, 0
         for opcode, begin, end in iterate_records(summary):
             if opcode == Opcode.CHUNK_INDEX:
