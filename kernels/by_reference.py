@@ -1,7 +1,6 @@
-"""Structs taken by reference in the C++ that Warp generates, in place of by value.
+"""Structs taken by reference in the C++ that Warp generates, which compiles faster than by value.
 
-Inlined functions copy each struct that they take by value, on which the compiler spends most of its time. By reference
-go the kinds of struct that no function writes to once it has taken one.
+So go the kinds of struct that no function writes to once it has taken one.
 """
 
 import re
@@ -25,7 +24,7 @@ READING = {"wp::where", "wp::copy", "wp::array_store"}
 
 
 def with_structs_by_reference(source: str) -> str:
-    """Warp's generated C++ with structs taken by reference, of the kinds that no function writes to."""
+    """Warp's generated C++ with structs taken by reference that no function writes."""
     pieces = [piece.partition(BODY) for piece in PIECE.split(source)]
     functions = [(found[1], head, body) for head, _, body in pieces if (found := FUNCTION.match(head))]
     reading = READING | {name for name, _, _ in functions}
@@ -42,7 +41,7 @@ def with_structs_by_reference(source: str) -> str:
 
 
 def _written_variables(body: str, reading: set[str]) -> set[str]:
-    """Variables of generated C++ that a function's statements may write to: all but those only read."""
+    """Variables of generated C++ that a function's statements may write."""
     changed: set[str] = set()
     handed: set[str] = set()
     pointers: dict[str, set[str]] = {}

@@ -1,7 +1,6 @@
-"""Where the values of a frame are written, for the CPU's kernel and the GPU's alike.
+"""Frames: where their values are written, on the CPU and the GPU alike.
 
-`frame` says which channels a frame holds and where (the package's `results.channels.FrameLayout`): `place(name)`,
-`holds(name)` of those on request and `values(kind)`, which the compiler sees as constants.
+`frame` says which channels a frame holds and where (`results.channels.FrameLayout`); the compiler sees constants.
 """
 
 from dataclasses import dataclass
@@ -30,14 +29,14 @@ class FrameWriterFunctions:
 
 @cache
 def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
-    """Warp functions that write frames of type `Real` with the channels of `frame`."""
+    """Warp functions that write frames with the channels of `frame`."""
     kinds = types(Real)
     vec2 = kinds.vec2
     place = frame.place
 
     @wp.func
     def width(n: int, sprockets: int, arms: int, tensioners: int, shafts: int, couplings: int, valves: int):
-        """Number of values in a frame of a drive with so many rollers, sprockets and other parts."""
+        """Number of values in a frame of so many parts."""
         of_bodies = wp.static(frame.values("arm")) * arms + wp.static(frame.values("tensioner")) * tensioners
         of_bodies += wp.static(frame.values("shaft")) * shafts + wp.static(frame.values("coupling")) * couplings
         of_bodies += wp.static(frame.values("valve")) * valves
@@ -51,7 +50,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def put_vector(frames: wp.array[Real], at: int, n: int, value: vec2):
-        """Writes a roller's vector into a frame: x at `at`, y in the row of `n` values after that."""
+        """Writes a roller's vector into a frame, y `n` values after x."""
         frames[at] = value[0]
         frames[at + n] = value[1]
 
@@ -59,7 +58,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     def write_roller(
         frames: wp.array[Real], at: int, n: int, i: int, position: vec2, velocity: vec2, seen: kinds.Extra
     ):
-        """Writes roller `i` and the link after it into a frame of `n` rollers that begins at `at`."""
+        """Writes roller `i` and its link into a frame of `n` rollers."""
         mine = at + i
         put_vector(frames, mine + wp.static(place("position")) * n, n, position)
         put_vector(frames, mine + wp.static(place("velocity")) * n, n, velocity)
@@ -71,7 +70,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: Any, moment: Any, force: Any):
-        """Writes sprocket `s`, the contacts' moment [N m] and force [N] on it into a frame of `n` rollers."""
+        """Writes sprocket `s` and its contacts' moment [N m] and force [N] into a frame."""
         mine = at + width(n, s, 0, 0, 0, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
@@ -84,7 +83,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: Any, moment: Any):
-        """Writes arm `a` and the contacts' moment [N m] on it into a frame at `at`."""
+        """Writes arm `a` and its contacts' moment [N m] into a frame."""
         mine = at + width(drive.rollers, drive.sprockets, a, 0, 0, 0, 0)
         frames[mine + wp.static(place("arm_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("arm_speed"))] = Real(body.speed)

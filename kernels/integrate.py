@@ -1,11 +1,9 @@
-"""Integrators' kicks, stages and weights, for rollers and bodies on the CPU and the GPU.
+"""Integrators' kicks, stages and weights, for rollers and bodies.
 
 Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step; damping
 reads v(n - 1/2). What is observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2.
 
-Explicit Runge-Kutta schemes are rows of `SCHEMES`: stage k is evaluated a_k h along the slopes of stage k - 1 from the
-step's start, and the step goes along the sum of b_k h times all slopes. Contacts keep their memory from step starts
-(stage 0) only.
+Explicit Runge-Kutta schemes are rows of `SCHEMES`. Contacts keep their memory from step starts (stage 0) only.
 """
 
 from dataclasses import dataclass
@@ -19,11 +17,11 @@ from .precision import at_float32
 
 @dataclass(frozen=True)
 class Scheme:
-    """An explicit Runge-Kutta scheme whose stages each go on from the one before.
+    """An explicit Runge-Kutta scheme: stage k is evaluated a_k h along the slopes of stage k - 1.
 
     Attributes:
-        weights: b_k of each stage, as numerator and denominator.
-        reaches: a_k of the second stage and those after it, as numerator and denominator.
+        weights: b_k of each stage's slopes in the step, as numerator and denominator.
+        reaches: a_k of the second stage and later ones, as numerator and denominator.
     """
 
     weights: tuple[tuple[int, int], ...]
@@ -43,7 +41,7 @@ STAGE_COUNTS = wp.constant(
 
 
 def _fraction_table(rows: Any, part: int, otherwise: int) -> Any:
-    """Table (integrator, stage) of numerators or denominators of Runge-Kutta fractions; `otherwise` for leapfrog."""
+    """Table (integrator, stage) of numerators or denominators; `otherwise` for leapfrog."""
     full = [[0] * MOST_STAGES, *([row[part] for row in of] + [otherwise] * (MOST_STAGES - len(of)) for of in rows)]
     return wp.constant(wp.types.matrix((len(full), MOST_STAGES), wp.int32)(full))
 
@@ -54,31 +52,31 @@ REACH, REACH_OVER = (_fraction_table([of.reaches for of in SCHEMES.values()], pa
 
 @wp.func
 def leapfrog_kick(step: int, h: Any):
-    """Time [s] over which the integrator accelerates the velocities of `step`, half a step at first."""
+    """Time [s] over which velocities of `step` are accelerated."""
     return wp.where(step == 0, type(h)(0.5) * h, h)
 
 
 @wp.func
 def leapfrog_lag(step: int, h: Any):
-    """Time [s] that leapfrog's velocities of `step` are behind the positions."""
+    """Time [s] that leapfrog's velocities are behind the positions."""
     return wp.where(step == 0, type(h)(0.0), type(h)(0.5) * h)
 
 
 @wp.func
 def stage_count(integrator: int):
-    """Number of force evaluations of an integrator in a step."""
+    """Number of an integrator's force evaluations in a step."""
     return STAGE_COUNTS[integrator]
 
 
 @wp.func
 def stage_weight(integrator: int, stage: int, h: Any):
-    """Weight b_k h [s] of a Runge-Kutta stage in the sum of slopes."""
+    """Weight b_k h [s] of a Runge-Kutta stage's slopes."""
     return h * type(h)(WEIGHT[integrator, stage]) / type(h)(WEIGHT_OVER[integrator, stage])
 
 
 @wp.func
 def stage_reach(integrator: int, stage: int, h: Any):
-    """Time [s] from the step's start to the Runge-Kutta stage after `stage`, after the last to the step's end."""
+    """Time [s] from the step's start to the Runge-Kutta stage after `stage`."""
     if stage == stage_count(integrator) - 1:
         return h
     return h * type(h)(REACH[integrator, stage]) / type(h)(REACH_OVER[integrator, stage])
@@ -86,7 +84,7 @@ def stage_reach(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stage_instant(integrator: int, stage: int, h: Any):
-    """Time [s] from the step's start to a Runge-Kutta stage."""
+    """Time [s] from the step's start to `stage`."""
     if stage == 0:
         return type(h)(0.0)
     return stage_reach(integrator, stage - 1, h)
@@ -94,7 +92,7 @@ def stage_instant(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stretched_part(integrator: int, stage: int, one: Any):
-    """Part of a step over which friction's bristles are stretched at an integrator's stage (`physics.friction`)."""
+    """Part of a step over which friction's bristles are stretched at `stage`."""
     if stage == 0:
         return one
     return stage_instant(integrator, stage, one)
@@ -102,7 +100,7 @@ def stretched_part(integrator: int, stage: int, one: Any):
 
 @wp.struct
 class Stage:
-    """One Runge-Kutta stage of a step, or leapfrog's only one."""
+    """One Runge-Kutta stage, or leapfrog's only one."""
 
     number: wp.int32  # from 0
     last: wp.int32  # 1: it ends the step
@@ -118,7 +116,7 @@ BlockStage = at_float32(Stage, {}, pairs=("time", "after"))
 
 @wp.func
 def stage_at(integrator: int, number: int, step_time: wp.float64, h: wp.float64):
-    """Integrator's stage `number` of the step that begins at `step_time` [s], in float64."""
+    """Integrator's `Stage` of the step that begins at `step_time` [s], in float64."""
     stage = Stage()
     stage.number = number
     stage.last = wp.where(number == stage_count(integrator) - 1, 1, 0)
@@ -131,7 +129,7 @@ def stage_at(integrator: int, number: int, step_time: wp.float64, h: wp.float64)
 
 @wp.func
 def stage_at(integrator: int, number: int, step_time: Pair, h: Pair):
-    """Integrator's stage `number` of the step that begins at `step_time` [s], in pairs."""
+    """Integrator's `Stage` of the step that begins at `step_time` [s], in pairs."""
     stage = BlockStage()
     stage.number = number
     stage.last = wp.where(number == stage_count(integrator) - 1, 1, 0)

@@ -1,7 +1,6 @@
 """A Warp module for each kernel, found again at a later start by a digest of its sources.
 
-Warp hashes every function, constant and type that a kernel reaches, about 0.1 s a kernel at each start. A digest of the
-files that a kernel's file imports and of its factory's arguments serves as well; Warp adds its version, options and the
+Warp's own hash of all that a kernel reaches takes about 0.1 s a kernel. Warp adds its version, options and the
 processor.
 """
 
@@ -24,16 +23,16 @@ except ImportError:  # Warp has no public names for them: a version that keeps t
     Module = ModuleHasher = None
 
 KNOWN_VERSIONS = ("1.19.",)
-"""Versions of Warp whose modules are known to take a hasher and to generate code as here."""
+"""Versions of Warp whose modules take a hasher and generate code as here."""
 SAME_BINARY = ("use_precompiled_headers",)
-"""Warp's options that leave the compiled kernel as it is."""
+"""Warp's options that leave the compiled kernel alone."""
 
 HERE = Path(__file__).parent
 IMPORT = re.compile(r"^[ \t]*from (\.+)([\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
 def imported_files(path: Path) -> Iterator[Path]:
-    """Files of this package that one of its files imports."""
+    """Files of this package that a file imports."""
     for dots, module, names in IMPORT.findall(path.read_text(encoding="utf-8")):
         base = path.parents[len(dots) - 1].joinpath(*module.split("."))
         if base.is_dir():
@@ -44,7 +43,7 @@ def imported_files(path: Path) -> Iterator[Path]:
 
 @cache
 def reached_files(start: Path) -> tuple[Path, ...]:
-    """A file of this package and those that it imports, directly or not, sorted."""
+    """Files of this package that a file imports, directly or not, and itself."""
     found, ahead = {start}, [start]
     while ahead:
         more = set(imported_files(ahead.pop())) - found
@@ -62,17 +61,15 @@ def sources_digest(start: Path) -> bytes:
 
 @cache
 def _source_of(kind: type) -> str:
-    """Text of the file that defines a class, or "" of a builtin one."""
+    """Text of the file that defines a class, or ""."""
     path = getattr(sys.modules.get(kind.__module__), "__file__", None)
     return Path(path).read_text(encoding="utf-8") if path else ""
 
 
 def kernel_digest(file: str, name: str, *form: Any) -> bytes:
-    """Digest of a kernel: its sources, the contact laws at hand, and its factory's arguments.
+    """Digest of a kernel's sources, contact laws and factory arguments.
 
-    Args:
-        file: where the kernel is.
-        form: types, numbers, and dataclasses of which `repr` tells all.
+    `form` are types, numbers, and dataclasses of which `repr` tells all.
     """
     laws = "".join(law.adj.source for law in impact.FORCES)
     words = [name, laws, *(word for of in form for word in (repr(of), _source_of(type(of))))]
@@ -80,27 +77,27 @@ def kernel_digest(file: str, name: str, *form: Any) -> bytes:
 
 
 class _Hasher(ModuleHasher or object):
-    """Warp's module hasher with one digest for whatever a kernel reaches."""
+    """Warp's module hasher with one digest for all code."""
 
     def __init__(self, made_of: bytes, kernels: Any, options: Any) -> None:
         self.made_of = made_of
         super().__init__(kernels, {name: of for name, of in options.items() if name not in SAME_BINARY})
 
     def hash_adjoint(self, adj: Any) -> bytes:
-        """Digest of a kernel, whose dimensions of launch Warp finds on the way."""
+        """Digest of a kernel, whose launch dimensions Warp finds here."""
         adj.get_references()
         return self.made_of
 
 
 class _Module(Module or object):  # type: ignore[misc]
-    """Warp's module with `_Hasher`, and with structs taken by reference in its C++."""
+    """Warp's module with `_Hasher` and structs by reference."""
 
     def __init__(self, name: str, made_of: bytes) -> None:
         super().__init__(name, None)
         self.made_of = made_of
 
     def get_module_hash(self, block_dim: int | None = None) -> bytes:
-        """Hash of the kernel's module for blocks of `block_dim` threads."""
+        """Hash of the module for blocks of `block_dim` threads."""
         if block_dim is None:
             block_dim = self.options["block_dim"]
         if block_dim not in self.hashers:
@@ -110,7 +107,7 @@ class _Module(Module or object):  # type: ignore[misc]
         return self.hashers[block_dim].get_hash()  # Warp's own would wait for the code of another module
 
     def _run_codegen(self, options: dict[str, Any], is_cpu: bool) -> tuple[Any, ...]:
-        """C++ or CUDA source that Warp compiles, and what goes with it."""
+        """Source that Warp compiles, and what goes with it."""
         source, *more = super()._run_codegen(options, is_cpu)
         return with_structs_by_reference(source), *more
 
@@ -121,13 +118,13 @@ def _module(name: str, made_of: bytes) -> Any:
 
 
 def own_module(file: str, name: str, *form: Any) -> Any:
-    """A Warp module for kernel `name` of `file` made for `form`, as `wp.kernel` takes it."""
+    """A Warp module for kernel `name` of `file` made for `form`."""
     if Module is None or not wp.__version__.startswith(KNOWN_VERSIONS):
         return "unique"
     return _module(name, kernel_digest(file, name, *form))
 
 
 def without_contraction(kernel: wp.Kernel) -> wp.Kernel:
-    """Turns off contraction of products and sums in a kernel, so that its bits do not depend on what else it does."""
+    """Turns off contraction of products and sums in a kernel, which fixes its bits."""
     wp.set_module_options({"fuse_fp": False}, kernel.module)
     return kernel

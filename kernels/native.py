@@ -1,8 +1,4 @@
-"""Native code for CPU and GPUs: rows of values a roller, roots and reciprocals, sums of products, comparisons.
-
-On CUDA, roots and reciprocals come from the hardware's estimate, whose error of 2^-20 one third-order correction takes
-below round-off.
-"""
+"""Native code for CPU and GPUs: rows of values, roots, reciprocals, sums of products, comparisons."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +8,7 @@ import warp as wp
 
 
 def code_by_device(cuda: str, elsewhere: str) -> str:
-    """Source of a native function with one code for CUDA and one for the CPU."""
+    """Source of a native function, of CUDA and elsewhere."""
     return f"#if defined(__CUDA_ARCH__)\n{cuda}\n#else\n{elsewhere}\n#endif\n"
 
 
@@ -22,7 +18,7 @@ INVERSE_ROOT = """
     const double e = fma(-square * y, y, 1.0);
     y = fma(y * e, fma(0.375, e, 0.5), y);
 """
-"""Native code of y = 1 / sqrt(square), as float64."""
+"""Native code of y = 1/sqrt(square), as float64."""
 
 RECIPROCAL = """
     double y;
@@ -30,21 +26,18 @@ RECIPROCAL = """
     const double e = fma(-value, y, 1.0);
     y = fma(y * e, fma(e, e, 1.0 + e), y);
 """
-"""Native code of y = 1 / value, as float64."""
+"""Native code of y = 1/value, as float64."""
 
 STATE_ROWS = wp.constant(6)
-"""A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
+"""Rows of a variant in `structs.State.rollers`: x, y, vx, vy, low parts of x, y."""
 
 LANES = {wp.float64: 4, wp.float32: 8}
-"""Rollers that the CPU's vectorized loops take at a time, by type; a row may be read beyond the chain's end."""
+"""Rollers that the CPU's vectorized loops take at a time, by type."""
 
 
 @dataclass(frozen=True)
 class RowAccess:
-    """Native access to contiguous arrays of one type, such as rows of rollers.
-
-    In Warp's debug build an index out of bounds ends the process.
-    """
+    """Native access to contiguous arrays, checked in Warp's debug build."""
 
     load: wp.Function
     store: wp.Function
@@ -54,7 +47,7 @@ class RowAccess:
 
 @cache
 def row_access(Real: type) -> RowAccess:
-    """Native access to arrays of `Real`; `find_unlike` and `round_up` are for the CPU only."""
+    """Native access to arrays of `Real`; `find_unlike` and `round_up` on the CPU."""
     lanes = LANES.get(Real, 1)
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
@@ -87,11 +80,11 @@ def row_access(Real: type) -> RowAccess:
         return bits;
     """)
     def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
-        """Bits of the values, `count` (up to 64) from `first` on, that are not `value`."""
+        """Bits of up to 64 values from `first` on that are not `value`."""
 
     @wp.func
     def round_up(n: int):
-        """`n` rounded up to a multiple of the vector lanes of `Real`."""
+        """`n` rounded up to the vector lanes of `Real`."""
         return (n + wp.static(lanes - 1)) & wp.static(-lanes)
 
     return RowAccess(load=load, store=store, find_unlike=find_unlike, round_up=round_up)
@@ -99,7 +92,7 @@ def row_access(Real: type) -> RowAccess:
 
 @cache
 def aligned_rows(kind: Any) -> wp.Function:
-    """Native function that has the compiler read an array of structs in whole rows of 16 bytes."""
+    """Native function that makes reads of an array of structs whole rows."""
 
     @wp.func_native("""
         auto view = rows;
@@ -107,20 +100,20 @@ def aligned_rows(kind: Any) -> wp.Function:
         return view;
     """)
     def aligned(rows: wp.array[kind]) -> wp.array[kind]:
-        """The array, read by the compiler in whole rows of 16 bytes."""
+        """The array, to be read in rows of 16 bytes."""
 
     return aligned
 
 
 @wp.func
 def load_constant(rows: Any, i: int):
-    """Row `i` of a table that does not change, read natively."""
+    """Row `i` of a table that does not change."""
     return rows[i]
 
 
 @wp.func_native("assert(i >= 0 && i < rows.shape[0]); return rows.data[i];")
 def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
-    """Row `i` of a constant table of vectors, such as directions of seats."""
+    """Row `i` of a constant table of vectors."""
 
 
 @wp.func_native("""
@@ -133,17 +126,17 @@ def load_constant(rows: wp.array[wp.vec2d], i: int) -> wp.vec2d:
 #endif
 """)
 def load_constant(rows: wp.array[wp.vec4f], i: int) -> wp.vec4f:
-    """Row `i` of a constant table of four values, such as high and low parts of a direction (x, y)."""
+    """Row `i` of a constant table of four values."""
 
 
 @wp.func_native(code_by_device(INVERSE_ROOT + "return y;", "return 1.0 / sqrt(square);"))
 def inverse_root(square: wp.float64) -> wp.float64:
-    """Native 1 / sqrt(square) at float64, square > 0."""
+    """Native 1/sqrt(square) at float64, square > 0."""
 
 
 @wp.func_native(code_by_device("return rsqrtf(square);", "return 1.0f / sqrtf(square);"))
 def inverse_root(square: wp.float32) -> wp.float32:
-    """Native 1 / sqrt(square) at float32, square > 0."""
+    """Native 1/sqrt(square) at float32, square > 0."""
 
 
 @wp.func_native(code_by_device(INVERSE_ROOT + "return square * y;", "return sqrt(square);"))
@@ -158,7 +151,7 @@ def root(square: wp.float32) -> wp.float32:
 
 @wp.func_native(code_by_device(RECIPROCAL + "return y;", "return 1.0 / value;"))
 def reciprocal(value: wp.float64) -> wp.float64:
-    """Native 1 / value at float64, of ordinary size, to round-off."""
+    """Native 1/value at float64, of ordinary size."""
 
 
 @wp.func_native("""
@@ -171,17 +164,17 @@ def reciprocal(value: wp.float64) -> wp.float64:
 #endif
 """)
 def reciprocal(value: wp.float32) -> wp.float32:
-    """Native 1 / value at float32, of ordinary size, to round-off."""
+    """Native 1/value at float32, of ordinary size."""
 
 
 @wp.func_native(code_by_device(RECIPROCAL.replace("value", "by") + "return value * y;", "return value / by;"))
 def quotient(value: wp.float64, by: wp.float64) -> wp.float64:
-    """Native `value` / `by` at float64, of ordinary size; on CUDA to round-off."""
+    """Native value/by at float64, of ordinary size."""
 
 
 @wp.func_native(code_by_device("return __fdividef(value, by);", "return value / by;"))
 def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
-    """Native `value` / `by` at float32, of ordinary size, to two units of the last place."""
+    """Native value/by at float32, of ordinary size, to two units."""
 
 
 MULTIPLY_ADD = code_by_device("return fma(a, b, c);", "const auto product = a * b; return product + c;")
@@ -193,70 +186,70 @@ ALONG = code_by_device(
     "return {fma(s, b[0], a[0]), fma(s, b[1], a[1])};",
     "const auto x = s * b[0], y = s * b[1]; return {a[0] + x, a[1] + y};",
 )
-"""Native code of a + s b for vectors; on CUDA a product is fused only where it is written so."""
+"""Native code of a + s b, vectors; on CUDA fused."""
 
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float64, b: wp.float64, c: wp.float64) -> wp.float64:
-    """a b + c at float64; on CUDA rounded once."""
+    """a b + c at float64; on CUDA fused."""
 
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
-    """a b + c at float32; on CUDA rounded once."""
+    """a b + c at float32; on CUDA fused."""
 
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
-    """a b + c d at float64; on CUDA a b is not rounded by itself."""
+    """a b + c d at float64; on CUDA one product is fused."""
 
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
-    """a b + c d at float32; on CUDA a b is not rounded by itself."""
+    """a b + c d at float32; on CUDA one product is fused."""
 
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2d, b: wp.vec2d) -> wp.float64:
-    """a . b of vectors at float64; on CUDA the second product is not rounded by itself."""
+    """Dot product of float64 vectors; on CUDA one product is fused."""
 
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2f, b: wp.vec2f) -> wp.float32:
-    """a . b of vectors at float32; on CUDA the second product is not rounded by itself."""
+    """Dot product of float32 vectors; on CUDA one product is fused."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2d, s: wp.float64, b: wp.vec2d) -> wp.vec2d:
-    """Vector a + s b at float64; on CUDA rounded once."""
+    """Vector a + s b at float64; on CUDA fused."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
-    """Vector a + s b at float32; on CUDA rounded once."""
+    """Vector a + s b at float32; on CUDA fused."""
 
 
 @wp.func_native("return b < a ? b : a;")
 def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
-    """The smaller of two float64, without instructions for NaN."""
+    """The smaller of two float64, without regard for NaN."""
 
 
 @wp.func_native(code_by_device("return wp::min(a, b);", "return b < a ? b : a;"))
 def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The smaller of two float32; on CUDA one instruction, which passes over NaN."""
+    """The smaller of two float32; on CUDA passes over NaN."""
 
 
 @wp.func_native("return a < b ? b : a;")
 def larger(a: wp.float64, b: wp.float64) -> wp.float64:
-    """The larger of two float64, without instructions for NaN."""
+    """The larger of two float64, without regard for NaN."""
 
 
 @wp.func_native(code_by_device("return wp::max(a, b);", "return a < b ? b : a;"))
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The larger of two float32; on CUDA one instruction, which passes over NaN."""
+    """The larger of two float32; on CUDA passes over NaN."""
 
 
 @wp.func
 def is_between(value: Any, low: Any, high: Any):
-    """1 where `low` < `value` < `high`, else 0, without a branch."""
+    """1 where low < value < high, else 0, without branches."""
     return int(value > low) & int(value < high)

@@ -1,20 +1,19 @@
 """One number at two precisions: float64, or a pair of float32 on blocks without float64.
 
 A pair is a value and what it rounds off: 48 bits. A sum of two floats is exactly a float and its error (Knuth's
-two-sum), and so is a product (an fma gives the error):
+two-sum), and so is a product:
 
     s = fl(a + b), t = s - a, e = (a - (s - t)) + (b - t);        p = fl(a b), e = fma(a, b, -p).
 
-No compiler may fuse a product into these sums (`modules.without_contraction`). A module that imports `add`, `sub`,
-`mul` and `div` has the usual signs between pairs, and between a number and a literal, which must be exact in float32
-(0.5, not 0.1). Quotients of literals are `wp.static`: within a kernel Warp divides them in float32.
+No compiler may fuse a product into these sums (`modules.without_contraction`). Modules that import `add`, `sub`, `mul`
+and `div` have signs between pairs, and between numbers and literals exact in float32 (0.5, not 0.1). Quotients of
+literals are `wp.static`: within a kernel Warp divides them in float32.
 
-Sine and cosine are the same on every device: angle = k pi/2 + r, |r| <= pi/4, pi/2 in three parts so that k times the
-first two is exact up to k = 2^20; then the series of sin r and cos r to r^17 and r^16, whose next terms are below
-1e-19.
+Sine and cosine are the same on every device: angle = k pi/2 + r, |r| <= pi/4, pi/2 in three parts, the first two exact
+up to k = 2^20; then the series of sin r and cos r to r^17 and r^16, whose next terms are below 1e-19.
 
 The logarithm of a pair is ln r = e ln 2 + ln m, ln m = 2 artanh s = 2 s (1 + s^2/3 + s^4/5 + ...), s = (m - 1)/(m + 1),
-with m within a factor sqrt 2 of one; terms from s^14 on are below 2e-12 of the first, which alone is a pair.
+m within a factor sqrt 2 of one; terms from s^14 on are below 2e-12 of the first.
 """
 
 import math
@@ -27,14 +26,14 @@ from .native import code_by_device, multiply_add, products, quotient
 
 
 def high_and_low_parts(value: float) -> tuple[float, float]:
-    """High and low float32 part of a number, for constants of kernels."""
+    """High and low float32 parts of a number, for constants."""
     high = float(np.float32(value))
     return high, float(np.float32(value - high))
 
 
 @wp.struct
 class Pair:
-    """A number `high` + `low`; `low` is at most about the rounding of `high`."""
+    """A number `high` + `low`, the latter its rounding."""
 
     high: wp.float32
     low: wp.float32
@@ -50,7 +49,7 @@ class PairVector:
 
 @wp.struct
 class RecentSum:
-    """A pair's sum with its latest additions in plain float32."""
+    """A pair's sum with latest additions in float32."""
 
     sum: Pair
     recent: wp.float32
@@ -58,7 +57,7 @@ class RecentSum:
 
 @wp.func
 def two_sum(a: wp.float32, b: wp.float32):
-    """a + b of float32, rounded, and its rounding error."""
+    """a + b of float32, and its rounding error."""
     s = a + b
     t = s - a
     return wp.vec2f(s, (a - (s - t)) + (b - t))
@@ -66,7 +65,7 @@ def two_sum(a: wp.float32, b: wp.float32):
 
 @wp.func
 def two_difference(a: wp.float32, b: wp.float32):
-    """a - b of float32, rounded, and its rounding error."""
+    """a - b of float32, and its rounding error."""
     s = a - b
     t = s - a
     return wp.vec2f(s, (a - (s - t)) - (b + t))
@@ -82,7 +81,7 @@ def two_difference(a: wp.float32, b: wp.float32):
 #endif
 """)
 def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
-    """a b of float32, rounded, and its rounding error."""
+    """a b of float32, and its rounding error."""
 
 
 @wp.func_native("""
@@ -94,7 +93,7 @@ def two_product(a: wp.float32, b: wp.float32) -> wp.vec2f:
 #endif
 """)
 def cross_product(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
-    """a d - b c of float32 to round-off of itself, however much cancels (Kahan)."""
+    """a d - b c of float32 to round-off (Kahan)."""
 
 
 @wp.func_native(code_by_device("return fma(a, b, c);", "return (float)((double)a * (double)b + (double)c);"))
@@ -177,21 +176,21 @@ def component(v: wp.vec2d, k: int):
 
 @wp.func
 def exact_sum(a: wp.float32, b: wp.float32):
-    """a + b of two float32 as a pair, exactly."""
+    """a + b of float32 as an exact pair."""
     sum = two_sum(a, b)
     return pair(sum[0], sum[1])
 
 
 @wp.func
 def exact_product(a: wp.float32, b: wp.float32):
-    """a b of two float32 as a pair, exactly."""
+    """a b of float32 as an exact pair."""
     product = two_product(a, b)
     return pair(product[0], product[1])
 
 
 @wp.func
 def normalized_pair(high: wp.float32, low: wp.float32):
-    """The pair of `high` and a `low` that may have grown but is smaller (fast two-sum)."""
+    """Pair of `high` and a grown but smaller `low`."""
     sum = high + low
     return pair(sum, low - (sum - high))
 
@@ -314,7 +313,7 @@ def add(a: PairVector, b: PairVector):
 
 @wp.func
 def add(a: PairVector, b: wp.vec2f):
-    """a + b of a vector of pairs and a float32 vector."""
+    """a + b of pairs' and float32 vectors."""
     return vector(add(component(a, 0), b[0]), add(component(a, 1), b[1]))
 
 
@@ -326,32 +325,32 @@ def sub(a: PairVector, b: PairVector):
 
 @wp.func
 def mul(a: wp.float32, b: PairVector):
-    """a b of a float32 and a vector of pairs."""
+    """a b of a float32 and pairs' vector."""
     return vector(mul(a, component(b, 0)), mul(a, component(b, 1)))
 
 
 @wp.func
 def mul(a: PairVector, b: wp.float32):
-    """a b of a vector of pairs and a float32."""
+    """a b of a pairs' vector and float32."""
     return mul(b, a)
 
 
 @wp.func
 def mul(a: Pair, b: wp.vec2f):
-    """a b of a pair and a float32 vector, as pairs."""
+    """a b of a pair and float32 vector."""
     return vector(mul(a, b[0]), mul(a, b[1]))
 
 
 @wp.func
 def difference(a: Pair, b: Pair):
-    """a - b of pairs as a float32, rounded once."""
+    """a - b of pairs as a float32."""
     d = two_difference(a.high, b.high)
     return d[0] + (d[1] + (a.low - b.low))
 
 
 @wp.func
 def difference(a: PairVector, b: PairVector):
-    """a - b as a vector of pairs, whose low parts are not normalized."""
+    """a - b as a pairs' vector, not normalized."""
     x = two_difference(a.high[0], b.high[0])
     y = two_difference(a.high[1], b.high[1])
     return pair_vector(wp.vec2f(x[0], y[0]), wp.vec2f(x[1] + (a.low[0] - b.low[0]), y[1] + (a.low[1] - b.low[1])))
@@ -401,14 +400,14 @@ def rounded_value(a: Any):
 
 @wp.func
 def trimmed_value(a: Pair):
-    """A pair to 2^-48 of itself, which float64 holds exactly; trimmed again it stays."""
+    """A pair to 2^-48 of itself, exact in float64."""
     anchor = a.high * wp.static(1.5 / 2.0**25)
     return pair(a.high, (a.low + anchor) - anchor)
 
 
 @wp.func
 def trimmed_value(a: PairVector):
-    """A vector of pairs, each component to 2^-48 of itself."""
+    """A pairs' vector to 2^-48 of its components."""
     return vector(trimmed_value(component(a, 0)), trimmed_value(component(a, 1)))
 
 
@@ -420,17 +419,14 @@ def trimmed_value(a: Any):
 
 @wp.func
 def sum_with(sum: Pair, value: wp.float32):
-    """A sum in a pair with a value added that is small beside it, or the first; float64 holds it exactly.
-
-    Added 0 keeps all bits.
-    """
+    """A pair's sum with a small value added; 0 keeps all bits."""
     more = trimmed_value(normalized_pair(sum.high, sum.low + value))
     return pair(wp.where(value == 0.0, sum.high, more.high), wp.where(value == 0.0, sum.low, more.low))
 
 
 @wp.func
 def sum_with(sum: PairVector, value: wp.vec2f):
-    """A sum of vectors in pairs with a small vector added."""
+    """A pairs' vector sum with a small vector added."""
     return vector(sum_with(component(sum, 0), value[0]), sum_with(component(sum, 1), value[1]))
 
 
@@ -449,7 +445,7 @@ def sum_with(sum: Any, value: Any):
 
 @wp.func
 def gathered_sum(a: RecentSum):
-    """A `RecentSum` with its latest additions gathered into its pair."""
+    """A `RecentSum` with its latest additions in its pair."""
     a.sum = sum_with(a.sum, a.recent)
     a.recent = 0.0
     return a
@@ -463,7 +459,7 @@ def gathered_sum(a: Any):
 
 @wp.func
 def exact_multiple(count: int, unit: Pair):
-    """`count` times a pair, exact in the count up to 2^36."""
+    """`count` times a pair, exact to 2^36."""
     thousands = count // 4096
     return 4096.0 * float(thousands) * unit + float(count - 4096 * thousands) * unit
 
@@ -482,7 +478,7 @@ HALF_PI_3 = wp.constant(wp.float64(2.0222662487959506e-21))
 
 @wp.func
 def sine_cosine(angle: wp.float64):
-    """sin and cos of a float64 angle [rad], to 2e-16, up to 1.6e6 in size."""
+    """sin, cos of a float64 angle [rad], to 2e-16, below 1.6e6."""
     one = wp.float64(1.0)
     k = wp.rint(angle * TWO_OVER_PI)
     r = multiply_add(-k, HALF_PI_3, multiply_add(-k, HALF_PI_2, multiply_add(-k, HALF_PI_1, angle)))
@@ -511,18 +507,18 @@ def sine_cosine(angle: wp.float64):
 
 HALF_PI = high_and_low_parts(math.pi / 2)
 SPLIT = {n: high_and_low_parts(1.0 / n) for n in (6, 12, 20, 30, 42, 56)}
-"""1 / n as high and low parts of pairs, for the series of sine and cosine."""
+"""1/n as high and low parts, for series."""
 
 
 @wp.func
 def series_term(q: Pair, rest: Pair, high: wp.float32, low: wp.float32):
-    """1 - c q `rest` in pairs, a term of the series of sine and cosine, c = `high` + `low`."""
+    """1 - c q `rest` in pairs, a term of sine's series."""
     return 1.0 - q * rest * pair(high, low)
 
 
 @wp.func
 def sine_cosine(angle: Pair):
-    """sin and cos of an angle [rad] as pairs, to 5e-12 and the angle's rounding, up to 4e6 in size."""
+    """sin, cos of an angle [rad] as pairs, to 5e-12, below 4e6."""
     k = wp.rint(angle.high * wp.static(float(TWO_OVER_PI)))
     r = angle - k * pair(wp.static(HALF_PI[0]), wp.static(HALF_PI[1]))
     q = r * r
@@ -547,19 +543,19 @@ def sine_cosine(angle: Pair):
 
 @wp.func_native(code_by_device("return __cosf(angle);", "return wp::cos(angle);"))
 def quick_cosine(angle: wp.float32) -> wp.float32:
-    """cos of a float32 angle [rad] to 5e-7, for at most half a turn."""
+    """cos of a float32 angle [rad], below half a turn, to 5e-7."""
 
 
 @wp.func
 def cosine_of(angle: Pair):
-    """cos of a pair's angle [rad] as float32, to 5e-7."""
+    """cos of a pair's angle [rad], to 5e-7."""
     turns = wp.rint(angle.high * wp.static(0.5 / math.pi))
     return quick_cosine(rounded_value(angle - turns * pair(wp.static(4.0 * HALF_PI[0]), wp.static(4.0 * HALF_PI[1]))))
 
 
 @wp.func
 def cosine_of(angle: wp.float64):
-    """cos of a float64 angle [rad], with the bits of `sine_cosine`."""
+    """cos of a float64 angle [rad], as `sine_cosine` has."""
     _, cosine = sine_cosine(angle)
     return cosine
 
@@ -574,7 +570,7 @@ def power_of_two(e: int) -> wp.float32:
 
 @wp.func
 def logarithm(r: Pair):
-    """ln(r) of a pair r > 0 as a pair, to 2e-9."""
+    """ln(r) of a pair as a pair, to 2e-9."""
     e = wp.rint(wp.log2(r.high))
     scale = power_of_two(-int(e))
     m = pair(r.high * scale, r.low * scale)
@@ -587,7 +583,7 @@ def logarithm(r: Pair):
 
 @wp.func
 def log_of_sum(u: wp.float32):
-    """ln(1 + u) of a float32 u > -1, to round-off of itself (Kahan)."""
+    """ln(1 + u) of a float32 to round-off (Kahan)."""
     w = 1.0 + u
     kept = w - 1.0
     value = u
@@ -598,7 +594,7 @@ def log_of_sum(u: wp.float32):
 
 @wp.func
 def log_of_sum(u: wp.float64):
-    """ln(1 + u) of a float64 u > -1, by a series where u is small."""
+    """ln(1 + u) of a float64 to round-off."""
     value = u
     if wp.abs(u) < wp.float64(0.03):
         s = quotient(u, wp.float64(2.0) + u)

@@ -1,7 +1,6 @@
 """Structs at float32 made from those at float64, and rows of them converted there and back.
 
-A field becomes a float32 or, where that is too little, a pair. The host converts rows as it copies them to a GPU and
-back (`as_float32`, `as_float64`). A new field of a struct needs nothing here.
+A field becomes a float32 or, where that is too little, a pair. A new field of a struct needs nothing here.
 """
 
 from collections.abc import Collection, Mapping
@@ -36,7 +35,7 @@ def at_float32(
         pairs: fields that become pairs.
         recent: sums that every step adds to (`number.RecentSum`).
         kept: fields that stay as they are.
-        rows: fills up to whole rows of `ROW` bytes, for arrays that `native.aligned_rows` reads.
+        rows: fills up to whole rows of `ROW` bytes, for `native.aligned_rows`.
         other: types of further fields.
     """
 
@@ -58,19 +57,19 @@ def at_float32(
 
 
 def _struct(full: Any, kinds: Mapping[str, Any]) -> Any:
-    """A Warp struct named and placed as `full`, with fields `kinds`."""
+    """A Warp struct like `full` with fields `kinds`."""
     body = {"__annotations__": kinds, "__doc__": full.__doc__, "__module__": full.cls.__module__}
     return wp.struct(type(full.key, (), body))
 
 
 def sums_at_float32(full: Any, nested: Mapping[Any, Any], recent: Collection[str] = ()) -> Any:
-    """A struct of sums at float32: in pairs, but for extremes."""
+    """A struct of sums at float32: pairs, extremes single."""
     added = [name for name, var in full.vars.items() if var.type in PAIRED and not name.endswith(("_min", "_max"))]
     return at_float32(full, nested, pairs=[name for name in added if name not in recent], recent=recent)
 
 
 def as_float32(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Rows of float64 as a numpy array of the float32 dtype `kind`, or of pairs."""
+    """Rows of float64 as numpy rows of float32 or pairs."""
     names = kind.names or ()
     if not names:
         return rows.astype(kind)
@@ -88,7 +87,7 @@ def as_float32(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
 
 
 def as_float64(rows: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Rows of float32 or pairs as a numpy array of the float64 dtype `kind`, exactly."""
+    """Rows of float32 or pairs as numpy rows of float64, exactly."""
     names = rows.dtype.names or ()
     if kind.names:
         made = np.zeros(rows.shape, dtype=kind)

@@ -1,9 +1,8 @@
-"""Settling: static equilibrium of rollers and arms with all sprockets held, by dynamic relaxation with kinetic damping.
+"""Settling: static equilibrium of rollers and arms, sprockets held, by dynamic relaxation with kinetic damping.
 
-They move from rest under link elasticity, elastic contact, guides, tensioners and gravity; whenever their kinetic
-energy has passed a peak, all velocities are set to zero. A restart takes half a kick: a whole one would feed the
-fastest oscillations. The state is settled when no roller's net force, and no arm's where the chain may touch it
-farthest from its pivot, exceeds a fraction of the largest of link force, a roller's weight, and the force that
+They move from rest by all elastic forces and gravity; whenever their kinetic energy has passed a peak, all velocities
+are set to zero. A restart takes half a kick: a whole one would feed the fastest oscillations. The state is settled when
+no roller's or arm's net force exceeds a fraction of the largest of link force, a roller's weight, and the force that
 stretches a link by a nanometer.
 """
 
@@ -30,7 +29,7 @@ class Settling:
 
 @wp.func
 def finite_size(acceleration: Any):
-    """Magnitude of an acceleration [m/s^2] in settling; huge where it is not finite."""
+    """Magnitude of an acceleration [m/s^2] in settling; huge if not finite."""
     size = wp.length(acceleration)
     if not size < type(size)(1.0e30):
         size = type(size)(1.0e30)
@@ -41,10 +40,9 @@ def finite_size(acceleration: Any):
 def relative_residual(
     worst: wp.float64, tension: wp.float64, mass: wp.float64, gravity: wp.vec2d, stiffness: wp.float64
 ):
-    """Largest net force on a roller in settling, relative to the largest link force or a roller's weight [-].
+    """Largest net force in settling over the largest link force or a roller's weight [-].
 
-    `worst` is a roller's largest acceleration [m/s^2], `tension` the largest link force [N], `stiffness` a link's
-    [N/m].
+    `worst` is a roller's largest acceleration [m/s^2], `tension` the largest link force [N].
     """
     scale = wp.max(wp.max(tension, mass * wp.length(gravity)), stiffness * LEAST_STRETCH)
     if scale == wp.float64(0.0):
@@ -54,7 +52,7 @@ def relative_residual(
 
 @wp.func
 def relaxation_after_check(now: Settling, energy: wp.float64, residual: wp.float64):
-    """State of settling after a check of kinetic energy [J] and residual, and 1 where velocities restart from zero."""
+    """Settling after a check of kinetic energy [J] and residual, and 1 to restart from rest."""
     restart = int(0)
     now.residual = residual
     if residual < now.tolerance:
@@ -68,5 +66,5 @@ def relaxation_after_check(now: Settling, energy: wp.float64, residual: wp.float
 
 @wp.func
 def relaxation_kick(now: Settling, restart: int):
-    """Time [s] over which settling accelerates velocities: half a step from rest."""
+    """Time [s] over which settling accelerates velocities."""
     return wp.where(now.steps == 0 or restart == 1, wp.float64(0.5) * now.step, now.step)

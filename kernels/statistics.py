@@ -1,8 +1,7 @@
-"""The window's batches, at whose ends sums are noted, the histogram of tension, and teeth that the chain jumps.
+"""The window's batches, the histogram of tension, and teeth that the chain jumps.
 
 With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of the
-drive's `sample_interval` and at least a + k W / BATCHES, before that step is added. The last batch ends with the
-window.
+drive's `sample_interval` and at least a + k W / BATCHES, before that step is added.
 """
 
 from typing import Any
@@ -18,7 +17,7 @@ NOTES = wp.constant(79)
 
 @wp.func
 def batches_ended(drive: Drive, step: int):
-    """Number of the window's batches that have ended at `step`, of those with notes."""
+    """Number of the window's batches with notes ended at `step`."""
     since = wp.max(step - drive.window_start, 0)
     window = wp.max(drive.window_end - drive.window_start, 1)
     batches = wp.int64(BATCHES)  # once: of two casts of a constant Warp may take one before the constant is set
@@ -34,25 +33,25 @@ def batches_ended(drive: Drive, step: int):
 
 @wp.func
 def notes_due(drive: Drive, step: int):
-    """First batch note to take at `step`, a sample in the window, and the one after the last."""
+    """First batch note to take at `step`, and the one after the last."""
     return batches_ended(drive, step - drive.sample_interval), batches_ended(drive, step)
 
 
 BINS = wp.constant(256)
 ZERO = wp.constant(96)
-"""Tension histogram's bin that begins at no tension: bins go from -23 s to 301 s."""
+"""Tension histogram's bin that begins at no tension."""
 STEP = 0.04
 
 
 @wp.func
 def bins_per_force(scale: wp.float64):
-    """1 / s [1/N] of the tension histogram, from its scale [N]."""
+    """1/s [1/N] of the tension histogram's scale [N]."""
     return wp.float32(wp.float64(1.0) / wp.max(scale, wp.float64(1.0e-9)))
 
 
 @wp.func
 def tension_bin(tension: Any, per_force: wp.float32):
-    """Histogram bin of a tension [N] for 1 / s [1/N]; an outermost one where it is not finite."""
+    """Histogram bin of a tension [N], outermost where not finite."""
     ratio = wp.float32(tension) * per_force
     size = wp.abs(ratio)
     size = wp.log(size + wp.sqrt(size * size + wp.float32(1.0))) * wp.static(wp.float32(1.0 / STEP))
@@ -62,29 +61,29 @@ def tension_bin(tension: Any, per_force: wp.float32):
 
 @wp.func
 def count_tension(counts: wp.array[wp.int32], first: int, tension: Any, per_force: wp.float32):
-    """Adds a tension [N] to the histogram that begins at `first`; `per_force` as in `tension_bin`."""
+    """Adds a tension [N] to the histogram from `first` on."""
     wp.atomic_add(counts, first + tension_bin(tension, per_force), 1)
 
 
 @wp.func
 def modulo(a: int, n: int):
-    """Remainder of `a` by `n`, from 0 to n - 1."""
+    """Remainder of a by n, from 0 on."""
     rest = a % n
     return wp.where(rest < 0, rest + n, rest)
 
 
 @wp.func
 def mid_wrap_roller(before: Strand, after: Strand, n: int):
-    """Roller in the middle of those between two strands, which is in mid-wrap on the sprocket."""
+    """Roller in mid-wrap, between two strands."""
     last = modulo(before.first_link + before.links, n)
     return modulo(last + modulo(after.first_link - last, n) // 2, n)
 
 
 @wp.func
 def follow_slip(slip: SlipSums, roller: int, seat: int, teeth: int, sign: wp.float64, n: int):
-    """A sprocket's count of jumped teeth after a sample of `roller`, in mid-wrap at seat `seat` (negative: none).
+    """A sprocket's count of jumped teeth by the seat of `roller`, now in mid-wrap.
 
-    `sign` is 1 on a sprocket that turns counter-clockwise, else -1.
+    `seat` < 0: none; `sign` is 1 where it turns counter-clockwise, else -1.
     """
     moved = int(0)
     if slip.known != 0:

@@ -1,6 +1,6 @@
-"""The data that kernels read and write, as Warp structs in float64 and SI units; `types` gives them at a precision.
+"""Data that kernels read and write, as Warp structs in float64 and SI units.
 
-At float32 what belongs to the motion of bodies stays float64 on the CPU; blocks of a GPU have it in float32 or pairs.
+At float32 the motion of bodies stays float64 on the CPU; blocks have it in float32 or pairs.
 """
 
 from functools import cache
@@ -19,7 +19,7 @@ GROUND = wp.constant(-1)
 
 @wp.struct
 class Harmonics:
-    """Where a body's (order, amplitude, phase) rows are in the ensemble's list."""
+    """Rows of a body's harmonics (order, amplitude, phase) in the ensemble."""
 
     first: wp.int32
     count: wp.int32
@@ -27,7 +27,7 @@ class Harmonics:
 
 @wp.struct
 class Tabulated:
-    """Where a body's speed or torque table is in the ensemble's list (`physics.motion`)."""
+    """Table of a body's speed or torque in the ensemble (`physics.motion`)."""
 
     cells: wp.int32  # 0: no table
     first: wp.int32
@@ -39,7 +39,7 @@ class Tabulated:
 
 @wp.struct
 class Drive:
-    """One variant's drive: where its parts begin in the ensemble's arrays, and its settings."""
+    """One variant's drive: places of its parts in arrays, and settings."""
 
     chains: wp.int32  # chains of the variant that begins here, each a row; 0: a further one of that before
     rollers: wp.int32  # N
@@ -84,7 +84,7 @@ class Drive:
 
 @wp.struct
 class Motion:
-    """Prescribed motion or load of a body's angle, eq. (4), and its place in its train (`physics.train`)."""
+    """Prescribed motion or load of a body's angle, and its train (`physics.train`)."""
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
     train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
@@ -110,7 +110,7 @@ class Motion:
 
 @wp.struct
 class Motor:
-    """Motor of a shaft, its moment in the direction of forward rotation (`physics.train`)."""
+    """Motor of a shaft, forward (`physics.train`)."""
 
     present: wp.int32  # 1: there is one
     torque: wp.float64  # constant, or the largest; on top of the table [N m]
@@ -124,7 +124,7 @@ class Motor:
 
 @wp.struct
 class Coupling:
-    """Coupling of two bodies by a spring and a damper with play, a gearbox or a clutch (`physics.train`)."""
+    """Coupling, gearbox or clutch between two bodies (`physics.train`)."""
 
     first: wp.int32  # of the drive's bodies, or `GROUND`
     second: wp.int32
@@ -140,7 +140,7 @@ class Coupling:
 
 @wp.struct
 class Engaged:
-    """State of a coupling: ratio in use, rest twist, capacity."""
+    """State of a coupling."""
 
     rest: wp.float64  # e_0: angle of the first, less the ratio times that of the second, without twist [rad]
     ratio: wp.float64  # i in use; 0: open
@@ -160,7 +160,7 @@ class Gear:
 
 @wp.struct
 class ValveGroup:
-    """A group of like valves that the cams of a body lift (`physics.valve`)."""
+    """Like valves that a body's cams lift (`physics.valve`)."""
 
     body: wp.int32  # of the drive's bodies
     phases: wp.int32  # how many places of its cams
@@ -178,7 +178,7 @@ class ValveGroup:
 
 @wp.struct
 class Cam:
-    """Inertia, moment and energy of the valves on a body at its angle."""
+    """Inertia, moment and energy of a body's valves."""
 
     inertia: wp.float64  # sum m l'^2 [kg m^2]
     growth: wp.float64  # half of its slope by the body's angle [kg m^2]
@@ -188,9 +188,9 @@ class Cam:
 
 @wp.struct
 class Mount:
-    """Mount of a body's center, and its balance wheel; all zero for a fixed center without a wheel.
+    """Mount of a body's center, and its balance wheel; zero for a fixed center.
 
-    An arm whose pivot is prescribed has one, with its center of mass as that of the wheel and without weight.
+    An arm whose pivot is prescribed has its center of mass as wheel, without weight.
     """
 
     active: wp.int32  # 1: the center can move or there is a wheel
@@ -215,7 +215,7 @@ class Mount:
 
 @wp.struct
 class Hub:
-    """Hub of a sprocket: the arm that carries it, if any, and its bearing's friction (`physics.hub`)."""
+    """Hub of a sprocket: arm and bearing (`physics.hub`)."""
 
     arm: wp.int32  # the body of the drive that carries it, or `GROUND`
     lever: wp.vec2d  # d: its center from the arm's pivot, as drawn [m]
@@ -225,9 +225,9 @@ class Hub:
 
 @wp.struct
 class Arm:
-    """An arm that turns about a pivot, its body's center; its angle is 0 as drawn (`physics.body`).
+    """An arm that turns about a pivot, its body's center, from its drawn angle (`physics.body`).
 
-    On another arm its springs, damper and stops act between the two (`physics.hub`).
+    On another arm its springs, damper and stops act between the two.
     """
 
     pivot: wp.vec2d  # [m]
@@ -253,10 +253,7 @@ class Arm:
 
 @wp.struct
 class Piece:
-    """An arc or straight piece of a guide's face, in the frame of its body, the chain on the left.
-
-    After a guide's last piece one more says where that ends.
-    """
+    """A piece of a guide's face in its body's frame, chain on the left; one more ends the face."""
 
     start: wp.vec2d  # [m]
     direction: wp.vec2d  # of travel at its start
@@ -266,7 +263,7 @@ class Piece:
 
 @wp.struct
 class Valve:
-    """A tensioner's valve or orifice, through which oil flows one way (`physics.tensioner`, eq. (8))."""
+    """A tensioner's valve or orifice (`physics.tensioner`)."""
 
     hole_area: wp.float64  # A_b of its seat [m^2]; 0: there is none
     preload: wp.float64  # F_0 [N]
@@ -279,7 +276,7 @@ class Valve:
 
 @wp.struct
 class Tensioner:
-    """A tensioner: where it touches its body, its spring, oil, valves and ratchet (`physics.tensioner`)."""
+    """A tensioner: place, spring, oil, valves and ratchet (`physics.tensioner`)."""
 
     body: wp.int32  # of the drive
     point: wp.vec2d  # where it touches, from the body's center in the body's frame [m]
@@ -331,7 +328,7 @@ class TensionerState:
 
 @wp.struct
 class BodyState:
-    """A body's coordinates and their rates; leapfrog keeps the rates at half steps."""
+    """A body's coordinates and rates; leapfrog's are half a step behind."""
 
     angle: wp.float64  # theta [rad]
     speed: wp.float64  # omega [rad/s]
@@ -343,7 +340,7 @@ class BodyState:
 
 @wp.struct
 class Wrench:
-    """Force and moment on a body at one instant, by contacts and by what drives or holds its angle."""
+    """Force and moment on a body at one instant."""
 
     force: wp.vec2d  # of contacts and tensioners [N]
     moment: wp.float64  # the same, about its center, counter-clockwise [N m]
@@ -353,7 +350,7 @@ class Wrench:
 
 @wp.struct
 class Push:
-    """Force of a tensioner at one instant, its pressure and extension."""
+    """Force, pressure and extension of a tensioner."""
 
     force: wp.float64  # on its body, along its direction [N]
     pressure: wp.float64  # in its chamber [Pa]
@@ -364,7 +361,7 @@ class Push:
 
 @wp.struct
 class Pose:
-    """Pose of a body as contacts see it; on blocks, thread s writes it, all read it."""
+    """Pose of a body as contacts see it."""
 
     cosine: wp.float64  # of its angle
     sine: wp.float64
@@ -380,7 +377,7 @@ class Pose:
 
 @wp.struct
 class Strand:
-    """Nominal straight line of a strand, and the part of the chain on it (updated every few steps)."""
+    """Nominal line of a strand, and its links (now and then updated)."""
 
     start: wp.vec2d  # [m]
     direction: wp.vec2d
@@ -392,7 +389,7 @@ class Strand:
 
 @wp.struct
 class Now:
-    """The CPU's step of a variant, and what it wants beside forces and moments (1: wanted)."""
+    """Step of a variant on the CPU, and what it wants (1)."""
 
     step: wp.int32
     time: wp.float64  # [s]
@@ -432,7 +429,7 @@ class ContactLaw:
 
 @wp.struct
 class Friction:
-    """Dry friction of rollers on teeth or a guide, or of a chain's joints (`physics.friction`)."""
+    """Dry friction of contacts or joints (`physics.friction`)."""
 
     inertia: wp.float64  # m_e [kg], of joints 0.6 (m p^2 / 6) [kg m^2]; 0: there is no friction
     stiffness: wp.float64  # k of its bristle [N/m], of joints [N m/rad]
@@ -463,7 +460,7 @@ class Chain:
 
 @wp.struct
 class Sprocket:
-    """Teeth of one sprocket and their contact law, eq. (5)-(8)."""
+    """Teeth of one sprocket and their contact law."""
 
     teeth: wp.int32  # z
     first_seat: wp.int32  # of this number of teeth in the table of seat directions
@@ -482,7 +479,7 @@ class Sprocket:
 
 @wp.struct
 class Band:
-    """Ring about a sprocket's center in which rollers are engaged, at the kernel's precision."""
+    """Ring about a sprocket in which rollers are engaged."""
 
     center: wp.vec2d  # [m]
     near_square: wp.float64  # [m^2]
@@ -491,7 +488,7 @@ class Band:
 
 @wp.struct
 class Guide:
-    """One guide and its contact law: a straight bar, eq. (21)-(23), or a profile (`physics.guide`)."""
+    """One guide, bar or profile, and its contact law (`physics.guide`)."""
 
     start: wp.vec2d  # a [m]; of a profile, its chord's
     direction: wp.vec2d  # t
@@ -510,7 +507,7 @@ class Guide:
 
 @wp.struct
 class Totals:
-    """Totals over the contacts of one sprocket or guide at one instant."""
+    """Totals over contacts of one sprocket or guide."""
 
     moment: wp.float64  # on the sprocket [N m]
     push: wp.vec2d  # force on the sprocket [N]
@@ -556,7 +553,7 @@ class SprocketSums:
 
 @wp.struct
 class MountSums:
-    """Window's sums of a sprocket on an active mount, or whose bearing rubs."""
+    """Window's sums of a sprocket on an active mount."""
 
     travel: wp.vec2d  # displacement from the stated center [m s]
     travel_max: wp.float64  # largest distance from it [m]
@@ -568,7 +565,7 @@ class MountSums:
 
 @wp.struct
 class ArmSums:
-    """Window's sums of an arm (time integrals, trapezoidal)."""
+    """Window's sums of an arm (time integrals)."""
 
     angle_min: wp.float64  # [rad]
     angle_max: wp.float64
@@ -582,7 +579,7 @@ class ArmSums:
 
 @wp.struct
 class ShaftSums:
-    """Window's sums of a shaft (time integrals, trapezoidal)."""
+    """Window's sums of a shaft (time integrals)."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64
@@ -596,7 +593,7 @@ class ShaftSums:
 
 @wp.struct
 class CouplingSums:
-    """Window's sums of a coupling (time integrals, trapezoidal)."""
+    """Window's sums of a coupling (time integrals)."""
 
     twist_min: wp.float64  # [rad]
     twist_max: wp.float64
@@ -611,7 +608,7 @@ class CouplingSums:
 
 @wp.struct
 class GearSums:
-    """Window's sums of a pair of gears (time integrals, trapezoidal)."""
+    """Window's sums of a gear pair (time integrals)."""
 
     force_max: wp.float64  # [N]
     force: wp.float64  # its magnitude [N s]
@@ -620,7 +617,7 @@ class GearSums:
 
 @wp.struct
 class ValveSums:
-    """Window's sums of a group of valves (time integrals, trapezoidal)."""
+    """Window's sums of a valve group (time integrals)."""
 
     torque_min: wp.float64  # against forward rotation [N m]
     torque_max: wp.float64
@@ -631,7 +628,7 @@ class ValveSums:
 
 @wp.struct
 class TensionerFlows:
-    """Oil flows through a tensioner, in a step or since the run began, and their energies."""
+    """Oil flows through a tensioner and their energies."""
 
     leaked: wp.float64  # through the gap [m^3]
     supplied: wp.float64  # [m^3]
@@ -646,7 +643,7 @@ class TensionerFlows:
 
 @wp.struct
 class TensionerSums:
-    """Window's sums of a tensioner (time integrals, trapezoidal), and its flows between the window's ends."""
+    """Window's sums of a tensioner (time integrals), and flows."""
 
     force_min: wp.float64  # [N]
     force_max: wp.float64
@@ -664,7 +661,7 @@ class TensionerSums:
 
 @wp.struct
 class StrandSums:
-    """Window's sums over samples of one strand: tension of its links, mid-strand transverse displacement."""
+    """Window's sums of a strand: tension, mid-strand displacement."""
 
     links: wp.int64  # tension samples
     tension_min: wp.float64  # [N]
@@ -680,7 +677,7 @@ class StrandSums:
 
 @wp.struct
 class ChainSums:
-    """Window's sums of the whole chain, and the energy balance's two ends."""
+    """Window's sums of the chain, with energy balance."""
 
     tension_min: wp.float64  # [N]
     tension_max: wp.float64
@@ -695,7 +692,7 @@ class ChainSums:
 
 @wp.struct
 class Note:
-    """Sums of a chain, or of a strand's links, at the end of a batch of the window."""
+    """Sums of a chain or strand at a batch's end."""
 
     tension: wp.float64  # as in `ChainSums`, `StrandSums`
     samples: wp.int64
@@ -705,7 +702,7 @@ class Note:
 
 @wp.struct
 class SprocketNote:
-    """Sums of a sprocket at the end of a batch of the window."""
+    """Sums of a sprocket at a batch's end."""
 
     speed: wp.float64  # as in `SprocketSums`
     moment: wp.float64
@@ -714,7 +711,7 @@ class SprocketNote:
 
 @wp.struct
 class MountNote:
-    """Sums of a sprocket on an active mount at the end of a batch of the window."""
+    """Sums of a mount at a batch's end."""
 
     travel: wp.vec2d  # as in `MountSums`
     force: wp.float64
@@ -722,7 +719,7 @@ class MountNote:
 
 @wp.struct
 class SlipSums:
-    """Teeth that the chain has jumped over a sprocket in the window (`statistics.follow_slip`)."""
+    """Teeth jumped over a sprocket (`statistics.follow_slip`)."""
 
     slips: wp.int32
     known: wp.int32  # 1: a roller has been seen in mid-wrap
@@ -734,7 +731,7 @@ class SlipSums:
 
 @wp.struct
 class LinkTally:
-    """Sums of one link while it was on one strand, or on none."""
+    """Sums of one link while on one strand."""
 
     samples: wp.int64
     tension: wp.float64  # [N]
@@ -743,7 +740,7 @@ class LinkTally:
 
 @wp.struct
 class RollerTally:
-    """Dissipation and energies at the window's two ends of one roller, its link and its contacts."""
+    """Dissipation and energies of one roller, its link and contacts."""
 
     dissipated: wp.float64  # [J]
     friction: wp.float64  # [J]
@@ -753,10 +750,7 @@ class RollerTally:
 
 @wp.struct
 class Tallies:
-    """Sums that block kernels keep roller by roller, so that no thread waits for another.
-
-    Contacts' sums (`ContactSums`) are in rows of their own, neighbors' side by side.
-    """
+    """Sums of block kernels roller by roller, contacts' in rows of their own."""
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
     impacts: wp.array[wp.int32]  # (contact memories,)
@@ -772,7 +766,7 @@ class Tallies:
 
 @wp.struct
 class Sums:
-    """Sums over the window; S sprockets (and strands) and G guides a variant."""
+    """Window's sums; S sprockets and G guides a variant."""
 
     chain: wp.array[ChainSums]  # (variants,)
     strand: wp.array[StrandSums]  # (all sprockets,)
@@ -795,7 +789,7 @@ class Sums:
 
 @wp.struct
 class Ensemble:
-    """Data of all variants that do not change during a run."""
+    """Data of all variants that do not change."""
 
     drives: wp.array[Drive]  # (variants,)
     chains: wp.array[Chain]  # (variants,)
@@ -821,7 +815,7 @@ class Ensemble:
 
 @wp.struct
 class Extra:
-    """Forces and energy of one roller for frames and the energy balance, at the steps that want them."""
+    """Forces and energy of one roller for frames."""
 
     tension: wp.float64  # of the link after it [N]
     rate: wp.float64  # of that link's elongation [m/s]
@@ -866,7 +860,7 @@ class State:
 
 @wp.struct
 class Memory:
-    """Memory of the contacts with one sprocket or guide, and what of it a pass may change."""
+    """Memory of contacts with one sprocket or guide."""
 
     seat: wp.array[wp.int32]  # as in `State`
     impact_speed: wp.array[wp.float64]
@@ -886,7 +880,7 @@ class Memory:
 
 @wp.struct
 class _BlockPose:
-    """`Pose` on blocks at float32, with R cos theta and R sin theta for teeth (`physics.tooth`)."""
+    """`Pose` on blocks at float32 (`physics.tooth`)."""
 
     reach_cosine: Pair  # R cos theta, the high part on a grid of 12 bits [m]
     reach_sine: Pair
@@ -928,12 +922,12 @@ PAIRS = {
     Wrench: (),
     Push: ("extension",),
 }
-"""Structs of bodies' motion on blocks at float32, with the fields that are pairs."""
+"""Structs of bodies' motion on blocks at float32, and their pairs."""
 
 
 @cache
 def _roller_structs() -> dict[Any, Any]:
-    """Structs at float32 of chain and contacts, alike on the CPU and on blocks, by those at float64."""
+    """Structs at float32 of chain and contacts, by those at float64."""
     made: dict[Any, Any] = {}
     for full in (Friction, ContactLaw, Chain, Band, Extra):
         made[full] = at_float32(full, made)
@@ -942,7 +936,7 @@ def _roller_structs() -> dict[Any, Any]:
 
 
 def _add_block_structs(made: dict[Any, Any]) -> None:
-    """Adds the structs of bodies' motion for blocks at float32 to `made`."""
+    """Adds structs of bodies' motion for float32 blocks."""
     for full, pairs in PAIRS.items():
         made[full] = at_float32(full, made, pairs=pairs, rows=full is Piece)
     made[Pose] = _BlockPose
@@ -957,15 +951,14 @@ def _add_block_structs(made: dict[Any, Any]) -> None:
 
 
 _ONE_AT_A_TIME = Lock()
-"""Held while structs are made, so that threads of several GPUs have the same ones."""
+"""Lock under which threads make structs."""
 
 
 def types(Real: type, blocks: bool = False) -> SimpleNamespace:
-    """Structs of kernels whose quantities are `Real` (wp.float64 or wp.float32), by their names here.
+    """Structs at precision `Real` (wp.float64 or wp.float32) by their names here.
 
-    Beside them are `Real`, its vector `vec2`, `Number` (of `number`), and `Instant`, a body's state in plain numbers:
-    at float32 without pairs, with the `rest` of its speed. Without `blocks` bodies' motion is float64 at both
-    precisions.
+    Beside them are `Real`, its vector `vec2`, `Number` (of `number`), and `Instant`, a body's state in plain numbers.
+    Without `blocks` bodies' motion is float64 at both precisions.
     """
     with _ONE_AT_A_TIME:
         return _types(Real, blocks)
@@ -996,4 +989,4 @@ def _types(Real: type, blocks: bool) -> SimpleNamespace:
 
 
 STRUCTS = [of for of in vars().values() if isinstance(of, type(Drive)) and of not in (Pair, PairVector, _BlockPose)]
-"""All structs of this file, and sums that blocks at float32 keep in another form."""
+"""All structs of this file."""

@@ -1,8 +1,4 @@
-"""Sums over the window, in float64 or pairs: `add_*` adds one step, `merge_*` another sum.
-
-CPU and GPU call the same functions. Products are formed in the arguments' type, then added in float64 or in pairs of
-float32 (`number.sum_with`).
-"""
+"""Sums over the window, in float64 or pairs (`number.sum_with`): `add_*` adds one step, `merge_*` another sum."""
 
 from functools import cache
 from typing import Any
@@ -14,33 +10,30 @@ from .number import gathered_sum, rounded_value, sub, sum_with  # noqa: F401
 from .structs import ChainSums, ContactSums, Drive, RollerTally, Strand, StrandSums, Totals
 
 MERGE_EVERY = wp.constant(32)
-"""Steps after which sums gathered by links and sprockets are merged into the window's sums.
-
-The chain is sampled as often, or a power of two times as far apart (`Drive.sample_interval`).
-"""
+"""Steps after which links' and sprockets' sums are merged into the window's."""
 
 
 @wp.func
 def is_sample_step(drive: Drive, step: int):
-    """Whether the chain is sampled for the window's sums at `step`, as it is at the window's first."""
+    """Whether the window's sums sample the chain at `step`."""
     return step & (drive.sample_interval - 1) == 0 or step == drive.window_start
 
 
 @wp.func
 def previous_index(i: int, n: int):
-    """Index of the roller or link before `i` in a closed chain of `n`."""
+    """Index of the roller or link before `i` of `n`."""
     return wp.where(i == 0, n - 1, i - 1)
 
 
 @wp.func
 def next_index(i: int, n: int):
-    """Index of the roller or link after `i` in a closed chain of `n`; 0 where `i` is beyond it."""
+    """Index of the roller or link after `i` of `n`, or 0."""
     return wp.where(i + 1 < n, i + 1, 0)
 
 
 @wp.func
 def add_tension(sums: Any, tension: Any):
-    """Sums (with the fields of `LinkTally`) with one link's tension [N] added."""
+    """Sums of tension with one link's [N] added."""
     value = wp.float64(tension)
     sums.tension = sums.tension + value
     sums.tension_square = sums.tension_square + value * value
@@ -49,7 +42,7 @@ def add_tension(sums: Any, tension: Any):
 
 @wp.func
 def merge_tension(sums: Any, other: Any):
-    """Sums of tension with those of another such struct added."""
+    """Sums of tension with another struct's added."""
     sums.tension = sums.tension + other.tension
     sums.tension_square = sums.tension_square + other.tension_square
     return sums
@@ -57,7 +50,7 @@ def merge_tension(sums: Any, other: Any):
 
 @wp.func
 def merge_extremes(sums: Any, lowest: wp.float64, highest: wp.float64):
-    """Sums of tension with the extremes widened to `lowest` and `highest` [N]."""
+    """Sums of tension with extremes widened [N]."""
     sums.tension_min = wp.min(sums.tension_min, lowest)
     sums.tension_max = wp.max(sums.tension_max, highest)
     return sums
@@ -65,7 +58,7 @@ def merge_extremes(sums: Any, lowest: wp.float64, highest: wp.float64):
 
 @wp.func
 def add_energy(sums: Any, start: bool, energy: wp.float64):
-    """`ChainSums` or `RollerTally` with mechanical energy [J] added at the window's start, or else its end."""
+    """Chain's or roller's sums with energy [J] at the window's start or end."""
     if start:
         sums.energy_start = sums.energy_start + energy
     else:
@@ -75,7 +68,7 @@ def add_energy(sums: Any, start: bool, energy: wp.float64):
 
 @wp.func
 def merge_roller(sums: ChainSums, tally: RollerTally):
-    """Chain's sums with the tally of one roller and its link, or of one body, added to the energy balance."""
+    """Chain's sums with one roller's or body's tally added."""
     sums.dissipated = sums.dissipated + tally.dissipated
     sums.friction = sums.friction + tally.friction
     sums.energy_start = sums.energy_start + tally.energy_start
@@ -85,9 +78,9 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 @wp.func
 def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: wp.float64):
-    """Sums of a sprocket's or guide's contacts with forces and dissipation of one step of `weight` [s] added.
+    """Sums of a partner's contacts with one step's forces and dissipation added.
 
-    `stored` is the elastic energy [J] at the window's end, negative that at its start, else 0.
+    `weight` is the step's [s], `stored` elastic energy [J] at the window's end, negative at its start, else 0.
     """
     sums.dissipated = sums.dissipated + weight * totals.dissipated - stored
     sums.friction = sums.friction + weight * totals.friction
@@ -98,7 +91,7 @@ def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: w
 
 @wp.func
 def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: int, missed: int):
-    """Adds to contact sums at `at` contacts that began, first ones of rollers' passes, and missed faces of guides."""
+    """Adds to contact sums at `at` impacts, first contacts and missed faces."""
     if impacts != 0:
         sums[at].impacts = sums[at].impacts + impacts
     if contacts != 0:
@@ -109,7 +102,7 @@ def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: in
 
 @wp.func
 def merge_contact(sums: ContactSums, other: ContactSums):
-    """Sums of a sprocket's or guide's contacts with others of the same partner added."""
+    """Sums of a partner's contacts with others added."""
     sums.force_max = wp.max(sums.force_max, other.force_max)
     sums.impacts = sums.impacts + other.impacts
     sums.friction = sums.friction + other.friction
@@ -122,10 +115,7 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 @wp.func
 def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight: Any):
-    """A sprocket's sums with its speed, the contacts' moment, and powers of moment, load and `body.late_power` added.
-
-    `weight` [s] is the time that the step stands for.
-    """
+    """A sprocket's sums with speed, contacts' moment and powers of a step added."""
     way = weight * speed
     sums.moment = sum_with(sums.moment, weight * moment)
     sums.contact_work = sum_with(sums.contact_work, way * moment)
@@ -140,7 +130,7 @@ def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight:
 
 @wp.func
 def gathered_sprocket_sums(sums: Any):
-    """A sprocket's sums with its recent additions gathered into pairs."""
+    """A sprocket's sums with recent additions in pairs."""
     sums.moment = gathered_sum(sums.moment)
     sums.contact_work = gathered_sum(sums.contact_work)
     sums.load_work = gathered_sum(sums.load_work)
@@ -167,7 +157,7 @@ def note_mount(note: Any, sums: Any):
 
 @wp.func
 def add_hub_force(sums: Any, force: Any, weight: Any):
-    """A mount's sums with the chain's force on its sprocket in a step of `weight` [s] added."""
+    """A mount's sums with the chain's force added."""
     sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums
@@ -175,7 +165,7 @@ def add_hub_force(sums: Any, force: Any, weight: Any):
 
 @wp.func
 def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power: Any, weight: Any):
-    """A mount's sums with displacement `apart` [m], force `held` [N], and powers of damper and mount added."""
+    """A mount's sums with displacement [m], force [N] and powers added."""
     sums.travel = sum_with(sums.travel, weight * apart)
     sums.travel_max = wp.max(sums.travel_max, wp.length(apart))
     sums.force = sum_with(sums.force, weight * wp.length(held))
@@ -186,14 +176,14 @@ def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power
 
 @wp.func
 def add_bearing(sums: Any, power: Any, weight: Any):
-    """A mount's sums with the power [W] of friction in its sprocket's bearing added."""
+    """A mount's sums with power of bearing friction added."""
     sums.friction = sum_with(sums.friction, weight * power)
     return sums
 
 
 @wp.func
 def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, weight: Any):
-    """An arm's sums with angle, contacts' moment, and powers of dampers and stop, pivot and `body.late_power` added."""
+    """An arm's sums with angle, contacts' moment and powers added."""
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
     sums.angle = sum_with(sums.angle, weight * body.angle)
@@ -207,7 +197,7 @@ def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, 
 
 @wp.func
 def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
-    """A shaft's sums with its speed and the moments of its motor and load added."""
+    """A shaft's sums with speed, motor's and load's moments added."""
     way = weight * speed
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
@@ -222,7 +212,7 @@ def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
 
 @wp.func
 def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost: Any, weight: Any):
-    """A coupling's sums with twist, moment, powers of damper and prescribed bodies, and loss by slipping added."""
+    """A coupling's sums with twist, moment, powers and slip's loss added."""
     sums.twist_min = wp.min(sums.twist_min, twist)
     sums.twist_max = wp.max(sums.twist_max, twist)
     sums.twist = sum_with(sums.twist, weight * twist)
@@ -237,7 +227,7 @@ def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost:
 
 @wp.func
 def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
-    """A gear pair's sums with the moment [N m] that it passes on and the size of its tooth force [N] added."""
+    """A gear pair's sums with moment and tooth force added."""
     sums.moment = sum_with(sums.moment, weight * moment)
     sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, force)
@@ -246,7 +236,7 @@ def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
 
 @wp.func
 def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
-    """A valve group's sums with its torque [N m] and the least force [N] of a cam on a follower added."""
+    """A valve group's sums with torque and least force added."""
     sums.torque_min = wp.min(sums.torque_min, torque)
     sums.torque_max = wp.max(sums.torque_max, torque)
     sums.torque = sum_with(sums.torque, weight * torque)
@@ -257,7 +247,7 @@ def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
 
 @wp.func
 def add_flows(total: Any, flows: Any):
-    """A tensioner's total flows with those of one more step added, and whether it is filled at the step's end."""
+    """A tensioner's total flows with one more step's added."""
     total.leaked = sum_with(total.leaked, flows.leaked)
     total.supplied = sum_with(total.supplied, flows.supplied)
     total.relieved = sum_with(total.relieved, flows.relieved)
@@ -272,7 +262,7 @@ def add_flows(total: Any, flows: Any):
 
 @wp.func
 def flows_since(now: Any, start: Any):
-    """Tensioner flows since `start` of the meter; the time of filling counts from the run's beginning."""
+    """A tensioner's flows since `start`; filling counts from the run's."""
     now.leaked = now.leaked - start.leaked
     now.supplied = now.supplied - start.supplied
     now.relieved = now.relieved - start.relieved
@@ -285,7 +275,7 @@ def flows_since(now: Any, start: Any):
 
 @wp.func
 def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
-    """A tensioner's sums with force, pressure, extension, and powers of damper, stop and suction added."""
+    """A tensioner's sums with force, pressure, extension and powers added."""
     x = rounded_value(push.extension)
     sums.force_min = wp.min(sums.force_min, push.force)
     sums.force_max = wp.max(sums.force_max, push.force)
@@ -303,7 +293,7 @@ def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
 
 @wp.func
 def add_meter(sums: Any, meter: Any, start: bool, end: bool):
-    """A tensioner's sums with its meter of flows taken at the window's `start` and `end`."""
+    """A tensioner's sums with flows between the window's ends."""
     if start:
         sums.flows = meter
     if end:
@@ -313,7 +303,7 @@ def add_meter(sums: Any, meter: Any, start: bool, end: bool):
 
 @wp.func
 def add_displacement(sums: StrandSums, displacement: wp.float64):
-    """A strand's sums with one mid-strand transverse displacement [m] added."""
+    """A strand's sums with a mid-strand displacement [m]."""
     sums.samples = sums.samples + wp.int64(1)
     sums.displacement_min = wp.min(sums.displacement_min, displacement)
     sums.displacement_max = wp.max(sums.displacement_max, displacement)
@@ -324,19 +314,19 @@ def add_displacement(sums: StrandSums, displacement: wp.float64):
 
 @wp.func
 def coordinate_along(x: wp.float64, y: wp.float64, strand: Strand):
-    """Coordinate [m] of a point along a strand's nominal line."""
+    """Coordinate [m] along a strand's nominal line."""
     return (x - strand.start[0]) * strand.direction[0] + (y - strand.start[1]) * strand.direction[1]
 
 
 @wp.func
 def distance_left(x: wp.float64, y: wp.float64, strand: Strand):
-    """Distance [m] of a point to the left of a strand's nominal line."""
+    """Distance [m] to the left of a strand's line."""
     return (y - strand.start[1]) * strand.direction[0] - (x - strand.start[0]) * strand.direction[1]
 
 
 @wp.func
 def mid_strand_displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, strand: Strand):
-    """Transverse displacement [m] of the chain mid-strand between rollers a and b, left positive."""
+    """Transverse displacement [m] of the chain mid-strand, left positive."""
     a = coordinate_along(ax, ay, strand)
     b = coordinate_along(bx, by, strand)
     part = (wp.float64(0.5) * strand.length - a) * reciprocal(b - a)
@@ -345,21 +335,21 @@ def mid_strand_displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: 
 
 @cache
 def strand_follower(Real: type) -> wp.Function:
-    """Warp function that tracks which links are on a strand, for rows of type `Real`."""
+    """Warp function that tracks a strand's links, at type `Real`."""
 
     @wp.func
     def roller_coordinate(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
-        """Coordinate [m] of roller `i` along a strand's nominal line."""
+        """Coordinate [m] of roller `i` along a strand."""
         return coordinate_along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
 
     @wp.func
     def roller_distance(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
-        """Distance [m] of roller `i` from a strand's nominal line."""
+        """Distance [m] of roller `i` from a strand."""
         return wp.abs(distance_left(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand))
 
     @wp.func
     def last_roller_before(rollers: wp.array[Real], x: int, y: int, n: int, i: int, limit: wp.float64, strand: Strand):
-        """Last roller not past `limit` [m] along a strand's nominal line, searched from roller `i` on."""
+        """Last roller not past `limit` [m] along a strand, from roller `i` on."""
         tries = int(0)
         while roller_coordinate(rollers, x, y, i, strand) > limit and tries < n:
             i = previous_index(i, n)
@@ -372,7 +362,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def mid_crossing(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
-        """Last roller not past mid-strand, at the crossing nearest to the strand's line of any in the chain."""
+        """Last roller not past mid-strand, nearest to the strand's line."""
         limit = wp.float64(0.5) * strand.length
         found = strand.middle
         nearest = wp.float64(wp.inf)
@@ -392,7 +382,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def follow_strand(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
-        """A strand with its middle and links brought up to date from the last sample, or searched `anew`.
+        """A strand with its middle and links updated, or searched `anew`.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
         """

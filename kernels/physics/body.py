@@ -1,10 +1,10 @@
-"""Rigid bodies that carry teeth and guides: poses, accelerations, integration in time and energies.
+"""Rigid bodies that carry teeth and guides: poses, accelerations, integration in time, energies.
 
 Center (x, y) and angle are each free, held or prescribed. Bodies that only turn have `Mount.active` = 0; others follow
 `mount`. A prescribed coordinate takes its mean speed over a leapfrog step, and so is exact at each step's end.
 
-Coordinates and rates are numbers (`number`), all else is rounded. Headings turned by the series of sine and cosine to
-the fifth order are within 1e-14 for steps up to 0.01 rad.
+Coordinates and rates are numbers (`number`), all else is rounded. Turned headings are within 1e-14 up to 0.01 rad a
+step.
 """
 
 from typing import Any
@@ -50,7 +50,7 @@ def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
 
 @wp.func
 def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
-    """A body's pose in pairs heading along (cosine, sine), with R cos theta and R sin theta on `tooth`'s grid."""
+    """A body's pose in pairs heading along (cosine, sine), with R cos theta, R sin theta (`tooth`)."""
     pose.cosine = cosine
     pose.sine = sine
     pose.reach_cosine = grid_product(cosine, pose.radius, pose.grid)
@@ -60,7 +60,7 @@ def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
 
 @wp.func
 def turned_pose(pose: Pose, turn: wp.float64):
-    """A body's float64 pose turned by a small angle [rad], its heading of length one."""
+    """A body's float64 pose turned by a small angle [rad]."""
     square = turn * turn
     one = wp.float64(1.0)
     fourth = multiply_add(-square, wp.static(wp.float64(1.0 / 24.0)), wp.float64(0.5))
@@ -75,7 +75,7 @@ def turned_pose(pose: Pose, turn: wp.float64):
 
 @wp.func
 def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
-    """A body's pose in pairs turned by a small angle [rad], its heading of length one."""
+    """A body's pose in pairs turned by a small angle [rad]."""
     square = turn * turn
     less = -0.5 * square * (1.0 - square * wp.static(1.0 / 12.0))
     sine = turn * (1.0 - square * wp.static(1.0 / 6.0) * (1.0 - square * wp.static(1.0 / 20.0)))
@@ -87,7 +87,7 @@ def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
 
 @wp.func
 def aligned_pose(pose: Any):
-    """A body's pose heading along its angle, coordinates and rates trimmed to float64's digits."""
+    """A body's pose heading along its angle, its numbers trimmed to float64."""
     pose.angle = trimmed_value(pose.angle)
     pose.speed = trimmed_value(pose.speed)
     pose.center = trimmed_value(pose.center)
@@ -98,7 +98,7 @@ def aligned_pose(pose: Any):
 
 @wp.func
 def pose_with_coordinates(pose: Any, body: Any):
-    """A body's pose with the coordinates, rates and accelerations of state `body`, the heading as it was."""
+    """A body's pose with the coordinates and rates of state `body`."""
     pose.angle = body.angle
     pose.speed = body.speed
     pose.center = body.center
@@ -122,7 +122,7 @@ def plain_body(body: BodyState):
 
 @wp.func
 def plain_body(body: BLOCKS.BodyState):
-    """A body's state in pairs as plain float32 numbers, the low part of its speed in `rest`."""
+    """A body's state in pairs as plain float32, with `rest` of its speed."""
     plain = BLOCKS.Instant()
     plain.angle = rounded_value(body.angle)
     plain.speed = leading_value(body.speed)
@@ -141,7 +141,7 @@ def add_speed(body: BodyState, change: wp.float64):
 
 @wp.func
 def add_speed(body: BLOCKS.Instant, change: wp.float32):
-    """A body's float32 state with its angular velocity raised by `change` [rad/s], what that rounds off in `rest`."""
+    """A body's float32 state with its angular velocity raised by `change` [rad/s]."""
     speed = body.speed + change
     body.rest = ((body.speed - speed) + change) + body.rest
     body.speed = speed
@@ -164,7 +164,7 @@ def speed_as_float64(body: BLOCKS.Instant):
 def body_accelerations(
     time: Any, off: Any, body: Any, heading: Any, wrench: Any, motion: Any, mount: Any, ensemble: Any
 ):
-    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4), as one vector.
+    """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4).
 
     Args:
         time: of what is prescribed and of the body's speed [s].
@@ -193,7 +193,7 @@ def body_accelerations(
 def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
     """A body's state one leapfrog step `h` [s] later, except for a prescribed center.
 
-    `kick` is `integrate.leapfrog_kick` [s], `rates` as of `body_accelerations`, `ahead` a prescribed angle at the end.
+    `kick` is `integrate.leapfrog_kick` [s], `ahead` a prescribed angle at the end.
     """
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
@@ -207,7 +207,7 @@ def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: 
 
 @wp.func
 def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
-    """A body's state with a prescribed center as at time `after` [s], at its mean velocity over the step `h` [s]."""
+    """A body's state with a prescribed center as at `after` [s], at its mean velocity."""
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(after, mount, ensemble)
         body.velocity = (center - body.center) * reciprocal(h)
@@ -217,10 +217,7 @@ def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: 
 
 @wp.func
 def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
-    """A body's state after a leapfrog step with that step's accelerations, for contacts of the next.
-
-    `rates` as of `body_accelerations`, accelerating over `kick` [s].
-    """
+    """A body's state after a leapfrog step with that step's accelerations."""
     after.angular = rates[2]
     if motion.prescribed == 1:
         after.angular = rounded_value(difference(after.speed, before.speed)) * reciprocal(kick)
@@ -232,7 +229,7 @@ def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, moti
 
 @wp.func
 def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body's states at the next Runge-Kutta stage and at the step's start, and its weighted slopes so far."""
+    """A body's states at the next Runge-Kutta stage and step's start, and weighted slopes."""
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity
@@ -266,7 +263,7 @@ def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: A
 
 @wp.func
 def body_at_time(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body's plain state with rates as of `time` [s], `lag` [s] after its own; `driven` is a prescribed speed."""
+    """A body's plain state with rates of `time` [s], `lag` [s] after its own."""
     seen = plain_body(body)
     if motion.prescribed == 1:
         seen.speed = driven
@@ -282,7 +279,7 @@ def body_at_time(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion
 
 @wp.func
 def wrench_with_force(wrench: Any, force: Any, moment: Any):
-    """Wrench on a body with one more force [N] and its moment about the body's center [N m]."""
+    """Wrench on a body with one more force [N] and its moment [N m]."""
     wrench.force = wrench.force + force
     wrench.moment = wrench.moment + moment
     return wrench
@@ -290,7 +287,7 @@ def wrench_with_force(wrench: Any, force: Any, moment: Any):
 
 @wp.func
 def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
-    """Kinetic and potential energy [J] of a body with its rates at one instant; 0 where its motion is prescribed."""
+    """Kinetic and potential energy [J] of a body, 0 where prescribed."""
     energy = wp.float64(0.0)
     if mount.active != 0:
         energy = wp.float64(mount_energy(off, body, heading, mount))
@@ -302,7 +299,7 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 @wp.func
 def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: Any, mount: Any):
-    """Force [N] that holds a body's center on an active mount, and power [W] of what prescribes its motion.
+    """Force [N] that holds a mounted body's center, and power [W] of its prescribed motion.
 
     Arguments as of `body_accelerations`, rates at the instant.
     """
@@ -312,10 +309,10 @@ def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rate
 
 @wp.func
 def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
-    """Power [W] that contacts on a body miss, as they take its rates by its acceleration of the step before.
+    """Power [W] that contacts on a body miss by its acceleration of the step before.
 
-    `now` is its plain state at the forces' instant, `pose` that of `lag` [s] before; `carried`: its carrier has the
-    center's power.
+    `now` is its state at the forces' instant, `pose` of `lag` [s] before; `carried`: its carrier has the center's
+    power.
     """
     power = wrench.moment * (now.speed - leading_value(pose.speed) - lag * pose.angular)
     if not carried:
@@ -325,7 +322,7 @@ def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
 
 @wp.func
 def is_in_box(low: Any, high: Any, p: Any):
-    """Whether point `p` [m] is finite and within a drive's box, which holds rollers and bodies' centers."""
+    """Whether point `p` [m] is finite and within the drive's box."""
     return p[0] > low[0] and p[0] < high[0] and p[1] > low[1] and p[1] < high[1]
 
 
@@ -337,7 +334,7 @@ def has_finite_rotation(angle: Any, speed: Any):
 
 @wp.func
 def stop_moment(angle: Any, speed: Any, arm: Any):
-    """Moment [N m] of the stop that a tensioner arm leans on, and its elastic part [N m]."""
+    """Moment [N m] of an arm's stop, and its elastic part [N m]."""
     zero = type(angle)(0.0)
     elastic = zero
     moment = zero
@@ -352,7 +349,7 @@ def stop_moment(angle: Any, speed: Any, arm: Any):
 
 @wp.func
 def coil_length(angle: Any, arm: Any):
-    """Length [m] of an arm's coil spring, and its derivative by the arm's angle [m/rad]."""
+    """Length [m] of an arm's coil spring, and its derivative by angle."""
     sine, cosine = wp.sin(angle), wp.cos(angle)
     x = arm.coil_point[0] * cosine - arm.coil_point[1] * sine
     y = arm.coil_point[0] * sine + arm.coil_point[1] * cosine
@@ -363,14 +360,14 @@ def coil_length(angle: Any, arm: Any):
 
 @wp.func
 def coil_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of its coil spring and damper; `turned` has the arm's angle and speed."""
+    """Moment [N m] on an arm of its coil spring and damper."""
     length, lever = coil_length(turned.angle, arm)
     return -lever * (arm.coil_stiffness * (length - arm.coil_free_length) + arm.coil_damping * lever * turned.speed)
 
 
 @wp.func
 def arm_own_moment(body: Any, heading: Any, arm: Any):
-    """Moment [N m] on an arm of its weight, springs, dampers and stops; `heading` is (cos theta, sin theta)."""
+    """Moment [N m] on an arm of its weight, springs, dampers and stops."""
     x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
     y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
     stop, elastic = stop_moment(body.angle, body.speed, arm)
@@ -383,7 +380,10 @@ def arm_own_moment(body: Any, heading: Any, arm: Any):
 
 @wp.func
 def arm_spring_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of springs, dampers and stops; `turned` has its angle and speed against its carrier."""
+    """Moment [N m] on an arm of springs, dampers and stops, without weight.
+
+    `turned` has its angle and speed against its carrier.
+    """
     stop, elastic = stop_moment(turned.angle, turned.speed, arm)
     moment = stop - arm.stiffness * (turned.angle - arm.free_angle) - arm.damping * turned.speed
     if arm.coil_stiffness > type(moment)(0.0):
@@ -393,7 +393,7 @@ def arm_spring_moment(turned: Any, arm: Any):
 
 @wp.func
 def arm_mass_moment(heading: Any, arm: Any):
-    """Mass of an arm times its center of mass from its pivot [kg m], at its heading."""
+    """Mass moment of an arm about its pivot at its heading [kg m]."""
     return type(heading)(
         arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1],
         arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0],
@@ -402,7 +402,7 @@ def arm_mass_moment(heading: Any, arm: Any):
 
 @wp.func
 def relax_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
-    """State of an arm after a relaxation step: omega += kick alpha, theta += h omega; from rest where `kick` < `h`."""
+    """State of an arm after a relaxation step: omega += kick alpha, theta += h omega."""
     body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular
     body.angle = body.angle + h * body.speed
     return body
@@ -410,7 +410,7 @@ def relax_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
 
 @wp.func
 def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
-    """Energy [J] of an arm: `kinetic` and that of its springs, stops and weight."""
+    """Energy [J] of an arm: `kinetic`, and of springs, stops and weight."""
     half = type(body.speed)(0.5)
     turned = body.angle - arm.free_angle
     energy = kinetic + wp.float64(half * arm.stiffness * turned * turned)
@@ -427,7 +427,7 @@ def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
 
 @wp.func
 def pivot_power(power: Any, body: Any, arm: Any):
-    """Power [W] of what moves an arm's pivot: that without weight (`holding_force_and_power`) and that of lifting."""
+    """Power [W] of what moves an arm's pivot: `power` and that of lifting."""
     return power - arm.mass * wp.dot(arm.gravity, body.velocity)
 
 

@@ -1,20 +1,18 @@
 """One roller's contact with a sprocket or guide: normal force, friction, energy, powers and the contact's memory.
 
-A contact keeps the approach speed v0 of its first instant until it opens. An open one keeps a value that is not
-positive: `UNTOUCHED`; between teeth `SEPARATED` once the roller has left them in its pass; in a guide `MISSED` if the
-roller did not come in through the face: it then feels no force until it has left. The relative velocity is that of the
-partner's material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force on the roller has its
-opposite at the same point of the partner's body, which conserves angular momentum (eq. (16) with the full cross
-product). Friction, too, acts at the roller's center.
+A contact keeps the approach speed v0 of its first instant until it opens. An open one keeps `UNTOUCHED`; between teeth
+`SEPARATED` once the roller has left them in its pass; in a guide `MISSED` if the roller did not come in through the
+face, without force until it has left. The relative velocity is v = v_s + omega x r - v_i of the partner's point against
+the roller (eq. (10)-(14)); forces, friction too, act at the roller's center and oppositely at the same point of the
+partner's body (eq. (16) with the full cross product).
 
-**Mean over a step.** Leapfrog's kick is the force's impulse over a step. So forces go by the mean of max(0, pen + v
-tau) over tau from -h/2 to h/2, v the approach speed by all but the contact and w = |v| h / 2,
+**Mean over a step.** Leapfrog's kick is an impulse, so forces go by the mean of max(0, pen + v tau) over tau from -h/2
+to h/2, v the approach speed by all but the contact and w = |v| h / 2,
 
     pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
 
-and a contact begins up to half a step early, at v0 = v - a pen / v, a the closing acceleration: the speed where pen is
-0, or v - a h / 2 where pen is more than w. A scheme with stages has w = 0. A contact takes the power of its whole
-force, less the change of its elastic energy.
+and a contact begins up to half a step early, at v0 = v - a pen / v, or v - a h / 2 where pen is more than w, a the
+closing acceleration. A scheme with stages has w = 0.
 """
 
 from typing import Any
@@ -43,12 +41,10 @@ def force_vector(direction: Any, size: Any):
 def normal_force_vector(
     penetration: Any, normal: Any, relative: Any, acceleration: Any, impact_speed: Any, speed_before: Any, law: Any
 ):
-    """Normal force of a contact on the roller (vector) [N], followed by all that `normal_force` returns, eq. (15)-(19).
+    """Normal force on a roller (vector) [N], and all that `normal_force` returns, eq. (15)-(19).
 
-    Args:
-        normal: unit vector towards the roller.
-        relative: velocity of the partner's point less the roller's [m/s].
-        acceleration: of that velocity, by all but this contact [m/s^2].
+    `normal` points towards the roller; `relative` is the partner's point less the roller [m/s], `acceleration` that by
+    all but this contact.
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
     growth = products(acceleration[0], normal[0], acceleration[1], normal[1])
@@ -58,17 +54,15 @@ def normal_force_vector(
 
 @wp.func
 def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """Normal force of a contact over a step: mean penetration [m], elastic part and size [N], v0 and damper speed.
+    """Normal force of a contact: mean penetration [m], elastic part, size [N], v0, damper speed.
 
-    An open contact has mean penetration 0, and nothing else then counts. Speeds in m/s.
+    An open contact has mean penetration 0, and nothing else then counts.
 
     Args:
-        penetration: at the step's instant, negative where apart [m].
-        speed: at which it grows [m/s], half a step before with leapfrog.
+        speed: at which the penetration grows [m/s], half a step before with leapfrog.
         growth: of that speed, by all but this contact [m/s^2].
         impact_speed: v0, not positive if open until now [m/s].
         speed_before: at which the damper acted in the step before [m/s].
-        law: `structs.ContactLaw`.
     """
     zero = type(speed)(0.0)
     closing = multiply_add(law.lag, growth, speed)
@@ -87,7 +81,7 @@ def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 @wp.func
 def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """Normal force [N] and damper speed [m/s] of a contact that stays closed or open over the step, 0 where open.
+    """Normal force [N] and damper speed [m/s] of a contact that does not change in the step.
 
     Arguments as of `normal_force`.
     """
@@ -100,7 +94,7 @@ def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 @wp.func
 def is_changing(penetration: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
-    """1 where a contact opens, closes or begins within the step, else 0; arguments as of `normal_force`."""
+    """1 where a contact opens, closes or begins within the step, else 0."""
     zero = type(speed)(0.0)
     ahead = smaller(wp.abs(multiply_add(law.lag, growth, speed)) * law.lag, law.ahead)
     begins = wp.where(impact_speed <= zero, penetration, zero)
@@ -115,29 +109,25 @@ def contact_energy(penetration: Any, elastic: Any, law: Any):
 
 @wp.func
 def memory_after_teeth(impact_speed: Any):
-    """Memory of an open contact with teeth, `UNTOUCHED` or `SEPARATED`, from its memory until now."""
+    """Memory of an open contact with teeth: `UNTOUCHED` or `SEPARATED`."""
     return wp.where(impact_speed == type(impact_speed)(UNTOUCHED), impact_speed, type(impact_speed)(SEPARATED))
 
 
 @wp.func
 def has_missed_face(penetration: Any, impact_speed: Any, guide: Any):
-    """Whether a roller, `penetration` > 0 [m] in a guide, did not come in through its face, and so feels no force.
-
-    It was first seen too deep, and has not left since (`impact_speed`).
-    """
+    """Whether a roller in a guide did not come in through its face, and so feels no force."""
     first_seen = impact_speed == type(penetration)(UNTOUCHED)
     return impact_speed < type(penetration)(UNTOUCHED) or (first_seen and penetration > guide.deepest_entry)
 
 
 @wp.func
 def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction of a contact on the roller (vector) [N], and the force [N] that its bristle then holds.
+    """Friction on a roller (vector) [N], and the force [N] that the contact's bristle then holds.
 
     Args:
-        size: of the normal force, >= 0 [N].
-        normal: unit vector towards the roller.
+        size: of the normal force [N].
         relative: velocity of the partner's point less the roller's [m/s].
-        bristle: force held until now, 0 if the contact was open [N].
+        bristle: force held until now [N].
         stretch_part: as in `friction.bristle_friction`.
     """
     mu = sliding_coefficient(normal, relative, friction)
@@ -147,10 +137,7 @@ def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction
 
 @wp.func
 def even_friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction of a contact on the roller (vector) [N] with one coefficient at all speeds, and its bristle's force [N].
-
-    Arguments as of `friction_force`.
-    """
+    """Friction on a roller (vector) [N] with one coefficient at all speeds; see `friction_force`."""
     drag, holds = friction_force_of_coefficient(
         friction.mu_dynamic, size, normal, relative, bristle, friction, stretch_part
     )
@@ -159,13 +146,13 @@ def even_friction_force(size: Any, normal: Any, relative: Any, bristle: Any, fri
 
 @wp.func
 def sliding_coefficient(normal: Any, relative: Any, friction: Any):
-    """mu [-] at the speed at which a contact slides; arguments as of `friction_force`."""
+    """mu [-] at a contact's sliding speed; arguments as of `friction_force`."""
     return friction_coefficient(wp.abs(sliding_speed(relative[0], relative[1], normal[0], normal[1])), friction)
 
 
 @wp.func
 def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any):
-    """Speed [m/s] at which a contact slides, along its normal turned by +90 degrees, from components."""
+    """Sliding speed [m/s] of a contact, along its normal turned by +90 degrees."""
     return products(relative_x, -normal_y, relative_y, normal_x)
 
 
@@ -173,10 +160,7 @@ def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any
 def friction_force_of_coefficient(
     mu: Any, size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any
 ):
-    """Friction of a contact on the roller (vector) [N] for a given `mu`, and its bristle's force [N].
-
-    Other arguments as of `friction_force`.
-    """
+    """Friction on a roller (vector) [N] for a given `mu`; see `friction_force`."""
     along = type(normal)(-normal[1], normal[0])
     speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
     drag, holds = bristle_friction(mu * size, speed, bristle, friction.spring, friction.damper, stretch_part)
@@ -185,12 +169,9 @@ def friction_force_of_coefficient(
 
 @wp.func
 def dissipated_power(force: Any, relative: Any, acceleration: Any, lag: Any):
-    """Power [W] that a contact's damper or friction takes, at the mean of the speeds before and after the step.
+    """Power [W] of a contact's damper or friction, at the step's mean speeds.
 
-    Args:
-        force: on the roller [N].
-        relative: velocity of the partner's point less the roller's, `lag` [s] before the forces' instant [m/s].
-        acceleration: of that velocity (`relative_acceleration`) [m/s^2].
+    `relative` [m/s] is the partner's point less the roller, `lag` [s] before the forces' instant.
     """
     # with the speed before the step alone, the energy balance would drift
     return power_of_force(force[0], force[1], relative[0] + lag * acceleration[0], relative[1] + lag * acceleration[1])
@@ -198,19 +179,19 @@ def dissipated_power(force: Any, relative: Any, acceleration: Any, lag: Any):
 
 @wp.func
 def power_of_force(force_x: Any, force_y: Any, speed_x: Any, speed_y: Any):
-    """Power [W] of a contact force [N] at a velocity [m/s], both in components."""
+    """Power [W] of a contact force [N] at a velocity [m/s]."""
     return force_x * speed_x + force_y * speed_y
 
 
 @wp.func
 def reaction_moment(arm: Any, force: Any):
-    """Moment [N m] on the partner's body of a contact force [N] on a roller `arm` [m] from the body's center."""
+    """Moment [N m] on the partner's body of a contact force [N] on the roller."""
     return products(arm[1], force[0], -arm[0], force[1])
 
 
 @wp.func
 def surface_velocity(body: Any, arm: Any):
-    """Velocity [m/s] of the material point of a contact's body, `arm` [m] from its center."""
+    """Velocity [m/s] of a body's contact point, `arm` [m] from its center."""
     v = leading_value(body.velocity)
     omega = leading_value(body.speed)
     return type(arm)(v[0] - omega * arm[1], v[1] + omega * arm[0])
@@ -218,10 +199,7 @@ def surface_velocity(body: Any, arm: Any):
 
 @wp.func
 def relative_acceleration(straight: Any, angular: Any, arm: Any, acceleration: Any):
-    """Acceleration [m/s^2] of a contact's relative velocity: the body's, of the step before, less the roller's.
-
-    Without the centripetal part, as `arm` [m] is that of the forces' instant.
-    """
+    """Acceleration [m/s^2] of a contact's relative velocity, without its centripetal part."""
     x = multiply_add(-angular, arm[1], straight[0])
     return type(arm)(x - acceleration[0], multiply_add(angular, arm[0], straight[1]) - acceleration[1])
 

@@ -5,9 +5,8 @@ mu(v) N. What sticks is held by a bristle (Dahl), which a step of length h stret
 
     b <- clamp(b + k h v, -mu N, mu N),    Q = clamp(b + c v, -mu N, mu N)   against the sliding,
 
-c = t sqrt(k m_e / s), s = 0.2, t = 0.5, m_e the mass that friction has to stop. The bristle's stiffness k is that of
-the contact along its surface, at most s m_e / h^2, which the step can follow. There is no creep at rest, at any step. A
-contact that opens forgets b. Of the power Q v the bristle stores the energy b^2 / (2 k).
+c = t sqrt(k m_e / s), s = 0.2, t = 0.5, m_e the mass that friction has to stop, k the contact's stiffness along its
+surface, at most s m_e / h^2. There is no creep at rest. A contact that opens forgets b. The bristle stores b^2 / (2 k).
 
 Joint i is at roller i, between the links i - 1 and i, of lengths L and unit vectors u, n being u turned by +90 degrees.
 Link i turns at dphi_i = (v_{i+1} - v_i) . n_i / L_i, the joint at g_i = dphi_i - dphi_{i-1}. The pin, of radius r_p, is
@@ -15,13 +14,12 @@ pressed by N_i = max(|T_{i-1}|, |T_i|) and slides at |g_i| r_p; the moment on li
 
     |M_i| <= mu kappa r_p N_i   against g_i,
 
-kappa by how the pressure is spread: 1 for line contact, 4/pi worn in, pi/2 new. A bristle holds it as above, g_i for v
-and 0.6 (m p^2 / 6) for m_e, with which all joints at once still decay. The moments M_i and -M_{i+1} on link i act as
-the couple of forces
+kappa by the spread of pressure: 1 for line contact, 4/pi worn in, pi/2 new. Its bristle has g_i for v and
+0.6 (m p^2 / 6) for m_e, with which all joints at once still decay. M_i and -M_{i+1} act on link i as the couple
 
-    F_i = (M_{i+1} - M_i) n_i / L_i   on roller i,   -F_i on roller i + 1,
+    F_i = (M_{i+1} - M_i) n_i / L_i   on roller i,   -F_i on roller i + 1;
 
-so that forces and moments of all sum to zero; the power is the sum of M_i g_i.
+the power is the sum of M_i g_i.
 """
 
 from typing import Any
@@ -31,9 +29,9 @@ import warp as wp
 from ..native import dot, inverse_root, larger, multiply_add, quotient, smaller
 
 SPRING = 0.2
-"""s: share of the speed that a friction bristle takes in a step at most; it oscillates at 0.45 / h."""
+"""s: most of its speed that a friction bristle takes in a step."""
 DAMPER = 0.5
-"""t: share of the speed that a friction bristle's damper takes in a step, the bristle as stiff as `SPRING` lets."""
+"""t: share of the speed that the stiffest friction bristle's damper takes."""
 
 
 @wp.func
@@ -48,11 +46,12 @@ def friction_coefficient(speed: Any, friction: Any):
 
 @wp.func
 def bristle_friction(most: Any, speed: Any, bristle: Any, spring: Any, damper: Any, stretch_part: Any):
-    """Friction [N] against a sliding speed, at most `most` = mu N, and the force [N] that its bristle then holds.
+    """Friction [N] against a sliding speed, and the force [N] that its bristle then holds.
 
     Args:
+        most: mu N [N].
         speed: v [m/s].
-        bristle: force b held until now [N].
+        bristle: b until now [N].
         spring, damper: k h and c [N s/m].
         stretch_part: of a step over which the bristle is stretched (`integrate.stretched_part`).
     """
@@ -83,9 +82,9 @@ def joint_friction_moment(
     chain: Any,
     stretch_part: Any,
 ):
-    """Friction moment M_i [N m] of a chain's joint on the link after it, and what its bristle then holds of -M_i [N m].
+    """Friction moment M_i [N m] of a joint on the link after it, and its bristle's [N m].
 
-    `tension_*` [N] and `turn_*` [rad/s] are those of the links before and after; see `bristle_friction`.
+    `tension_*` [N] and `turn_*` [rad/s] are those of the links before and after.
     """
     most = mu * chain.joint_arm * larger(wp.abs(tension_before), wp.abs(tension_after))
     drag, bristle_after = bristle_friction(
@@ -102,13 +101,13 @@ def joint_friction_coefficient(turn_before: Any, turn_after: Any, chain: Any):
 
 @wp.func
 def joint_friction_power(moment: Any, turn_before: Any, turn_after: Any):
-    """Power -M_i g_i [W] of friction in a joint with `moment` M_i [N m], whose links turn at `turn_*` [rad/s]."""
+    """Power -M_i g_i [W] of friction in a chain's joint."""
     return moment * (turn_before - turn_after)
 
 
 @wp.func
 def couple_force(moment: Any, next_moment: Any, lever: Any):
-    """Force [N] on roller i of the couple by which joints i and i + 1 act on link i; its opposite is on roller i + 1.
+    """Force [N] on roller i of the couple by which link i's joints act; opposite on roller i + 1.
 
     `moment`, `next_moment`: M_i, M_{i+1} [N m]; `lever`: n / L [1/m].
     """

@@ -35,13 +35,13 @@ from .contact import AWAY, rotated_vector
 
 @wp.func
 def is_at_face(across: Any, guide: Any):
-    """Whether a roller `across` = q . n [m] from a guide-bar's line may touch its face."""
+    """Whether a roller `across` = q . n [m] from a guide-bar may touch its face."""
     return across > -guide.end_radius and across < guide.roller_radius + guide.law.ahead
 
 
 @wp.func
 def guide_gap(along: Any, across: Any, guide: Any):
-    """Penetration [m] of a roller on a guide-bar, < 0 apart, and the normal along t and n, eq. (21)-(23).
+    """Penetration [m] of a roller on a guide-bar, and normal along t and n, eq. (21)-(23).
 
     `along` = q . t and `across` = q . n [m].
     """
@@ -65,13 +65,13 @@ def guide_gap(along: Any, across: Any, guide: Any):
 
 @wp.func
 def line_coordinates(p: wp.vec2d, t: wp.vec2d):
-    """Components [m] of float64 point `p` along a guide's direction `t` and across it."""
+    """Components [m] of float64 point `p` along a guide's `t` and across it."""
     return dot(p, t), products(p[1], t[0], -p[0], t[1])
 
 
 @wp.func
 def line_coordinates(p: PairVector, t: PairVector):
-    """Components [m] of point `p` in pairs along a guide's direction `t` and across it, as float32."""
+    """Components [m] of point `p` in pairs along a guide's `t` and across it."""
     along = dot(p.high, t.high) + (dot(p.low, t.high) + dot(p.high, t.low))
     rest = products(p.low[1], t.high[0], p.high[1], t.low[0]) - products(p.low[0], t.high[1], p.high[0], t.low[1])
     return along, cross_product(p.high[1], p.high[0], t.high[1], t.high[0]) + rest
@@ -79,31 +79,31 @@ def line_coordinates(p: PairVector, t: PairVector):
 
 @wp.func
 def line_coordinates(p: wp.vec2f, t: wp.vec2f):
-    """Components [m] of float32 point `p` along a guide's direction `t` and across it."""
+    """Components [m] of float32 point `p` along a guide's `t` and across it."""
     return products(p[0], t[0], p[1], t[1]), products(p[1], t[0], -p[0], t[1])
 
 
 @wp.func
 def coarse_coordinates(p: wp.vec2d, guide: Any):
-    """Coordinates [m] of float64 point `p` along a guide's bar or chord and across it."""
+    """Coordinates [m] of float64 point `p` along a guide's chord and across it."""
     return line_coordinates(p - guide.start, guide.direction)
 
 
 @wp.func
 def coarse_coordinates(p: PairVector, guide: Any):
-    """Coordinates [m] of point `p` in pairs along a guide's bar or chord and across it, within its `slack`."""
+    """Coordinates [m] of point `p` in pairs along a guide's chord and across it, within `slack`."""
     return line_coordinates((p.high - guide.start.high) + (p.low - guide.start.low), leading_value(guide.direction))
 
 
 @wp.func
 def coarse_coordinates(p: wp.vec2f, guide: Any):
-    """Coordinates [m] of float32 point `p` along a guide's bar or chord and across it."""
+    """Coordinates [m] of float32 point `p` along a guide's chord and across it."""
     return line_coordinates(p - leading_value(guide.start), leading_value(guide.direction))
 
 
 @wp.func
 def is_near_bar(p: Any, guide: Any):
-    """1 where a roller at `p` [m] may touch a straight guide-bar, else 0."""
+    """1 where a roller at `p` [m] may touch a guide-bar, else 0."""
     along, across = coarse_coordinates(p, guide)
     reach = guide.end_radius + guide.roller_radius + guide.law.ahead + guide.slack
     near = is_between(across, -guide.end_radius - guide.slack, guide.roller_radius + guide.law.ahead + guide.slack)
@@ -112,13 +112,13 @@ def is_near_bar(p: Any, guide: Any):
 
 @wp.func
 def world_vector(q: wp.vec2d, body: Any):
-    """Float64 vector in the frame of a guide's body turned to the world's."""
+    """Float64 vector of a guide's body turned to the world's frame."""
     return rotated_vector(q, body.cosine, body.sine)
 
 
 @wp.func
 def world_vector(q: PairVector, body: Any):
-    """Vector in pairs in the frame of a guide's body turned to the world's."""
+    """Vector in pairs of a guide's body turned to the world's frame."""
     x = component(q, 0)
     y = component(q, 1)
     return vector(x * body.cosine - y * body.sine, x * body.sine + y * body.cosine)
@@ -126,7 +126,7 @@ def world_vector(q: PairVector, body: Any):
 
 @wp.func
 def carried_guide(guide: Any, body: Any):
-    """Guide-bar given in the frame of the body that carries it, moved to where that body is."""
+    """Guide-bar given in its body's frame, moved to where the body is."""
     guide.start = body.center + world_vector(guide.start, body)
     guide.direction = world_vector(guide.direction, body)
     return guide
@@ -136,7 +136,7 @@ def carried_guide(guide: Any, body: Any):
 def bar_contact(p: Any, v: Any, surface: Any, guide: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller on a guide-bar, eq. (21)-(23).
 
-    `p` is the roller from the bar's start [m], `v` its velocity, `surface` that of the bar's body there [m/s].
+    `p` is the roller from the bar's start [m], `surface` the velocity of the bar's body there [m/s].
     """
     t = leading_value(guide.direction)
     length = guide.length
@@ -148,7 +148,7 @@ def bar_contact(p: Any, v: Any, surface: Any, guide: Any):
 
 @wp.func
 def piece_height(u: Any, w: Any, curvature: Any):
-    """Height [m] of a roller over a guide profile's piece, and the contact normal along its tangent and normal, (a)."""
+    """Height [m] of a roller over a guide profile's piece, and normal along tangent and normal, (a)."""
     one = type(u)(1.0)
     g = multiply_add(-curvature, products(u, u, w, w), type(u)(2.0) * w)
     square = wp.max(multiply_add(-curvature, g, one), type(u)(1.0e-12))  # 0 in an arc's center only
@@ -167,27 +167,27 @@ def frame_vector(q: Any, body: Any):
 
 @wp.func
 def coarse_frame_vector(arm: Any, body: Any):
-    """Rounded world vector turned into the frame of a guide's body, enough to see whether a roller is near."""
+    """Rounded world vector turned into a guide's body's frame, for coarse checks."""
     cosine, sine = leading_value(body.cosine), leading_value(body.sine)
     return type(arm)(products(arm[0], cosine, arm[1], sine), products(arm[1], cosine, -arm[0], sine))
 
 
 @wp.func
 def is_near_profile(q: Any, guide: Any):
-    """1 where a roller at `q` [m] in the guide's body's frame is within the box about a guide profile, else 0."""
+    """1 where a roller at `q` [m] is in the box about a guide profile, else 0."""
     along, across = coarse_coordinates(q, guide)
     return is_between(along, guide.low[0], guide.high[0]) & is_between(across, guide.low[1], guide.high[1])
 
 
 @wp.func
 def is_ahead(p: wp.vec2d, t: wp.vec2d):
-    """Whether float64 point `p` is ahead of the line through the origin across a guide piece's direction `t`."""
+    """Whether float64 point `p` is ahead of a guide piece's start along `t`."""
     return dot(p, t) >= wp.float64(0.0)
 
 
 @wp.func
 def is_ahead(p: PairVector, t: PairVector):
-    """Whether point `p` in pairs is ahead of the line through the origin across a guide piece's direction `t`."""
+    """Whether point `p` in pairs is ahead of a guide piece's start along `t`."""
     rest = fused_multiply_add(p.high[0], t.low[0], p.high[1] * t.low[1])
     rest = fused_multiply_add(p.low[0], t.high[0], fused_multiply_add(p.low[1], t.high[1], rest))
     return fused_multiply_add(p.high[0], t.high[0], fused_multiply_add(p.high[1], t.high[1], rest)) >= 0.0
@@ -195,14 +195,14 @@ def is_ahead(p: PairVector, t: PairVector):
 
 @wp.func
 def is_past_piece(q: Any, i: int, pieces: Any):
-    """Whether a roller at `q` [m] in the guide's body's frame is past the start of profile piece `i` of all."""
+    """Whether a roller at `q` [m] is past the start of guide piece `i`."""
     piece = load_constant(pieces, i)
     return is_ahead(difference(q, piece.start), piece.direction)
 
 
 @wp.func
 def piece_coordinates(q: Any, i: int, pieces: Any):
-    """u, w [m] and curvature [1/m] of a roller at `q` over guide profile piece `i` of all, see (a)."""
+    """u, w [m] and curvature [1/m] of a roller over guide piece `i`, (a)."""
     piece = load_constant(pieces, i)
     u, w = line_coordinates(difference(q, piece.start), piece.direction)
     return u, w, piece.curvature
@@ -210,14 +210,14 @@ def piece_coordinates(q: Any, i: int, pieces: Any):
 
 @wp.func
 def piece_step(q: Any, number: int, first: int, pieces: Any):
-    """+1 where a roller at `q` is past piece `number` of the guide profile from piece `first` on, -1 before, else 0."""
+    """+1 where a roller at `q` is past piece `number` of a guide profile, -1 before, else 0."""
     step = wp.where(is_past_piece(q, first + number, pieces), 0, -1)
     return wp.where(is_past_piece(q, first + number + 1, pieces), 1, step)
 
 
 @wp.func
 def nearest_piece(q: Any, count: int, first: int, pieces: Any):
-    """Number of the guide profile's piece nearest to a roller at `q`; over none, that of the nearer end."""
+    """Number of the guide profile's piece, or nearer end, under a roller at `q`."""
     begun = wp.length(leading_value(difference(q, load_constant(pieces, first).start)))
     ending = wp.length(leading_value(difference(q, load_constant(pieces, first + count).start)))
     nearest = wp.where(begun < ending, 0, count - 1)
@@ -234,7 +234,7 @@ def nearest_piece(q: Any, count: int, first: int, pieces: Any):
 
 @wp.func
 def tracked_piece(q: Any, kept: int, guide: Any, pieces: Any):
-    """Number of the guide profile's piece under a roller at `q`, from the piece kept in the step before.
+    """Number of the guide profile's piece under a roller, from the one kept in the step before.
 
     `q` [m] is in the guide's body's frame; `kept` < 0: all are searched.
     """
@@ -245,7 +245,7 @@ def tracked_piece(q: Any, kept: int, guide: Any, pieces: Any):
 
 @wp.func
 def profile_contact(q: Any, number: int, guide: Any, pieces: Any):
-    """Penetration [m], normal and +1, 0 or -1 of a roller on piece `number` of a guide profile; see `piece_contact`."""
+    """Penetration [m], normal and +1, 0 or -1 of a roller on a guide profile; see `piece_contact`."""
     first = guide.first_piece + number
     penetration, facing, beyond = piece_contact(
         q, load_constant(pieces, first), load_constant(pieces, first + 1), guide
@@ -255,7 +255,7 @@ def profile_contact(q: Any, number: int, guide: Any, pieces: Any):
 
 @wp.func
 def piece_contact(q: Any, piece: Any, following: Any, guide: Any):
-    """Penetration [m] and normal of a roller on a guide profile's piece, and +1 if past the piece, -1 if before, or 0.
+    """Penetration [m] and normal of a roller on a guide piece, and +1 past it, -1 before, or 0.
 
     `q` [m] and the normal are in the guide's body's frame. Penetration is negative where apart or behind the guide.
     """

@@ -1,12 +1,12 @@
 """Hubs: arms that carry sprockets, friction in the sprockets' bearings, and arms that carry arms.
 
-A sprocket on an arm has its center at r = p + Rot(alpha) d, p the arm's pivot. The chain's force F on it acts on the
-arm at r, its moment on the sprocket alone:
+A sprocket on an arm has its center at r = p + Rot(alpha) d, p the arm's pivot. The chain's force F acts on the arm at
+r, its moment on the sprocket alone:
 
     J omega' = M + load - Q,    (I + m d^2) alpha'' = r_d x F + Q + other moments,    r_d = Rot(alpha) d,    (a)
 
 with m, J its mass and inertia. Its bearing, of radius r_b, rubs by Q, at most mu_b r_b |F|, against omega - alpha'
-(against omega where no arm carries it), with a bristle (`friction`).
+(omega without an arm), with a bristle (`friction`).
 
 Arm 1 may carry arm 2, whose pivot is a point of arm 1. With d from pivot 1 to pivot 2, absolute angles and
 s = m_2 (r_c - p_2) of arm 2,
@@ -14,13 +14,12 @@ s = m_2 (r_c - p_2) of arm 2,
     (I_1 + m_2 d^2) alpha_1 + d.s alpha_2 = M_1 + r_d x F_2 + w_2^2 (r_d x s)
     I_2 alpha_2 + d.s alpha_1 = M_2 - w_1^2 (r_d x s),                                                        (b)
 
-F_2 all forces on arm 2; its spring, damper and stops act on both arms, at alpha_2 - alpha_1. Of several arms on arm 1
-each is eliminated from the first line. Beside its mass at the pivot, the turning arm 2 leaves there
+F_2 all forces on arm 2; its spring, damper and stops act on both arms, at alpha_2 - alpha_1. Several arms on arm 1 are
+eliminated one by one. Beside its mass at the pivot, the turning arm 2 leaves there
 
     F_2 + w_2^2 s - alpha_2 e_z x s,                                                                          (c)
 
-which what prescribes the pivot of arm 1 has to hold. In leapfrog, alpha' is half a step behind; contacts bring it to
-their instant by alpha'', as of guides on arms.
+which what prescribes the pivot of arm 1 has to hold.
 """
 
 from typing import Any
@@ -35,7 +34,7 @@ from .mount import left_normal
 
 @wp.func
 def carried_body(body: Any, carrier: Any, hub: Any):
-    """A body's state with center and velocity of the point of its carrier that `hub` (`structs.Hub` or `Arm`) names."""
+    """A body's state with its center on the carrier's point that `hub` names."""
     lever = world_vector(hub.lever, carrier)
     body.center = carrier.center + lever
     body.velocity = carrier.velocity + number_of(leading_value(carrier.speed) * left_normal(leading_value(lever)))
@@ -53,13 +52,13 @@ def relative_body(body: Any, carrier: Any):
 
 @wp.func
 def moment_about_pivot(lever: Any, force: Any):
-    """Moment [N m] about an arm's pivot of a force [N] that acts `lever` [m] from it."""
+    """Moment [N m] about an arm's pivot of a force [N]."""
     return lever[0] * force[1] - lever[1] * force[0]
 
 
 @wp.func
 def carried_arm_terms(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: Any):
-    """d.s [kg m^2], right side [N m] of the second line and last term [N m] of the first line of (b) for arms on arms.
+    """d.s [kg m^2] and the terms [N m] of arms on arms in (b): second line's right side, first line's last.
 
     `lever` is d [m], `w1` and `w2` [rad/s], `led` the acceleration of arm 1's pivot [m/s^2], `moment` M_2 [N m].
     """
@@ -70,34 +69,34 @@ def carried_arm_terms(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: An
 
 @wp.func
 def eliminate_carried_arm(moment: Any, inertia: Any, terms: Any, inverse: Any):
-    """Moment [N m] and inertia [kg m^2] of an arm with one that it carries eliminated, (b); `inverse` is 1 / I_2."""
+    """Moment [N m] and inertia [kg m^2] of an arm with a carried one eliminated, (b)."""
     moment = moment + terms[2] - terms[0] * inverse * terms[1]
     return moment, inertia - terms[0] * terms[0] * inverse
 
 
 @wp.func
 def carried_arm_acceleration(angular: Any, terms: Any, inverse: Any):
-    """Angular acceleration alpha_2 [rad/s^2] of a carried arm from `angular`, that of its carrier, (b)."""
+    """Angular acceleration alpha_2 [rad/s^2] of an arm carried by an arm, (b)."""
     return inverse * (terms[1] - terms[0] * angular)
 
 
 @wp.func
 def pivot_force(speed: Any, angular: Any, s: Any):
-    """Force [N] that an arm leaves on its pivot as it turns, (c) without F_2."""
+    """Force [N] that a turning arm leaves on its pivot, (c) without F_2."""
     return speed * speed * s - angular * left_normal(s)
 
 
 @wp.func
 def carried_arm_energy(speed: Any, s: Any, lever: Any, carrier: Any):
-    """Kinetic energy [J] that a carried arm, turning at `speed` [rad/s], has as its pivot moves with its carrier."""
+    """Kinetic energy [J] of a carried arm by its pivot's moving with the carrier."""
     return speed * wp.dot(left_normal(s), carrier.velocity + carrier.speed * left_normal(lever))
 
 
 @wp.func
 def bearing_moment(force: Any, turning: Any, bristle: Any, hub: Any, stretch_part: Any):
-    """Friction moment -Q [N m] of a bearing on its sprocket, and what its bristle then holds [N m].
+    """Friction moment -Q [N m] of a sprocket's bearing, and what its bristle then holds [N m].
 
-    `force` [N] is the chain's, `turning` [rad/s] the speed less the arm's; see `friction.bristle_friction`.
+    `force` [N] is the chain's, `turning` [rad/s] the speed less the arm's.
     """
     most = hub.bearing * wp.length(force)
     drag, bristle_after = bristle_friction(

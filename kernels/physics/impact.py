@@ -3,26 +3,24 @@
     hysteretic     F = K pen^n (1 + d min(v / v0, 1))     (Pedersen et al. 2004, eq. (15), (18), (19))
     Kelvin-Voigt   F = K pen^n + c v
 
-never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor. Without the bound,
-a roller in its seat that is pressed in faster than it came would be damped by the speed of its entry. The elastic part
-E = K pen^n is the derivative of the energy K pen^(n+1) / (n + 1); the rest dissipates. d or c in terms of a restitution
-is in `warpchain.drive.laws`.
+never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor; a roller in its
+seat may be pressed in faster. The elastic part E = K pen^n has the energy K pen^(n+1) / (n + 1); the rest dissipates.
+d or c by a restitution: `warpchain.drive.laws`.
 
 **Centered in time.** Leapfrog's speeds are half a step behind the forces. With c = E d / v0, or Kelvin-Voigt's, m the
-roller's mass and a the closing acceleration by all but this contact, the approach speed at the forces' instant solves
+roller's mass and a the closing acceleration by all but this contact, the speed at the forces' instant solves
 v' = v + (h / 2) (a - F / m),
 
     v' = (v + (h / 2) (a - E / m)) / (1 + h c / (2 m)),    F = max(0, E + c min(v', v0)).
 
-The partner's body has in a its acceleration of the step before. A light body would answer all its contacts' dampers at
-once and gain energy, so each remembers the speed u_0 at which its damper acted then. With D = h c / (2 m) and G twice
-the body's answer if all its n seated rollers changed alike, 2 n m R^2 / J of a body of inertia J that turns (with the
+a has the partner's acceleration of the step before, so that a light body would answer all its contacts' dampers at once
+and gain energy. Each remembers the speed u_0 at which its damper acted then. With D = h c / (2 m) and G twice the
+body's answer if all its n seated rollers changed alike, 2 n m R^2 / J of a body of inertia J that turns (with the
 ratios of its train), n m d^2 / I of the arm and n m / M of the slider that carry it,
 
-    u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)).                   (a)
+    u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)),                   (a)
 
-This is of second order in h, and turns no speed around however strong the damper and light the body; the damper lags
-by a step at most. To remember its force c u instead would gain energy in blows, as c changes with the penetration.
+of second order in h, and stable for dampers and bodies of any size. To remember c u instead would gain energy.
 
 A scheme with stages has the speed of the forces' instant; its damper is bounded where the step could not follow, by an
 error of fourth order:
@@ -52,7 +50,7 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 
 @wp.func
 def hysteretic_damper(elastic: Any, impact_speed: Any, damping: Any):
-    """Damper c [N s/m] of the hysteretic contact law, eq. (15), (18), (19), and the speeds [m/s] that bound it.
+    """Damper c [N s/m] of the hysteretic law, eq. (15), (18), (19), and speeds [m/s] that bound it.
 
     `elastic` is K pen^n [N], `impact_speed` v0 [m/s], `damping` d [-].
     """
@@ -61,7 +59,7 @@ def hysteretic_damper(elastic: Any, impact_speed: Any, damping: Any):
 
 @wp.func
 def kelvin_voigt_damper(elastic: Any, impact_speed: Any, damping: Any):
-    """Damper c [N s/m] of the Kelvin-Voigt contact law, which is `damping`, and speeds [m/s] that do not bound it."""
+    """Damper c [N s/m] of the Kelvin-Voigt law, and speeds [m/s] that do not bound it."""
     return damping, type(elastic)(-UNBOUNDED), type(elastic)(UNBOUNDED)
 
 
@@ -71,10 +69,7 @@ FORCES = (hysteretic_damper, kelvin_voigt_damper)
 
 @wp.func
 def law_damper(elastic: Any, impact_speed: Any, law: Any):
-    """Damper c [N s/m] of the contact law that `law` names, and the speeds [m/s] that bound it.
-
-    Arguments as of `contact_force`.
-    """
+    """Damper c [N s/m] of the law that `law` names, and speeds [m/s] that bound it."""
     damper, slowest, fastest = hysteretic_damper(elastic, impact_speed, law.damping)
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
@@ -87,7 +82,7 @@ def law_damper(elastic: Any, impact_speed: Any, law: Any):
 
 @wp.func
 def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """Normal force [N] of a contact law, never adhesive, and the speed u [m/s] at which its damper acts, (a).
+    """Normal force [N] of a contact law, never adhesive, and its damper's speed u [m/s], (a).
 
     Args:
         elastic: K pen^n [N].
@@ -95,7 +90,6 @@ def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, spee
         growth: a, by all but this contact [m/s^2].
         impact_speed: v0 [m/s].
         speed_before: u_0 [m/s].
-        law: `structs.ContactLaw`.
     """
     damper, slowest, fastest = law_damper(elastic, impact_speed, law)
     one = type(elastic)(1.0)

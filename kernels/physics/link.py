@@ -17,7 +17,7 @@ from ..native import dot, inverse_root, multiply_add, products, root
 
 @wp.func
 def link_force(d: Any, w: Any, length: Any, chain: Any):
-    """Tension [N], rate of elongation [m/s] and unit vector of a link where a chain's links are alike, eq. (2), (3).
+    """Tension [N], rate of elongation [m/s] and unit vector of a link, links alike, eq. (2), (3).
 
     `d` [m] and `w` [m/s] are roller i + 1 less roller i, `length` is p [m].
     """
@@ -31,10 +31,7 @@ def link_force(d: Any, w: Any, length: Any, chain: Any):
 
 @wp.func
 def uneven_link_force(d: Any, w: Any, length: Any, i: int, chain: Any):
-    """Tension [N], rate of elongation [m/s] and unit vector of link `i` where links differ or have play.
-
-    Other arguments as of `link_force`.
-    """
+    """Tension [N], rate of elongation [m/s] and unit vector of link `i`, links not alike; see `link_force`."""
     stiffness, damping = link_spring(i, chain)
     square = dot(d, d)
     u = d * inverse_root(square)
@@ -54,14 +51,14 @@ def has_uneven_links(chain: Any):
 
 @wp.func
 def link_spring(i: int, chain: Any):
-    """Stiffness [N/m] and damping [N s/m] of link `i` of a chain, an outer one where `i` is even."""
+    """Stiffness [N/m] and damping [N s/m] of link `i`, outer where even."""
     outer = i % 2 == 0
     return wp.where(outer, chain.outer_stiffness, chain.stiffness), wp.where(outer, chain.outer_damping, chain.damping)
 
 
 @wp.func
 def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
-    """Acceleration [m/s^2] of a roller by the force [N] of links and contacts, eq. (1)."""
+    """Acceleration [m/s^2] of a roller by links, contacts and gravity, eq. (1)."""
     return type(gravity)(
         acceleration_component(force[0], inverse_mass, gravity[0]),
         acceleration_component(force[1], inverse_mass, gravity[1]),
@@ -70,13 +67,13 @@ def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
 
 @wp.func
 def acceleration_component(force: Any, inverse_mass: Any, gravity: Any):
-    """Component of a roller's acceleration [m/s^2] from those of force [N] and gravity [m/s^2], eq. (1)."""
+    """Component of a roller's acceleration [m/s^2], eq. (1)."""
     return multiply_add(inverse_mass, force, gravity)
 
 
 @wp.func
 def compensated_sum(high: Any, low: Any, change: Any):
-    """Roller's coordinate with a small `change` added, as a value and what that rounds off (fast two-sum)."""
+    """Roller's coordinate plus a small `change`, and what that rounds off (fast two-sum)."""
     rest = low + change
     moved = high + rest
     return moved, rest - (moved - high)
@@ -84,10 +81,7 @@ def compensated_sum(high: Any, low: Any, change: Any):
 
 @wp.func
 def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, i: int, chain: Any):
-    """Kinetic and elastic energy [J] of roller `i` and the link after it, and m g . x [J] of their weight.
-
-    `tension` [N] and `rate` of elongation [m/s] are the link's.
-    """
+    """Kinetic and elastic energy [J] of roller `i` and its link, and m g . x [J]."""
     stiffness, damping = link_spring(i, chain)
     spring = wp.float64(tension - damping * rate)
     vx = wp.float64(velocity[0])

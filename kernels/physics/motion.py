@@ -23,7 +23,7 @@ CELL_VALUES = wp.constant(5)
 
 @wp.func
 def table_cell(x: Any, table: Any):
-    """Cell of a motion's table at `x`, place in it (0 to 1), cells beyond the ends, and rounds of a periodic table."""
+    """Cell of a motion's table at `x`, place in it, cells beyond the ends, and rounds."""
     u = div(x - table.start, table.spacing)
     place = rounded_value(u)
     cells = type(place)(table.cells)
@@ -48,7 +48,7 @@ def cubic_value(w: Any, c0: Any, c1: Any, c2: Any, c3: Any):
 
 @wp.func
 def table_value(x: Any, table: Any, values: Any):
-    """Value of a table, such as of speed or load, at `x`, rounded."""
+    """Value of a motion's or load's table at `x`, rounded."""
     cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     c2, c3 = leading_value(values[at + 2]), leading_value(values[at + 3])
@@ -57,7 +57,7 @@ def table_value(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_slope(x: Any, table: Any, values: Any):
-    """Slope of a table, such as of speed or load, at `x`, rounded; 0 beyond its ends."""
+    """Slope of a motion's or load's table at `x`, rounded."""
     cell, place, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     w = rounded_value(place)
@@ -68,7 +68,7 @@ def table_slope(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_derivatives(x: Any, table: Any, values: Any):
-    """Value of a motion's table at `x`, a number, and its two derivatives, rounded; all 0 without a table."""
+    """Value, a number, and two rounded derivatives of a motion's table at `x`."""
     w = rounded_value(x)
     value = number_of(type(w)(0.0))
     slope = type(w)(0.0)
@@ -88,7 +88,7 @@ def table_derivatives(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_integral(x: Any, table: Any, values: Any):
-    """Value of a motion's table at `x`, and its integral from x = 0."""
+    """Value of a motion's table at `x`, and its integral from 0."""
     cell, w, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     c0, c1, c2, c3 = values[at], values[at + 1], values[at + 2], values[at + 3]
@@ -100,7 +100,7 @@ def table_integral(x: Any, table: Any, values: Any):
 
 @wp.func
 def ramp(time: Any, duration: Any):
-    """Smooth ramp S(t / duration) of a motion or load, from 0 to 1; 1 where the duration is zero."""
+    """Smooth ramp S(t / duration) of a motion or load, from 0 to 1."""
     if time >= duration:
         return type(time)(1.0)
     u = quotient(time, duration)
@@ -127,7 +127,7 @@ def ramp_integral(time: Any, duration: Any):
 
 @wp.func
 def prescribed_course(time: Any, motion: Any, ensemble: Any):
-    """phi [rad], phi' [rad/s] and phi'' [rad/s^2] of a prescribed rotation, without its harmonics."""
+    """phi [rad], phi' [rad/s] and phi'' [rad/s^2] of a prescribed rotation without harmonics."""
     phi = motion.speed * ramp_integral(time, motion.ramp_time)
     rate = rounded_value(motion.speed) * ramp(rounded_value(time), rounded_value(motion.ramp_time))
     growth = rounded_value(motion.speed) * ramp_slope(rounded_value(time), rounded_value(motion.ramp_time))
@@ -148,7 +148,7 @@ def phase_sine(harmonic: wp.vec3d):
 
 @wp.func
 def phase_sine(harmonic: wp.vec4f):
-    """Sine of the phase of a prescribed rotation's harmonic, which is kept with it in float32."""
+    """Sine of the phase of a prescribed rotation's harmonic, kept in float32."""
     return harmonic[3]
 
 
@@ -184,7 +184,7 @@ def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def resisting_moment(torque: Any, speed: Any, sign: Any, load: Any):
-    """Load moment [N m] of a body at full ramp, from `torque` against forward motion [N m] and `Motion.load`."""
+    """Load moment [N m] of a body at full ramp, from `torque` [N m]."""
     return -(sign * torque + load[1] * speed + load[2] * speed * wp.abs(speed))
 
 
@@ -205,9 +205,9 @@ def load_table_argument(time: Any, angle: Any, motion: Any):
 
 @wp.func
 def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body that is free to turn.
+    """Load moment [N m], counter-clockwise, of a body free to turn.
 
-    `time` is rounded [s], `tabulated` the table's part of T0 [N m].
+    `tabulated` is the table's part of T0 [N m].
     """
     torque = motion.load[0] + tabulated
     rows = motion.load_harmonics
@@ -219,7 +219,7 @@ def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: 
 
 @wp.func
 def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body at a time [s]; 0 where its angle is prescribed."""
+    """Load moment [N m], counter-clockwise, of a body; 0 where its angle is prescribed."""
     load = type(motion.inverse_inertia)(0.0)
     if motion.prescribed == 0:
         tabulated = type(load)(0.0)
@@ -231,6 +231,6 @@ def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def load_moment_at_speed(time: Any, load: Any, before: Any, speed: Any, motion: Any):
-    """Load moment [N m] of a body at angular velocity `speed`, from the moment `load` at `before` [rad/s]."""
+    """Load moment [N m] of a body at `speed` from that at `before` [rad/s]."""
     change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
     return load - change * ramp(time, motion.load_ramp_time)

@@ -26,7 +26,7 @@ from .motion import table_derivatives
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
 CARRIED = wp.constant(3)
-"""`Mount.moves` of a center that goes along with an arm (`hub`) and is not active."""
+"""`Mount.moves` of a center that an arm carries (`hub`)."""
 
 
 @wp.func
@@ -59,13 +59,13 @@ def prescribed_center(time: Any, mount: Any, ensemble: Any):
 
 @wp.func
 def displacement_from_home(center: Any, mount: Any):
-    """Displacement [m] of a body's center from its mount's home r_0, rounded."""
+    """Displacement [m] of a body's center from its mount's home r_0."""
     return rounded_value(difference(center, mount.home))
 
 
 @wp.func
 def wheel_arm(heading: Any, mount: Any):
-    """m_b r_b e [kg m] of a mount's balance wheel at `heading` (cos theta, sin theta)."""
+    """m_b r_b e [kg m] of a mount's balance wheel at `heading`."""
     w = mount.wheel
     return type(heading)(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
@@ -78,19 +78,18 @@ def left_normal(v: Any):
 
 @wp.func
 def mount_spring_force(displacement: Any, velocity: Any, mount: Any):
-    """Force [N] of a mount's preload, spring and damper at a `displacement` [m] from home."""
+    """Force [N] of a mount's preload, spring and damper."""
     return mount.preload - mount.stiffness * displacement - mount.damping * velocity
 
 
 @wp.func
 def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
-    """Accelerations of a mounted center (x, y) [m/s^2] and of its body's angle [rad/s^2], as one vector, (a) to (c).
+    """Accelerations of a mounted center (x, y) [m/s^2] and its body's angle [rad/s^2], (a) to (c).
 
     Args:
         driven: acceleration of a prescribed center, else 0 [m/s^2].
         displacement: center from its home [m].
         body: its angular velocity must be that of the instant.
-        heading: (cos theta, sin theta).
         turning: (1 if the angle is prescribed else 0, its acceleration [rad/s^2], load moment [N m]).
     """
     arm = wheel_arm(heading, mount)
@@ -108,7 +107,7 @@ def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any,
 
 @wp.func
 def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
-    """Kinetic and potential energy [J] of a body on its mount, with balance wheel and preload."""
+    """Kinetic and potential energy [J] of a body on its mount, with balance wheel."""
     half = type(body.speed)(0.5)
     arm = wheel_arm(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed
@@ -119,7 +118,7 @@ def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
 
 @wp.func
 def holding_force(displacement: Any, body: Any, heading: Any, wrench: Any, rates: Any, mount: Any):
-    """Force [N] that holds a mounted center: spring, damper and preload, or whatever prescribes or fixes it."""
+    """Force [N] that holds a mounted center, by springs or what prescribes it."""
     held = mount_spring_force(displacement, body.velocity, mount)
     if mount.moves != FREE:
         arm = wheel_arm(heading, mount)
@@ -130,10 +129,7 @@ def holding_force(displacement: Any, body: Any, heading: Any, wrench: Any, rates
 
 @wp.func
 def prescribing_power(body: Any, heading: Any, holding: Any, rates: Any, prescribed: int, mount: Any):
-    """Power [W] that keeps a mount's prescribed center moving, and a balance wheel turning at a prescribed angle.
-
-    Leaves out the chain's moment against a prescribed angle, which counts as work of contacts.
-    """
+    """Power [W] that keeps a mount's center and balance wheel in prescribed motion, without contacts' work."""
     power = type(rates[2])(0.0)
     if mount.moves == PRESCRIBED:
         power += wp.dot(holding, body.velocity)

@@ -101,10 +101,10 @@ BlockFlows = at_float32(TensionerFlows, {})
 """Tensioner flows of one step in float32, without pairs."""
 
 MOST_ROUNDS = wp.constant(60)
-"""Newton's steps at most for a tensioner's oil pressure; from where z has been heading, one or two do."""
+"""Most Newton steps for a tensioner's oil pressure."""
 
 LARGEST_ROOT = 8.0
-"""z above any pressure of a tensioner's oil: 8^7 is two million times the ambient one."""
+"""z above any pressure of a tensioner's oil."""
 
 SMALL_EXPONENT = 0.03
 """Largest |x| at which `exponential` is a polynomial, to 1e-16."""
@@ -113,7 +113,7 @@ LEAST_OIL_SHARE = 1e-6
 """Least share of oil in a drained tensioner chamber."""
 
 DEGREES = (12, 4, 2, 1, 0, 0, 0)
-"""Degrees of eq. (10a) in b, for each power of q; where oil is pressed, q b = (a / E_0) P_0 z^2 is small."""
+"""Degrees of eq. (10a) in b, for each power of q; pressed, q b = (a / E_0) P_0 z^2 is small."""
 SERIES = [
     [
         (5 * j - 7 * i) / (7 * (i + 1) - 5 * j) * (-1) ** i / math.factorial(i) / math.factorial(j)
@@ -126,13 +126,13 @@ SERIES = [
 
 @wp.func
 def plunger_arm(body: Any, tensioner: Any):
-    """Vector [m] from a body's center to the point that a tensioner's plunger touches, at the body's angle."""
+    """Vector [m] from a body's center to a tensioner's plunger."""
     return world_vector(tensioner.point, body)
 
 
 @wp.func
 def plunger_extension(center: Any, arm: Any, tensioner: Any):
-    """Extension x [m] of a tensioner's plunger at the point `arm` [m] from a body's center, eq. (1)."""
+    """Extension x [m] of a tensioner's plunger, eq. (1), at `arm` [m] from the body's center."""
     q = center + arm - tensioner.home
     d = tensioner.direction
     return component(q, 0) * component(d, 0) + component(q, 1) * component(d, 1)
@@ -140,13 +140,13 @@ def plunger_extension(center: Any, arm: Any, tensioner: Any):
 
 @wp.func
 def extension_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
-    """Extension rate x' [m/s] of a tensioner on a body of angular `speed` and a center of `velocity`, eq. (1)."""
+    """Extension rate x' [m/s] of a tensioner on a moving body, eq. (1)."""
     return wp.dot(velocity + speed * type(velocity)(-arm[1], arm[0]), leading_value(tensioner.direction))
 
 
 @wp.func
 def extension_and_rate(body: Any, tensioner: Any):
-    """Extension x [m] of a tensioner and its rate [m/s], from the pose of the body that it touches."""
+    """Extension x [m] of a tensioner and its rate [m/s], from its body's pose."""
     arm = plunger_arm(body, tensioner)
     rate = extension_rate(leading_value(arm), leading_value(body.speed), leading_value(body.velocity), tensioner)
     return plunger_extension(body.center, arm, tensioner), rate
@@ -154,7 +154,7 @@ def extension_and_rate(body: Any, tensioner: Any):
 
 @wp.func
 def chamber_volume(x: Any, tensioner: Any):
-    """Volume V [m^3] of a tensioner's chamber at an extension, or at the chamber's bottom if that is more."""
+    """Volume V [m^3] of a tensioner's chamber, at least that at the bottom."""
     return tensioner.volume + tensioner.area * wp.max(rounded_value(x), tensioner.bottom)
 
 
@@ -183,9 +183,9 @@ def compression(z: Any, tensioner: Any):
 
 @wp.func
 def supply_pressure(time: Any, forward: Any, tensioner: Any, tables: Any):
-    """Oil supply pressure P_s [Pa] of a tensioner, from its table over time or over the pump's speed.
+    """Oil supply pressure P_s [Pa] of a tensioner by its table over time or pump speed.
 
-    `time` is a number [s], `forward` the rounded forward speed of what turns the pump [rad/s].
+    `forward` is the speed of what turns the pump [rad/s].
     """
     x = time
     if tensioner.supply_table.over_angle == OVER_SPEED:
@@ -195,14 +195,14 @@ def supply_pressure(time: Any, forward: Any, tensioner: Any, tables: Any):
 
 @wp.func
 def valve_lift(drop: Any, valve: Any):
-    """Lift y [m] of a tensioner's valve at a pressure drop dP [Pa], eq. (8)."""
+    """Lift y [m] of a tensioner's valve at pressure drop dP [Pa], eq. (8)."""
     push = drop * valve.hole_area - valve.preload
     return wp.clamp(push * valve.compliance, type(drop)(0.0), valve.lift_max)
 
 
 @wp.func
 def valve_flow(drop: Any, valve: Any, tensioner: Any):
-    """Oil flow [m^3/s] through a tensioner's valve at a pressure drop dP [Pa], and its derivative by that, eq. (8)."""
+    """Oil flow [m^3/s] through a tensioner's valve at drop dP [Pa], and derivative, eq. (8)."""
     zero = type(drop)(0.0)
     two = type(drop)(2.0)
     flow = zero
@@ -248,14 +248,14 @@ def net_inflow(flows: Any):
 
 @wp.func
 def chamber_filling(x: wp.float64, state: Any, tensioner: Any):
-    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, phi where nothing flows, eq. (6)."""
+    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, eq. (6)."""
     volume = chamber_volume(x, tensioner)
     return volume, state.content - wp.log(quotient(volume, tensioner.volume))
 
 
 @wp.func
 def chamber_filling(x: Pair, state: Any, tensioner: Any):
-    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil from pairs, within 2e-9 where small."""
+    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, from pairs."""
     reach = x
     if x.high < tensioner.bottom:
         reach = number_of(tensioner.bottom)
@@ -278,13 +278,11 @@ def exponential(x: Any):
 
 @wp.func
 def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
-    """Residual of a tensioner's oil mass balance, eq. (9), at z, its derivative by z, and flows with derivatives by z.
-
-    The residual may be multiplied by any number above 0; with h = 0 it is that of eq. (6).
+    """Residual of a tensioner's oil balance (9) at z, times any factor, its derivative, flows and derivatives.
 
     Args:
         content: mu - ln(V/V_0).
-        per_volume: h / V [s/m^3].
+        per_volume: h / V [s/m^3]; 0 leaves eq. (6).
         rate: x' [m/s].
     """
     phi, slope = compression(z, t)
@@ -306,21 +304,21 @@ def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
 
 @wp.func
 def newton_tolerance(z: wp.float64):
-    """Newton step of z below which a tensioner's oil pressure is solved in float64."""
+    """Newton step of z at which a tensioner's oil pressure is solved in float64."""
     return wp.float64(1e-6) * z
 
 
 @wp.func
 def newton_tolerance(z: wp.float32):
-    """Newton step of z below which a tensioner's oil pressure is solved in float32."""
+    """Newton step of z at which a tensioner's oil pressure is solved in float32."""
     return 1.0e-4 * z
 
 
 @wp.func
 def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
-    """z of a tensioner's oil by eq. (9), not below `floor`, and the flows there [m^3/s]; Newton's method in a bracket.
+    """z of a tensioner's oil by eq. (9), at least `floor`, and flows [m^3/s] there.
 
-    `content`, `per_volume` and `rate` as of `flow_imbalance`; `near` is a z to begin at.
+    Arguments as of `flow_imbalance`; `near` is a z to begin at.
     """
     low = type(near)(0.0)
     high = type(near)(wp.static(LARGEST_ROOT))
@@ -347,7 +345,7 @@ def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, 
 
 @wp.func
 def lowest_root(state: Any, tensioner: Any):
-    """Least z that a tensioner's oil can have: of P_0 while there is air in a drained chamber, then of P_v."""
+    """Least z of a tensioner's oil: of P_0 while air drains, then of P_v."""
     z = tensioner.floor
     if state.unfilled > type(z)(0.0):
         z = type(z)(1.0)
@@ -356,7 +354,7 @@ def lowest_root(state: Any, tensioner: Any):
 
 @wp.func
 def root_before(state: Any, tensioner: Any):
-    """z of a tensioner's oil at the last step's end, or of the pressure at rest where that is unknown."""
+    """z of a tensioner's oil at the last step's end, or at rest."""
     z = state.root
     if z <= type(z)(0.0):
         z = pressure_root(tensioner.rest, tensioner)
@@ -365,7 +363,7 @@ def root_before(state: Any, tensioner: Any):
 
 @wp.func
 def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
-    """Oil pressure P(mu, x) [Pa] of a tensioner at extension x [m], eq. (6); ambient without oil.
+    """Oil pressure P(mu, x) [Pa] of a tensioner, eq. (6); ambient without oil.
 
     `kept`: x is where the last step ended, so that z is known.
     """
@@ -383,7 +381,7 @@ def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
 
 @wp.func
 def elastic_plunger_force(x: Any, pressure: Any, tensioner: Any):
-    """Force (P - P_0) A + f_0 - k x [N] of a tensioner's oil and spring, not below 0 without oil, eq. (2), (3)."""
+    """Force (P - P_0) A + f_0 - k x [N] of a tensioner, eq. (2), (3)."""
     push = tensioner.preload - tensioner.stiffness * rounded_value(x)
     if tensioner.hydraulic == 0:
         push = wp.max(push, type(pressure)(0.0))
@@ -392,7 +390,7 @@ def elastic_plunger_force(x: Any, pressure: Any, tensioner: Any):
 
 @wp.func
 def stop_place(state: Any, tensioner: Any):
-    """Extension x_s [m] below which a tensioner's ratchet or bottom pushes out, eq. (12)."""
+    """Extension x_s [m] of a tensioner below which ratchet or bottom pushes, eq. (12)."""
     place = tensioner.bottom
     pitch = tensioner.ratchet_pitch
     if pitch > type(pitch)(0.0):
@@ -412,9 +410,9 @@ def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
 
 @wp.func
 def tensioner_force(x: Any, rate: Any, kept: bool, state: Any, tensioner: Any):
-    """Force F >= 0 [N] of a tensioner on its body along d, and oil pressure P [Pa], eq. (2), (3).
+    """Force F >= 0 [N] of a tensioner along d, and oil pressure P [Pa], eq. (2), (3).
 
-    `x` [m], `rate` x' [m/s]; `kept` as in `chamber_pressure`.
+    `rate` is x' [m/s]; `kept` as in `chamber_pressure`.
     """
     pressure = chamber_pressure(x, kept, state, tensioner)
     push = elastic_plunger_force(x, pressure, tensioner) - tensioner.damping * rate
@@ -429,16 +427,13 @@ def zero_push(tensioner: Tensioner):
 
 @wp.func
 def zero_push(tensioner: BLOCKS.Tensioner):
-    """`structs.Push` of a tensioner that does not push, as blocks at float32 have it."""
+    """`structs.Push` of a tensioner that does not push, on float32 blocks."""
     return BLOCKS.Push()
 
 
 @wp.func
 def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
-    """Force of a tensioner on its body and its moment about the body's center (`structs.Push`).
-
-    `kept` as in `chamber_pressure`.
-    """
+    """Force of a tensioner on its body and its moment (`structs.Push`)."""
     arm = plunger_arm(body, tensioner)
     lever = leading_value(arm)
     push = zero_push(tensioner)
@@ -454,9 +449,9 @@ def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
-    """Power [W] that a tensioner's dampers take, eq. (13), and power [W] of suction, eq. (14).
+    """Power [W] of a tensioner's dampers, eq. (13), and of suction, eq. (14).
 
-    `rate` is x' [m/s] at the instant of `push`, whose own is half a step behind with leapfrog.
+    `rate` is x' [m/s] at the instant of `push`.
     """
     zero = type(rate)(0.0)
     elastic = elastic_plunger_force(push.extension, push.pressure, tensioner)
@@ -473,7 +468,7 @@ def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
 
 @wp.func
 def energy_series(z: Any, tensioner: Any):
-    """K [Pa] of a tensioner's oil at z, eq. (10a), and its phi [-]."""
+    """K [Pa] of a tensioner's oil at z, eq. (10a), and phi [-]."""
     square = z * z
     q = tensioner.oil_share * square * square * square * z
     b = quotient(tensioner.air_share, square * square * z)
@@ -488,7 +483,7 @@ def energy_series(z: Any, tensioner: Any):
 
 @wp.func
 def specific_energy(z: Any, tensioner: Any):
-    """Energy u [Pa] of a tensioner's oil a unit of M, eq. (10), (10a), and its volume exp(-phi)."""
+    """Energy u [Pa] of a tensioner's oil, eq. (10), (10a), and its volume exp(-phi)."""
     energy, phi = energy_series(z, tensioner)
     volume = exponential(-phi)
     return energy + tensioner.ambient * volume - tensioner.still, volume
@@ -496,14 +491,14 @@ def specific_energy(z: Any, tensioner: Any):
 
 @wp.func
 def enthalpy(z: Any, tensioner: Any):
-    """Enthalpy H [Pa] of a tensioner's oil a unit of M, eq. (10)."""
+    """Enthalpy H [Pa] of a tensioner's oil, eq. (10)."""
     energy, volume = specific_energy(z, tensioner)
     return energy + (pressure_of_root(z, tensioner) - tensioner.ambient) * volume
 
 
 @wp.func
 def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
-    """Energy U [J] of the oil in a tensioner, eq. (11); 0 at the ambient pressure."""
+    """Energy U [J] of a tensioner's oil, eq. (11)."""
     energy, volume = specific_energy(pressure_root(pressure, tensioner), tensioner)
     mass = tensioner.volume * wp.exp(rounded_value(state.content))
     vapor = chamber_volume(x, tensioner) - mass * volume
@@ -512,7 +507,7 @@ def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
-    """Energy [J] of a tensioner's spring, stop and oil at a pressure [Pa]; the spring's is 0 at x = 0."""
+    """Energy [J] of a tensioner's spring, stop and oil."""
     half = type(tensioner.volume)(0.5)
     zero = type(tensioner.volume)(0.0)
     reach = rounded_value(x)
@@ -528,7 +523,7 @@ def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Powers [W] of a tensioner's dampers and of suction, eq. (13), (14), at an extension [m] and its rate [m/s]."""
+    """Powers [W] of a tensioner's dampers and suction, eq. (13), (14), at an extension."""
     push = Push()
     push.extension = x
     push.pressure = chamber_pressure(x, True, state, tensioner)
@@ -538,7 +533,7 @@ def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: Tensione
 
 @wp.func
 def resting_state(x: wp.float64, tensioner: Tensioner):
-    """State of a tensioner at rest at extension x [m]: leakage is the check valve's flow, the ratchet is latched."""
+    """State of a tensioner at rest at extension x [m], the ratchet latched."""
     state = TensionerState()
     state.farthest = x
     if tensioner.hydraulic == 1:
@@ -554,19 +549,19 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
 
 @wp.func
 def zero_flows(h: wp.float64):
-    """Tensioner flows of a step before any has flowed, in float64."""
+    """Tensioner's flows before any, in float64."""
     return TensionerFlows()
 
 
 @wp.func
 def zero_flows(h: wp.float32):
-    """Tensioner flows of a step before any has flowed, in float32."""
+    """Tensioner's flows before any, in float32."""
     return BlockFlows()
 
 
 @wp.func
 def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
-    """Flows of a tensioner's oil in a step with their energies [J], by the enthalpy at the mean of both z."""
+    """Flows of a tensioner's oil in a step with their energies [J], `z` after it."""
     # at the mean z, work on the plunger and what is stored, lost and supplied differ by O(h^2)
     phi, slope = compression(z, tensioner)
     density = exponential(phi)
@@ -583,7 +578,7 @@ def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 
 @wp.func
 def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner's oil after a step, eq. (9), and its flows, with energies where `metered`."""
+    """State of a tensioner's oil after a step, eq. (9), and flows, with energies where `metered`."""
     before = root_before(state, tensioner)
     if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
@@ -615,7 +610,7 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
 
 @wp.func
 def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner after a step of length `h` [s], once its body has moved, and its oil's flows in it.
+    """State of a tensioner after a step, once its body has moved, and its oil's flows.
 
     `x` [m] is that after the step, `rate` [m/s] that over it; `metered`: energies of flows are wanted.
     """

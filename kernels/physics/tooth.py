@@ -7,12 +7,11 @@ With e the outward direction of seat j, tau = e turned by +90 degrees, q = r - s
     flank     else, straight:              pen = |eta| sin(b) - xi cos(b) - Rc,     n = (cos(b), -sign(eta) sin(b))
     tip       where it is the smaller:     pen = R_tip + Rr - |r|,                  n = r / |r|
 
-b is half the seating angle, Rc the roller's clearance in its seat. Curve and normal are continuous: a gap that ended
-where pen > 0 would pump energy into rollers that pass.
+b is half the seating angle, Rc the roller's clearance in its seat. Curve and normal are continuous, so that no energy
+is gained.
 
-A convex flank ("iso606") is an arc of radius re tangent to the seat arc, its offset curve's curvature
-c = 1 / (re + Rr). With s the straight flank's penetration, t = xi sin(b) + |eta| cos(b) along it and
-c h = (1 - c s, c t) the roller from the arc's center, across and along the straight flank,
+A convex flank ("iso606") is an arc of radius re tangent to the seat arc. With c = 1 / (re + Rr), s the straight flank's
+penetration, t = xi sin(b) + |eta| cos(b) along it and c h = (1 - c s, c t) from the arc's center, across and along,
 
     pen = 1/c - |h| = (2 s - c (s^2 + t^2)) / (1 + c |h|),    n = h / |h|.
 
@@ -20,8 +19,8 @@ At float32, d the seat's direction at angle zero, xi and eta are components of
 
     q = (r - c) - u,    u = R (cos theta d_x - sin theta d_y, sin theta d_x + cos theta d_y).                 (a)
 
-High parts of R cos theta, R sin theta and d are on grids of 2^-12 of a power of two above R and 1, so that their
-products and sums are exact; the error is 2^-37 R.
+High parts of R cos theta, R sin theta and d are on grids of 2^-12 of a power of two above R and 1: their products and
+sums are exact, and the error is 2^-37 R.
 """
 
 from typing import Any
@@ -35,7 +34,7 @@ from .contact import rotated_vector
 
 @wp.func
 def wrapped_seat(seat: int, teeth: int):
-    """Seat number at most a revolution off, brought to the range 0 to `teeth` - 1 of a sprocket."""
+    """Seat number at most a revolution off, brought to 0 to `teeth` - 1."""
     if seat < 0:
         seat = seat + teeth
     if seat >= teeth:
@@ -45,7 +44,7 @@ def wrapped_seat(seat: int, teeth: int):
 
 @wp.func
 def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
-    """Number of a sprocket's seat nearest by angle to a roller `r` [m] from the center; 0 if `r` is not finite."""
+    """Number of a sprocket's seat nearest by angle to a roller at `r` [m]."""
     local = wp.atan2(float(r[1] * cosine - r[0] * sine), float(r[0] * cosine + r[1] * sine))
     if not (wp.abs(local) < 4.0):
         return int(0)
@@ -54,7 +53,7 @@ def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
 
 @wp.func
 def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
-    """+1 or -1 where a sprocket's neighboring seat is nearer by angle to the roller than the seat kept, else 0.
+    """+1 or -1 where a sprocket's next or last seat is nearer by angle, else 0.
 
     `radial` = r . e, `lateral` = r . tau [m]; `half_pitch_tangent` = tan(pi / z).
     """
@@ -68,7 +67,7 @@ def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
 
 @wp.func
 def tipless_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth gap without tips, and the normal along e and tau; see `tooth_gap`."""
+    """Penetration [m] of a roller in a tooth gap without tips, and normal along e, tau."""
     zero = type(xi)(0.0)
     one = type(xi)(1.0)
     eta = wp.abs(lateral)
@@ -99,10 +98,7 @@ def tipless_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] and normal (e, tau) in a straight-flanked tooth gap without tips, and 1 where they hold, else 0.
-
-    Free of branches; arguments as of `tooth_gap`.
-    """
+    """Penetration [m] and normal along e, tau in a straight-flanked tooth gap without tips, and 1 where they hold."""
     zero = type(xi)(0.0)
     eta = wp.abs(lateral)
     side = wp.where(lateral >= zero, type(xi)(1.0), type(xi)(-1.0))
@@ -124,7 +120,7 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
-    """Whether a roller in a tooth gap, `penetration` [m] in its flank, is less deep in the tooth's tip."""
+    """Whether a roller in a tooth gap, `penetration` [m] deep, is less deep in the tip."""
     if penetration > -gap.law.ahead:
         radial = gap.pitch_radius + xi
         limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
@@ -134,7 +130,7 @@ def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def tip_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth's tip, and the normal along e and tau; see `tooth_gap`."""
+    """Penetration [m] of a roller in a tooth's tip, and normal along e, tau."""
     radial = gap.pitch_radius + xi
     square = products(radial, radial, lateral, lateral)
     inverse = inverse_root(square)
@@ -143,7 +139,7 @@ def tip_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def tooth_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth gap, and the normal along e and tau, eq. (5)-(8).
+    """Penetration [m] of a roller in a tooth gap, and normal along e, tau, eq. (5)-(8).
 
     `xi` = q . e, `lateral` = q . tau [m]; `gap` is `structs.Sprocket`.
     """
@@ -159,13 +155,13 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def grid_value(value: wp.float32, magic: wp.float32):
-    """Float32 value rounded to the grid of `magic` / 1.5 / 2^23, on which a tooth gap's products are exact."""
+    """Float32 rounded to the grid of `magic` on which a tooth gap's products are exact."""
     return (value + magic) - magic
 
 
 @wp.func
 def grid_product(part: Pair, radius: Pair, magic: wp.float32):
-    """R cos theta or R sin theta [m] of a sprocket as a pair, its high part on the grid of `grid_value`."""
+    """R cos theta or R sin theta [m] of a sprocket, high part on its grid."""
     high = grid_value(radius.high * part.high, magic)
     low = fused_multiply_add(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
     return pair(high, low)
@@ -173,13 +169,13 @@ def grid_product(part: Pair, radius: Pair, magic: wp.float32):
 
 @wp.func
 def grid_magic(radius: wp.float32):
-    """The `magic` of `grid_value` for a sprocket's pitch radius [m]."""
+    """The `magic` of `grid_value` for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
     return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
 
 
 @wp.func
 def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
-    """Direction e of a seat, and r . e, xi and eta [m] of a roller in that tooth gap, in float64.
+    """Direction e of a tooth gap's seat, and r . e, xi, eta [m] of a roller, in float64.
 
     `p` is r - c [m], `direction` the seat's at angle zero, `body` the sprocket's pose.
     """
@@ -190,7 +186,7 @@ def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
 
 @wp.func
 def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
-    """Direction e of a seat, and r . e, xi and eta [m] of a roller in that tooth gap, from pairs, (a).
+    """Direction e of a tooth gap's seat, and r . e, xi, eta [m] of a roller, from pairs, (a).
 
     `direction` is the seat's at angle zero: high parts (x, y), low parts (x, y).
     """
@@ -210,9 +206,9 @@ def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any
 
 @wp.func
 def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: Any, seats: Any):
-    """Seat of a roller in a sprocket, at most two from seat `number`, with direction e, xi and eta [m].
+    """Seat of a roller in a sprocket from seat `number`, with direction e, xi and eta [m].
 
-    `direction` is that of seat `number` at angle zero; see `tracked_seat`.
+    It is at most two seats away; `direction` is that of seat `number` at angle zero.
     """
     e, radial, xi, lateral = gap_coordinates(p, direction, body, sprocket)
     step = seat_step(radial, lateral, type(radial)(sprocket.half_pitch_tangent))
@@ -232,7 +228,7 @@ def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: 
 
 @wp.func
 def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
-    """Seat of a roller in a sprocket, from the seat kept in the step before, with direction e, xi and eta [m].
+    """Seat of a roller in a sprocket from the step before's, with direction e, xi and eta [m].
 
     `p` is r - c [m]; `kept` < 0: found by angle; `seats` are directions at angle zero.
     """
@@ -244,7 +240,7 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
 
 @wp.func
 def relative_tooth_velocity(omega: Any, arm: Any, v: Any):
-    """Velocity [m/s] of a sprocket's point, `arm` [m] from its center, less a roller's; `v` is less the center's."""
+    """Velocity [m/s] of a sprocket's point, `arm` [m] from its center, less a roller's."""
     return type(arm)(multiply_add(-omega, arm[1], -v[0]), multiply_add(omega, arm[0], -v[1]))
 
 
@@ -252,7 +248,7 @@ def relative_tooth_velocity(omega: Any, arm: Any, v: Any):
 def tooth_contact(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprocket: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
 
-    `arm` [m] and `v` [m/s] are less those of the sprocket's center; `e`, `xi`, `lateral`: `gap_coordinates`.
+    `arm` [m] and `v` [m/s] are less the sprocket's center's; `e`, `xi`, `lateral`: `gap_coordinates`.
     """
     penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
     return penetration, rotated_vector(e, normal_radial, normal_lateral), relative_tooth_velocity(omega, arm, v)

@@ -5,8 +5,8 @@ moment of contacts, load, motor and couplings on body b,
 
     (sum rho^2 J) q'' = sum rho M,    alpha_b = rho_b q'',                                                (a)
 
-which body b has as if alone with the inertia sum rho^2 J / rho_b^2 under the moment sum rho M / rho_b. A pair of gears
-passes on to the bodies B beyond it, the first of which turns with alpha_b,
+as if alone with the inertia sum rho^2 J / rho_b^2 under the moment sum rho M / rho_b. A pair of gears passes on to the
+bodies B beyond it, the first of which turns with alpha_b,
 
     T = J_B alpha_b - sum_B rho M / rho_b,    J_B = sum_B rho^2 J / rho_b^2.                              (b)
 
@@ -14,14 +14,14 @@ A coupling of the twist e = q_1 - q_2 passes on to its second body, and takes fr
 
     M = k d + c e',    d = e - b above b, e + b below -b,    M = 0 in between.                            (c)
 
-With a ratio i in use e = q_1 - i q_2 - e_0, and the second gets i M: no work is lost. i changes at stated times, with e
-then 0 and k d^2 / 2 lost; at i = 0 it is open. A clutch bears |M| <= C and slips where k |d| would be above that:
+With a ratio i in use e = q_1 - i q_2 - e_0, and the second gets i M. i changes at stated times, with e then 0 and
+k d^2 / 2 lost; at i = 0 it is open. A clutch bears |M| <= C and slips where k |d| would be above that:
 
     e_0' = e' where k d = C and e' > 0, or k d = -C and e' < 0, else 0,    C |e_0'| lost.                   (d)
 
-A freewheel bears moments of one sense only, 0 <= w M <= C: by (d) it slips in the other one under none, and locks
-without twist. The first body may be the ground, whose q_1 is 0: a brake is a clutch to the ground, a backstop a
-freewheel. C may hang on |q_1'|, to the ground on |q_2'|. Ratio, e_0 and C are those of a step's start.
+A freewheel bears 0 <= w M <= C only: by (d) it slips the other way under no moment, and locks without twist. The first
+body may be the ground, whose q_1 is 0: a brake is a clutch to the ground, a backstop a freewheel. C may hang on |q_1'|,
+to the ground on |q_2'|. Ratio, e_0 and C are those of a step's start.
 
 A motor's moment is min(M_0 + M(omega), P / omega) forward, with its limits M_0 and P and its table. Its governor
 multiplies it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
@@ -42,10 +42,7 @@ OVER_SPEED = wp.constant(2)
 
 @wp.func
 def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tables: Any):
-    """Moment [N m] of a shaft's motor, counter-clockwise; 0 without one or where the angle is prescribed.
-
-    `time` [s], `angle` and `speed` of the shaft are numbers; `motion` gives its sense.
-    """
+    """Moment [N m] of a shaft's motor, counter-clockwise; 0 where prescribed or without one."""
     forward = motion.sign * leading_value(speed)
     torque = motor.torque
     if motor.present == 0 or motion.prescribed == 1:
@@ -67,7 +64,7 @@ def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tab
 
 @wp.func
 def coupling_twist(first: Any, second: Any, coupling: Any, engaged: Any):
-    """Twist [rad] of a coupling and its rate [rad/s], both 0 while open; to the ground `first` may be any state."""
+    """Twist [rad] of a coupling and its rate [rad/s], both 0 while open."""
     ratio = engaged.ratio
     angle = first.angle
     speed = first.speed
@@ -102,14 +99,14 @@ def coupling_damping(twist: Any, coupling: Any):
 
 @wp.func
 def coupling_moment(twist: Any, rate: Any, coupling: Any, engaged: Any):
-    """Moment [N m] that a coupling takes from its first body, (c), within what it bears."""
+    """Moment [N m] that a coupling takes from its first body, (c)."""
     low, high = moment_bounds(coupling, engaged)
     return wp.clamp(unbounded_moment(twist, rate, coupling), low, high)
 
 
 @wp.func
 def moment_bounds(coupling: Any, engaged: Any):
-    """Least and largest moment [N m] that a coupling bears, one of them 0 of a freewheel."""
+    """Least and largest moment [N m] that a coupling or freewheel bears."""
     zero = type(engaged.capacity)(0.0)
     low = wp.where(coupling.freewheel > 0, zero, -engaged.capacity)
     return low, wp.where(coupling.freewheel < 0, zero, engaged.capacity)
@@ -117,7 +114,7 @@ def moment_bounds(coupling: Any, engaged: Any):
 
 @wp.func
 def clutch_capacity(time: Any, first: Any, second: Any, coupling: Any, tables: Any):
-    """Moment [N m] that a clutch bears at a time, a number [s], or at a body's speed, by its table."""
+    """Moment [N m] that a clutch bears, by its table of time or speed."""
     x = time
     if coupling.engagement.over_angle == OVER_SPEED:
         x = number_of(wp.abs(leading_value(first.speed)))
@@ -142,7 +139,7 @@ def coupling_loss(twist: Any, rate: Any, coupling: Any, engaged: Any):
 
 @wp.func
 def coupling_ratio(time: Any, before: Any, coupling: Any, tables: Any):
-    """Ratio in use of a coupling: that of its last row (time, ratio) that has begun; `before` without rows."""
+    """Ratio in use of a coupling by its rows (time, ratio), or `before`."""
     ratio = type(before)(before)
     for at in range(coupling.first_ratio, coupling.first_ratio + 2 * coupling.ratios, 2):
         if difference(time, tables[at]) >= type(ratio)(0.0):
@@ -152,7 +149,7 @@ def coupling_ratio(time: Any, before: Any, coupling: Any, tables: Any):
 
 @wp.func
 def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: Any, tables: Any):
-    """State of a coupling at a step's start: its ratio in use, capacity, and slip by (d), from its state `before`."""
+    """State of a coupling at a step's start: ratio, capacity, slip by (d)."""
     now = before
     twist, rate = coupling_twist(first, second, coupling, before)
     zero = type(twist)(0.0)
@@ -177,7 +174,7 @@ def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: An
 
 @wp.func
 def own_body_energy(energy: wp.float64, speed: wp.float64, motion: Any):
-    """Energy [J] of a train's body by its own inertia, from `energy` by the inertia of the whole train."""
+    """Energy [J] of a train's body by its own inertia alone."""
     if motion.prescribed == 0:
         others = wp.float64(motion.own_inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
         energy = energy + wp.float64(0.5) * speed * speed * others
@@ -186,5 +183,5 @@ def own_body_energy(energy: wp.float64, speed: wp.float64, motion: Any):
 
 @wp.func
 def is_on_gear_side(gear: Any, b: int):
-    """Whether body `b` of the drive is beyond a pair of gears, on the side of its second."""
+    """Whether body `b` is on the second side of a pair of gears."""
     return (gear.side >> wp.int64(b)) & wp.int64(1) != wp.int64(0)

@@ -27,13 +27,13 @@ from .motion import table_derivatives
 
 @wp.func
 def cam_angle(angle: Any, phase: Any, valve: Any, motion: Any):
-    """Forward angle [rad] of a body with cams less a valve's phase, a number."""
+    """Forward angle [rad] of a body's cam, less its valve's phase."""
     return valve.sign * (angle - motion.start_angle) - valve.turned - phase
 
 
 @wp.func
 def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
-    """Lift of a valve group's `k`-th cam [m] and its two derivatives by the forward angle (vector), rounded."""
+    """Lift of a valve group's `k`-th cam [m] and two derivatives by angle, rounded."""
     turned = cam_angle(angle, tables[valve.first_phase + k], valve, motion)
     lift, slope, bend = table_derivatives(turned, valve.lift, tables)
     return wp.vector(valve.height * leading_value(lift), valve.height * slope, valve.height * bend)
@@ -41,7 +41,7 @@ def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
 
 @wp.func
 def add_cam(cam: Any, at: Any, valve: Any):
-    """Inertia and moment of a body's valves with those of one more cam, whose `cam_lift` is `at`."""
+    """Inertia and moment of a body's valves with one more cam's, of lift `at`."""
     half = type(valve.mass)(0.5)
     lift, slope, bend = at[0], at[1], at[2]
     cam.inertia = cam.inertia + valve.count * valve.mass * slope * slope
@@ -53,7 +53,7 @@ def add_cam(cam: Any, at: Any, valve: Any):
 
 @wp.func
 def add_geared_cam(total: Any, cam: Any, ratio: Any):
-    """Inertia and moment of valves as a body has them, with those on another body that turns `ratio` times as fast."""
+    """Inertia and moment of valves with those on another body that turns `ratio` times as fast."""
     total.inertia = total.inertia + ratio * ratio * cam.inertia
     total.growth = total.growth + ratio * ratio * ratio * cam.growth
     total.moment = total.moment + ratio * cam.moment
@@ -62,19 +62,15 @@ def add_geared_cam(total: Any, cam: Any, ratio: Any):
 
 @wp.func
 def valve_inertia_share(speed: Any, kick: Any, cam: Any, motion: Any):
-    """Inertia of a train's valves over a step, (c), divided by that of the train without them [-]."""
+    """Inertia of a train's valves over a step, (c), relative to the train's [-]."""
     return motion.inverse_inertia * (cam.inertia + kick * cam.growth * speed)
 
 
 @wp.func
 def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
-    """Moment [N m] that turns a body without its valves' inertia as `moment` turns it with them, (c).
+    """Moment [N m] that turns a body without its valves' inertia as `moment` with them, (c).
 
-    Args:
-        moment: of all but valves [N m].
-        speed: with leapfrog half a step before [rad/s].
-        kick: step of leapfrog, 0 where the speed is that of the instant [s].
-        cam: of the valves of its train.
+    `speed` [rad/s] is half a step behind by leapfrog; `kick` is its step [s], else 0.
     """
     if motion.prescribed == 1:
         return moment
@@ -84,22 +80,22 @@ def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion
 
 @wp.func
 def cam_energy(speed: Any, cam: Any, motion: Any):
-    """Energy [J] of the valves on a body; 0 where its motion is prescribed, as that does their work."""
+    """Energy [J] of the valves on a body, 0 where its motion is prescribed."""
     energy = cam.energy + type(speed)(0.5) * cam.inertia * speed * speed
     return wp.where(motion.prescribed == 1, type(speed)(0.0), energy)
 
 
 @wp.func
 def zero_valve_load(valve: Any):
-    """Load of a valve group before any of its cams is added: torque 0 [N m], least force infinite [N]."""
+    """Load of a valve group without cams: torque 0 [N m], force infinite [N]."""
     return wp.vector(type(valve.mass)(0.0), type(valve.mass)(wp.inf))
 
 
 @wp.func
 def add_cam_load(load: Any, at: Any, speed: Any, angular: Any, valve: Any):
-    """Torque [N m] of a valve group against rotation and least force [N] on a follower, (b), with one more cam.
+    """Torque [N m] of a valve group and least force [N] on a follower, (b), with one more cam.
 
-    `at` is the cam's `cam_lift`; `speed` [rad/s] and `angular` [rad/s^2] are the body's at that instant.
+    `at` is the cam's lift; `speed` [rad/s] and `angular` [rad/s^2] are the body's.
     """
     lift, slope, bend = at[0], at[1], at[2]
     force = valve.preload + valve.stiffness * lift
