@@ -74,7 +74,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Imports a public name when first used, so that `import warpchain` stays light."""
+    """Imports a public name of warpchain when first used."""
     if name == "__version__":
         from warpchain.version import installed_version
 

@@ -1,7 +1,6 @@
 """Checks of public functions' arguments by their annotations; a misfit is an error of one line.
 
-Annotations are classes, unions, `Literal`, tuples or sequences of such, or the numbers below. Numbers of numpy are
-numbers, its arrays are sequences, and neither True nor False is a number.
+Numbers of numpy are numbers, its arrays are sequences, and neither True nor False is a number.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ ValueTest = Callable[[Any], bool]
 
 @dataclass(frozen=True)
 class AllowedRange:
-    """Numbers of a type that an argument allows, in words and as a test."""
+    """Range of numbers that an argument allows, in words and as a test."""
 
     words: str
     holds: ValueTest
@@ -67,10 +66,7 @@ _SHORT_REPR = _ShortRepr()
 
 
 def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[CheckedFunction], CheckedFunction]:
-    """Decorator that raises `error` for the first argument which its annotation does not allow.
-
-    The error's line is `NAME = VALUE: must be WHAT`; `prefix` goes before names, such as "record.".
-    """
+    """Decorator that raises `error`, `NAME = VALUE: must be WHAT`, for an argument outside its annotation."""
 
     def wrap(function: Any) -> Any:
         if isinstance(function, type):
@@ -98,7 +94,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
 
 
 def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction], CheckedFunction]:
-    """Decorator that raises `error` for an index which is none of the object's attribute `parts`."""
+    """Decorator that raises `error` for an index outside the object's attribute `parts`."""
 
     def wrap(method: Any) -> Any:
         name = list(inspect.signature(method).parameters)[1]

@@ -17,19 +17,16 @@ class WarpchainError(Exception):
 
 
 class DriveError(WarpchainError):
-    """A drive description is wrong: unknown, missing or out-of-range values, or a chain that does not fit.
-
-    The message has one line for each thing that is wrong.
-    """
+    """A drive description is wrong, a line for each value, or its chain does not fit."""
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """Lines of the message, `key.path = value: what is allowed`, behind the file's name if known."""
+        """Lines of the error: `key.path = value: what is allowed`."""
         return tuple(str(self).split("\n"))
 
 
 def drive_error(lines: Iterable[str], source: str = "") -> DriveError:
-    """A `DriveError` of these lines, each once and behind `source`, `MOST_ERROR_LINES` at most."""
+    """A `DriveError` of these lines behind `source`, `MOST_ERROR_LINES` at most."""
     prefix = f"{source}: " if source else ""
     unlike = list(dict.fromkeys(prefix + line for line in lines))
     if len(unlike) > MOST_ERROR_LINES + 1:
@@ -38,7 +35,7 @@ def drive_error(lines: Iterable[str], source: str = "") -> DriveError:
 
 
 class SimulationError(WarpchainError):
-    """A run cannot start or go on as asked: a step past its limit, an unknown device, too little memory."""
+    """A run cannot start or go on: a step past its limit, an unknown device, too little memory."""
 
 
 class DeviceError(SimulationError):
@@ -46,23 +43,23 @@ class DeviceError(SimulationError):
 
 
 class ArchiveError(WarpchainError):
-    """An archive cannot be written or read: it exists, is foreign, is damaged, or the disk refuses."""
+    """An archive cannot be written or read: it exists, is foreign or damaged, or the disk refuses."""
 
 
 class StudyError(WarpchainError):
-    """A study, or a table of its results, cannot be used as asked: a missing column, too few rows, a bad design."""
+    """A study, or its table, cannot be used: a missing column, too few rows, a bad design."""
 
 
 class LayoutWarning(UserWarning):
-    """Parts of a drive stand where no chain can run well: strands that cross, a guide-bar in the chain's way."""
+    """Parts of a drive stand where no chain can run well, such as strands that cross."""
 
 
 class SuspectWarning(UserWarning):
-    """Variants of a run are suspect or diverged: their results are not to be relied on."""
+    """Variants of a run are suspect or diverged: do not rely on their results."""
 
 
 def warn_caller(text: str, kind: type[Warning] = UserWarning) -> None:
-    """Warns as from the line outside warpchain that called it, or the outermost one."""
+    """Warns as from the line outside warpchain that called it."""
     # `warnings.warn` has `skip_file_prefixes` for this from Python 3.12 on
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _SKIPPED_PACKAGES:

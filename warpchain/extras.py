@@ -41,10 +41,7 @@ def install_command(extra: str) -> str:
 
 
 def require_extra(extra: str, what: str, error: Callable[[str], Exception]) -> None:
-    """Raises an error if an extra's modules are not installed, without importing them.
-
-    `error` makes it from the message, which names `what` needs the extra.
-    """
+    """Raises an error if an extra's modules, which `what` needs, are not installed."""
     missing = [module for module in EXTRA_MODULES[extra] if find_spec(module) is None]
     if missing:
         raise error(f"{what}: needs {', '.join(missing)}; install it with: {install_command(extra)}")

@@ -1,8 +1,7 @@
 """Files written whole or not at all, by one writer at a time, and text read.
 
-A file is written under a temporary name in its own folder, flushed, and then given its name. A writer holds the lock
-of `.NAME.lock`, which the system takes back when the process ends. The temporary file is locked too, so that leftovers
-can be told from files in use. File systems without flock do without.
+A file is written under a temporary name in its own folder, flushed, and then given its name. A writer locks
+`.NAME.lock` and the temporary file, until the process ends; file systems without flock do without.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class WriteLock:
     `patience` is how long to wait for another writer [s].
 
     Raises:
-        OSError: another one writes it (the reason says who), or a folder that refuses.
+        OSError: another one writes it, or a folder that refuses.
     """
 
     def __init__(self, path: Path, patience: float = 0.0) -> None:
@@ -118,7 +117,7 @@ def _has_name(handle: int, path: Path) -> bool:
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a running process writes a temporary file or holds a lock's file."""
+    """Whether a running process holds a temporary or lock file."""
     if fcntl is None:
         return True
     try:
@@ -153,11 +152,7 @@ def leftover_files(folder: Path) -> list[Path]:
 
 
 def target_of_path(path: Path) -> Path:
-    """Regular file that writing to a path makes or replaces, by a symbolic link too.
-
-    Raises:
-        OSError: a folder, a device, a FIFO, a symbolic link to nothing.
-    """
+    """Regular file that writing to a path makes or replaces, by links too; raises OSError for others."""
     try:
         kind = path.lstat().st_mode
         if stat.S_ISLNK(kind):
@@ -180,7 +175,7 @@ def _check_regular(kind: int) -> None:
 
 
 def open_regular_file(path: str | os.PathLike[str]) -> int:
-    """Opens a regular file to read and returns its descriptor; raises OSError for others."""
+    """Opens a regular file, returns its descriptor; raises OSError for others."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
     try:
         _check_regular(os.fstat(handle).st_mode)
@@ -197,7 +192,7 @@ def temporary_name(path: Path, hidden: bool = True) -> Path:
 
 
 PARTIAL_PATTERN = r"\.\d+(-[0-9a-f]{16})?\.partial"
-"""Regular expression of what follows the name in a temporary name that is not hidden."""
+"""Regular expression of a visible temporary name's end."""
 LEFTOVER_PATTERN = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL_PATTERN}")
 """Pattern of names of temporary files and locks."""
 
@@ -206,7 +201,6 @@ class WholeFile:
     """A file written under a temporary name, which `finish` turns into its own and `drop` removes.
 
     Args:
-        overwrite: replace a file of that name; without it the first process to finish decides.
         hidden: whether the temporary name begins with a dot.
         patience: how long to wait for another writer [s]; None if the caller holds the lock.
 
@@ -257,7 +251,7 @@ class WholeFile:
         self._release_lock()
 
     def drop(self, keep: bool = False) -> None:
-        """Removes an unfinished file, or keeps it under its temporary name; raises nothing."""
+        """Removes an unfinished file, or keeps it; raises nothing."""
         with contextlib.suppress(OSError):  # a full disk, which was said already
             self.stream.close()
         if not (keep or self.finished):
@@ -267,7 +261,7 @@ class WholeFile:
 
 
 def _rename_unless_taken(partial: Path, path: Path) -> None:
-    """Renames a file unless the new name is taken, at once where the file system knows links."""
+    """Renames a file unless the new name is taken, at once if possible."""
     try:
         os.link(partial, path)
     except FileExistsError:
@@ -294,7 +288,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Iterator[IO[bytes]]:
-    """A binary file to write in a `with` block, whose end gives it its name; see `WholeFile`."""
+    """A binary file to write in a `with` block, named at its end; see `WholeFile`."""
     file = WholeFile(path, overwrite, patience=patience)
     try:
         yield file.stream
@@ -311,7 +305,7 @@ def write_text_file(path: Path, text: str, overwrite: bool = True) -> None:
 
 @contextlib.contextmanager
 def refusals_as_errors(path: str | Path, error: type[Exception]) -> Iterator[None]:
-    """Turns a system's refusal to write into an error of one line: `PATH: cannot be written (File too large)`."""
+    """Turns a system's refusal to write into an `error` of one line."""
     try:
         yield
     except OSError as refused:
@@ -328,11 +322,7 @@ def refusal_reason(error: Exception) -> str:
 
 
 def read_regular_file(path: str | os.PathLike[str]) -> bytes:
-    """Bytes of a regular file, `MOST_BYTES` at most.
-
-    Raises:
-        OSError: another or a larger file, or what the system refuses.
-    """
+    """Bytes of a regular file, `MOST_BYTES` at most; raises OSError for others."""
     with open(open_regular_file(path), "rb") as file:
         data = file.read(MOST_BYTES + 1)
     _check_byte_count(len(data))
@@ -360,9 +350,9 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def read_text_file(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
-    """Text of a regular file (UTF-8, with or without a byte order mark), line ends as they are.
+    """Text of a regular UTF-8 file, line ends as they are.
 
-    `kind` is what it should be, such as "TOML", and `error` makes the error from a line.
+    `kind` is what it should be, such as "TOML"; `error` makes the error from a line.
     """
     try:
         return read_regular_file(path).decode("utf-8-sig")

@@ -14,10 +14,10 @@ from typing import Any
 ProgressReport = Callable[[str, float, float], None]
 """Function called with (phase, done, total), the phase a key of `PHASES`."""
 Progress = bool | ProgressReport
-"""Argument `progress` of functions: False, True for a bar, or a `ProgressReport` to call."""
+"""Argument `progress`: False, True for a bar, or a function to call."""
 
 COMPILING, RUNNING, RECORDING = "compiling", "running", "recording"
-"""Phases of progress: kernels are compiled, variants run, and are recorded in a second pass."""
+"""Phases of progress: kernels compile, variants run, and are recorded."""
 BAR_TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
 """Words of a progress bar."""
 PHASES: dict[str, dict[str, Any]] = {
@@ -40,12 +40,7 @@ PHASES: dict[str, dict[str, Any]] = {
 
 
 class ProgressLines:
-    """A progress bar for what is no terminal: a line every `LINE_INTERVAL` seconds.
-
-    Attributes:
-        n: how much is done.
-        start_t: when it began [s], as `tqdm` calls it.
-    """
+    """A progress bar for what is no terminal: lines, named as `tqdm`'s."""
 
     def __init__(
         self, total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
@@ -84,7 +79,7 @@ LINE_INTERVAL = 10.0
 
 
 def duration_text(seconds: float) -> str:
-    """A time [s] in words: "31 s", "2 min 5 s", "1 h 18 min"."""
+    """A time [s] in words, such as "2 min 5 s"."""
     whole = max(0, round(seconds))
     if whole < 60:
         return f"{whole} s"
@@ -96,7 +91,7 @@ def duration_text(seconds: float) -> str:
 def progress_bar(
     total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
 ) -> Any:
-    """A progress bar on standard error with `update`, `n` and `close`; lines where that is no terminal.
+    """A progress bar on standard error, or lines where that is no terminal.
 
     Args:
         total, initial: how much there is to do, and is done before.
@@ -117,10 +112,7 @@ def ignore_progress(phase: str, done: float, total: float) -> None:
 
 
 def partial_report(report: ProgressReport, phase: str, begin: float, end: float, total: float = 1.0) -> ProgressReport:
-    """A `ProgressReport` for a part of some work, from `begin` to `end` of `total`.
-
-    Compiling is reported as it is.
-    """
+    """A `ProgressReport` for a part of some work, from `begin` to `end` of `total`."""
 
     def report_part(part: str, done: float, size: float) -> None:
         if part == COMPILING:
@@ -133,7 +125,7 @@ def partial_report(report: ProgressReport, phase: str, begin: float, end: float,
 
 @contextmanager
 def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[ProgressReport]:
-    """A `ProgressReport` for a `with` block, which shows nothing, a bar, or calls the user's.
+    """A `ProgressReport` for a `with` block, by a bar, the user's function, or none.
 
     `settings` of bars, by phase, take the place of `PHASES`.
     """
@@ -168,14 +160,14 @@ def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iter
 
 
 class StopRequest:
-    """Whether the user asked to stop; a signal's handler, for which a second Ctrl-C interrupts."""
+    """Whether the user asked to stop; a signal's handler."""
 
     def __init__(self, around: StopRequest | None = None) -> None:
         self._around, self._asked = around, False
 
     @property
     def is_asked(self) -> bool:
-        """Whether the user asked to stop, here or in a block around it."""
+        """Whether the user asked to stop, here or around."""
         return self._asked or (self._around is not None and self._around.is_asked)
 
     def ask_to_stop(self) -> None:
@@ -193,7 +185,7 @@ class StopRequest:
 def interruptible_work() -> Iterator[StopRequest]:
     """Makes the first Ctrl-C in a `with` block a request that work checks between its parts.
 
-    Blocks may be nested. Signals stay as they are in other threads and where a shell had them ignored.
+    Signals stay as they are in other threads and where a shell had them ignored.
     """
     before = signal.getsignal(signal.SIGINT)
     around = before if isinstance(before, StopRequest) else None
@@ -210,7 +202,7 @@ def interruptible_work() -> Iterator[StopRequest]:
 
 
 def completed_futures(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
-    """Futures as they are done; raises KeyboardInterrupt if the user asked to stop."""
+    """Futures as they are done; raises KeyboardInterrupt if asked to stop."""
     left = set(futures)
     while left:
         done, left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED)

@@ -1,6 +1,6 @@
-"""Another Python process that runs a module of this package, on one core and without a GPU.
+"""Another Python process for a module of this package, on one core and without a GPU.
 
-Unlike those of `multiprocessing` it does not import the program that runs here, so scripts need no guard.
+Unlike `multiprocessing` it does not import the program that runs here, so scripts need no guard.
 """
 
 from __future__ import annotations
@@ -19,10 +19,7 @@ def can_start_python() -> bool:
 
 
 def start_python(module: str, answers: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
-    """Starts a Python process that runs a module of this package and reads from its standard input.
-
-    `answers` is its standard output, as `subprocess.Popen` takes it.
-    """
+    """Starts a Python process that runs a module of this package on its input; `answers` is its output."""
     paths = os.pathsep.join(filter(None, map(str, sys.path)))
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module],
