@@ -25,7 +25,6 @@ from warpchain.view.figures.part_figures import guide_load_figure
 from warpchain.view.figures.shaft_figures import hub_force_figure
 from warpchain.view.figures.sweep import order_cuts_figure, run_up_cuts
 from warpchain.view.palette import curve_colors, tension_colormap, tension_scale_top
-from warpchain.view.recorded_variants import part_of
 
 FRAMES, TEETH = 48, 6
 """Frames of the picture, and teeth of the driver that pass in them: its end then has the drive of its beginning."""
@@ -59,9 +58,7 @@ def draw_frame(axis: Any, trajectory: Any, f: int, reach: float) -> None:
     links.set_array(trajectory.tension[f])
     links.set_clim(0.0, tension_scale_top([trajectory]))
     axis.add_collection(links)
-    for force, color in zip(
-        contact_force_vectors(part_of(trajectory, slice(f, f + 1))), ("white", "#ff5050"), strict=True
-    ):
+    for force, color in zip(contact_force_vectors(trajectory.at(slice(f, f + 1))), ("white", "#ff5050"), strict=True):
         on = force[0].any(axis=1)
         straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.006}
         axis.quiver(*x[on].T, *(reach * force[0, on]).T, color=color, **straight)
@@ -109,7 +106,7 @@ def moving(asked: argparse.Namespace) -> Iterator[Line]:
         "largest contact force [kN]": dict(zip(bodies, largest_contact_forces(trajectory), strict=True)),
     }
     curves = {label: {name: 1e-3 * force for name, force in lines.items()} for label, lines in curves.items()}
-    arrows = np.concatenate([a[a.any(axis=-1)] for a in contact_force_vectors(part_of(trajectory, chosen))])
+    arrows = np.concatenate([a[a.any(axis=-1)] for a in contact_force_vectors(trajectory.at(chosen))])
     span = float(np.ptp(trajectory.position[-1], axis=0).max())
     reach = 0.10 * span / float(np.quantile(np.hypot(*arrows.T), 0.99))
     pictures = []

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
@@ -62,11 +61,6 @@ def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
         return [one]
     chains = chain_trajectories(one.trajectory).items()
     return [replace(one, trajectory=chain, label=f"{one.label} {name}") for name, chain in chains]
-
-
-def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Trajectory:
-    """A recorded trajectory at some of its frames."""
-    return trajectory.at(frames)
 
 
 def compared_variants(
