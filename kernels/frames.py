@@ -35,7 +35,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     place = frame.place
 
     @wp.func
-    def width(n: int, sprockets: int, arms: int, tensioners: int, shafts: int, couplings: int, valves: int):
+    def frame_width(n: int, sprockets: int, arms: int, tensioners: int, shafts: int, couplings: int, valves: int):
         """Number of values in a frame of so many parts."""
         of_bodies = wp.static(frame.values("arm")) * arms + wp.static(frame.values("tensioner")) * tensioners
         of_bodies += wp.static(frame.values("shaft")) * shafts + wp.static(frame.values("coupling")) * couplings
@@ -45,7 +45,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     @wp.func
     def drive_width(drive: Drive):
         """Number of values in a drive's frame."""
-        return width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings,
+        return frame_width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings,
                      drive.valves)  # fmt: skip
 
     @wp.func
@@ -71,7 +71,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     @wp.func
     def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: Any, moment: Any, force: Any):
         """Writes sprocket `s` and its contacts' moment [N m] and force [N] into a frame."""
-        mine = at + width(n, s, 0, 0, 0, 0, 0)
+        mine = at + frame_width(n, s, 0, 0, 0, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("sprocket_moment"))] = Real(moment)
@@ -84,7 +84,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     @wp.func
     def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: Any, moment: Any):
         """Writes arm `a` and its contacts' moment [N m] into a frame."""
-        mine = at + width(drive.rollers, drive.sprockets, a, 0, 0, 0, 0)
+        mine = at + frame_width(drive.rollers, drive.sprockets, a, 0, 0, 0, 0)
         frames[mine + wp.static(place("arm_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("arm_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("arm_moment"))] = Real(moment)
@@ -92,7 +92,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     @wp.func
     def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Any):
         """Writes tensioner `t` into a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0, 0)
+        mine = at + frame_width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0, 0)
         frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded_value(push.extension))
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
         frames[mine + wp.static(place("chamber_pressure"))] = Real(push.pressure)
@@ -100,21 +100,23 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
     @wp.func
     def write_shaft(frames: wp.array[Real], at: int, drive: Drive, h: int, body: Any):
         """Writes shaft `h` into a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, h, 0, 0)
+        mine = at + frame_width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, h, 0, 0)
         frames[mine + wp.static(place("shaft_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("shaft_speed"))] = Real(body.speed)
 
     @wp.func
     def write_coupling(frames: wp.array[Real], at: int, drive: Drive, c: int, twist: Any, moment: Any):
         """Writes coupling `c` into a frame at `at`."""
-        mine = at + width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, c, 0)
+        mine = at + frame_width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, c, 0)
         frames[mine + wp.static(place("coupling_twist"))] = Real(twist)
         frames[mine + wp.static(place("coupling_torque"))] = Real(moment)
 
     @wp.func
     def write_valve(frames: wp.array[Real], at: int, drive: Drive, v: int, torque: Any, force: Any):
         """Writes valve group `v` into a frame at `at`."""
-        counts = width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings, v)
+        counts = frame_width(
+            drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings, v
+        )
         frames[at + counts + wp.static(place("valve_torque"))] = Real(torque)
         frames[at + counts + wp.static(place("valve_force"))] = Real(force)
 
