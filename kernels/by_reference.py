@@ -34,6 +34,7 @@ def with_structs_by_reference(source: str) -> str:
         kinds -= {kind for kind, name in PARAMETER.findall(head) if name in changed}
 
     def parameter(of: re.Match[str]) -> str:
+        """A struct's parameter by reference in C++, if of the kinds."""
         return f"    {of[1]} & {of[2]}" if of[1] in kinds else of[0]
 
     heads = (PARAMETER.sub(parameter, head) if FUNCTION.match(head) else head for head, _, _ in pieces)

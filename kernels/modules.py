@@ -114,6 +114,7 @@ class _Module(Module or object):  # type: ignore[misc]
 
 @cache
 def _module(name: str, made_of: bytes) -> Any:
+    """Warp module of a name and digest, one for all who ask."""
     return _Module(f"{name}_{made_of.hex()[:8]}", made_of)
 
 

@@ -40,6 +40,7 @@ def at_float32(
     """
 
     def kind_of(name: str, kind: Any) -> Any:
+        """Float32 type of a struct's field, also in arrays."""
         if wp.types.is_array(kind):
             return wp.array[kind_of(name, kind.dtype)]
         if name in kept:

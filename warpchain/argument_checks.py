@@ -57,6 +57,7 @@ class _ShortRepr(reprlib.Repr):
     """Values in messages, cut short, floats by `number_text`."""
 
     def repr_float(self, value: float, level: int) -> str:
+        """A float in messages, by `number_text`."""
         return number_text(value)
 
     repr_float64 = repr_float32 = repr_float
@@ -69,6 +70,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
     """Decorator that raises `error`, `NAME = VALUE: must be WHAT`, for an argument outside its annotation."""
 
     def wrap(function: Any) -> Any:
+        """The function or dataclass with checks of its arguments."""
         if isinstance(function, type):
             function.__init__ = wrap(function.__init__)  # type: ignore[misc]
             return function
@@ -76,12 +78,14 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
 
         @cache
         def tests_by_name() -> dict[str, tuple[str, ValueTest]]:
+            """Words and test of each checked argument, by name."""
             names = _AnnotationNames(inspect.unwrap(function).__globals__)
             notes = {name: note for name, note in function.__annotations__.items() if name != "return"}
             return {name: _kind_of_annotation(eval(note, {}, names)) for name, note in notes.items()}
 
         @wraps(function)
         def call(*args: Any, **named: Any) -> Any:
+            """Checks arguments, then calls the function."""
             given = signature.bind(*args, **named).arguments
             for name, (words, test) in tests_by_name().items():
                 if name in given and not test(given[name]):
@@ -97,10 +101,12 @@ def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction
     """Decorator that raises `error` for an index outside the object's attribute `parts`."""
 
     def wrap(method: Any) -> Any:
+        """The method with a check of its index."""
         name = list(inspect.signature(method).parameters)[1]
 
         @wraps(method)
         def call(self: Any, *args: Any, **named: Any) -> Any:
+            """Checks the index, then calls the method."""
             count = len(getattr(self, parts))
             for index in (*args, *named.values()):
                 whole = type(index) is int or (isinstance(index, Integral) and not isinstance(index, bool))

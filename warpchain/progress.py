@@ -115,6 +115,7 @@ def partial_report(report: ProgressReport, phase: str, begin: float, end: float,
     """A `ProgressReport` for a part of some work, from `begin` to `end` of `total`."""
 
     def report_part(part: str, done: float, size: float) -> None:
+        """Reports progress of a part as that of the whole work."""
         if part == COMPILING:
             report(part, done, size)
         else:
@@ -139,11 +140,13 @@ def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iter
     begun: dict[str, float] = {}  # phases come again, and their time goes on
 
     def close() -> None:
+        """Closes the progress bars that are shown."""
         for of in shown.values():
             of.close()
         shown.clear()
 
     def report(phase: str, done: float, total: float) -> None:
+        """Shows a phase's progress in its bar."""
         if phase not in shown:
             close()
             ago = time.monotonic() - begun.setdefault(phase, time.monotonic())

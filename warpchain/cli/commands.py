@@ -30,8 +30,11 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
     """
 
     def wrap(run: CommandBody) -> CommandBody:
+        """Command with that ending on Ctrl-C."""
+
         @wraps(run)
         def command(arguments: argparse.Namespace) -> int:
+            """Runs the command; returns its exit status, unfinished on Ctrl-C."""
             from warpchain.engine import start_warp
 
             start_warp(precompiled=False)

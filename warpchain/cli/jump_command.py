@@ -54,6 +54,7 @@ def _jump_lines(jump: Jump, by: str) -> list[str]:
     """Lines on the load or wear at which a chain jumps in one direction."""
 
     def load_text(value: float) -> str:
+        """Load [N m] or wear [%] of a tooth jump as text."""
         return f"{value:.4g} N m on {jump.on}" if by == "torque" else f"{100.0 * value:.3g} % of wear{chain}"
 
     chain = f" of {jump.on}" if by == "wear" and jump.on else ""

@@ -224,6 +224,7 @@ def message_with_options(message: str, arguments: argparse.Namespace) -> str:
     """An error's message with the command's options, or a study's keys, in place of Python's arguments."""
 
     def option_text(found: re.Match[str]) -> str:
+        """Option of the command line for an argument in an error's message."""
         name, value = found["name"], found["value"] or ""
         if hasattr(arguments, name):
             option = f"--{name.replace('_', '-')}"

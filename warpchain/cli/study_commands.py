@@ -173,6 +173,7 @@ def study_grow_command(arguments: argparse.Namespace) -> int:
     until = Until.of(arguments.until)
 
     def print_growth(now: GrowthState) -> None:
+        """Prints how far the growth of a study is."""
         if not arguments.quiet:
             of = f" ({now.metric} over {now.factor})" if now.factor else ""
             print(f"{now.rows} variants: largest standard error of main effects {until.error_text(now.error)}{of}")

@@ -44,6 +44,7 @@ def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: 
     """A table as HTML for notebooks; cells but `Markup` are escaped."""
 
     def row_html(cells: Sequence[str], tag: str) -> str:
+        """A row of a notebook's table as HTML, in cells of a tag."""
         words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
         sides = ["left", *["right"] * (len(words) - 1)]
         inner = (f'<{tag} style="text-align:{side}">{w}</{tag}>' for w, side in zip(words, sides, strict=True))

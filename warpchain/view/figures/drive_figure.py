@@ -221,6 +221,7 @@ def draw_dimensions(axis: Any, drive: Drive, pose: DrivePose, travel: list[Array
     middle = np.mean(pose.center, axis=0)
 
     def write_at(text: str, at: Any, x: float, y: float, **more: Any) -> None:
+        """Writes a text at (x, y) [pt] from a point of the drive's picture."""
         halo = [withStroke(linewidth=2.0, foreground="white")]
         place: Any = {"xytext": (x, y), "textcoords": "offset points", "ha": "center", "va": "center"} | more
         axis.annotate(text, factor * np.asarray(at), fontsize=7, zorder=5, path_effects=halo, **place)

@@ -218,6 +218,7 @@ def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, Orde
     (sprocket_speed,) = require_channels(whole, "sprocket_speed")
 
     def cuts_of(values: Array) -> OrderCuts:
+        """Order cuts of a signal's values (F,) over the run-up."""
         return order_cuts(whole.time[part], turns[part], np.nan_to_num(values[part]), orders)
 
     speeds = {p.name: forward_values(drive, sprocket_speed, s) for s, p in enumerate(drive.sprockets)}

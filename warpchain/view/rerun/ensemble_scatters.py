@@ -90,6 +90,7 @@ def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
     """Names of the varied inputs that correlate most with any metric."""
 
     def correlation(values: NDArray[np.float64]) -> float:
+        """Largest correlation of an input's values (V,) with any metric."""
         best = 0.0
         for other in metrics.values():
             both = np.isfinite(values) & np.isfinite(other)

@@ -67,6 +67,7 @@ def playback_blueprint(
     scale = f"from blue (0 N) to red ({top:,.0f} N)".replace(",", " ")
 
     def curve_views(*groups: str) -> list[rrb.TimeSeriesView]:
+        """Rerun's time series views of groups of curves."""
         return [
             rrb.TimeSeriesView(
                 name=CURVE_GROUPS[group],
