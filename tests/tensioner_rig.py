@@ -13,10 +13,10 @@ from warpchain.engine.body_struct_rows import oil_energies
 from warpchain.kernels.physics.tensioner import (
     advance_tensioner,
     chamber_pressure,
-    compression,
+    oil_compression,
+    oil_specific_energy,
     pressure_root,
     resting_state,
-    specific_energy,
     tensioner_energy,
     tensioner_force,
     valve_flow,
@@ -174,13 +174,13 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     i = wp.tid()
     pressure = pressures[i]
     z = pressure_root(pressure, t)
-    phi, slope = compression(z, t)
+    phi, slope = oil_compression(z, t)
     flow, flow_slope = valve_flow(t.supply - pressure, t.check, t)
     state = TensionerState()
     state.content = phi
     state.root = pressure_root(near[i], t)
     out[i, 0] = phi
-    energy, volume = specific_energy(pressure_root(pressure, t), t)
+    energy, volume = oil_specific_energy(pressure_root(pressure, t), t)
     out[i, 1] = energy
     out[i, 2] = wp.float64(7.0) * pressure / (z * slope)  # E = dP/dphi with P = P_0 z^7
     out[i, 3] = flow

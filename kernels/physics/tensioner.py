@@ -172,7 +172,7 @@ def pressure_of_root(z: Any, tensioner: Any):
 
 
 @wp.func
-def compression(z: Any, tensioner: Any):
+def oil_compression(z: Any, tensioner: Any):
     """Compression phi [-] of a tensioner's oil and dphi/dz, eq. (5)."""
     square = z * z
     sixth = square * square * square
@@ -285,7 +285,7 @@ def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
         per_volume: h / V [s/m^3]; 0 leaves eq. (6).
         rate: x' [m/s].
     """
-    phi, slope = compression(z, t)
+    phi, slope = oil_compression(z, t)
     rest = phi - content
     zero = type(z)(0.0)
     flows = wp.vector(zero, zero, zero, zero)
@@ -344,7 +344,7 @@ def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, 
 
 
 @wp.func
-def lowest_root(state: Any, tensioner: Any):
+def lowest_pressure_root(state: Any, tensioner: Any):
     """Least z of a tensioner's oil: of P_0 while air drains, then of P_v."""
     z = tensioner.floor
     if state.unfilled > type(z)(0.0):
@@ -353,7 +353,7 @@ def lowest_root(state: Any, tensioner: Any):
 
 
 @wp.func
-def root_before(state: Any, tensioner: Any):
+def pressure_root_before(state: Any, tensioner: Any):
     """z of a tensioner's oil at the last step's end, or at rest."""
     z = state.root
     if z <= type(z)(0.0):
@@ -373,8 +373,8 @@ def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
         if not kept or z <= type(z)(0.0):
             volume, content = chamber_filling(x, state, tensioner)
             zero = type(z)(0.0)
-            before = root_before(state, tensioner)
-            z, flows = solve_root(content, zero, zero, before, lowest_root(state, tensioner), tensioner)
+            before = pressure_root_before(state, tensioner)
+            z, flows = solve_root(content, zero, zero, before, lowest_pressure_root(state, tensioner), tensioner)
         pressure = pressure_of_root(z, tensioner)
     return pressure
 
@@ -467,7 +467,7 @@ def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
 
 
 @wp.func
-def energy_series(z: Any, tensioner: Any):
+def oil_energy_series(z: Any, tensioner: Any):
     """K [Pa] of a tensioner's oil at z, eq. (10a), and phi [-]."""
     square = z * z
     q = tensioner.oil_share * square * square * square * z
@@ -482,24 +482,24 @@ def energy_series(z: Any, tensioner: Any):
 
 
 @wp.func
-def specific_energy(z: Any, tensioner: Any):
+def oil_specific_energy(z: Any, tensioner: Any):
     """Energy u [Pa] of a tensioner's oil, eq. (10), (10a), and its volume exp(-phi)."""
-    energy, phi = energy_series(z, tensioner)
+    energy, phi = oil_energy_series(z, tensioner)
     volume = exponential(-phi)
     return energy + tensioner.ambient * volume - tensioner.still, volume
 
 
 @wp.func
-def enthalpy(z: Any, tensioner: Any):
+def oil_enthalpy(z: Any, tensioner: Any):
     """Enthalpy H [Pa] of a tensioner's oil, eq. (10)."""
-    energy, volume = specific_energy(z, tensioner)
+    energy, volume = oil_specific_energy(z, tensioner)
     return energy + (pressure_of_root(z, tensioner) - tensioner.ambient) * volume
 
 
 @wp.func
 def oil_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
     """Energy U [J] of a tensioner's oil, eq. (11)."""
-    energy, volume = specific_energy(pressure_root(pressure, tensioner), tensioner)
+    energy, volume = oil_specific_energy(pressure_root(pressure, tensioner), tensioner)
     mass = tensioner.volume * wp.exp(rounded_value(state.content))
     vapor = chamber_volume(x, tensioner) - mass * volume
     return mass * energy - (pressure - tensioner.ambient) * vapor
@@ -538,7 +538,7 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
     state.farthest = x
     if tensioner.hydraulic == 1:
         state.root = pressure_root(tensioner.rest, tensioner)
-        phi, slope = compression(state.root, tensioner)
+        phi, slope = oil_compression(state.root, tensioner)
         state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
         if tensioner.drained > wp.float64(0.0):
             state.content += wp.log(wp.max(wp.float64(1.0) - tensioner.drained, wp.float64(wp.static(LEAST_OIL_SHARE))))
@@ -563,14 +563,14 @@ def zero_flows(h: wp.float32):
 def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
     """Flows of a tensioner's oil in a step with their energies [J], `z` after it."""
     # at the mean z, work on the plunger and what is stored, lost and supplied differ by O(h^2)
-    phi, slope = compression(z, tensioner)
+    phi, slope = oil_compression(z, tensioner)
     density = exponential(phi)
-    middle = enthalpy(type(z)(0.5) * (before + z), tensioner)
+    middle = oil_enthalpy(type(z)(0.5) * (before + z), tensioner)
     flows.leak_loss = middle * density * (flows.leaked + flows.relieved + flows.vented)
     if flows.supplied > type(z)(0.0):
         supplied = tensioner.supplied
         if tensioner.supply_table.cells > 0:
-            supplied = enthalpy(pressure_root(tensioner.supply, tensioner), tensioner)
+            supplied = oil_enthalpy(pressure_root(tensioner.supply, tensioner), tensioner)
         flows.supply_work = supplied * density * flows.supplied
         flows.valve_loss = flows.supply_work - middle * density * flows.supplied
     return flows
@@ -579,12 +579,12 @@ def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 @wp.func
 def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
     """State of a tensioner's oil after a step, eq. (9), and flows, with energies where `metered`."""
-    before = root_before(state, tensioner)
+    before = pressure_root_before(state, tensioner)
     if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
     volume, content = chamber_filling(x, state, tensioner)
     per_volume = quotient(h, volume)
-    floor = lowest_root(state, tensioner)
+    floor = lowest_pressure_root(state, tensioner)
     near = wp.max(before + state.growth + state.bend, floor)  # so that one evaluation does as a rule
     z, rates = solve_root(content, per_volume, rate, near, floor, tensioner)
     flows = zero_flows(h)
@@ -592,7 +592,7 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
     flows.leaked = h * rates[1]
     flows.relieved = h * rates[2]
     flows.vented = h * rates[3]
-    phi, slope = compression(z, tensioner)
+    phi, slope = oil_compression(z, tensioner)
     gain = per_volume * net_inflow(rates)
     state.content = trimmed_value(state.content + log_of_sum(exponential(phi - content) * gain))
     state.root = z
