@@ -191,62 +191,62 @@ ALONG = code_by_device(
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float64, b: wp.float64, c: wp.float64) -> wp.float64:
-    """a b + c at float64; on CUDA fused."""
+    """Native a b + c at float64; on CUDA fused."""
 
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
-    """a b + c at float32; on CUDA fused."""
+    """Native a b + c at float32; on CUDA fused."""
 
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
-    """a b + c d at float64; on CUDA one product is fused."""
+    """Native a b + c d at float64; on CUDA one product is fused."""
 
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
-    """a b + c d at float32; on CUDA one product is fused."""
+    """Native a b + c d at float32; on CUDA one product is fused."""
 
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2d, b: wp.vec2d) -> wp.float64:
-    """Dot product of float64 vectors; on CUDA one product is fused."""
+    """Native dot product of float64 vectors; on CUDA one product is fused."""
 
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2f, b: wp.vec2f) -> wp.float32:
-    """Dot product of float32 vectors; on CUDA one product is fused."""
+    """Native dot product of float32 vectors; on CUDA one product is fused."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2d, s: wp.float64, b: wp.vec2d) -> wp.vec2d:
-    """Vector a + s b at float64; on CUDA fused."""
+    """Native vector a + s b at float64; on CUDA fused."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
-    """Vector a + s b at float32; on CUDA fused."""
+    """Native vector a + s b at float32; on CUDA fused."""
 
 
 @wp.func_native("return b < a ? b : a;")
 def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
-    """The smaller of two float64, without regard for NaN."""
+    """Native smaller of two float64, without regard for NaN."""
 
 
 @wp.func_native(code_by_device("return wp::min(a, b);", "return b < a ? b : a;"))
 def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The smaller of two float32; on CUDA passes over NaN."""
+    """Native smaller of two float32; on CUDA passes over NaN."""
 
 
 @wp.func_native("return a < b ? b : a;")
 def larger(a: wp.float64, b: wp.float64) -> wp.float64:
-    """The larger of two float64, without regard for NaN."""
+    """Native larger of two float64, without regard for NaN."""
 
 
 @wp.func_native(code_by_device("return wp::max(a, b);", "return a < b ? b : a;"))
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The larger of two float32; on CUDA passes over NaN."""
+    """Native larger of two float32; on CUDA passes over NaN."""
 
 
 @wp.func

@@ -74,7 +74,7 @@ def modulo(a: int, n: int):
 
 @wp.func
 def mid_wrap_roller(before: Strand, after: Strand, n: int):
-    """Roller in mid-wrap, between two strands."""
+    """Number of the roller in mid-wrap, between two strands."""
     last = modulo(before.first_link + before.links, n)
     return modulo(last + modulo(after.first_link - last, n) // 2, n)
 

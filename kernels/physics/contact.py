@@ -206,12 +206,12 @@ def relative_acceleration(straight: Any, angular: Any, arm: Any, acceleration: A
 
 @wp.func
 def rotated_components(x: Any, y: Any, cosine: Any, sine: Any):
-    """Components (x, y) turned by the angle of (cosine, sine)."""
+    """Components (x, y), as of a contact normal, turned by the angle of (cosine, sine)."""
     return products(x, cosine, -y, sine), products(x, sine, y, cosine)
 
 
 @wp.func
 def rotated_vector(direction: Any, cosine: Any, sine: Any):
-    """Vector turned by the angle of (cosine, sine)."""
+    """Vector, such as a contact normal, turned by the angle of (cosine, sine)."""
     x, y = rotated_components(direction[0], direction[1], cosine, sine)
     return type(direction)(x, y)

@@ -58,7 +58,7 @@ def moment_about_pivot(lever: Any, force: Any):
 
 @wp.func
 def carried_arm_terms(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: Any):
-    """d.s [kg m^2] and the terms [N m] of arms on arms in (b): second line's right side, first line's last.
+    """Terms of (b) for an arm that an arm carries: d.s [kg m^2], right side and last term [N m].
 
     `lever` is d [m], `w1` and `w2` [rad/s], `led` the acceleration of arm 1's pivot [m/s^2], `moment` M_2 [N m].
     """

@@ -72,7 +72,7 @@ def wheel_arm(heading: Any, mount: Any):
 
 @wp.func
 def left_normal(v: Any):
-    """Vector turned by +90 degrees."""
+    """Vector on a mount or arm turned by +90 degrees."""
     return type(v)(-v[1], v[0])
 
 

@@ -265,7 +265,7 @@ def chamber_filling(x: Pair, state: Any, tensioner: Any):
 
 @wp.func
 def exponential(x: Any):
-    """exp(x), by a polynomial where |x| is small."""
+    """exp(x) for a tensioner's oil, by a polynomial where |x| is small."""
     one = type(x)(1.0)
     value = one
     if wp.abs(x) < type(x)(wp.static(SMALL_EXPONENT)):

@@ -43,7 +43,7 @@ class OrderedWork(Generic[JobType, ResultType]):
             del future
 
     def submit_job(self, job: JobType) -> None:
-        """Gives a job to the threads; waits while there is no room."""
+        """Submits a job to threads that keep order; waits while there is no room."""
         self._raise_error()
         self._queue.put(self._pool.submit(self._work, job))
 

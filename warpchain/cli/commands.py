@@ -110,7 +110,7 @@ def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _default_lines(defaults: dict[str, Any]) -> list[str]:
-    """A line on the defaults of each table of a file."""
+    """Lines of `warpchain check` on defaults, one a table of the drive file."""
     from warpchain.argument_checks import number_text
     from warpchain.drive.toml import inline_value
 

@@ -145,7 +145,7 @@ def _choice_lines(asked: DriveRequest, drive: Drive, moved: float) -> list[str]:
 
 
 def _center_text(center: Point) -> str:
-    """A center as a drive file has it."""
+    """A sprocket's center as text of a new drive file."""
     return ", ".join(repr(float(x)) for x in center)
 
 
