@@ -23,7 +23,7 @@ class ArmValueFunctions:
 @cache
 def arm_value_functions(kind: BlockKind) -> ArmValueFunctions:
     """The functions that share values of arms, and read them."""
-    Real = kind.Real
+    Real, rotors = kind.Real, kind.parts.rotors
     kinds = kind.types
     Shared = kinds.Shared
     vec2 = kinds.vec2
@@ -32,17 +32,17 @@ def arm_value_functions(kind: BlockKind) -> ArmValueFunctions:
     @wp.func
     def arm_value(shared: Shared, a: int, k: int):
         """Value k that arm `a` shares where arms carry arms."""
-        return access.load(shared.carried_arms, a * wp.static(VALUES_PER_ARM) + k)
+        return access.load(shared.carried_arms, a * VALUES_PER_ARM + k)
 
     @wp.func
     def share_value(shared: Shared, b: int, k: int, value: Real):
         """Shares value k of body b, an arm."""
-        access.store(shared.carried_arms, (b - wp.static(kind.parts.rotors)) * wp.static(VALUES_PER_ARM) + k, value)
+        access.store(shared.carried_arms, (b - rotors) * VALUES_PER_ARM + k, value)
 
     @wp.func
     def shared_value(shared: Shared, b: int, k: int):
         """Value k that body b, an arm, shares."""
-        return arm_value(shared, b - wp.static(kind.parts.rotors), k)
+        return arm_value(shared, b - rotors, k)
 
     @wp.func
     def share_force(shared: Shared, b: int, force: vec2):

@@ -44,8 +44,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     variants the compiler is to make room for on a multiprocessor; it bounds the registers of a thread. Frames lie as
     `frame` says (`kernels.frames`).
     """
-    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    slots = kind.shape.slots
+    Real, slots = kind.Real, kind.shape.slots
+    roller_threads = kind.shape.threads - WARP  # where the last warp has none
     kinds = kind.types
     joints = joint_functions(kind)
     links = link_functions(kind)
@@ -106,13 +106,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             tension, rate = pull(state, shared, mine, now, lengths)
         contact = contacts.Contact()
         contact.near = near_partners.remembered_partners(state, shared, mine)
-        if wp.static(kind.finds_partners_early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
+        if wp.static(kind.finds_partners_early) and i < mine.rollers:
             contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
         while now.step < end and now.diverged == 0:
             warp_steps.wait_for_other_variants(now)
             if wp.static(splitting) and now.step != now.next_event:
                 now.wanted_moments = now.moved_sprockets
-                if i < wp.static(threads - WARP):
+                if i < roller_threads:
                     contact_forces.add_contact_forces(ensemble, state, tallies, shared, mine, plain_step(now), contact)
                     steps.advance_rollers_after_contacts(state, shared, mine, plain_step(now))
                 else:
@@ -138,8 +138,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                             sync.barrier()  # others may still be at rollers beside theirs
                             steps.sample_rollers(ensemble, state, out, shared, mine, now)
                         steps.advance_rollers_after_contacts(state, shared, mine, now)
-                    if wp.static(not kind.hands_over):
-                        sync.barrier()
                     steps.advance_bodies(ensemble, state, out, shared, mine, now)
                 elif wp.static(kind.has_common_path) and warp_steps.is_common_step(now):
                     now, contact = warp_steps.take_steps_to_event(ensemble, state, out, shared, mine, now, contact, end)
@@ -147,7 +145,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 else:
                     contact = warp_steps.take_step(ensemble, state, out, shared, mine, now, contact)
             taken, now = now, launches.next_stage(now)
-            if wp.static(kind.finds_partners_early) and (wp.static(rollers_per_thread > 1) or i < mine.rollers):
+            if wp.static(kind.finds_partners_early) and i < mine.rollers:
                 contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
             if wp.static(not kind.shape.is_one_warp) and now.step < end and now.diverged == 0:
                 tension, rate = pull(state, shared, mine, now, lengths)  # joints remember only steps that are taken

@@ -38,7 +38,7 @@ def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
         """The largest `value` of all threads."""
         share_warp_values(shared, sync.warp_max(value), i)
         result = wp.float64(shared.wrench_parts[0])
-        for w in range(1, wp.static(threads) // warp_lanes()):
+        for w in range(1, threads // warp_lanes()):
             result = wp.max(result, wp.float64(shared.wrench_parts[w]))
         sync.barrier()
         return result
@@ -48,7 +48,7 @@ def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
         """The sum of `value` over all threads."""
         share_warp_values(shared, Real(sync.warp_sum(value)), i)
         result = wp.float64(0.0)
-        for w in range(wp.static(threads) // warp_lanes()):
+        for w in range(threads // warp_lanes()):
             result = result + wp.float64(shared.wrench_parts[w])
         sync.barrier()
         return result

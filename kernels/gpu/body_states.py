@@ -36,7 +36,7 @@ class BodyStateFunctions:
 @cache
 def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     """The functions that share bodies and their sums, and put them back into the state."""
-    sprockets = kind.parts.sprockets
+    sprockets, rotors = kind.parts.sprockets, kind.parts.rotors
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Sums = kinds.Sums
@@ -76,7 +76,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     def share_hub(ensemble: Ensemble, shared: Shared, variant: int, row: int, b: int):
         """Shares the hub of body b, if that is a sprocket, of a chain in a row of the drives."""
         if wp.static(kind.parts.hubs):
-            if b < wp.static(sprockets):
+            if b < sprockets:
                 hub = ensemble.hubs[ensemble.drives[variant].first_sprocket + b]
                 hub.arm = chains.body_on_block(ensemble, shared, row, row - variant, hub.arm)
                 shared.hubs[b] = hub
@@ -85,7 +85,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     def place_carried_sprocket(shared: Shared, b: int):
         """Takes body b along with the arm that carries it, where one does; after a barrier, as that may have moved."""
         if wp.static(kind.parts.hubs):
-            if b >= 0 and b < wp.static(sprockets):
+            if b >= 0 and b < sprockets:
                 hub = shared.hubs[b]
                 if hub.arm != GROUND:
                     geometry.put_pose(shared, b, carried_body(shared.poses[b], shared.poses[hub.arm], hub))
@@ -100,13 +100,13 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
             geometry.share_chains_and_guides(ensemble, shared, drive, mine.variant)
         pose = pose_from_state(ensemble, state, own, mine.body_number)
         shared.motions[b] = ensemble.motions[own.first_body + mine.body_number]
-        if b < wp.static(kind.parts.rotors):
+        if b < rotors:
             angle, speed = prescribed_motion.angle_and_speed(ensemble, shared, mine, b, step)
             pose.exact_speed = speed
         if wp.static(kind.moving):
             shared.mounts[b] = ensemble.mounts[own.first_body + mine.body_number]
         share_hub(ensemble, shared, mine.variant, mine.drive_row, b)
-        if b < wp.static(sprockets):
+        if b < sprockets:
             at = drive.first_sprocket + b
             geometry.share_sprocket(ensemble, shared, drive, b, leading_value(pose.center))
             if wp.static(kind.measuring):
@@ -127,7 +127,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         body.velocity = trimmed_value(body.velocity)
         state.bodies[ensemble.drives[mine.drive_row].first_body + mine.body_number] = body
         if wp.static(kind.measuring):
-            if b < wp.static(sprockets):
+            if b < sprockets:
                 at = drive.first_sprocket + b
                 sums.sprocket[at] = gathered_sprocket_sums(shared.sprocket_sums[b])
                 if wp.static(kind.moving):

@@ -27,7 +27,7 @@ class ChainPlaceFunctions:
 @cache
 def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
     """The functions that share where chains are."""
-    chain_count, sprockets = kind.parts.chains, kind.parts.sprockets
+    chain_count, sprockets, rotors = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
     several, of_others = chain_count > 1, wp.types.vector(MOST_CHAINS - 1, int)
     kinds = kind.types
     Ensemble, Shared, ChainPlace = kinds.Ensemble, kinds.Shared, kinds.ChainPlace
@@ -44,7 +44,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
         place.first_guide = drive.first_guide - whole.first_guide
         place.first_arm = drive.first_arm - whole.first_arm
         place.first_shaft = drive.first_shaft - whole.first_shaft
-        bars = wp.static(sprockets) + place.first_guide
+        bars = sprockets + place.first_guide
         place.partners = bit_range(place.first_sprocket, drive.sprockets) | bit_range(bars, drive.guides)
         shared.chain_places[r] = place
         for s in range(drive.sprockets):
@@ -57,25 +57,23 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
                 drive.first_contact + (drive.sprockets + g) * drive.rollers - place.first_roller
             )
         for h in range(drive.shafts):
-            shared.body_indices[wp.static(sprockets) + place.first_shaft + h] = drive.first_body + drive.sprockets + h
+            shared.body_indices[sprockets + place.first_shaft + h] = drive.first_body + drive.sprockets + h
         for a in range(drive.arms):
-            shared.body_indices[wp.static(kind.parts.rotors) + place.first_arm + a] = (
-                drive.first_body + drive.bodies - drive.arms + a
-            )
+            shared.body_indices[rotors + place.first_arm + a] = drive.first_body + drive.bodies - drive.arms + a
 
     @wp.func
     def among_chains(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
         """`mine` among the parts of all chains, which are shared before; all threads together."""
         if wp.static(several):
-            if mine.thread < wp.static(chain_count):
+            if mine.thread < chain_count:
                 share_chain_place(ensemble, shared, mine.variant, mine.thread)
             sync.barrier()
             mine.rollers = shared.chain_places[wp.static(chain_count - 1)].end_roller
-            mine.sprocket = wp.where(mine.body < wp.static(sprockets), mine.body, -1)
-            mine.arm = wp.max(mine.body - wp.static(kind.parts.rotors), -1)
+            mine.sprocket = wp.where(mine.body < sprockets, mine.body, -1)
+            mine.arm = wp.max(mine.body - rotors, -1)
             if mine.body >= 0:
                 place = shared.body_indices[mine.body]
-                for r in range(wp.static(chain_count)):
+                for r in range(chain_count):
                     if place >= ensemble.drives[mine.variant + r].first_body:
                         mine.drive_row = mine.variant + r
                 mine.body_number = place - ensemble.drives[mine.drive_row].first_body
@@ -85,7 +83,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
     def first_rollers(shared: Shared):
         """The first roller of each chain but the first, which a thread keeps; the chains are shared before."""
         begins = of_others()
-        for r in range(1, wp.static(chain_count)):
+        for r in range(1, chain_count):
             begins[r - 1] = shared.chain_places[r].first_roller
         return begins
 

@@ -39,7 +39,7 @@ class ChainFunctions:
 @cache
 def chain_functions(kind: BlockKind) -> ChainFunctions:
     """The functions by which the chains of one variant on a block are kept apart."""
-    chain_count, sprockets = kind.parts.chains, kind.parts.sprockets
+    chain_count, sprockets, rotors = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
     several = chain_count > 1
     kinds = kind.types
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
@@ -48,7 +48,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
     def chain_number(shared: Shared, j: int):
         """The number of roller j's chain; beyond all, of the last."""
         number = int(0)
-        for r in range(1, wp.static(chain_count)):
+        for r in range(1, chain_count):
             number = number + wp.where(j >= shared.first_rollers[r - 1], 1, 0)
         return number
 
@@ -57,7 +57,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         """The number of guide g's chain."""
         number = int(0)
         if wp.static(several):
-            for r in range(1, wp.static(chain_count)):
+            for r in range(1, chain_count):
                 number = number + wp.where(g >= shared.chain_places[r].first_guide, 1, 0)
         return number
 
@@ -94,7 +94,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         """The roller after roller j; one that there is where j is beyond all, which are n."""
         next = j + 1
         first = int(0)
-        for r in range(1, wp.static(chain_count)):
+        for r in range(1, chain_count):
             next = wp.where(j + 1 == shared.first_rollers[r - 1], first, next)
             first = shared.first_rollers[r - 1]
         return wp.where(j + 1 < n, next, first)
@@ -104,7 +104,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         """The roller before roller j, of n in all."""
         last = j - 1
         first = int(0)
-        for r in range(1, wp.static(chain_count)):
+        for r in range(1, chain_count):
             last = wp.where(j == first, shared.first_rollers[r - 1] - 1, last)
             first = shared.first_rollers[r - 1]
         return wp.where(j == first, n - 1, last)
@@ -148,8 +148,8 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
             drive = ensemble.drives[row]
             arm = b - (drive.bodies - drive.arms)
             sprocket = shared.chain_places[chain].first_sprocket + b
-            of_arm = wp.static(kind.parts.rotors) + shared.chain_places[chain].first_arm + arm
-            of_shaft = wp.static(sprockets) + shared.chain_places[chain].first_shaft + b - drive.sprockets
+            of_arm = rotors + shared.chain_places[chain].first_arm + arm
+            of_shaft = sprockets + shared.chain_places[chain].first_shaft + b - drive.sprockets
             turning = wp.where(b < drive.sprockets, sprocket, of_shaft)
             return wp.where(b == GROUND, b, wp.where(arm >= 0, of_arm, turning))
         else:

@@ -60,8 +60,9 @@ def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
     @wp.func
     def add_stored_energy(tallies: Tallies, now: Now, at: int, energy: Real):
         """Takes what a contact stores at the window's end, and not at its start, from what it has taken."""
-        if wp.static(kind.measuring and not kind.has_stages) and now.flags & ENDS != 0:
-            add_to_element(tallies.dissipated, at, as_float64(wp.where(now.flags & START != 0, energy, -energy)))
+        if wp.static(not kind.has_stages):
+            if now.flags & ENDS != 0:
+                add_to_element(tallies.dissipated, at, as_float64(wp.where(now.flags & START != 0, energy, -energy)))
 
     return ContactSumFunctions(
         add_powers=add_powers,

@@ -182,7 +182,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first_roller + j
                 state.extra[extra].energy = state.extra[extra].energy + contact_energy(mean, elastic, known)
-                if p < wp.static(sprockets):
+                if p < sprockets:
                     state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
                 else:
                     state.extra[extra].guide_force = state.extra[extra].guide_force + size
@@ -202,7 +202,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
                 )
                 contact_sums.add_powers(tallies, now, at, taken, rubbed)
                 contact_sums.add_stored_energy(tallies, now, at, contact_energy(mean, elastic, known))
-                contact_sums.add_force_and_counts(tallies, now, at, before, size, p < wp.static(sprockets))
+                contact_sums.add_force_and_counts(tallies, now, at, before, size, p < sprockets)
         return closed, force
 
     return ContactFunctions(

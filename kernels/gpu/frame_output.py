@@ -27,7 +27,7 @@ class FrameOutputFunctions:
 def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
     """The functions that write frames, which lie as `frame` says (`kernels.frames`)."""
     Real = kind.Real
-    sprockets = kind.parts.sprockets
+    sprockets, rotors = kind.parts.sprockets, kind.parts.rotors
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State = kinds.Ensemble, kinds.State
     vec2 = kinds.vec2
@@ -69,7 +69,7 @@ def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
                 if ensemble.tensioners[drive.first_tensioner + t].body == mine.body_number:
                     frame_writers.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
             if wp.static(kind.parts.tied):
-                if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.rotors):
+                if mine.body >= sprockets and mine.body < rotors:
                     frame_writers.write_shaft(frames, at, drive, mine.body_number - drive.sprockets, body)
 
     @wp.func

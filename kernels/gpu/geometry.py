@@ -29,7 +29,7 @@ class GeometryFunctions:
 @cache
 def geometry_functions(kind: BlockKind) -> GeometryFunctions:
     """The functions that share and read what contacts of one variant on a block see of bodies and guides."""
-    Real, sprockets = kind.Real, kind.parts.sprockets
+    Real, sprockets, body_count = kind.Real, kind.parts.sprockets, kind.parts.bodies
     kinds = kind.types
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
     chains = chain_functions(kind)
@@ -41,7 +41,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         """Sets the pose of body b, and the center of its band."""
         shared.poses[b] = pose
         if wp.static(kind.moving):
-            if b < wp.static(sprockets):
+            if b < sprockets:
                 center = leading_value(pose.center)
                 shared.bands[b].center = vec2(Real(center[0]), Real(center[1]))
 
@@ -60,17 +60,17 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         if wp.static(kind.profiles):
             ground = Pose()
             ground.cosine = number_of(Real(1.0))
-            put_pose(shared, wp.static(kind.parts.bodies), ground)
+            put_pose(shared, body_count, ground)
         for g in range(wp.static(kind.parts.guides)):
             bar = ensemble.guides[drive.first_guide + g]
             if wp.static(kind.profiles):
                 chain = chains.chain_number_of_guide(shared, g)
                 body = chains.body_on_block(ensemble, shared, variant + chain, chain, bar.body)
-                bar.body = wp.where(body == GROUND, wp.static(kind.parts.bodies), body)
+                bar.body = wp.where(body == GROUND, body_count, body)
                 bar.first_piece = ensemble.drives[variant + chain].first_piece + bar.first_piece
             shared.guides[g] = bar
             if wp.static(kind.friction.contacts):
-                shared.friction[wp.static(sprockets) + g] = ensemble.guide_friction[drive.first_guide + g]
+                shared.friction[sprockets + g] = ensemble.guide_friction[drive.first_guide + g]
 
     @wp.func
     def share_sprocket(ensemble: Ensemble, shared: Shared, drive: Drive, s: int, center: Any):
@@ -90,7 +90,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
         bar = shared.guides[g]
         if wp.static(kind.profiles):
-            if bar.pieces == 0 and bar.body < wp.static(kind.parts.bodies):
+            if bar.pieces == 0 and bar.body < body_count:
                 bar = carried_guide(bar, shared.poses[bar.body])
         return bar
 
@@ -105,7 +105,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         carrier = shared.poses[b]
         arm = difference(rollers.exact_position(shared.rows, j), carrier.center)
         q = arm
-        if b < wp.static(kind.parts.bodies):  # the ground has not turned
+        if b < body_count:  # the ground has not turned
             q = frame_vector(arm, carrier)
         return arm, q
 

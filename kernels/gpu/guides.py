@@ -32,7 +32,7 @@ class GuideFunctions:
 @cache
 def guide_functions(kind: BlockKind) -> GuideFunctions:
     """The functions that evaluate the contacts of one variant's rollers on a block with its guides."""
-    Real, sprockets = kind.Real, kind.parts.sprockets
+    Real, sprockets, body_count = kind.Real, kind.parts.sprockets, kind.parts.bodies
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Guide = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Guide
     vec2 = kinds.vec2
@@ -50,7 +50,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, j: int, g: int, bar: Guide
     ):
         """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
-        at = chains.contact_memory(shared, mine, j, wp.static(sprockets) + g)
+        at = chains.contact_memory(shared, mine, j, sprockets + g)
         kept = whole_access.load(state.seat, at)
         arm, q = geometry.arm_and_carrier_coordinates(shared, j, bar.body)
         pieces = rows_of_pieces(ensemble.pieces)
@@ -100,7 +100,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         """Adds the force of guide g to roller j's, and its reaction to the body that carries it."""
         bar = geometry.guide_now(shared, g)
         contact = contacts.Contact()
-        contact.partner = wp.static(sprockets) + g
+        contact.partner = sprockets + g
         at = chains.contact_memory(shared, mine, j, contact.partner)
         contact = contacts.with_memory(state, contact, at)
         before = contact.impact_speed
@@ -122,7 +122,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
                 contact.acceleration = contacts.approach_acceleration(shared, carrier, arm, j)
                 closed, force = contacts.add_normal_force(state, tallies, shared, mine, now, j, contact, bar.law)
                 if wp.static(kind.profiles):
-                    if closed and bar.body < wp.static(kind.parts.bodies):
+                    if closed and bar.body < body_count:
                         moment = reaction_moment(arm, force)
                         wrench_parts.add_wrench(shared, mine, bar.body, j, moment, force, now.measures)
         if not closed:
@@ -143,6 +143,6 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         while partner_bits.has_any(by_bar):
             j, p = partner_bits.first_pair(by_bar, mine.thread)
             by_bar = partner_bits.without_first_pair(by_bar)
-            add_guide_force(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
+            add_guide_force(ensemble, state, tallies, shared, mine, now, j, p - sprockets)
 
     return GuideFunctions(add_guide_forces=add_guide_forces)

@@ -41,7 +41,7 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
         """`wrench`, of the chain on the thread's body, with the moment of bearings on it; all threads together."""
         if wp.static(kind.parts.hubs):
             s = mine.body
-            if s >= 0 and s < wp.static(sprockets):
+            if s >= 0 and s < sprockets:
                 hub = shared.hubs[s]
                 at = ensemble.drives[mine.variant].first_sprocket + s
                 turning = leading_value(shared.poses[s].speed)
@@ -60,7 +60,7 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
     def bearing_moment_on_body(shared: Shared, mine: ThreadParts):
         """Moment of bearings on the thread's body [N m]: on an arm, of all sprockets that it carries."""
         moment = Real(0.0)
-        for s in range(wp.static(sprockets)):
+        for s in range(sprockets):
             if s == mine.body:
                 moment = moment + shared.bearing_moments[s]
             if shared.hubs[s].arm == mine.body and mine.body >= 0:

@@ -100,14 +100,14 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
     def share_joint_moments(state: State, shared: Shared, mine: ThreadParts, now: Now, held: of_each):
         """Puts the moment of each joint of the thread in place of the rate at which the link after it turns."""
         moment = of_each()
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + mine.thread
+        for k in range(rollers_per_thread):
+            j = k * threads + mine.thread
             moment_k, holds = joint_moment(shared, mine, now, j, held[k])
             keep_held_moment(state, mine, now, j, holds)
             moment[k] = moment_k
         sync.barrier()
-        for k in range(wp.static(rollers_per_thread)):
-            access.store(shared.rows, TURN + k * wp.static(threads) + mine.thread, moment[k])
+        for k in range(rollers_per_thread):
+            access.store(shared.rows, TURN + k * threads + mine.thread, moment[k])
         sync.barrier()
 
     @wp.func
@@ -152,8 +152,8 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
         lever_y = of_each()
         pull_x = of_each()
         pull_y = of_each()
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + i
+        for k in range(rollers_per_thread):
+            j = k * threads + i
             if wp.static(
                 kind.shape.is_one_warp
             ):  # each before any is stored, as the compiler does not load across a store
@@ -174,8 +174,8 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
         sync.barrier()
         if wp.static(kind.shape.is_one_warp):
             share_joint_moments(state, shared, mine, now, hold)
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + i
+        for k in range(rollers_per_thread):
+            j = k * threads + i
             couple, holds = link_couple(state, shared, mine, now, j, vec2(lever_x[k], lever_y[k]))
             hold[k] = holds
             lever_x[k] = couple[0]
@@ -184,11 +184,11 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             pull_y[k] = pull_y[k] + couple[1]
         if wp.static(kind.shape.is_one_warp):
             sync.barrier()
-        for k in range(wp.static(rollers_per_thread)):
-            rollers.set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
+        for k in range(rollers_per_thread):
+            rollers.set_force(shared, k * threads + i, vec2(pull_x[k], pull_y[k]))
         sync.barrier()
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + i
+        for k in range(rollers_per_thread):
+            j = k * threads + i
             if wp.static(kind.measuring):
                 store_couple(rows, j, lever_x[k], lever_y[k])
             if wp.static(not kind.shape.is_one_warp):  # neighbors have read it
@@ -197,8 +197,8 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             pull_x[k] = pull_x[k] - force[0]
             pull_y[k] = pull_y[k] - force[1]
         sync.barrier()
-        for k in range(wp.static(rollers_per_thread)):
-            rollers.set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
+        for k in range(rollers_per_thread):
+            rollers.set_force(shared, k * threads + i, vec2(pull_x[k], pull_y[k]))
         return tension, rate
 
     @wp.func
@@ -210,8 +210,8 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
     def add_friction_work(shared: Shared, mine: ThreadParts, now: Now):
         """Adds what friction takes from the thread's rollers in this step, at the mean of its two velocities."""
         rows = shared.rows
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + mine.thread
+        for k in range(rollers_per_thread):
+            j = k * threads + mine.thread
             couple = load_couple(rows, j)
             couple_before = load_couple(rows, chains.previous_roller(shared, j, mine.rollers))
             v = rollers.velocity(rows, j)

@@ -35,7 +35,7 @@ class LaunchFunctions:
 @cache
 def launch_functions(kind: BlockKind) -> LaunchFunctions:
     """The functions by which a launch begins and ends for a variant, and its loop goes from step to step."""
-    Real, sprockets = kind.Real, kind.parts.sprockets
+    Real, sprockets, integrator = kind.Real, kind.parts.sprockets, kind.integrator
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums
     ALL_SPROCKETS = wp.constant((1 << sprockets) - 1)
@@ -62,7 +62,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
         if wp.static(kind.moving):
             return ALL_SPROCKETS
         mask = int(0)
-        for s in range(wp.static(sprockets)):
+        for s in range(sprockets):
             if not prescribed_motion.is_prescribed(shared, s):
                 mask = mask | (1 << s)
         return mask
@@ -103,7 +103,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
         if wp.static(kind.has_stages):
             now.stage = now.stage + 1
         if (
-            not wp.static(kind.has_stages) or now.stage == stage_count(wp.static(kind.integrator)) or now.goes_on == 0
+            not wp.static(kind.has_stages) or now.stage == stage_count(integrator) or now.goes_on == 0
         ) and now.diverged == 0:
             now.stage = 0
             now.step = now.step + 1

@@ -45,6 +45,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
     chains = chain_functions(kind)
     rollers, row = roller_functions(kind), roller_rows(kind)
     vec2, of_each = kinds.vec2, wp.types.vector(rollers_per_thread, Real)
+    summed_values = kind.shape.slots + joint_work_values(kind)
     RATES, FRICTION = (wp.constant(at) for at in tally_places(kind)[:2])
     follow = strand_follower(Real)
     high_bits = "__double2hiint" if Real == wp.float64 else "__float_as_int"
@@ -56,7 +57,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
     @wp.func
     def extremes_index(i: int, of: int):
         """Where the lowest tension on strand `of` stands for thread i's warp; the highest is the next value."""
-        return i // wp.static(WARP) * wp.static(extreme_values(kind)) + 2 * of
+        return i // WARP * wp.static(extreme_values(kind)) + 2 * of
 
     @wp.func
     def set_extremes(shared: Shared, at: int, lowest: wp.float64, highest: wp.float64):
@@ -68,22 +69,20 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
     def begin_extremes(ensemble: Ensemble, sums: Sums, shared: Shared, mine: ThreadParts):
         """Sets the extremes of tension so far, one thread of each warp; no rates and no friction yet."""
         i = mine.thread
-        none = int(wp.static(sprockets))
-        if i % wp.static(WARP) == 0:
+        none = int(sprockets)
+        if i % WARP == 0:
             first = ensemble.drives[mine.variant].first_sprocket
-            for s in range(wp.static(sprockets)):
+            for s in range(sprockets):
                 strand = sums.strand[first + s]
                 set_extremes(shared, extremes_index(i, s), strand.tension_min, strand.tension_max)
-            for r in range(wp.static(chain_count)):
+            for r in range(chain_count):
                 chain = sums.chain[mine.variant + r]
                 set_extremes(shared, extremes_index(i, none + r), chain.tension_min, chain.tension_max)
-            set_extremes(
-                shared, extremes_index(i, none + wp.static(chain_count)), wp.float64(-3.0e38), wp.float64(3.0e38)
-            )
+            set_extremes(shared, extremes_index(i, none + chain_count), wp.float64(-3.0e38), wp.float64(3.0e38))
         j = int(i)
-        while j < wp.static(kind.shape.slots + joint_work_values(kind)):
+        while j < summed_values:
             access.store(shared.link_sums, RATES + j, Real(0.0))
-            j = j + wp.static(threads)
+            j = j + threads
 
     @wp.func
     def strand_extremes(shared: Shared, of: int):
@@ -91,7 +90,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
         lowest = Real(3.0e38)
         highest = -Real(3.0e38)
         for w in range(wp.static(threads // WARP)):
-            at = extremes_index(w * wp.static(WARP), of)
+            at = extremes_index(w * WARP, of)
             lowest = wp.min(lowest, access.load(shared.link_sums, at))
             highest = wp.max(highest, access.load(shared.link_sums, at + 1))
         return wp.float64(lowest), wp.float64(highest)
@@ -105,14 +104,14 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
             lowest, highest = strand_extremes(shared, s)
             sums.strand[at] = merge_extremes(sums.strand[at], lowest, highest)
         if mine.thread == 0:
-            for r in range(wp.static(chain_count)):
-                lowest, highest = strand_extremes(shared, wp.static(sprockets) + r)
+            for r in range(chain_count):
+                lowest, highest = strand_extremes(shared, sprockets + r)
                 sums.chain[mine.variant + r] = merge_extremes(sums.chain[mine.variant + r], lowest, highest)
 
     @wp.func
     def widen_extremes_of_warp(shared: Shared, i: int, tension: of_each):
         """Holds the tensions of thread i's links against its warp's extremes, which no other thread does just now."""
-        for k in range(wp.static(rollers_per_thread)):
+        for k in range(rollers_per_thread):
             at = extremes_index(i, strands.stored_strand(shared, i, k))
             if tension[k] < access.load(shared.link_sums, at):
                 access.store(shared.link_sums, at, tension[k])
@@ -126,7 +125,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
         Those threads that have such a link then take turns.
         """
         beyond = int(0)
-        for k in range(wp.static(rollers_per_thread)):
+        for k in range(rollers_per_thread):
             at = extremes_index(i, strands.stored_strand(shared, i, k))
             beyond = beyond | sign_bits(tension[k] - access.load(shared.link_sums, at))
             beyond = beyond | sign_bits(access.load(shared.link_sums, at + 1) - tension[k])
@@ -143,8 +142,8 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
         Each link has a sum of its own, so that what comes out is the same however many links a thread has.
         """
-        for k in range(wp.static(rollers_per_thread)):
-            at = RATES + k * wp.static(threads) + i
+        for k in range(rollers_per_thread):
+            at = RATES + k * threads + i
             access.store(shared.link_sums, at, access.load(shared.link_sums, at) + (weight * rate[k]) * rate[k])
 
     @wp.func
@@ -161,16 +160,14 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
                 taken.friction = wp.float64(access.load(shared.link_sums, FRICTION + j))
                 access.store(shared.link_sums, FRICTION + j, Real(0.0))
             add_to_roller_tally(tallies.roller, mine.first_roller + j, taken)
-            j = j + wp.static(threads)
+            j = j + threads
 
     @wp.func
     def add_link_tension(tallies: Tallies, drive: Drive, shared: Shared, j: int, n: int, tension: Real):
         """Adds the tension of link j, of n in all, to its tally of the strand that it is on; returns that strand of its
         chain `drive`.
         """
-        of = chains.strand_in_chain(
-            shared, drive, j, strands.stored_strand(shared, j % wp.static(threads), j // wp.static(threads))
-        )
+        of = chains.strand_in_chain(shared, drive, j, strands.stored_strand(shared, j % threads, j // threads))
         first, count = chains.chain_span(shared, j, n)
         seen = add_tension(LinkTally(), tension)
         seen.samples = wp.int64(1)

@@ -111,8 +111,8 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
         else:
             pull_x = of_each()
             pull_y = of_each()
-            for k in range(wp.static(rollers_per_thread)):
-                j = k * wp.static(threads) + i
+            for k in range(rollers_per_thread):
+                j = k * threads + i
                 tension_k, rate_k, force = link_load(shared, j, n, link_length(shared, lengths, j))
                 rollers.set_force(shared, j, force)
                 tension[k] = tension_k
@@ -120,13 +120,13 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
                 pull_x[k] = force[0]
                 pull_y[k] = force[1]
             sync.barrier()
-            for k in range(wp.static(rollers_per_thread)):
-                force = rollers.force(shared, chains.previous_roller(shared, k * wp.static(threads) + i, n))
+            for k in range(rollers_per_thread):
+                force = rollers.force(shared, chains.previous_roller(shared, k * threads + i, n))
                 pull_x[k] = pull_x[k] - force[0]
                 pull_y[k] = pull_y[k] - force[1]
             sync.barrier()
-            for k in range(wp.static(rollers_per_thread)):
-                rollers.set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
+            for k in range(rollers_per_thread):
+                rollers.set_force(shared, k * threads + i, vec2(pull_x[k], pull_y[k]))
         return tension, rate
 
     return LinkFunctions(

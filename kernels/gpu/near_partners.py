@@ -27,8 +27,8 @@ class NearPartnerFunctions:
 def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
     """The functions that keep up which partners are near."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    sprockets = kind.parts.sprockets
-    partners = kind.parts.sprockets + kind.parts.guides
+    sprockets, guides, body_count = kind.parts.sprockets, kind.parts.guides, kind.parts.bodies
+    partners = sprockets + guides
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Guide = kinds.State, kinds.Shared, kinds.Guide
     geometry = geometry_functions(kind)
@@ -49,7 +49,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
     def is_in_profile_box(shared: Shared, j: int, bar: Guide):
         """1 where roller j is in the box about the chord of a guide with a profile, else 0."""
         q = geometry.arm_from_body(shared, j, bar.body)
-        if bar.body < wp.static(kind.parts.bodies):  # the ground has not turned
+        if bar.body < body_count:  # the ground has not turned
             q = coarse_frame_vector(q, shared.poses[bar.body])
         return is_near_profile(q, bar)
 
@@ -60,26 +60,24 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
         """
         found = of_each()
         s = int(0)  # loops that Warp does not unroll, or many partners would take minutes to compile
-        while s < wp.static(sprockets):
+        while s < sprockets:
             band = shared.bands[s]
-            for k in range(wp.static(rollers_per_thread)):
-                p = rollers.position(shared.rows, k * wp.static(threads) + mine.thread)
+            for k in range(rollers_per_thread):
+                p = rollers.position(shared.rows, k * threads + mine.thread)
                 from_x = p[0] - band.center[0]
                 from_y = p[1] - band.center[1]
                 square = products(from_x, from_x, from_y, from_y)
                 found[k] = found[k] | (is_between(square, band.near_square, band.far_square) << s)
             s = s + 1
         g = int(0)
-        while g < wp.static(kind.parts.guides):
+        while g < guides:
             bar = geometry.guide_now(shared, g)
-            for k in range(wp.static(rollers_per_thread)):
-                j = k * wp.static(threads) + mine.thread
+            for k in range(rollers_per_thread):
+                j = k * threads + mine.thread
                 if has_profile(bar):
-                    found[k] = found[k] | (is_in_profile_box(shared, j, bar) << (wp.static(sprockets) + g))
+                    found[k] = found[k] | (is_in_profile_box(shared, j, bar) << (sprockets + g))
                 else:
-                    found[k] = found[k] | (
-                        is_near_bar(rollers.exact_position(shared.rows, j), bar) << (wp.static(sprockets) + g)
-                    )
+                    found[k] = found[k] | (is_near_bar(rollers.exact_position(shared.rows, j), bar) << (sprockets + g))
             g = g + 1
         return found
 
@@ -87,12 +85,12 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
     def remembered_partners(state: State, shared: Shared, mine: ThreadParts):
         """The partners that the thread's rollers are near, as the state remembers it."""
         held = partner_bits.Bits()
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + mine.thread
+        for k in range(rollers_per_thread):
+            j = k * threads + mine.thread
             if j < mine.rollers:
                 found = int(0)
                 p = int(0)
-                while p < wp.static(partners):
+                while p < partners:
                     at = chains.contact_memory(shared, mine, j, p)
                     if state.seat[at] >= 0 or state.impact_speed[at] != Real(0.0):
                         found = found | (1 << p)
@@ -118,8 +116,8 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
         """
         partners_near = partners_near_now(shared, mine)
         found = partner_bits.Bits()
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + mine.thread
+        for k in range(rollers_per_thread):
+            j = k * threads + mine.thread
             found = partner_bits.with_roller(
                 found, k, wp.where(j < mine.rollers, chains.partners_of_chain(shared, j, partners_near[k]), 0)
             )

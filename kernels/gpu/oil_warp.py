@@ -66,12 +66,12 @@ def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
         i = at - place * wp.static(kind.shape.threads)
         k = int(-1)
         if wp.static(kind.shape.oil_warp):
-            if place == wp.static(variants):
-                place = i // wp.static(tensioners)
-                k = i - place * wp.static(tensioners)
-                if place >= wp.static(variants):
+            if place == variants:
+                place = i // tensioners
+                k = i - place * tensioners
+                if place >= variants:
                     place, k = NOWHERE, -1
-        return block * wp.static(variants) + place, i, k
+        return block * variants + place, i, k
 
     @wp.func_native(REQUEST)
     def set_request(strokes: wp.array[Stroke], k: int, what: int):

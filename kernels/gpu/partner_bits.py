@@ -31,6 +31,7 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
     partners = sprockets + kind.parts.guides
     slots = BITS // partners
     word_count = -(-rollers_per_thread // slots)
+    last_word = word_count - 1
     Bits = wp.types.vector(word_count, wp.int32)
     OF_SPROCKETS = sum(((1 << sprockets) - 1) << k * partners for k in range(min(slots, rollers_per_thread)))
     OF_GUIDES = sum(((1 << partners) - (1 << sprockets)) << k * partners for k in range(min(slots, rollers_per_thread)))
@@ -38,36 +39,34 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
     @wp.func
     def with_roller(bits: Bits, k: int, near: int):
         """`bits` with those of the thread's roller k, which has none yet: the partners that it is near."""
-        bits[k // wp.static(slots)] = bits[k // wp.static(slots)] | (
-            near << (k % wp.static(slots) * wp.static(partners))
-        )
+        bits[k // slots] = bits[k // slots] | (near << (k % slots * partners))
         return bits
 
     @wp.func
     def has_any(bits: Bits):
         """Whether any bit is set."""
         found = int(0)
-        for q in range(wp.static(word_count)):
+        for q in range(word_count):
             found = found | bits[q]
         return found != 0
 
     @wp.func
     def of_sprockets(bits: Bits):
         """The bits of sprockets."""
-        return bits & Bits(wp.static(OF_SPROCKETS))
+        return bits & Bits(OF_SPROCKETS)
 
     @wp.func
     def of_guides(bits: Bits):
         """The bits of guides."""
-        return bits & Bits(wp.static(OF_GUIDES))
+        return bits & Bits(OF_GUIDES)
 
     @wp.func
     def first_word(bits: Bits):
         """The first number that has bits set, where any has."""
-        q = int(wp.static(word_count - 1))
-        for back in range(wp.static(word_count - 1)):
-            if bits[wp.static(word_count - 2) - back] != 0:
-                q = wp.static(word_count - 2) - back
+        q = int(last_word)
+        for back in range(1, word_count):
+            if bits[last_word - back] != 0:
+                q = last_word - back
         return q
 
     @wp.func
@@ -78,17 +77,17 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
         else:
             q = first_word(bits)
             number = int(bits[0])
-            for other in range(1, wp.static(word_count)):
+            for other in range(1, word_count):
                 number = wp.where(q == other, bits[other], number)
             b = lowest_bit(number)
-            k = b // wp.static(partners)
-            return (q * wp.static(slots) + k) * wp.static(threads) + i, b - k * wp.static(partners)
+            k = b // partners
+            return (q * slots + k) * threads + i, b - k * partners
 
     @wp.func
     def without_first_pair(bits: Bits):
         """`bits` without that of `first_pair`."""
         q = first_word(bits)
-        for other in range(wp.static(word_count)):
+        for other in range(word_count):
             if q == other:
                 bits[other] = bits[other] & (bits[other] - 1)
         return bits

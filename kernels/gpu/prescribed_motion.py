@@ -16,7 +16,7 @@ from .sync import warp_lanes
 @wp.func
 def plan_index(course: int, step: int):
     """Where the prescribed angle and speed of a body at `step` lie, by its `prescribed_index`."""
-    return course * wp.static(PLANNED_STEPS) + step % wp.static(PLANNED_STEPS)
+    return course * PLANNED_STEPS + step % PLANNED_STEPS
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class PrescribedMotionFunctions:
 @cache
 def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
     """The functions that work out prescribed angles and speeds of bodies for some steps ahead."""
-    threads = kind.shape.threads
+    threads, rotors = kind.shape.threads, kind.parts.rotors
     kinds = kind.types
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
 
@@ -46,7 +46,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
     def prescribed_index(shared: Shared, b: int):
         """The place of body b among those whose angle is prescribed; of any other body a place that there is."""
         place = int(0)
-        for other in range(wp.static(kind.parts.rotors)):
+        for other in range(rotors):
             if other < b and is_prescribed(shared, other):
                 place = place + 1
         return wp.min(place, wp.static(kind.parts.prescribed - 1))
@@ -72,16 +72,16 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
         """Works out prescribed angles and speeds of the next `PLANNED_STEPS` steps, a step a thread."""
         i = mine.thread
         b = i // warp_lanes()
-        while b < wp.static(kind.parts.rotors):
+        while b < rotors:
             if is_prescribed(shared, b):
                 ahead = 1 + i % warp_lanes()
-                while ahead <= wp.static(PLANNED_STEPS):
+                while ahead <= PLANNED_STEPS:
                     at = plan_index(prescribed_index(shared, b), step + ahead)
                     angle, speed = angle_and_speed(ensemble, shared, mine, b, step + ahead)
                     shared.prescribed_angles[at] = angle
                     shared.prescribed_speeds[at] = speed
                     ahead = ahead + warp_lanes()
-            b = b + wp.static(threads) // warp_lanes()
+            b = b + threads // warp_lanes()
 
     return PrescribedMotionFunctions(
         is_prescribed=is_prescribed,

@@ -31,7 +31,7 @@ from .wrench_parts import wrench_part_functions
 def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     """The kernel that settles drives of a kind, in float64; the sprockets are held."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    sprockets = kind.parts.sprockets
+    sprockets, rotors, body_count = kind.parts.sprockets, kind.parts.rotors, kind.parts.bodies
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2 = kinds.vec2
@@ -60,12 +60,12 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         rollers.fetch(state, shared, mine)
         if i == 0:
             geometry.share_chains_and_guides(ensemble, shared, drive, variant)
-        if i < wp.static(kind.parts.bodies):
+        if i < body_count:
             pose = body_states.pose_from_state(ensemble, state, drive, i)
-            if i < wp.static(kind.parts.rotors):
+            if i < rotors:
                 pose.speed = wp.float64(0.0)
                 pose.velocity = wp.vec2d()
-            if i < wp.static(sprockets):
+            if i < sprockets:
                 geometry.share_sprocket(ensemble, shared, drive, i, pose.center)
             geometry.put_pose(shared, i, pose)
             body_states.share_hub(ensemble, shared, variant, variant, i)
@@ -104,8 +104,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         square = wp.float64(0.0)
         size = Real(0.0)
         most = Real(0.0)
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + i
+        for k in range(rollers_per_thread):
+            j = k * threads + i
             if j < mine.rollers:
                 v = rollers.velocity(shared.rows, j)
                 square = square + wp.float64(wp.dot(v, v))
@@ -129,14 +129,14 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     @wp.func
     def stop_rollers(shared: Shared, i: int):
         """Sets the velocities of the thread's rollers to zero."""
-        for k in range(wp.static(rollers_per_thread)):
-            rollers.set_velocity(shared, k * wp.static(threads) + i, vec2())
+        for k in range(rollers_per_thread):
+            rollers.set_velocity(shared, k * threads + i, vec2())
 
     @wp.func
     def kick_and_drift(shared: Shared, i: int, kick: Real, h: Real):
         """Sets v += kick a, then x += h v, of the thread's rollers."""
-        for k in range(wp.static(rollers_per_thread)):
-            j = k * wp.static(threads) + i
+        for k in range(rollers_per_thread):
+            j = k * threads + i
             v = sum_with_multiple(rollers.velocity(shared.rows, j), kick, rollers.acceleration(shared, j))
             rollers.set_velocity(shared, j, v)
             rollers.move(shared, j, h, v)
@@ -156,8 +156,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         steps: int,
     ):
         """Variants `order[b]`, one a block of threads: up to `steps` steps of relaxation."""
-        number = wp.tid() // wp.static(threads)
-        i = wp.tid() % wp.static(threads)
+        number = wp.tid() // threads
+        i = wp.tid() % threads
         shared = shared_of(state, number)
         mine = begin_settling(ensemble, state, shared, order[number], i)
         lengths = lengths_of(ensemble.lengths, mine.first_roller, wp.static(kind.shape.slots))
@@ -203,7 +203,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             sync.barrier()
         rollers.put_back(state, shared, mine)
         if wp.static(kind.parts.arms):
-            if mine.arm >= 0 or (wp.static(kind.parts.hubs > 0) and mine.body >= 0):
+            if mine.arm >= 0 or (wp.static(kind.parts.hubs) != 0 and mine.body >= 0):
                 at = ensemble.drives[mine.variant].first_body + mine.body
                 state.bodies[at] = body_states.body_from_pose(shared.poses[mine.body])
         if i == 0:

@@ -57,7 +57,7 @@ class RollerFunctions:
 @cache
 def roller_functions(kind: BlockKind) -> RollerFunctions:
     """The functions that read and write the shared rows of one variant's rollers."""
-    Real, threads, slots = kind.Real, kind.shape.threads, kind.shape.slots
+    Real, threads, slots, integrator = kind.Real, kind.shape.threads, kind.shape.slots, kind.integrator
     kinds = kind.types
     State, Shared = kinds.State, kinds.Shared
     vec2 = kinds.vec2
@@ -92,7 +92,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
     def stretch_part(now: kinds.Now):
         """Part of a step over which friction's bristles are stretched now (`integrate.stretched_part`)."""
         if wp.static(kind.has_stages):
-            return stretched_part(wp.static(kind.integrator), now.stage, Real(1.0))
+            return stretched_part(integrator, now.stage, Real(1.0))
         else:
             return Real(1.0)
 
@@ -145,7 +145,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
     def fetch(state: State, shared: Shared, mine: ThreadParts):
         """Brings the thread's rollers from the state into the shared rows, and sets its parts of wrenches to zero."""
         j = int(mine.thread)
-        while j < wp.static(slots):
+        while j < slots:
             first, n = chains.chain_span(shared, j, mine.rollers)
             at = STATE_ROWS * (mine.first_roller + first) + wp.min(j - first, n - 1)
             access.store(shared.rows, row.x + j, state.rollers[at])
@@ -156,11 +156,11 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
                 access.store(shared.rows, row.x_low + j, state.rollers[at + 4 * n])
                 access.store(shared.rows, row.y_low + j, state.rollers[at + 5 * n])
             set_force(shared, j, vec2())
-            j = j + wp.static(threads)
+            j = j + threads
         at = int(mine.thread)
-        while at < wp.static(parts):
+        while at < parts:
             shared.wrench_parts[at] = Real(0.0)
-            at = at + wp.static(threads)
+            at = at + threads
 
     @wp.func
     def put_back(state: State, shared: Shared, mine: ThreadParts):
@@ -176,7 +176,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
             if wp.static(kind.is_paired):
                 state.rollers[at + 4 * n] = access.load(shared.rows, row.x_low + j)
                 state.rollers[at + 5 * n] = access.load(shared.rows, row.y_low + j)
-            j = j + wp.static(threads)
+            j = j + threads
 
     return RollerFunctions(
         position=position,
@@ -201,7 +201,7 @@ STAGE_ROWS = 10
 @cache
 def roller_stage_function(kind: BlockKind) -> wp.Function:
     """The function that takes a roller from stage to stage."""
-    Real = kind.Real
+    Real, integrator = kind.Real, kind.integrator
     kinds, Now = kind.types, kind.types.Now
     vec2 = kinds.vec2
     rollers = roller_functions(kind)
@@ -211,27 +211,27 @@ def roller_stage_function(kind: BlockKind) -> wp.Function:
     @wp.func
     def stage_roller(state: kinds.State, shared: kinds.Shared, mine: ThreadParts, now: Now, j: int):
         """Takes roller j to where the next stage evaluates it; the last stage ends the step."""
-        weight = stage_weight(wp.static(kind.integrator), now.stage, rollers.time_step(mine))
-        reach = stage_reach(wp.static(kind.integrator), now.stage, rollers.time_step(mine))
+        weight = stage_weight(integrator, now.stage, rollers.time_step(mine))
+        reach = stage_reach(integrator, now.stage, rollers.time_step(mine))
         n = mine.rollers
         rows = shared.rows
         kept = state.stages
-        at = wp.static(STAGE_ROWS) * mine.first_roller + j
+        at = STAGE_ROWS * mine.first_roller + j
         v = rollers.velocity(rows, j)
         a = rollers.acceleration(shared, j)
         if now.stage == 0:
-            for k in range(wp.static(kept_rows)):
-                access.store(kept, at + k * n, access.load(rows, wp.static(slots) * (k + 2 * (k // 4)) + j))
+            for k in range(kept_rows):
+                access.store(kept, at + k * n, access.load(rows, slots * (k + 2 * (k // 4)) + j))
             for k in range(6, 10):
                 access.store(kept, at + k * n, Real(0.0))
         access.store(kept, at + 6 * n, access.load(kept, at + 6 * n) + weight * v[0])
         access.store(kept, at + 7 * n, access.load(kept, at + 7 * n) + weight * v[1])
         access.store(kept, at + 8 * n, access.load(kept, at + 8 * n) + weight * a[0])
         access.store(kept, at + 9 * n, access.load(kept, at + 9 * n) + weight * a[1])
-        for k in range(wp.static(kept_rows)):
-            access.store(rows, wp.static(slots) * (k + 2 * (k // 4)) + j, access.load(kept, at + k * n))
+        for k in range(kept_rows):
+            access.store(rows, slots * (k + 2 * (k // 4)) + j, access.load(kept, at + k * n))
         start = rollers.velocity(rows, j)
-        if now.stage == stage_count(wp.static(kind.integrator)) - 1:
+        if now.stage == stage_count(integrator) - 1:
             rollers.set_velocity(shared, j, start + vec2(access.load(kept, at + 8 * n), access.load(kept, at + 9 * n)))
             rollers.move(shared, j, Real(1.0), vec2(access.load(kept, at + 6 * n), access.load(kept, at + 7 * n)))
         else:

@@ -85,7 +85,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
             gone = wp.max(
                 gone, int(not is_in_box(shared.boxes[box], shared.boxes[box + 1], rollers.position(shared.rows, j)))
             )
-            j = j + wp.static(threads)
+            j = j + threads
         if mine.body >= 0:
             gone = wp.max(gone, body_states.has_body_left(shared, mine))
         return gone
@@ -135,7 +135,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
                 extra.tension = tension_j
                 extra.rate = rate_j
                 state.extra[mine.first_roller + j] = extra
-                j = j + wp.static(threads)
+                j = j + threads
 
     @wp.func
     def find_joint_powers(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
@@ -148,7 +148,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
             state.extra[mine.first_roller + j].friction_power = joint_powers.friction_power(
                 ensemble, state, shared, mine, j, lag
             )
-            j = j + wp.static(threads)
+            j = j + threads
         sync.barrier()  # neighbors' velocities are set at once
 
     @wp.func
@@ -176,7 +176,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
                     energy = link_tallies.energy_of_roller(shared, j, mine.rollers, v, extra)
                     tally = out.tallies.roller[mine.first_roller + j]
                     out.tallies.roller[mine.first_roller + j] = add_energy(tally, now.flags & START != 0, energy)
-            j = j + wp.static(threads)
+            j = j + threads
 
     return SamplingFunctions(
         handle_event=handle_event,

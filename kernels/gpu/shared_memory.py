@@ -319,7 +319,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
                 shape=wp.static(kind.shape.variants_per_block * of.asked // 8), dtype=wp.float64, storage="shared"
             )
             sync.block_barrier()
-        shared = in_shared_memory(number % wp.static(variants))
+        shared = in_shared_memory(number % variants)
         first = number * wp.static(of.values)
         if wp.static("rows" not in of.shared):
             shared.rows = part(state.rows, first, wp.static(of.rows))

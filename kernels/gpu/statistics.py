@@ -62,7 +62,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
             strand = link_tallies.add_link_tension(out.tallies, drive, shared, j, n, tension)
             at = (drive.first_sprocket + row + strand) * BINS
             count_tension(out.sums.tension_counts, at, tension, bins_per_force(drive.tension_scale))
-            j = j + wp.static(threads)
+            j = j + threads
         s = mine.sprocket
         if s >= 0:
             own = ensemble.drives[mine.drive_row]

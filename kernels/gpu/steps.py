@@ -45,6 +45,7 @@ class StepFunctions:
 def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
     """The functions that move the rollers and bodies of one variant on a block, and sample them."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    roller_threads = threads - WARP  # where the last warp has none
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
@@ -90,11 +91,11 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
             j = int(mine.thread)
             while j < mine.rollers and now.goes_on != 0:
                 stage_roller(state, shared, mine, now, j)
-                j = j + wp.static(threads)
+                j = j + threads
         elif now.goes_on != 0:
             h = rollers.time_step(mine)
-            for k in range(wp.static(rollers_per_thread)):
-                j = k * wp.static(threads) + mine.thread
+            for k in range(rollers_per_thread):
+                j = k * threads + mine.thread
                 v = sum_with_multiple(rollers.velocity(shared.rows, j), h, rollers.acceleration(shared, j))
                 rollers.set_velocity(shared, j, v)
                 rollers.move(shared, j, h, v)
@@ -189,9 +190,12 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
 
     @wp.func
     def advance_rollers_after_contacts(state: State, shared: Shared, mine: ThreadParts, now: Now):
-        """Takes the thread's rollers a step on, once their contacts are done; a warp of bodies does not wait."""
+        """Takes the thread's rollers a step on, once their contacts are done, and waits for the others' contacts.
+
+        Only a warp that moves the bodies does not wait for the others' rollers.
+        """
         if wp.static(kind.hands_over):
-            if mine.thread < wp.static(threads - WARP):
+            if mine.thread < roller_threads:
                 sync.hand_over_contacts()
                 advance_rollers(state, shared, mine, now)
                 sync.roller_barrier()
@@ -199,6 +203,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
                 sync.await_contacts()
         else:
             advance_rollers(state, shared, mine, now)
+            sync.barrier()
 
     @wp.func
     def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
@@ -211,8 +216,9 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         """Samples the thread's rollers, whose forces are complete, where that is due."""
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
             sampling.sample_rollers(ensemble, state, out, shared, mine, now)
-        if wp.static(kind.friction.joints and kind.measuring) and now.measures != 0:
-            joints.add_friction_work(shared, mine, now)
+        if wp.static(kind.friction.joints):
+            if wp.static(kind.measuring) and now.measures != 0:
+                joints.add_friction_work(shared, mine, now)
 
     return StepFunctions(
         add_contact_forces=add_contact_forces,

@@ -28,22 +28,22 @@ def strand_functions(kind: BlockKind) -> StrandFunctions:
     Shared = kinds.Shared
     bits = strand_bits(kind)
     together = STRAND_WORD // bits
+    used_bits = together * bits
     chains = chain_functions(kind)
-    several = kind.parts.chains > 1
 
     @wp.func
     def strand_of_link(shared: Shared, strands: wp.array[Strand], first: int, j: int, n: int):
         """Strand that link j is on; S where it is on none, or S + r of chain r, and beyond these where there is no such
         link. `first` is strand 0.
         """
-        found = int(wp.static(sprockets) + chains.chain_number(shared, j))
+        found = int(sprockets + chains.chain_number(shared, j))
         begin, count = chains.chain_span(shared, j, n)
-        for s in range(wp.static(sprockets)):
+        for s in range(sprockets):
             place = j - begin - strands[first + s].first_link
             if place < 0:
                 place = place + count
             if place < strands[first + s].links:
-                if wp.static(not several) or chains.partners_of_chain(shared, j, 1 << s) != 0:
+                if chains.partners_of_chain(shared, j, 1 << s) != 0:
                     found = s
         return wp.where(j < n, found, wp.static(sprockets + kind.parts.chains))
 
@@ -55,18 +55,18 @@ def strand_functions(kind: BlockKind) -> StrandFunctions:
         for q in range(wp.static(strand_words(kind))):
             word = wp.uint32(0)
             shift = int(0)
-            while shift < wp.static(together * bits) and k < wp.static(rollers_per_thread):
-                of = strand_of_link(shared, state.strands, first, k * wp.static(threads) + mine.thread, mine.rollers)
+            while shift < used_bits and k < rollers_per_thread:
+                of = strand_of_link(shared, state.strands, first, k * threads + mine.thread, mine.rollers)
                 word = word | (wp.uint32(of) << wp.uint32(shift))
-                shift = shift + wp.static(bits)
+                shift = shift + bits
                 k = k + 1
-            shared.strand_words[q * wp.static(threads) + mine.thread] = word
+            shared.strand_words[q * threads + mine.thread] = word
 
     @wp.func
     def stored_strand(shared: Shared, i: int, k: int):
         """The strand that thread i's link k is on, as `strand_of_link` found it."""
-        word = shared.strand_words[k // wp.static(together) * wp.static(threads) + i]
-        shift = wp.uint32(k % wp.static(together) * wp.static(bits))
+        word = shared.strand_words[k // together * threads + i]
+        shift = wp.uint32(k % together * bits)
         return int((word >> shift) & wp.uint32(wp.static((1 << bits) - 1)))
 
     return StrandFunctions(

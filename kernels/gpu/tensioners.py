@@ -53,7 +53,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     oil_warp = oil_warp_functions(kind)
     rollers = roller_functions(kind)
     sync = sync_functions(kind)
-    kinds, Now = kind.types, kind.types.Now
+    kinds, Now, integrator = kind.types, kind.types.Now, kind.integrator
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
 
     @wp.func
@@ -148,7 +148,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     @wp.func
     def advance_tensioners(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
         """Takes the tensioners of the thread's body a step on, once it has moved."""
-        if now.goes_on != 0 and now.stage == stage_count(wp.static(kind.integrator)) - 1:
+        if now.goes_on != 0 and now.stage == stage_count(integrator) - 1:
             drive = ensemble.drives[mine.drive_row]
             for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
                 tensioner = ensemble.tensioners[t]

@@ -26,7 +26,7 @@ class TrainMomentFunctions:
 @cache
 def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
     """The functions that gather moments on the bodies of a train (`physics.train`)."""
-    Real, kinds = kind.Real, kind.types
+    Real, rotors, kinds = kind.Real, kind.parts.rotors, kind.types
     Ensemble, Shared, Now = kinds.Ensemble, kinds.Shared, kinds.Now
     prescribed_motion = prescribed_motion_functions(kind)
 
@@ -34,7 +34,7 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
     def moment_without_valves(shared: Shared, mine: ThreadParts, now: Now, b: int, moment: Real):
         """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
         cam, kick, own = kinds.Cam(), Real(0.0), shared.motions[b]
-        for other in range(wp.static(kind.parts.rotors)):
+        for other in range(rotors):
             motion = shared.motions[other]
             if motion.train == own.train:
                 cam = add_geared_cam(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
@@ -46,7 +46,7 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
     def train_moment(shared: Shared, mine: ThreadParts, now: Now, b: int):
         """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
         own, total = shared.motions[b], Real(0.0)
-        for other in range(wp.static(kind.parts.rotors)):
+        for other in range(rotors):
             motion = shared.motions[other]
             if motion.train == own.train:
                 total = total + motion.ratio * shared.train_moments[other]

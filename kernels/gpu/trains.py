@@ -45,7 +45,7 @@ class TrainFunctions:
 @cache
 def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     """The functions of one variant's trains on a block; frames lie as `frame` says (`kernels.frames`)."""
-    Real, sprockets = kind.Real, kind.parts.sprockets
+    Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     Wrench = kinds.Wrench
@@ -61,7 +61,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     def body_motor_moment(ensemble: Ensemble, mine: ThreadParts, time: Any, shared: Shared):
         """Moment [N m] of the motor on the thread's body."""
         moment = Real(0.0)
-        if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.rotors):
+        if mine.body >= sprockets and mine.body < rotors:
             drive = ensemble.drives[mine.drive_row]
             at = drive.first_shaft + mine.body_number - drive.sprockets
             pose, motion = shared.poses[mine.body], shared.motions[mine.body]
@@ -171,7 +171,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         own = shared.motions[mine.body]
         speed, angular = train_moments.speed_and_acceleration_now(ensemble, shared, mine, now, mine.body)
         moment = gear.inertia * angular
-        for b in range(wp.static(kind.parts.rotors)):
+        for b in range(rotors):
             other = shared.motions[b]
             # of the body that it turns as, of this chain or another
             number = chains.body_index(shared, first, b) + other.shaft_offset - drive.first_body
@@ -199,10 +199,11 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
                     )
                 if now.measures != 0 or now.flags & FRAME != 0:
                     add_coupling_step(ensemble, state, shared, out, mine, now, c)
-        if wp.static(kind.parts.valves > 0) and (now.measures != 0 or now.flags & FRAME != 0):
-            valves.add_valve_step(ensemble, state, shared, out, mine, now)
+        if wp.static(kind.parts.valves):
+            if now.measures != 0 or now.flags & FRAME != 0:
+                valves.add_valve_step(ensemble, state, shared, out, mine, now)
         if wp.static(kind.measuring) and now.measures != 0:
-            if mine.body >= wp.static(sprockets) and mine.body < wp.static(kind.parts.rotors):
+            if mine.body >= sprockets and mine.body < rotors:
                 add_shaft_step(ensemble, shared, out, mine, now)
             if wp.static(kind.parts.geared > 0):
                 for g in range(drive.first_gear, drive.first_gear + drive.gears):

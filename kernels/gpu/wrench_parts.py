@@ -32,7 +32,7 @@ class WrenchPartFunctions:
 @cache
 def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     """The functions that add up what the rollers of one variant on a block do to its bodies."""
-    Real, threads = kind.Real, kind.shape.threads
+    Real, threads, body_count = kind.Real, kind.shape.threads, kind.parts.bodies
     kinds, Now = kind.types, kind.types.Now
     Shared = kinds.Shared
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
@@ -52,7 +52,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     @wp.func
     def part_index(mine: ThreadParts, k: int, s: int, j: int):
         """Where roller j's part of body s, or its thread's, lies in row k: of moments, forces in x, forces in y."""
-        first = (wp.static(kind.parts.bodies) * k + s) * wp.static(width)
+        first = (body_count * k + s) * width
         if wp.static(of_rollers):
             return first + j
         else:
@@ -97,18 +97,16 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         What is no body reads another's: so no thread waits for one that takes a branch.
         """
         value = Real(0.0)
-        first = (wp.static(kind.parts.bodies) * k + wp.min(s, wp.static(kind.parts.bodies - 1))) * wp.static(
-            width
-        ) + i % group_lanes()
+        first = (body_count * k + wp.min(s, wp.static(kind.parts.bodies - 1))) * wp.static(width) + i % group_lanes()
         for q in range(warp_lanes() // group_lanes()):
             of_lane = Real(0.0)
-            for w in range(wp.static(width) // warp_lanes()):
+            for w in range(width // warp_lanes()):
                 of_lane = of_lane + access.load(shared.wrench_parts, first + w * warp_lanes() + q * group_lanes())
             value = value + of_lane
         if warp_lanes() == 1:
-            value = sync.sum_of_lanes(shared.wrench_parts, first, wp.static(width))
-        if s < wp.static(kind.parts.bodies):
-            for w in range(wp.static(width) // group_lanes()):
+            value = sync.sum_of_lanes(shared.wrench_parts, first, width)
+        if s < body_count:
+            for w in range(width // group_lanes()):
                 access.store(shared.wrench_parts, first + w * group_lanes(), Real(0.0))
         return value
 
@@ -118,7 +116,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         if wp.static(kind.shape.body_warp and kind.parts.bodies <= 4):
             if warp_lanes() > 1:
                 return int(1)
-        return wp.static(threads) // warp_lanes()
+        return threads // warp_lanes()
 
     @wp.func
     def first_body(i: int):
@@ -126,8 +124,8 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         if wp.static(kind.shape.is_one_warp):
             if warp_lanes() > 1:
                 return int(0)
-        place = wp.static(threads) // warp_lanes() - 1 - i // warp_lanes()
-        return wp.where(place < moving_warps(), place, wp.static(kind.parts.bodies))
+        place = threads // warp_lanes() - 1 - i // warp_lanes()
+        return wp.where(place < moving_warps(), place, body_count)
 
     @wp.func
     def thread_body(i: int):
@@ -135,7 +133,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         s = first_body(i) + moving_warps() * (
             i % warp_lanes() // group_lanes() + warp_lanes() // group_lanes() * (i % group_lanes())
         )
-        return wp.where(s < wp.static(kind.parts.bodies), s, -1)
+        return wp.where(s < body_count, s, -1)
 
     @wp.func
     def row_sum(shared: Shared, k: int, i: int):
@@ -146,7 +144,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
         acting = Real(0.0)
         turn = int(0)
         first = first_body(i)
-        while first < wp.static(kind.parts.bodies):
+        while first < body_count:
             value = sync.group_sum(part_sum(shared, first + moving_warps() * (i % warp_lanes() // group_lanes()), k, i))
             if i % group_lanes() == turn:
                 acting = value
