@@ -549,14 +549,14 @@ def run_blocks(packed, kind, blocks, order, frames):
     ensemble = upload_ensemble(packed, "cpu", blocks=True)
     state = upload_state(packed, "cpu", large(kind, len(order)))
     sums, tallies = empty_sums(packed, "cpu", blocks=True), empty_tallies(packed, "cpu")
-    shape, kernel = kind.shape, on_fibers(block_kernel(kind, 4, packed.frame))
+    kernel = on_fibers(block_kernel(kind, 4, packed.frame))
     turn = wp.array(packed.first_rows[order], dtype=wp.int32, device="cpu")
     begun = wp.zeros(len(order), dtype=wp.int32, device="cpu")
     for end in accumulate(blocks):
         ends = wp.full(len(order), end, dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, turn, ends, begun]
-        dim = shape.launch_threads(len(order))
-        wp.launch(kernel, dim=dim, inputs=inputs, block_dim=shape.block_threads, device="cpu")
+        dim = kind.launch_threads(len(order))
+        wp.launch(kernel, dim=dim, inputs=inputs, block_dim=kind.block_threads, device="cpu")
     wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, {name: device_values(getattr(sums, name), "sums", name, packed.real) for name in ARRAYS["sums"]}
 

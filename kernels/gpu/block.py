@@ -72,7 +72,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     module = own_module(__file__, "advance_block", kind, blocks, frame)
 
-    bounds = kind.shape.block_threads, max(blocks // kind.shape.variants_per_block, 1)
+    bounds = kind.block_threads, max(blocks // kind.shape.variants_per_block, 1)
 
     @wp.kernel(enable_backward=False, module=module, grid_stride=False, launch_bounds=bounds)
     def advance_block(

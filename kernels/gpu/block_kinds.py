@@ -30,14 +30,12 @@ class BlockShape:
         threads: of a variant, whole warps.
         rollers_per_thread: of a thread, which has i, i + threads, ... of the chain.
         variants_per_block: a warp each, which wait for each other now and then (`warp_steps`), or for their oil.
-        oil_warp: whether another warp has the oil of all of them (`oil_warp`).
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
     threads: int
     rollers_per_thread: int
     variants_per_block: int = 1
-    oil_warp: bool = False
     shared_bytes: int = DECLARED
 
     @property
@@ -49,17 +47,6 @@ class BlockShape:
     def body_warp(self) -> bool:
         """Whether the last warp has no rollers, but moves the bodies: where each thread of others has one."""
         return self.threads > WARP and self.rollers_per_thread == 1
-
-    @property
-    def block_threads(self) -> int:
-        """Threads of a block."""
-        return self.threads * self.variants_per_block + WARP * self.oil_warp
-
-    def launch_threads(self, variants: int) -> int:
-        """Threads of a launch of a number of variants."""
-        if self.oil_warp:
-            return -(-variants // self.variants_per_block) * self.block_threads
-        return variants * self.threads
 
     @property
     def slots(self) -> int:
@@ -83,9 +70,7 @@ class Parts:
     prescribed: int = 1  # angles, at least 1
     other_bodies: int = 0  # that are neither sprockets nor arms
     tabulated: int = 1  # 1: motions or loads have tables
-    tied: int = 0  # 1: bodies are tied (`structs.Drive.tied`), or there are several chains
-    coupled: int = 0  # 1: some by couplings
-    geared: int = 0  # 1: some by gears
+    geared: int = 0  # 1: bodies are tied by gears or couplings
     hubs: int = 0  # 1: arms carry sprockets, or bearings rub; 2: arms carry arms
     crowded_arms: int = 0  # 1: an arm carries a guide beside a sprocket or another guide
     hydraulic: int = 0  # 1: tensioners have oil
@@ -97,6 +82,11 @@ class Parts:
     def rotors(self) -> int:
         """Bodies whose angle may be prescribed: all but arms, which stand after them."""
         return self.sprockets + self.other_bodies
+
+    @property
+    def is_tied(self) -> bool:
+        """Whether bodies are tied (`structs.Drive.tied`), by shafts, gears, couplings or valves, or several chains."""
+        return bool(self.other_bodies or self.geared or self.valves) or self.chains > 1
 
     @property
     def jointed(self) -> bool:
@@ -150,6 +140,22 @@ class BlockKind:
     linear_hysteretic: bool = False
 
     @property
+    def has_oil_warp(self) -> bool:
+        """Whether another warp has the oil of all variants of a block (`oil_warp`): of several that have tensioners."""
+        return self.shape.variants_per_block > 1 and self.parts.tensioners > 0
+
+    @property
+    def block_threads(self) -> int:
+        """Threads of a block."""
+        return self.shape.threads * self.shape.variants_per_block + WARP * self.has_oil_warp
+
+    def launch_threads(self, variants: int) -> int:
+        """Threads of a launch of a number of variants."""
+        if self.has_oil_warp:
+            return -(-variants // self.shape.variants_per_block) * self.block_threads
+        return variants * self.shape.threads
+
+    @property
     def is_paired(self) -> bool:
         """Whether bodies, and guides as contacts see them, are in pairs of float32."""
         return bool(self.Real == wp.float32)
@@ -167,7 +173,7 @@ class BlockKind:
     @property
     def has_common_path(self) -> bool:
         """Whether steps of one warp without a frame have code of their own, without anything that only frames want."""
-        more = self.moving or self.parts.hubs or self.parts.tied
+        more = self.moving or self.parts.hubs or self.parts.is_tied
         long = self.profiles or (self.measuring and self.Real == wp.float32 and more)
         return not (self.has_stages or long)
 
@@ -179,7 +185,7 @@ class BlockKind:
     @property
     def hands_over(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        waiting = self.parts.tied or self.parts.hubs or self.parts.tabulated_supply
+        waiting = self.parts.is_tied or self.parts.hubs or self.parts.tabulated_supply
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
 
     @property

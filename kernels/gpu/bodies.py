@@ -69,7 +69,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     # a load is found ahead by threads that else would wait for the contacts of others
     loading_ahead = (
         not staged
-        and not kind.parts.tied
+        and not kind.parts.is_tied
         and (kind.shape.body_warp or (not kind.shape.is_one_warp and not kind.is_paired))
     )
 
@@ -127,7 +127,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def wrench_in_train(shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench):
         """The wrench that moves the thread's body, with what others of its train pass on to it."""
-        if wp.static(kind.parts.tied):
+        if wp.static(kind.parts.is_tied):
             if mine.arm < 0:
                 wrench.moment = train_moments.train_moment(shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
@@ -166,7 +166,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         motion, mount = shared.motions[b], body_mount(shared, b)
         time = step_time(mine, now)
         wrench.load = pose.load
-        if wp.static(not loading_ahead and not kind.parts.tied):
+        if wp.static(not loading_ahead and not kind.parts.is_tied):
             wrench.load = body_load(ensemble, shared, mine, rounded_step_time(mine, now), time, pose)
         body = body_states.body_from_pose(pose)
         plain = plain_body(body)

@@ -200,7 +200,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
                     energy = energy + wp.float64(arm_values.arm_value(shared, mine.arm, ARM_ENERGY))
                 turned = spring_state(shared, mine, seen)
                 energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
-        if wp.static(kind.parts.tied):
+        if wp.static(kind.parts.is_tied):
             if mine.arm < 0:
                 energy = own_body_energy(energy, speed_as_float64(seen), motion)
                 if wp.static(kind.parts.valves):

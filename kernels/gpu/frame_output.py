@@ -68,7 +68,7 @@ def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
             for t in range(chains.tensioner_count(drive)):
                 if ensemble.tensioners[drive.first_tensioner + t].body == mine.body_number:
                     frame_writers.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
-            if wp.static(kind.parts.tied):
+            if wp.static(kind.parts.is_tied):
                 if mine.body >= sprockets and mine.body < rotors:
                     frame_writers.write_shaft(frames, at, drive, mine.body_number - drive.sprockets, body)
 

@@ -135,7 +135,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
                 progress.step = now.step
                 progress.diverged = now.diverged
                 state.progress[mine.variant + r] = progress
-        if wp.static(kind.shape.oil_warp):
+        if wp.static(kind.has_oil_warp):
             oil_warp.end_thread()
 
     return LaunchFunctions(

@@ -60,12 +60,12 @@ def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
         """The number of a thread's variant in its launch, its own number there, and of the oil's warp the number of
         the tensioner whose oil it has, else -1.
         """
-        block = tid // wp.static(kind.shape.block_threads)
-        at = tid - block * wp.static(kind.shape.block_threads)
+        block = tid // wp.static(kind.block_threads)
+        at = tid - block * wp.static(kind.block_threads)
         place = at // wp.static(kind.shape.threads)
         i = at - place * wp.static(kind.shape.threads)
         k = int(-1)
-        if wp.static(kind.shape.oil_warp):
+        if wp.static(kind.has_oil_warp):
             if place == variants:
                 place = i // tensioners
                 k = i - place * tensioners
@@ -85,7 +85,7 @@ def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
     def await_oil(strokes: wp.array[Stroke]):
         """Waits until the oil of all of a variant's tensioners has been taken along; all its threads together."""
 
-    @wp.func_native(code_by_device("", LEAVE.replace("COUNT", str(kind.shape.block_threads))))
+    @wp.func_native(code_by_device("", LEAVE.replace("COUNT", str(kind.block_threads))))
     def end_thread():
         """Ends a thread of the block; fibers, whose barriers do not bear that one ends before others, end together."""
 

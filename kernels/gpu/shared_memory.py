@@ -116,13 +116,13 @@ def _small_arrays(kind: BlockKind) -> dict[str, int]:
         "prescribed_angles": PLANNED_STEPS * kind.parts.prescribed,
         "prescribed_speeds": PLANNED_STEPS * kind.parts.prescribed,
         "poses": kind.parts.bodies + kind.profiles,
-        "train_moments": kind.parts.bodies * kind.parts.tied,
+        "train_moments": kind.parts.bodies * kind.parts.is_tied,
         "cams": kind.parts.bodies * (kind.parts.valves > 0),
         "lifts": kind.parts.valves,
         "mounts": kind.parts.bodies * kind.moving,
         "hubs": sprockets * (kind.parts.hubs > 0),
         "bearing_moments": sprockets * (kind.parts.hubs > 0),
-        "strokes": kind.parts.tensioners * kind.shape.oil_warp,
+        "strokes": kind.parts.tensioners * kind.has_oil_warp,
         "speeds_now": kind.parts.bodies * (kind.parts.hubs > 0),
         "carried_arms": VALUES_PER_ARM * kind.parts.arms * kind.parts.jointed,
         "mount_sums": sprockets * kind.moving * measuring,
@@ -209,8 +209,8 @@ def block_memory(kind: BlockKind) -> BlockMemory:
 
 def launch_bytes_per_block(kind: BlockKind) -> int:
     """Bytes of each block of a launch: of what is asked for, and of strokes."""
-    each = block_memory(kind).asked + kind.parts.tensioners * kind.shape.oil_warp * size_of(kind.types.Stroke)
-    return kind.shape.variants_per_block * each + BYTES_PER_THREAD * kind.shape.block_threads
+    each = block_memory(kind).asked + kind.parts.tensioners * kind.has_oil_warp * size_of(kind.types.Stroke)
+    return kind.shape.variants_per_block * each + BYTES_PER_THREAD * kind.block_threads
 
 
 VIEW_CODE = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"

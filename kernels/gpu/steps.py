@@ -177,7 +177,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
                 whole = tensioners.add_tensioner_forces(
                     ensemble, state, mine, now.stage, shared.poses[mine.body], whole
                 )
-        if wp.static(kind.parts.tied):
+        if wp.static(kind.parts.is_tied):
             trains.find_train_moments(ensemble, state, out, shared, mine, now, whole)
         if wp.static(kind.parts.jointed):
             carried_arms.couple_accelerations(ensemble, shared, mine, now, whole)

@@ -155,7 +155,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
                 if tensioner.body == mine.body_number:
                     x, rate = extension_and_rate(shared.poses[mine.body], tensioner)
                     metered = wp.static(kind.measuring) and now.in_window != 0
-                    if wp.static(kind.shape.oil_warp):
+                    if wp.static(kind.has_oil_warp):
                         k = t - ensemble.drives[mine.variant].first_tensioner
                         oil_warp.request_oil_step(shared, k, x, rate, metered)
                     else:
@@ -164,7 +164,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     @wp.func
     def await_oil(shared: Shared):
         """Waits for the oil, where another warp has it; all threads of the variant together."""
-        if wp.static(kind.shape.oil_warp):
+        if wp.static(kind.has_oil_warp):
             oil_warp.await_oil(shared.strokes)
             sync.barrier()  # before the next stroke
 
@@ -172,7 +172,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     def end_oil_warp(shared: Shared, i: int):
         """Waits for the oil and lets its warp go, where it has one."""
         await_oil(shared)
-        if wp.static(kind.shape.oil_warp):
+        if wp.static(kind.has_oil_warp):
             if i < wp.static(kind.parts.tensioners):
                 oil_warp.set_request(shared.strokes, i, OVER)
 
@@ -193,7 +193,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     def serve_variant(ensemble: Ensemble, state: State, shared: Shared, order: wp.array[wp.int32], number: int, k: int):
         """Whether a thread has no part in a variant; if `k` is not negative it has taken a tensioner's oil along."""
         over = False
-        if wp.static(kind.shape.oil_warp):
+        if wp.static(kind.has_oil_warp):
             if k >= 0:
                 shared.strokes[k].asked = DONE
             sync.block_barrier()

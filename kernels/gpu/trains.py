@@ -71,7 +71,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     @wp.func
     def couplings_of(drive: Drive):
         """The number of couplings of a drive, 0 as the compiler knows where no drive of the kind has any."""
-        if wp.static(kind.parts.coupled > 0):
+        if wp.static(kind.parts.geared):
             return drive.couplings
         else:
             return int(0)
@@ -205,7 +205,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         if wp.static(kind.measuring) and now.measures != 0:
             if mine.body >= sprockets and mine.body < rotors:
                 add_shaft_step(ensemble, shared, out, mine, now)
-            if wp.static(kind.parts.geared > 0):
+            if wp.static(kind.parts.geared):
                 for g in range(drive.first_gear, drive.first_gear + drive.gears):
                     if ensemble.gears[g].body == mine.body_number:
                         add_gear_step(ensemble, shared, out, mine, now, g)

@@ -113,10 +113,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
     @wp.func
     def wait_for_other_variants(now: Now):
         """Waits now and then for the block's other variants, so that all go through the same code at the same time."""
-        if (
-            wp.static(kind.shape.variants_per_block > 1 and not kind.shape.oil_warp)
-            and now.step % MEETING_INTERVAL == 0
-        ):
+        if wp.static(kind.shape.variants_per_block > 1 and not kind.has_oil_warp) and now.step % MEETING_INTERVAL == 0:
             sync.block_barrier()
 
     @inlined

@@ -62,8 +62,8 @@ def test_oil_has_a_warp_where_a_multiprocessor_gets_more_variants_than_it_holds_
         parts = Parts(3, 2, arms=1, tensioners=tensioners, hydraulic=oil)
         kind = BlockKind(real, block_shape(128, each, most_shared), parts, profiles=True)
         bucket = Bucket(kind, np.arange(7), None, most_shared, each)
-        shapes = [kernel_kind(name, bucket).shape for name in ("advance", "measure", "relax")]
-        return [shape.variants_per_block if shape.oil_warp else 0 for shape in shapes]
+        kinds = [kernel_kind(name, bucket) for name in ("advance", "measure", "relax")]
+        return [kind.shape.variants_per_block if kind.has_oil_warp else 0 for kind in kinds]
 
     full, at_float32 = FULL_OF_OIL, FULL_AT_FLOAT32
     assert abreast(wp.float64, 8) == abreast(wp.float32, 8) == [0, 0, 0]  # each has more registers so
@@ -232,7 +232,7 @@ def test_oil_is_the_same_whichever_warp_has_it():
         for future in engine.advance(2001, engine.frame_buffer(0)):
             future.result()
         sums, oil = engine.sums(), engine.fetch_array("state", "tensioners")
-        assert kernel_kind("measure", engine.buckets[0]).shape.oil_warp == (count > FULL_OF_OIL * processors)
+        assert kernel_kind("measure", engine.buckets[0]).has_oil_warp == (count > FULL_OF_OIL * processors)
         ends.append((engine.rollers()[-6 * drive.chain.links :], oil[-1], sums["chain"][-1], sums["tensioner"][-1]))
         engine.close()
     for by_itself, by_another in zip(*ends, strict=True):

@@ -125,7 +125,7 @@ def test_oil_on_a_warp_of_its_own_is_what_it_is_on_a_body_s_thread(fibers, measu
     packed = pack(drives, schedules).at_precision(precision)
     none = wp.zeros(1, dtype=packed.real, device="cpu")
     shape = shape_of(drives, 100)
-    kinds = (kind_of(packed, of, measuring) for of in (shape, replace(shape, variants_per_block=3, oil_warp=True)))
+    kinds = (kind_of(packed, of, measuring) for of in (shape, replace(shape, variants_per_block=3)))
     apart, shared = (run_blocks(packed, kind, [150, 151], [3, 0, 2, 4, 1], none) for kind in kinds)
     for name in ("rollers", "bodies", "tensioners", "meters"):
         np.testing.assert_array_equal(getattr(apart[0], name).numpy(), getattr(shared[0], name).numpy(), err_msg=name)

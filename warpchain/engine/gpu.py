@@ -206,7 +206,7 @@ class GpuEngine(GpuKernels, Engine):
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
         """Launches a bucket's GPU kernel for its variants `order`."""
         made = self._bucket_kernel(name, bucket)
-        dim, block = made.kind.shape.launch_threads(len(order)), made.kind.shape.block_threads
+        dim, block = made.kind.launch_threads(len(order)), made.kind.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:

@@ -81,7 +81,12 @@ def is_simple_kind(kind: BlockKind) -> bool:
     """Whether kernels of a kind are as short as can be, but for friction."""
     rubs = kind.friction.contacts or kind.friction.joints
     more = (
-        kind.moving or kind.has_stages or kind.links == "varied" or kind.parts.arms or kind.parts.tied or kind.profiles
+        kind.moving
+        or kind.has_stages
+        or kind.links == "varied"
+        or kind.parts.arms
+        or kind.parts.is_tied
+        or kind.profiles
     )
     return kind.linear_hysteretic and not more and (kind.is_paired or not rubs)
 
@@ -89,7 +94,7 @@ def is_simple_kind(kind: BlockKind) -> bool:
 def resident_variants(kind: BlockKind) -> int:
     """Number of variants that the compiler makes room for on a multiprocessor."""
     shape, per = kind.shape, kind.shape.rollers_per_thread
-    if shape.oil_warp:
+    if kind.has_oil_warp:
         return shape.variants_per_block
     if shape.variants_per_block > 1:
         return 20 if per <= 4 and not (kind.friction.contacts or kind.friction.joints) else 16
@@ -132,7 +137,7 @@ def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> Blo
         most = FULL_AT_FLOAT32 if kind.is_paired else FULL_OF_OIL
         if kind.measuring:
             most = FULL_OF_OIL if kind.is_paired else FULL_WITH_METRICS
-        oiled = replace(kind, shape=replace(shape, variants_per_block=most, oil_warp=True))
+        oiled = replace(kind, shape=replace(shape, variants_per_block=most))
         fits = most * kind.parts.tensioners <= WARP and launch_bytes_per_block(oiled) <= most_shared
         return oiled if fits and each > resident_variants(kind) else kind
     long = kind.measuring or shape.rollers_per_thread > 4
@@ -155,8 +160,6 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
             kind.parts,
             prescribed=1,
             tabulated=1,
-            tied=0,
-            coupled=0,
             geared=0,
             crowded_arms=0,
             hydraulic=0,
@@ -183,12 +186,11 @@ def variant_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
     chains, begins, columns = packed.drives["chains"], packed.first_rows, chain_kind_columns(packed)
     if len(begins) == packed.variants:
         return columns
-    several = chains[begins] > 1
     ways = {name: way for way, names in COLUMN_SUMS.items() for name in names}
     whole = {name: ways.get(name, np.maximum).reduceat(values, begins) for name, values in columns.items()}
     whole["room"] = roller_capacity(np.add.reduceat(packed.drives["rollers"], begins))
     prescribed = np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"][begins])
-    whole |= {"prescribed": np.maximum(prescribed, 1), "tied": whole["tied"] | several, "chains": chains[begins]}
+    whole |= {"prescribed": np.maximum(prescribed, 1), "chains": chains[begins]}
     return whole
 
 
@@ -206,9 +208,7 @@ def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
         "prescribed": np.maximum(np.add.reduceat(packed.motions["prescribed"], drives["first_body"]), 1),
         "other_bodies": drives["bodies"] - drives["sprockets"] - drives["arms"],
         "tabulated": np.add.reduceat(cells, drives["first_body"]) > 0,
-        "tied": drives["tied"],
-        "coupled": drives["couplings"] > 0,
-        "geared": drives["gears"] > 0,
+        "geared": drives["couplings"] + drives["gears"] > 0,
         "hubs": drives["hubs"] + drives["jointed"],
         "crowded_arms": packed.has_crowded_arms,
         "hydraulic": packed.has_oil,
@@ -315,9 +315,7 @@ class GpuKernels:
             settling = name == "relax"
             factory = block_relax_kernel if settling else block_kernel
             form = (kind, held) if settling else (kind, held, self.packed.frame)
-            self._kernels[key] = BucketKernel(
-                factory(*form), kind, held, KernelSpec(factory, form, kind.shape.block_threads)
-            )
+            self._kernels[key] = BucketKernel(factory(*form), kind, held, KernelSpec(factory, form, kind.block_threads))
         return self._kernels[key]
 
     def buckets_of_kernel(self, name: str) -> list[Bucket]:
