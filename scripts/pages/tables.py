@@ -2,7 +2,7 @@
 
 import argparse
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from common.cases import ROOT, Line, case, case_option
@@ -67,6 +67,10 @@ def channel_table() -> str:
     return markdown_table(("channel [unit]", "of each", "where", "what it is"), rows)
 
 
+EXTREMES = ("smallest", "mean", "largest")
+"""First words of the titles of columns that stand in one row where there are all three of something."""
+
+
 def metric_table(groups: Iterable[MetricGroup]) -> str:
     """The table of some metrics; what several kinds of things have stands once, a standard error beside its mean."""
     names: dict[tuple[str, str], list[str]] = {}
@@ -75,8 +79,26 @@ def metric_table(groups: Iterable[MetricGroup]) -> str:
         for column in group.columns:
             title = titles.get(column.name.removesuffix("_se"), column.title)
             names.setdefault((title, column.unit), []).append(f"`{OF[group.part]}{column.name}`")
-    rows = [(with_unit(", ".join(sorted(set(held), key=len)), unit), title) for (title, unit), held in names.items()]
+    rows = [(with_unit(", ".join(held), unit), title) for title, unit, held in extremes_together(names)]
     return markdown_table(("column [unit]", "what it is"), rows)
+
+
+def extremes_together(names: Mapping[tuple[str, str], Iterable[str]]) -> Iterator[tuple[str, str, list[str]]]:
+    """Title, unit and names of each row; smallest, mean and largest of one quantity are one row."""
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for title, unit in names:
+        first, _, rest = title.partition(" ")
+        if first in EXTREMES:
+            found.setdefault((rest.split(",")[0], unit), {})[first] = rest
+    for (title, unit), held in names.items():
+        first, _, rest = title.partition(" ")
+        alike = found.get((rest.split(",")[0], unit), {}) if first in EXTREMES else {}
+        if len(alike) < len(EXTREMES):
+            yield title, unit, sorted(set(held), key=len)
+        elif first == EXTREMES[0]:
+            every = (sorted(set(names[f"{word} {alike[word]}", unit]), key=len) for word in EXTREMES)
+            longest = max(alike.values(), key=len)
+            yield f"smallest, mean and largest {longest}", unit, [name for part in every for name in part]
 
 
 def limit_table() -> str:
@@ -89,6 +111,10 @@ def limit_table() -> str:
     layout = f"at most {default.layout:g} findings"
     rows.append(("`layout`", layout, "[the layout](#the-layout)", "what the finding says"))
     return markdown_table(("limit", "default", "of the metrics", "what to change"), rows)
+
+
+STEADY = "; null without a steady state"
+"""End of the descriptions of values at rest and at work, which the page says once."""
 
 
 def without_repeats(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
@@ -125,7 +151,7 @@ def output_tables() -> dict[str, str]:
     return {
         name: markdown_table(
             ("key [unit]", "what it is"),
-            [(with_unit(f"`{key}`", unit), text) for key, unit, text in without_repeats(found)],
+            [(with_unit(f"`{key}`", unit), text.removesuffix(STEADY)) for key, unit, text in without_repeats(found)],
         )
         for name, found in parts.items()
     }
