@@ -1,11 +1,10 @@
 """Chain tensioner: a plunger that pushes a body out, on a spring, on oil behind a check valve, with a ratchet.
 
-The plunger touches a body at a place r and pushes along a unit vector d that stands in space. With r_0 the place at
-the drawing, the extension is
+The plunger touches a body at r and pushes along a unit vector d fixed in space. With r_0 the place as drawn,
 
     x = (r - r_0) . d,    x' = r' . d                                                           (1)
 
-and the force on the body along d, which only pushes (mass of the plunger: with the body),
+and the force on the body along d is (the plunger's mass counts with the body)
 
     spring:     F = max(0, f_0 - k x - c x') + F_s                                              (2)
     hydraulic:  F = max(0, (P - P_0) A + f_0 - k x - c x') + F_s.                               (3)
@@ -14,15 +13,14 @@ and the force on the body along d, which only pushes (mass of the plunger: with 
 
     1/E(P) = (1/E_0 + (a/n) P_0^(1/n) P^(-1-1/n)) / (1 + a),    P' = (E/V) (Q - A x')           (4)
 
-with Q the flow into it. (4) without flow conserves the mass M: with
+with Q the flow into it, which conserves the mass M without flow:
 
     phi(P) = int dP/E = (P/E_0 - a (P_0/P)^(1/n)) / (1 + a)                                     (5)
     mu = ln(M) = phi(P) + ln(V/V_0),    M' = exp(phi) Q   (M in units of rho V_0 at phi = 0)    (6)
 
-(4) and (6) are the same. So the pressure is a function P(mu, x), the oil between flows a spring of stiffness E A^2/V
-that conserves energy at any step, and (5) and (6) with z = (P/P_0)^(1/7), since 1/n = 5/7, hold whole powers only:
-P = P_0 z^7, (P_0/P)^(1/n) = z^-5. Where (6) gives less than the vapor pressure P_v, P = P_v and the volume
-V - V_0 exp(mu - phi(P_v)) is vapor. The state keeps z of the last step's end.
+So the pressure is a function P(mu, x), the oil between flows a spring of stiffness E A^2/V that conserves energy at
+any step. With z = (P/P_0)^(1/7), P = P_0 z^7 and (P_0/P)^(1/n) = z^-5. Where (6) gives less than the vapor pressure
+P_v, P = P_v and the volume V - V_0 exp(mu - phi(P_v)) is vapor. The state keeps z of the last step's end.
 
 **Flows.** Through the gap, and through valves of lift y while dP > 0, P_s - P of the check valve and P - P_0 of relief
 valve and vent, which has no spring and is always open:
@@ -31,13 +29,13 @@ valve and vent, which has no spring and is always open:
     y = clip((dP A_b - F_0) / k_cv, 0, y_max),    S = C_d pi y (2 r_B tan(g) + y sin(g) / cos(g)^2)
     Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2                                   (8)
 
-(below 5 kPa linear in dP), the hole of the seat, A_b, in series with the ball's curtain S. Flows are stiff, so a step
-of length h takes them at its end, after the body has moved. That is one equation for P, rising with P:
+(below 5 kPa linear in dP), the seat's hole A_b in series with the ball's curtain S. Flows are stiff, so a step of
+length h takes them at its end, after the body has moved, by one equation for P, rising with P:
 
     phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
 
-**Drained start.** Until oil has filled a chamber that starts with air, the air goes out and comes in freely, at P_0,
-which takes the place of P_v. Oil comes in through the check valve, and none goes out.
+**Drained start.** Until oil has filled a chamber that starts with air, the air moves freely, at P_0 for P_v, and no
+oil goes out.
 
 **Energy.** Oil at P has a volume exp(-phi) a unit of M, and
 
@@ -45,29 +43,28 @@ which takes the place of P_v. Oil comes in through the check valve, and none goe
     U = M u - (P - P_0) (V - M exp(-phi))                                                       (11)
 
 is stored (the bracket is the vapor): -dU/dx = (P - P_0) A, dU/dM = H. A mass dM that comes in takes H(P_s) dM from the
-supply, of which the valve loses (H(P_s) - H(P)) dM; a mass that goes out loses H(P) dM. With phi = q - b, q that of the
-oil and b that of the air, exp(-phi) is a series in both, and u its integral term by term,
+supply, of which the valve loses (H(P_s) - H(P)) dM; one that goes out loses H(P) dM. With phi = q - b of oil and air,
+integrated term by term,
 
     u = K(P) - K(P_0) + P_0 (exp(-phi) - exp(-phi_0)),
     K = P sum (5 j - 7 i)/(7 (i + 1) - 5 j) (-q)^i/i! b^j/j!.                                   (10a)
 
 **Ratchet.** Of pitch a and backlash s, x_max the farthest x so far: a stop of stiffness k_s and damping c_s holds the
-plunger where it is pushed back below
+plunger below
 
     x_s = max(a floor(x_max / a) - s, x_b),    F_s = max(0, k_s (x_s - x) - c_s x') while x < x_s;   (12)
 
-x_b is the bottom of the chamber, where a plunger stands without a ratchet, too.
+x_b is the chamber's bottom, the stop without a ratchet.
 
 **Dampers and suction.** With E = (P - P_0) A + f_0 - k x, dampers of spring and stop take
 
     (E - max(0, E - c x')) x' + (k_s max(0, x_s - x) - F_s) x' >= 0.                            (13)
 
-Where E < 0, oil and spring would draw the plunger back; it follows the body all the same, and what that takes, and
-gives back on the way in,
+Where E < 0, oil and spring would draw the plunger back; it follows the body all the same, and what that takes,
 
     -E x'   while E < 0 and E - c x' <= 0,                                                      (14)
 
-is done by nothing in the drive, and is no loss of a damper.
+is work of nothing in the drive, and no loss.
 """
 
 import math
