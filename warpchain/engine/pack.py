@@ -1,6 +1,6 @@
 """Packs drives: assembles each, fills its rows of the ensemble's arrays, and brings its tensioners to rest.
 
-At rest a tensioner's check valve lets in what leaks out, at the pressure P_r (`warpchain.drive.oil`). The content of
+At rest a tensioner's check valve lets in what leaks out, at the pressure P_r (`warpchain.model.oil`). The content of
 oil is then mu = phi(P_r) + ln(V / V_0) ((5), (6) of `kernels.physics.tensioner`), and the ratchet is latched.
 """
 
