@@ -15,7 +15,7 @@ from scipy.io import savemat
 
 from warpchain import Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
-from warpchain.results.measured import compared, signal_sources, signal_units, source
+from warpchain.results.measured import compare_signals, signal_source, signal_sources, signal_units
 from warpchain.results.measured_binary import read_binary_columns_here
 from warpchain.results.measured_columns import MeasuredColumns
 from warpchain.results.measured_file import MeasuredSignal, read_signal
@@ -50,7 +50,7 @@ def known():
 def test_statistics_and_orders_of_a_known_signal(known):
     """A sensor that reads 5 % too much: all of it is 1.05 times. Ten revolutions, so that order 20 is a line."""
     time = np.linspace(0.0, 1.0, 2000, endpoint=False)
-    found = compared(known, MeasuredSignal("link 7.tension", "N", time, signal(time, 1.05)))
+    found = compare_signals(known, MeasuredSignal("link 7.tension", "N", time, signal(time, 1.05)))
     for name, exact in {"mean": 2000.0, "std": 100.0 / np.sqrt(2.0), "smallest": 1900.0, "largest": 2100.0}.items():
         ours, theirs = found.statistics[name]
         # 20 samples a period, and 10: the largest one is within cos(pi / 10) of the sine's 100 N
@@ -72,10 +72,10 @@ def test_the_offset_at_which_both_agree_best(known):
     run = Trajectory(known.drive, time, **known.channels() | {"tension": bump[:, None] * np.ones((1, 60))})
     rig = np.linspace(0.0, 0.6, 1201)
     values = 2000.0 + 480.0 * np.exp(-(((rig + 1.1 - 1.4) / 0.05) ** 2))
-    found = compared(run, MeasuredSignal("link 0.tension", "N", rig, values), offset=None)
+    found = compare_signals(run, MeasuredSignal("link 0.tension", "N", rig, values), offset=None)
     # to the coarser of both intervals, half a millisecond
     assert found.measured.time[0] == pytest.approx(1.1, abs=6e-4)
-    assert compared(run, MeasuredSignal("link 0.tension", "N", rig, values), 1.0).measured.time[0] == 1.0
+    assert compare_signals(run, MeasuredSignal("link 0.tension", "N", rig, values), 1.0).measured.time[0] == 1.0
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_every_source_has_a_view_and_its_unit():
     assert {"left arm.angle", "left tensioner.pressure"} <= set(signal_units(example("v6")))
     run = simulate(two_sprockets(duration=0.001))[0]
     with pytest.raises(SimulationError, match=r"'x': allowed are driver->driven.tension, .* with I from 0 to 59"):
-        source(run, "x")
+        signal_source(run, "x")
 
 
 def test_the_command_compares_and_draws(tmp_path, capsys):

@@ -13,7 +13,7 @@ from study_helpers import write_study
 
 from warpchain import load_drive, simulate
 from warpchain.errors import StudyError
-from warpchain.results.measured import signal_sources, signal_units, source
+from warpchain.results.measured import signal_source, signal_sources, signal_units
 from warpchain.results.run import Record
 from warpchain.results.signal_features import SignalFeatures
 from warpchain.study.analysis.posterior import (
@@ -184,7 +184,7 @@ def calibrated(tmp_path_factory):
         {"sprockets.s1.load.torque": 6.0, "run.duration": 0.02, "run.step": 1e-5, "run.sample_rate": 20000.0}
     )
     rig = simulate([true], record=Record([0]), window=(0.01, 0.02))
-    signal = source(rig[0], "s1->s0.tension")
+    signal = signal_source(rig[0], "s1->s0.tension")
     late = rig[0].time >= 0.01
     rows = zip(rig[0].time[late], signal.values()[late], strict=True)
     (folder / "rig.csv").write_text("time [s],F [N]\n" + "".join(f"{t:.9g},{f:.9g}\n" for t, f in rows))

@@ -14,7 +14,7 @@ from warpchain.drive.body_ties import rotation_owners
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_metrics_row, chain_trajectories
 from warpchain.results.engineering_report import EngineeringReport
-from warpchain.results.measured import compared, source
+from warpchain.results.measured import compare_signals, signal_source
 from warpchain.results.measured_file import MeasuredSignal
 from warpchain.results.objectives import trajectory_objectives
 from warpchain.results.signals import strand_tension
@@ -113,10 +113,10 @@ def test_a_measured_signal_is_laid_over_that_of_its_chain(recorded, tmp_path):
     second = chain_trajectories(one)["second"]
     half = slice(len(one.time) // 2, None)
     name = "second.mid out->out.tension"
-    found = compared(one, MeasuredSignal(name, "N", one.time[half], strand_tension(second, 0)[half]))
+    found = compare_signals(one, MeasuredSignal(name, "N", one.time[half], strand_tension(second, 0)[half]))
     assert found.statistics["mean"][0] == pytest.approx(found.statistics["mean"][1], rel=0.05)
     assert found.simulated == pytest.approx(strand_tension(second, 0))
     with pytest.raises(SimulationError, match=r'"first\.link I\.tension" with I from 0 to 65, "second\.link I'):
-        source(one, "out.tension")
+        signal_source(one, "out.tension")
     view(run, save=tmp_path / "measured.rrd", measured=[found])
     assert (tmp_path / "measured.rrd").stat().st_size > 10_000

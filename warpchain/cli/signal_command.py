@@ -17,7 +17,7 @@ SIGNAL_ENDINGS = (".png", ".svg", ".rrd", ".json")
 
 def compare_signal(arguments: argparse.Namespace) -> list[str]:
     """Compares a measured signal with a run, writes what was asked for, and returns the lines to print."""
-    from warpchain.results.measured import compared, source
+    from warpchain.results.measured import compare_signals, signal_source
     from warpchain.results.measured_columns import MeasuredColumns
     from warpchain.results.measured_file import read_signal
     from warpchain.view.recorded_variants import recorded_variant
@@ -27,10 +27,10 @@ def compare_signal(arguments: argparse.Namespace) -> list[str]:
             raise WarpchainError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(SIGNAL_ENDINGS)}")
     offset = _time_offset_from_word(arguments.offset)
     one = recorded_variant(arguments.archive, arguments.variant)
-    unit = source(one.trajectory, arguments.name, "--as ").unit
+    unit = signal_source(one.trajectory, arguments.name, "--as ").unit
     words = ("column", "time", "unit", "time_unit", "decimal", "head")
     columns = MeasuredColumns(*(getattr(arguments, word) for word in words))
-    found = compared(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
+    found = compare_signals(one.trajectory, read_signal(arguments.signal, arguments.name, unit, columns), offset)
     lines = _comparison_lines(found)
     for path in arguments.output:
         _write_comparison(path, arguments, one, found)

@@ -148,7 +148,7 @@ def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
     return np.asarray(values[:, index], dtype=float)
 
 
-def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
+def signal_source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
     """Simulated signal of a run by name, for comparison.
 
     Args:
@@ -170,16 +170,16 @@ def source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
     return found[name]
 
 
-def compared(trajectory: Trajectory, measured: MeasuredSignal, offset: float | None = 0.0) -> SignalComparison:
+def compare_signals(trajectory: Trajectory, measured: MeasuredSignal, offset: float | None = 0.0) -> SignalComparison:
     """Comparison of a measured signal with a run's simulated one.
 
     Args:
         offset: added to the measured time [s]; None takes the one of best correlation.
 
     Raises:
-        SimulationError: as `source`.
+        SimulationError: as `signal_source`.
     """
-    of = source(trajectory, measured.name)
+    of = signal_source(trajectory, measured.name)
     simulated = of.values()
     part = latter_half_frames(trajectory)
     if offset is None:

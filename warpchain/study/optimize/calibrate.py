@@ -29,7 +29,7 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
-from warpchain.results.measured import signal_units, source
+from warpchain.results.measured import signal_source, signal_units
 from warpchain.results.measured_columns import MeasuredColumns
 from warpchain.results.measured_file import MeasuredSignal, read_signal
 from warpchain.results.run import Trajectory, require_channels
@@ -230,7 +230,7 @@ class RigMeasurements:
                 found += [np.nan] * len(features.names)
                 continue
             part = _window_frames(results, row, trajectory)
-            signal = source(trajectory, str(of.signal)).values()[part]
+            signal = signal_source(trajectory, str(of.signal)).values()[part]
             found += features.values_of_signal(
                 trajectory.time[part], signal, mean_driver_turns(trajectory, part)
             ).tolist()

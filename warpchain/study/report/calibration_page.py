@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.results.measured import source
+from warpchain.results.measured import signal_source
 from warpchain.results.signals import amplitude_spectrum
 from warpchain.results.units import display_unit_word, distinguishing_decimals, quantity_words
 from warpchain.study.analysis.left_out import LeftOut
@@ -235,7 +235,7 @@ def _signal_sections(found: Calibration) -> list[html.PageSection]:
         of_runs = []
         for trajectory, (start, end) in zip(played.values(), windows, strict=True):
             part = (trajectory.time >= start) & (trajectory.time <= end)
-            of_runs.append((trajectory.time[part] - start, factor * source(trajectory, name).values()[part]))
+            of_runs.append((trajectory.time[part] - start, factor * signal_source(trajectory, name).values()[part]))
         rig = (measured.time - measured.time[0], factor * measured.values)
         figures += _signal_panels(f"{name} [{word}]" if word else name, rig, of_runs)
     return [
