@@ -17,7 +17,7 @@ from warpchain import ArchiveOptions, Record, argument_checks, fit, modes, simul
 from warpchain.archive.read import Archive
 from warpchain.drive import save_drive
 from warpchain.errors import WarpchainError
-from warpchain.modal.campbell import campbell, over_a_pitch
+from warpchain.modal.campbell import campbell, pitch_averaged_campbell
 from warpchain.study.optimize import Optimizer, StudySession
 from warpchain.study.spec import Study
 
@@ -42,7 +42,7 @@ FUNCTIONS = [
         fit.fit_indentation,
         save_drive,
         campbell,
-        over_a_pitch,
+        pitch_averaged_campbell,
     ),
     *METHODS,
 ]

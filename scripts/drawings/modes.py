@@ -15,7 +15,7 @@ from warpchain import Drive, Record, simulate
 from warpchain.assembly.assembly import assembled_path
 from warpchain.assembly.frequencies import excitation_orders
 from warpchain.assembly.timestep import step_limit
-from warpchain.modal.campbell import Campbell, campbell, over_a_pitch
+from warpchain.modal.campbell import Campbell, campbell, pitch_averaged_campbell
 from warpchain.modal.eigenmodes import modes
 from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
 from warpchain.results.run import Trajectory
@@ -177,7 +177,7 @@ def is_disturbed(drive: Drive, speeds: Array, frequency: float, width: float) ->
 def running_modes(run: RunUp, drive: Drive) -> Campbell:
     """The modes of a drive over the speeds of its run-up, means over a tooth pitch."""
     speeds = top_speed(drive) * np.linspace(SLOWEST, 1.0, SPEEDS)
-    return over_a_pitch(run_up_loads(run, drive), speeds.tolist(), run.count, PHASES)[0]
+    return pitch_averaged_campbell(run_up_loads(run, drive), speeds.tolist(), run.count, PHASES)[0]
 
 
 def seen_modes(run: RunUp, found: Campbell, trajectory: Any, least: int = LEAST) -> Iterator[SeenMode]:

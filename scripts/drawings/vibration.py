@@ -16,7 +16,7 @@ from drawings.closed_forms import ValidationRow
 from drawings.modes import top_speed, window_spectrum
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.frequencies import moving_frequency
-from warpchain.modal.campbell import over_a_pitch
+from warpchain.modal.campbell import pitch_averaged_campbell
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.signals import strand_tension
 from warpchain.results.strand_passing import strand_displacement
@@ -142,7 +142,7 @@ def running_peaks() -> dict[int, list[StrandPeaks]]:
 
 def strand_modes(drive: Drive, speeds: Any, mode: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """A mode of the tight strand at each speed, the mean over a tooth pitch [Hz], and the tension that it has [N]."""
-    diagram, _ = over_a_pitch(drive, [float(speed) for speed in speeds], 2 + 2 * mode)
+    diagram, _ = pitch_averaged_campbell(drive, [float(speed) for speed in speeds], 2 + 2 * mode)
     first, count = drive.sprockets[0].teeth // 2 + 8, (drive.chain.links - drive.sprockets[0].teeth) // 2 - 16
     tensions = [float(one.tension[first : first + count].mean()) for one in diagram.modes]
     return np.asarray(diagram.frequency[:, diagram.names.index(f"driver->driven {mode}")]), np.array(tensions)

@@ -7,7 +7,7 @@ from drives import example, of_long, two_sprockets
 
 from warpchain.assembly.frequencies import Order, excitation_orders
 from warpchain.errors import SimulationError
-from warpchain.modal.campbell import Campbell, campbell, modal_assurance, over_a_pitch
+from warpchain.modal.campbell import Campbell, campbell, modal_assurance, pitch_averaged_campbell
 from warpchain.modal.eigenmodes import lowest_modes, modes
 from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
 from warpchain.modal.mode_page import modes_page
@@ -62,7 +62,7 @@ def test_means_over_a_pitch_lie_between_phases():
     """Roots of means of squares. Half a pitch later both strands of this drive are a link longer at one end and shorter
     at the other: a share of 1 / 19.5 of their length, and what that does to their tension, 1 % more."""
     drive = two_sprockets(span=20.03, torque=100.0, stiffness=2e7)
-    found, phases = over_a_pitch(drive, [0.0, 2.0], 2, 2)
+    found, phases = pitch_averaged_campbell(drive, [0.0, 2.0], 2, 2)
     assert phases.shape == (2, 2, 2)
     assert np.isfinite(phases).all()
     assert found.frequency == pytest.approx(np.sqrt((phases**2).mean(axis=0)))
@@ -74,7 +74,7 @@ def test_means_over_a_pitch_lie_between_phases():
 def test_all_diagrams_tell_how_far_they_are():
     told = []
     campbell(two_sprockets(), [1.0, 2.0], 1, progress=lambda *of: told.append(of))
-    over_a_pitch(two_sprockets(), [1.0, 2.0], 1, 1, progress=lambda *of: told.append(of))
+    pitch_averaged_campbell(two_sprockets(), [1.0, 2.0], 1, 1, progress=lambda *of: told.append(of))
     assert told == [("speeds", 1, 2), ("speeds", 2, 2), ("phases", 1, 1)]
 
 
@@ -151,4 +151,4 @@ def test_phases_points_and_speeds_beyond_all_bounds_are_one_line(capsys):
     said = refused(capsys, "modes", "conveyor", "--speed", "1e308")
     assert "--speed 1e+308: must be within 1e+30 rad/s of 0" in said
     with pytest.raises(SimulationError, match="phases = 1001: must be a whole number from 1 to 1000"):
-        over_a_pitch(two_sprockets(), [1.0, 2.0], 2, 1001)
+        pitch_averaged_campbell(two_sprockets(), [1.0, 2.0], 2, 1001)

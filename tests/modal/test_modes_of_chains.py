@@ -11,7 +11,7 @@ from parts import coupling, gears, shaft
 from warpchain import dumps_drive, loads_drive
 from warpchain.assembly.frequencies import excitation_orders
 from warpchain.cli import main
-from warpchain.modal.campbell import campbell, modal_assurance, mode_metrics, over_a_pitch
+from warpchain.modal.campbell import campbell, modal_assurance, mode_metrics, pitch_averaged_campbell
 from warpchain.modal.eigenmodes import lowest_modes, modes
 from warpchain.modal.mode_figures import mode_campbell_figure
 from warpchain.modal.small_motion import drive_motion
@@ -112,7 +112,7 @@ def test_modes_of_a_drive_are_followed_over_its_speed_and_its_phase():
     drive = two_stages(gravity=-9.81)
     found = campbell(drive, [5.0, 6.0], 4)
     assert np.isfinite(found.frequency).all()
-    mean, every = over_a_pitch(drive, [5.0, 6.0], 2, 2)
+    mean, every = pitch_averaged_campbell(drive, [5.0, 6.0], 2, 2)
     assert np.isfinite(mean.frequency).all()
     assert every.shape == (2, 2, 2)
     whole = drive_motion(drive, 5.0)

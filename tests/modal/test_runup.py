@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from loading import load_script
 
-from warpchain.modal.campbell import over_a_pitch
+from warpchain.modal.campbell import pitch_averaged_campbell
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def test_the_spectrum_of_a_run_up_has_the_modes(script):
     first = script.RUNS[0]
     run = replace(first, duration=3.0, wanted=first.wanted[:1], count=8)
     drive = script.run_up_drive(run)
-    found, phases = over_a_pitch(script.run_up_loads(run, drive), [15.0, 31.4], run.count, 2)
+    found, phases = pitch_averaged_campbell(script.run_up_loads(run, drive), [15.0, 31.4], run.count, 2)
     assert phases.shape == (2, 2, run.count)
     seen = list(script.seen_modes(run, found, script.recorded_run_up(drive), 1))
     assert seen

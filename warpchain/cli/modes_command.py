@@ -52,11 +52,11 @@ def _campbell_diagram(drive: Drive, speeds: list[float], points: int, count: int
     """A drive's Campbell diagram, with a progress bar."""
     import numpy as np
 
-    from warpchain.modal.campbell import campbell, over_a_pitch
+    from warpchain.modal.campbell import campbell, pitch_averaged_campbell
 
     between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()
     if phases > 1:
-        return over_a_pitch(drive, between, count, phases, progress=True)[0]
+        return pitch_averaged_campbell(drive, between, count, phases, progress=True)[0]
     return campbell(drive, between, count, progress=True)
 
 

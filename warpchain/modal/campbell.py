@@ -220,7 +220,7 @@ def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
 
 
 @check_arguments(SimulationError)
-def over_a_pitch(
+def pitch_averaged_campbell(
     drive: Drive,
     speeds: Sequence[NonNegativeNumber],
     count: Count,
