@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import binom
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.effects import median_effects, median_interval, transformed
+from warpchain.study.analysis.effects import median_effects, median_interval, transform_metric
 from warpchain.study.analysis.pure_error import scatter_share
 from warpchain.study.results import read_results
 from warpchain.study.surrogate import CrossValidation, fit_surrogate
@@ -132,11 +132,11 @@ def test_share_of_scatter_is_that_of_the_rows():
 def test_ranks_are_of_the_rows_that_are_ok():
     table = pa.table({"a": [1, 2, 3, 4], "y": [5.0, -2.0, 1e9, 5.0], "status": ["ok", "ok", "suspect", "ok"]})
     results = read_results(table, ["a"], ["y"])
-    assert transformed(results, "y", "rank").table["y"].to_pylist() == [2.5, 1.0, None, 2.5]
+    assert transform_metric(results, "y", "rank").table["y"].to_pylist() == [2.5, 1.0, None, 2.5]
     with pytest.raises(StudyError, match="no logarithm"):
-        transformed(results, "y", "log")
+        transform_metric(results, "y", "log")
     with pytest.raises(StudyError, match="allowed are rank, log"):
-        transformed(results, "y", "square")
+        transform_metric(results, "y", "square")
 
 
 @pytest.mark.parametrize("n", [6, 9, 30, 101])

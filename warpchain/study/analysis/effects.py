@@ -244,7 +244,7 @@ def _pearson_coefficient(x: Array, y: Array) -> float:
     return float(x @ y) / size if size > 0.0 else float("nan")
 
 
-def transformed(results: Results, metric: str, how: str) -> Results:
+def transform_metric(results: Results, metric: str, how: str) -> Results:
     """Results with a metric replaced by its rank or logarithm.
 
     Args:

@@ -267,9 +267,9 @@ def fit_surrogate(
     if logarithm and not (values[rows] > 0.0).all():
         raise StudyError(f"surrogate of {metric!r}: a logarithm needs values above 0")
     if kind == "quadratic":
-        from warpchain.study.analysis.effects import transformed
+        from warpchain.study.analysis.effects import transform_metric
 
-        taken = transformed(results, metric, "log") if logarithm else results
+        taken = transform_metric(results, metric, "log") if logarithm else results
         return Surrogate(metric, kind, fit_quadratic(taken, metric), None, logarithm)
     features = coordinates_of_results(results)
     rows &= results.usable_rows(metric, features.factors)
