@@ -12,8 +12,8 @@ from scipy.stats import qmc
 from warpchain.errors import StudyError
 from warpchain.study.analysis.sensitivity import (
     factors_of_problem,
-    problem_of,
     problem_of_factors,
+    problem_of_results,
     saltelli_block_size,
     saltelli_table,
     sobol_indices,
@@ -218,7 +218,7 @@ def test_problems_and_factors_turn_into_each_other():
         == problem
     )
     results = read_results(design.append_column("y", design["a"]), problem["names"])
-    assert problem_of(results)["names"] == problem["names"]
+    assert problem_of_results(results)["names"] == problem["names"]
 
 
 def test_refusals():

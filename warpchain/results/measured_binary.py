@@ -166,12 +166,12 @@ def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tup
             and "MATLAB_empty" not in file[name].attrs
             and math.prod(file[name].shape) == max(file[name].shape, default=0) > 1
         }
-        wanted = _names_of_vectors(path, _said_variables(path, columns, list(lengths)), lengths)
+        wanted = _names_of_vectors(path, _named_columns(path, columns, list(lengths)), lengths)
         time, signal = (_column_of_variable(path, name, np.asarray(file[name]).ravel()) for name in wanted)
     return time, signal
 
 
-def _said_variables(path: str | Path, columns: MeasuredColumns, names: list[str]) -> MeasuredColumns:
+def _named_columns(path: str | Path, columns: MeasuredColumns, names: list[str]) -> MeasuredColumns:
     """Columns by name, for a measured file without order.
 
     Raises:

@@ -63,7 +63,7 @@ class SobolIndices:
     dropped: int = 0
 
 
-def problem_of(results: Results) -> SobolProblem:
+def problem_of_results(results: Results) -> SobolProblem:
     """SALib problem of a study's numeric factors over their ranges."""
     names = list(results.independent_factors())
     columns = [results.values(name) for name in names]
@@ -202,7 +202,7 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
     require_extra("salib", "Sobol' indices", StudyError)
     from SALib.analyze import sobol
 
-    chosen = dict(problem or problem_of(results))
+    chosen = dict(problem or problem_of_results(results))
     _check_problem(chosen)
     names = tuple(chosen["names"])
     chosen["num_vars"] = len(names)
