@@ -18,7 +18,7 @@ from warpchain.errors import SimulationError, WarpchainError
 from warpchain.results import housing
 from warpchain.results.arm_pivots import arm_pivots
 from warpchain.results.channels import CHANNEL_NAMES
-from warpchain.results.housing import components, housing_loads, order_levels
+from warpchain.results.housing import housing_components, housing_loads, order_levels
 
 SCREWED = BLADE.replace('side = "right"\n', 'side = "right"\nbolts = [[0.06, 0.22], [0.05, 0.15], [0.045, 0.08]]\n')
 
@@ -150,7 +150,7 @@ def test_pyuff_reads_the_universal_file_back(run, archive, tmp_path, ending):
     pyuff = pytest.importorskip("pyuff")
     path = export(archive, tmp_path / f"a.{ending}")
     units, nodes, *functions = pyuff.UFF(str(path)).read_sets()
-    loads, parts = housing_loads(run[0]), components(run[0])
+    loads, parts = housing_loads(run[0]), housing_components(run[0])
     assert (units["type"], units["units_code"], units["length"], units["force"]) == (164, 1, 1.0, 1.0)
     np.testing.assert_allclose(np.stack([nodes["x"], nodes["y"]], axis=1), [load.place for load in loads], atol=1e-12)
     assert len(functions) == len(parts)
@@ -169,7 +169,7 @@ def test_asammdf_reads_the_measured_data_back(run, archive, tmp_path):
     path = export(archive, tmp_path / "a.mf4")
     with asammdf.MDF(path) as held:
         assert held.version.startswith("4")
-        for name, values in components(run[0]).items():
+        for name, values in housing_components(run[0]).items():
             signal = held.get(name)
             np.testing.assert_array_equal(signal.samples, values)
             np.testing.assert_array_equal(signal.timestamps, run[0].time)
@@ -183,7 +183,7 @@ def test_a_sine_of_an_order_has_its_level_over_a_micronewton(monkeypatch, tmp_pa
     time = np.linspace(0.0, 8.0 * math.pi / 10.0, 4001)
     angle = np.stack([10.0 * time, 10.0 * time], axis=1)
     trajectory = replace(simulate(drive, duration=1e-3, device="cpu")[0], time=time, sprocket_angle=angle)
-    monkeypatch.setattr(housing, "components", lambda _: {"hub driver.x": 3.0 * np.cos(4.0 * angle[:, 0])})
+    monkeypatch.setattr(housing, "housing_components", lambda _: {"hub driver.x": 3.0 * np.cos(4.0 * angle[:, 0])})
     table = order_levels(trajectory)
     order, level = (np.asarray(table[name]) for name in ("order", "hub driver.x"))
     at = int(np.argmin(np.abs(order - 4.0)))

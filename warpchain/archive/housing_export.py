@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.results.channels import CHANNEL_BY_NAME
-from warpchain.results.housing import components, housing_loads
+from warpchain.results.housing import housing_components, housing_loads
 from warpchain.version import installed_version
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def write_universal_file(file: IO[bytes], trajectory: Trajectory) -> None:
 
 def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
     """Name, unit and values of MDF4 signals: housing loads, sprockets' angles and speeds."""
-    for name, values in components(trajectory).items():
+    for name, values in housing_components(trajectory).items():
         yield name, "N*m" if name.endswith(".moment") else "N", values
     for channel in ("sprocket_angle", "sprocket_speed"):
         held = getattr(trajectory, channel)

@@ -227,7 +227,7 @@ def order_levels(trajectory: Trajectory) -> pa.Table:
     import pyarrow as pa
 
     columns: dict[str, Array] = {}
-    for name, values in components(trajectory).items():
+    for name, values in housing_components(trajectory).items():
         found = order_spectrum(trajectory, values)
         if found is None:
             raise SimulationError("orders: the driver must turn one way in the latter half, by at least a few teeth")
@@ -245,7 +245,7 @@ def _component_unit(name: str) -> str:
     return "N m" if name.endswith(".moment") else "N"
 
 
-def components(trajectory: Trajectory) -> dict[str, Array]:
+def housing_components(trajectory: Trajectory) -> dict[str, Array]:
     """Components (F,) of housing loads [N, N m] by name: "hub crank.x"."""
     found: dict[str, Array] = {}
     for load in housing_loads(trajectory):
