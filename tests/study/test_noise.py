@@ -12,7 +12,7 @@ from study_helpers import LIMITS, SAMPLED, write_study
 from warpchain.cli import main
 from warpchain.drive import load_drive
 from warpchain.errors import StudyError
-from warpchain.study.analysis.over_noise import Designs, designs_of, goals_of_designs, spread
+from warpchain.study.analysis.over_noise import Designs, designs_over_noise, goals_of_designs, noise_spread
 from warpchain.study.analysis.pareto import goals_of_study
 from warpchain.study.design import make_design
 from warpchain.study.design.noise_rows import noise_points, noise_rows, noise_rows_of_normals
@@ -248,7 +248,7 @@ def test_means_deviations_and_quantiles_are_those_of_the_closed_form():
     """y is normal with deviation sqrt(5) about a; a statistic lies within four of its own standard errors, and these
     are those of independent samples: sigma / sqrt(n), sigma / sqrt(2 n), sqrt(p (1 - p) / n) / density."""
     study, results = linear(200)
-    over, goals = designs_of(results, goals_of_study(study))
+    over, goals = designs_over_noise(results, goals_of_study(study))
     assert isinstance(over, Designs) and over.factors == ("a",) and over.table.num_rows == 2
     assert [o.metric for o in goals.objectives] == ["mean(y)", "q90(y)"]
     assert [(b.metric, b.max) for b in goals.bounds] == [("q95(y)", 4.0)]
@@ -277,13 +277,15 @@ def test_parts_of_the_spread_are_those_of_the_noise(ranks, part):
     r = 2.0 * np.sin(np.pi * ranks / 6.0)
     part = (4.0 + 2.0 * r) / (5.0 + 4.0 * r) if part is None else part
     study, results = linear(400, ranks)
-    over, _ = designs_of(results, goals_of_study(study))
-    found = spread(over, 0, "y")
+    over, _ = designs_over_noise(results, goals_of_study(study))
+    found = noise_spread(over, 0, "y")
     assert abs(found.parts["u"] - part) < 0.03 and abs(found.parts["v"] - (1.0 - part)) < 0.03
     assert found.unexplained_part < 1e-9 and found.parts_text().startswith("u ")
     rng = np.random.default_rng(0)
     table = results.table.set_column(results.table.column_names.index("y"), "y", pa.array(rng.standard_normal(800)))
-    chance = spread(designs_of(read_results(table, ["a", "u", "v"], ["y"]), goals_of_study(study))[0], 0, "y")
+    chance = noise_spread(
+        designs_over_noise(read_results(table, ["a", "u", "v"], ["y"]), goals_of_study(study))[0], 0, "y"
+    )
     assert max(chance.parts.values()) < 0.02  # mere scatter comes of neither: 2 / 400 each would by chance
 
 
@@ -292,12 +294,12 @@ def test_a_design_is_as_good_as_its_worst_run():
     status = ["ok"] * 32
     status[5] = "diverged"
     table = results.table.set_column(results.table.column_names.index("status"), "status", pa.array(status))
-    over, _ = designs_of(read_results(table, ["a", "u", "v"], ["y"]), goals_of_study(study))
+    over, _ = designs_over_noise(read_results(table, ["a", "u", "v"], ["y"]), goals_of_study(study))
     assert over.status == ["diverged", "ok"] and over.variants.tolist()[0] == 5
     assert over.kept_counts(0)[0] <= 15
     few = read_results(table.slice(0, 3), ["a", "u", "v"], ["y"])
     with pytest.raises(StudyError, match="a design has 3 runs; to compare designs, each needs at least 4"):
-        designs_of(few, goals_of_study(study))
+        designs_over_noise(few, goals_of_study(study))
 
 
 # --------------------------------------------------------------------------------------- the fault, and searches
@@ -346,7 +348,7 @@ def found():
 def test_no_value_of_noise_is_recommended_and_limits_are_kept_over_it(found):
     study, results = found
     assert results.table.num_rows == 16 * 32  # `count` is of designs
-    over, goals = designs_of(results, goals_of_study(study))
+    over, goals = designs_over_noise(results, goals_of_study(study))
     best, *_ = recommend(over, goals)
     spring, angle = (float(over.values(name)[best.row]) for name in ("spring", "angle"))
     assert over.factors == ("spring", "angle")
@@ -366,7 +368,7 @@ def test_design_that_only_low_friction_saves_is_not_called_sure(found):
     study, _ = found
     rows = [{"spring": 0.0, "angle": 0.5} | noise for noise in noise_rows(study)]
     results = read_results(run_of(study, {"tension_max": tension, "loss": loss}, rows), ["spring", "angle", "mu"])
-    over, goals = designs_of(results, goals_of_study(study))
+    over, goals = designs_over_noise(results, goals_of_study(study))
     (one,) = recommend(over, goals)
     assert abs(one.chance - kept_of(0.0, 0.5)) <= 1.0 / 32.0 and 0.6 < one.chance < 0.66
     assert "and no design has 95 %" in " ".join(one.reasons)
@@ -376,7 +378,7 @@ def test_quantiles_can_be_wanted(found):
     study = fault(objectives=[{"metric": "q95(tension_max)"}, {"metric": "loss"}], limits=[])
     goals = goals_of_designs(goals_of_study(study), ["spring", "angle"])
     assert [o.metric for o in goals.objectives] == ["q95(tension_max)", "mean(loss)"]
-    over, goals = designs_of(found[1], goals_of_study(study))
+    over, goals = designs_over_noise(found[1], goals_of_study(study))
     best = {reason: one for one in recommend(over, goals) for reason in one.reasons}["lowest q95(tension_max)"]
     spring, angle = (float(over.values(name)[best.row]) for name in ("spring", "angle"))
     mean, _ = best.believed["q95(tension_max)"]
@@ -399,7 +401,7 @@ def test_a_population_searches_designs_too():
     pytest.importorskip("pymoo")
     study = fault(24, optimize={"engine": "population", "batch": 8, "count": 24})
     results = searched(study)
-    over, _ = designs_of(results, goals_of_study(study))
+    over, _ = designs_over_noise(results, goals_of_study(study))
     assert over.table.num_rows == 24 and results.table.num_rows == 24 * 32
 
 
@@ -474,7 +476,7 @@ def test_studies_over_noise_are_run_grown_joined_and_viewed(tmp_path):
     join_studies([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
     joined = read_results(tmp_path / "c/results.parquet")
     assert joined.table.num_rows == 12 * 8 and joined.noise_factors == ("stiff",)
-    over, _ = designs_of(joined, goals_of_study(load_study(tmp_path / "c/study.toml")))
+    over, _ = designs_over_noise(joined, goals_of_study(load_study(tmp_path / "c/study.toml")))
     assert over.table.num_rows == 12
     assert main(["study", "view", str(tmp_path / "c"), "--save", str(tmp_path / "c.rrd")]) == 0
     assert main(["study", "report", str(tmp_path / "c"), "-o", str(tmp_path / "c.html")]) == 0

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 from scipy.stats import mstats
 
-from warpchain.study.analysis.over_noise import designs_of, spread
+from warpchain.study.analysis.over_noise import designs_over_noise, noise_spread
 from warpchain.study.analysis.paired import mean_difference
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.optimize import recommend
@@ -64,7 +64,7 @@ def test_no_recommended_design_is_surely_beaten_by_one_that_keeps_the_limits(see
     them, and any of the two is named."""
     results = random_runs(seed)
     goals = Goals(tuple(Objective(metric=m, sense=sense) for m, sense in objectives), (Bound(metric="t", max=110.0),))
-    over, goals = designs_of(results, goals)
+    over, goals = designs_over_noise(results, goals)
     measured, found = goals.goal_values(over), recommend(over, goals)
     runs = {name: results.values(name).reshape(-1, NOISE_ROWS) for name in "yz"}
     for k, one in enumerate(found):
@@ -93,7 +93,7 @@ def test_a_surrogate_does_not_overrule_the_runs_of_a_design(seed):
     points = rng.random((16, 2))
     y = 50.0 + 60.0 * points.sum(axis=1)[:, None] + 15.0 * rng.standard_normal((16, 1))
     y = y + 100.0 * MU + rng.standard_normal((16, NOISE_ROWS))
-    over, goals = designs_of(runs_of(points, y=y), Goals((Objective(metric="q5(y)", sense="max"),)))
+    over, goals = designs_over_noise(runs_of(points, y=y), Goals((Objective(metric="q5(y)", sense="max"),)))
     (best,) = recommend(over, goals)
     assert best.row == int(over.values("q5(y)").argmax())
     assert all(row == best.row or (y[best.row] > y[row]).any() for row in range(16))
@@ -111,7 +111,7 @@ def test_what_keeps_the_limit_as_it_was_run_and_what_surely_does_stand_side_by_s
     t = np.array([104.0, 90.0, 80.0, 80.0, 80.0, 130.0])[:, None] + steps
     goals = Goals((Objective(metric="y", sense="max"),), (Bound(metric="t", max=115.0),))
     results = runs_of(points, y=y, t=t)
-    over, statistics = designs_of(results, goals)
+    over, statistics = designs_over_noise(results, goals)
     best, safe = recommend(over, statistics)
     assert (best.row, safe.row) == (0, 1)  # 5 exceeds the limit
     assert best.reasons[0] == "highest mean(y) of the variants that keep the limits"
@@ -133,7 +133,7 @@ def test_a_better_design_with_a_run_that_is_not_ok_is_named():
     points, status = np.column_stack([np.arange(5.0), np.zeros(5)]), np.full((5, NOISE_ROWS), "ok", dtype=object)
     y = np.arange(5.0)[:, None] + MU[None, :]
     status[4, 3] = "suspect"
-    over, goals = designs_of(runs_of(points, status, y=y), Goals((Objective(metric="y", sense="max"),)))
+    over, goals = designs_over_noise(runs_of(points, status, y=y), Goals((Objective(metric="y", sense="max"),)))
     (best,) = recommend(over, goals)
     assert best.row == 3
     assert best.reasons[-1].startswith("variant 67 has mean(y) 4.1")
@@ -145,7 +145,7 @@ def test_statistics_and_their_errors_are_harrell_and_davis_s():
     rng = np.random.default_rng(3)
     y = rng.lognormal(size=(2, NOISE_ROWS))
     goals = Goals(tuple(Objective(metric=f"{word}(y)") for word in ("q2", "q50", "q99.5")))
-    over, _ = designs_of(runs_of([[0.0, 0.0], [1.0, 0.0]], y=y), goals)
+    over, _ = designs_over_noise(runs_of([[0.0, 0.0], [1.0, 0.0]], y=y), goals)
     for word, level in (("q2", 0.02), ("q50", 0.5), ("q99.5", 0.995)):
         for row in (0, 1):
             assert over.values(f"{word}(y)")[row] == pytest.approx(mstats.hdquantiles(y[row], [level])[0], rel=1e-12)
@@ -162,7 +162,7 @@ def test_designs_are_compared_in_pairs_of_equal_noise_whatever_their_order():
     order = np.random.default_rng(4).permutation(2 * NOISE_ROWS)
     goals = Goals((Objective(metric="y"), Objective(metric="q95(z)")))
     for table in (results.table, results.table.take(order)):
-        over, _ = designs_of(read_results(table, ["a", "b", "mu"], ["y", "z"]), goals)
+        over, _ = designs_over_noise(read_results(table, ["a", "b", "mu"], ["y", "z"]), goals)
         one, other = (int(np.flatnonzero(over.values("a") == a)[0]) for a in (0.0, 1.0))
         pairs = over.statistic_difference(one, other, statistic_from_name("mean(y)"))
         assert over.sure_sign(one, other, "mean(y)") == over.sure_sign(one, other, "q5(y)") == 1
@@ -172,9 +172,9 @@ def test_designs_are_compared_in_pairs_of_equal_noise_whatever_their_order():
         assert pairs.mean == pytest.approx(3.0, rel=1e-9) and pairs.deviation < 1e-9
         assert over.sure_sign(one, other, "a") is None  # a design factor
     apart = results.table.set_column(2, FIELDS[2], pa.array(np.linspace(0.0, 1.0, 2 * NOISE_ROWS)))
-    over, _ = designs_of(read_results(apart, ["a", "b", "mu"], ["y", "z"]), goals)
+    over, _ = designs_over_noise(read_results(apart, ["a", "b", "mu"], ["y", "z"]), goals)
     assert over.sure_sign(0, 1, "mean(y)") is None  # no noise in common
-    assert spread(over, 0, "y").statistics["mean"][0] == pytest.approx(first.mean())
+    assert noise_spread(over, 0, "y").statistics["mean"][0] == pytest.approx(first.mean())
 
 
 def test_a_mean_of_replicates_that_is_known_better_than_the_surrogate_knows_it_stands():

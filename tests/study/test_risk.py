@@ -17,7 +17,7 @@ from warpchain.study.analysis.effects import median_effects
 from warpchain.study.analysis.failure_probability import FailureEstimate, design_points, subset_simulation
 from warpchain.study.analysis.importance_sampling import fit_mixture, importance_sampling, joint_estimate
 from warpchain.study.analysis.interactions import interactions
-from warpchain.study.analysis.over_noise import designs_of
+from warpchain.study.analysis.over_noise import designs_over_noise
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.analysis.pure_error import pure_error
 from warpchain.study.optimize import open_study
@@ -244,7 +244,7 @@ def runs_are_no_sample(out, place, capsys):
     with pytest.raises(StudyError, match=told):
         correlation(results)
     with pytest.raises(StudyError, match=told):
-        designs_of(results, Goals((), ()))
+        designs_over_noise(results, Goals((), ()))
     assert run(capsys, "study", "view", out, "--save", place / "view.rrd")[0] == 0
 
 

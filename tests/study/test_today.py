@@ -16,7 +16,7 @@ from view.html_page import Page
 from warpchain import run_study
 from warpchain.drive import dumps_drive
 from warpchain.errors import StudyError
-from warpchain.study.analysis.over_noise import designs_of
+from warpchain.study.analysis.over_noise import designs_over_noise
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.optimize import open_study, optimize, recommend
 from warpchain.study.optimize.recommend import design_of_today, judge_rows
@@ -159,7 +159,7 @@ def over_noise(shifts, scatter, status="ok", seed=0):
 def test_a_change_is_judged_in_pairs_over_the_same_noise(shift, scatter, verdict):
     """The noise spreads y by 6; what is left in pairs scatters by 0.7, whose mean over 16 is known to some 0.6."""
     results = over_noise([0.0, shift], scatter)
-    designs, over = designs_of(results, GOALS)
+    designs, over = designs_over_noise(results, GOALS)
     (best, *_) = recommend(designs, over)
     y = results.values("y").reshape(2, 16)
     if best.row == 1:
@@ -175,7 +175,7 @@ def test_a_change_is_judged_in_pairs_over_the_same_noise(shift, scatter, verdict
 def test_where_all_pairs_agree_no_interval_says_otherwise():
     """The 5 % quantile of 16 runs is known badly, but each run of the second is 3 above that of the first."""
     goals = Goals((Objective(metric="q5(y)", sense="max"),), ())
-    designs, over = designs_of(over_noise([0.0, 3.0], 0.5), goals)
+    designs, over = designs_over_noise(over_noise([0.0, 3.0], 0.5), goals)
     change = recommend(designs, over)[0].changes["q5(y)"]
     assert change.pairs == (16, 16) and change.verdict == "better"
     assert change_texts(replace(change, half=9.0), "N")[0] == f"+{change.difference:.4g} N, in 16 of 16 pairs"
@@ -183,11 +183,11 @@ def test_where_all_pairs_agree_no_interval_says_otherwise():
 
 
 def test_today_may_be_what_is_recommended_or_not_ok():
-    designs, over = designs_of(over_noise([5.0, 0.0], 0.5), GOALS)
+    designs, over = designs_over_noise(over_noise([5.0, 0.0], 0.5), GOALS)
     (best, *_) = recommend(designs, over)
     assert best.row == 0 and not best.changes and "today's design, the base drive as it is" in best.reasons
     results = over_noise([5.0, 0.0], 0.5, "suspect")
-    designs, over = designs_of(results, GOALS)
+    designs, over = designs_over_noise(results, GOALS)
     today = design_of_today(designs, judge_rows(designs, over))
     assert "suspect: its reason" in today.reasons
     page = study_report_html(results, wanted=ReportGoals(GOALS.objectives, GOALS.bounds))

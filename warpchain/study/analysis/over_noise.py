@@ -143,7 +143,7 @@ def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
     return replace(goals, objectives=objectives, bounds=tuple(bounds))
 
 
-def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = None) -> tuple[Results, Goals]:
+def designs_over_noise(results: Results, goals: Goals, noise: Sequence[str] | None = None) -> tuple[Results, Goals]:
     """Designs over noise from results of runs, and their goals.
 
     Args:
@@ -188,7 +188,7 @@ def designs_of(results: Results, goals: Goals, noise: Sequence[str] | None = Non
     return Designs(table, chosen, tuple(metrics), results, rows, each), over
 
 
-def spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
+def noise_spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
     """Spread of a design's metric over noise, with noise factors' parts."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}

@@ -27,7 +27,7 @@ from warpchain.extras import require_extra
 from warpchain.files import leftover_files, remove_leftovers
 from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.results.arrow_tables import table_with_column
-from warpchain.study.analysis.over_noise import Designs, designs_of
+from warpchain.study.analysis.over_noise import Designs, designs_over_noise
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.design.design_table import design_table_of_rows
 from warpchain.study.optimize.recommend import (
@@ -112,7 +112,7 @@ def optimize(
         if report is not None:
             report(f"round {rounds}: {_search_status_line(results, optimizer.goals)}")
     results = read_results(folder / "results.parquet", bench.shown_factors)
-    designs, over = designs_of(results, optimizer.goals)
+    designs, over = designs_over_noise(results, optimizer.goals)
     judged = judge_rows(designs, over)
     chosen = tuple(recommend_rows(designs, judged, search.recommend))
     drives, archives = _write_recommended(
@@ -157,7 +157,7 @@ def _search_status_line(results: Results, goals: Goals) -> str:
     from warpchain.results.units import quantity_words
 
     runs = len(results.status)
-    results, goals = designs_of(results, goals)
+    results, goals = designs_over_noise(results, goals)
     measured = goals.goal_values(results)
     over = f" of {len(results.status)} designs" if isinstance(results, Designs) else ""
     words = f"{runs} variants{over}, {int(results.ok.sum())} ok"

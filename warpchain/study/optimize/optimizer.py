@@ -10,7 +10,7 @@ import numpy as np
 from warpchain.argument_checks import Count, check_arguments
 from warpchain.errors import StudyError
 from warpchain.extras import require_extra
-from warpchain.study.analysis.over_noise import designs_of, goals_of_designs
+from warpchain.study.analysis.over_noise import designs_over_noise, goals_of_designs
 from warpchain.study.analysis.pareto import GoalValues, goals_of_study
 from warpchain.study.design import make_design
 from warpchain.study.design.design_table import design_table_of_rows
@@ -129,7 +129,7 @@ class Optimizer:
         """
         if self.study.noise_names:
             factors = [factor.name for factor in self.study.factors]
-            table = designs_of(read_results(table, factors, ()), self.goals, self.study.noise_names)[0].table
+            table = designs_over_noise(read_results(table, factors, ()), self.goals, self.study.noise_names)[0].table
         rows, measured = table.to_pylist(), self._goal_values(table)
         points = self.cube.points_of_rows(rows)
         if self._tables and self.settings.engine == "population":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.errors import StudyError
 from warpchain.results.units import quantity_words
-from warpchain.study.analysis.over_noise import Designs, NoiseSpread, spread
+from warpchain.study.analysis.over_noise import Designs, NoiseSpread, noise_spread
 from warpchain.study.analysis.pareto import Goals, is_non_dominated, keeping_probability
 from warpchain.study.analysis.pure_error import row_standard_errors
 from warpchain.study.design.noise_rows import nominal_row
@@ -260,7 +260,7 @@ def _recommended_design(
     spreads: tuple[NoiseSpread, ...] = ()
     if isinstance(results, Designs):
         metrics = dict.fromkeys(metric_from_name(n) for n in goals.named_metrics if n not in results.factors)
-        spreads = tuple(spread(results, row, metric) for metric in metrics)
+        spreads = tuple(noise_spread(results, row, metric) for metric in metrics)
     over, today = isinstance(results, Designs), results.row_of_today
     if row == today:
         lines.append("today's design, the base drive as it is")

@@ -16,7 +16,7 @@ from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
 from warpchain.study.analysis.interactions import Interaction, interactions
 from warpchain.study.analysis.left_out import LeftOut
-from warpchain.study.analysis.over_noise import designs_of
+from warpchain.study.analysis.over_noise import designs_over_noise
 from warpchain.study.analysis.pure_error import CONFIDENCE, has_equal_rows, pure_error, scatter_share
 from warpchain.study.analysis.sensitivity import SobolIndices
 from warpchain.study.analysis.surface import TRUSTED_R2
@@ -122,7 +122,7 @@ def _report_parts(
         or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(MOST_SHOWN_METRICS, len(named))]
     )
     sought = wanted if wanted.objectives else replace(wanted, objectives=tuple(Objective(metric=m) for m in shown[:2]))
-    designs, over = designs_of(results, sought.goals)
+    designs, over = designs_over_noise(results, sought.goals)
     chosen = over.objective_senses
     enough = tuple(m for m in shown if results.usable_rows(m).sum() >= 3)
     sample = results.sampled_rows()
