@@ -40,7 +40,7 @@ def mode_shapes(asked: argparse.Namespace) -> Iterator[Line]:
     yield {
         "modes-engine": mode_shapes_figure(found.modes[0].first(8)),
         "campbell-engine": mode_campbell_figure(found),
-        "modes-car": mode_shapes_figure(car.chosen(np.array([car.names.index(name) for name in CAR]))),
+        "modes-car": mode_shapes_figure(car.select_modes(np.array([car.names.index(name) for name in CAR]))),
     }
 
 

@@ -256,7 +256,7 @@ def test_pictures_page_and_arrays_have_arms(car, tmp_path):
     out, back = (carried_part_lines(car, mode_swing(result, k, phase)[0][2]) for phase in (0.0, np.pi))
     assert len(out) == 5  # three lines of the arm, its blade, the plunger
     assert all(np.abs(one - other).max() > 1e-4 for one, other in zip(out, back, strict=True))
-    one = result.chosen(np.array([k]))
+    one = result.select_modes(np.array([k]))
     assert len(mode_shapes_figure(one).axes) == 1
     assert "tensioner holds" in modes_page(one)
     assert write_mode_recording(one, tmp_path / "modes.rrd").read_bytes()[:3] == b"RRF"

@@ -163,7 +163,7 @@ def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: Dr
     """Indices (K,) of modes at the next speed, -1 where lost."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
-    result[kept] = matched_modes(before.chosen(which[kept]), after, at)
+    result[kept] = matched_modes(before.select_modes(which[kept]), after, at)
     return result
 
 

@@ -156,10 +156,10 @@ class Modes:
     @check_arguments(SimulationError)
     def first(self, count: Count) -> Modes:
         """The lowest `count` of the modes."""
-        return self.chosen(np.arange(min(count, len(self))))
+        return self.select_modes(np.arange(min(count, len(self))))
 
     @check_arguments(SimulationError)
-    def chosen(self, which: Sequence[Index] | NDArray[np.integer]) -> Modes:
+    def select_modes(self, which: Sequence[Index] | NDArray[np.integer]) -> Modes:
         """The modes at these indices.
 
         Raises:
