@@ -22,7 +22,7 @@ if KERNELS.is_file():
 
 
 def _is_warp_started() -> bool:
-    """Whether Warp runs already; False where a version does not show it."""
+    """Whether Warp runs already, as far as known."""
     return getattr(sys.modules.get("warp._src.context"), "runtime", None) is not None
 
 
@@ -31,7 +31,7 @@ CACHE_VARIABLE = "WARP_CACHE_PATH"
 
 
 def _init_warp() -> None:
-    """Starts Warp, with a temporary kernel cache if its own cannot be written."""
+    """Starts Warp, with a temporary kernel cache if need be."""
     import warp as wp
 
     with contextlib.suppress(OSError):
@@ -52,7 +52,7 @@ def _init_warp() -> None:
 
 
 def start_warp(precompiled: bool = True) -> None:
-    """Starts Warp, once, without its messages on devices, caches and modules.
+    """Starts Warp, once, without its messages.
 
     A program that wants these starts Warp itself (`warp.init()`).
 

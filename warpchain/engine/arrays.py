@@ -23,12 +23,12 @@ from warpchain.kernels.precision import as_float32, as_float64
 from warpchain.kernels.statistics import BINS, NOTES
 
 SPARE_LENGTHS = 4096
-"""Lengths after the last link, for block kernels' threads without a roller."""
+"""Lengths after the last link, for idle block threads."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """Dimension of arrays: items along which they lie, variant after variant."""
+    """Dimension of an ensemble's arrays: items of each variant."""
 
     count: Callable[[NDArray[Any]], NDArray[Any]]  # (variants,) items of each variant, from the rows of `drives`
     first: str = ""  # field of `kernels.structs.Drive` with a variant's first item, or ""
@@ -52,11 +52,11 @@ DIMENSIONS = {
     "tally": Dimension(lambda drives: drives["rollers"] * (drives["sprockets"] + 1), "first_tally"),
     "histogram": Dimension(lambda drives: drives["sprockets"] + 1),
 }
-"""Dimensions of arrays by name; partners are sprockets, then guides, histograms strands and none."""
+"""Dimensions of an ensemble's arrays by name."""
 
 
 def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
-    """Places (variants + 1,) at which variants' items begin and end, by dimension."""
+    """Places (variants + 1,) of variants' first items, by dimension."""
     return {
         name: np.append(0, np.cumsum(kind.count(drives).astype(np.int64), dtype=np.int64))
         for name, kind in DIMENSIONS.items()
@@ -64,7 +64,7 @@ def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
 
 
 def fill_first_places(drives: NDArray[Any]) -> NDArray[Any]:
-    """Fills the places of parts' first items into rows of `structs.Drive`, and returns these."""
+    """Fills places of first items into `structs.Drive`, returned."""
     for name, places in first_places(drives).items():
         if DIMENSIONS[name].first:
             drives[DIMENSIONS[name].first] = places[:-1]
@@ -89,7 +89,7 @@ def padded_lengths(packed: Any, blocks: bool) -> NDArray[Any]:
 
 
 def seat_directions(packed: Any, blocks: bool) -> NDArray[np.floating]:
-    """Directions (seats, 2) of tooth seats; for blocks (seats, 4), multiples of 2^-12 and rest."""
+    """Directions (seats, 2) of tooth seats, for blocks (seats, 4)."""
     if not blocks:
         return np.asarray(packed.seats)
     coarse = np.rint(4096.0 * packed.seats) / 4096.0
@@ -97,7 +97,7 @@ def seat_directions(packed: Any, blocks: bool) -> NDArray[np.floating]:
 
 
 def harmonic_rows(packed: Any, blocks: bool) -> NDArray[np.floating]:
-    """Rows (order, amplitude, phase) of harmonics; for blocks with the phase's sine."""
+    """Rows (order, amplitude, phase) of harmonics, for blocks with sines."""
     rows = packed.harmonics
     return np.column_stack([rows, np.sin(rows[:, 2])]) if blocks else np.asarray(rows)
 
@@ -184,7 +184,7 @@ ARRAYS = {
         "body": ArrayRow("body", in_checkpoints=True),
     },
 }
-"""Arrays of `kernels.structs` (Ensemble, State, Sums, Tallies), by group and name."""
+"""Table of an ensemble's arrays, by struct and name."""
 
 PACKED_ARRAYS = {
     row.packed_name: (group, name) for group, rows in ARRAYS.items() for name, row in rows.items() if row.packed_name
@@ -194,7 +194,7 @@ PACKED_ARRAYS = {
 
 @cache
 def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
-    """Warp type of an array's values, in the CPU's kernels or in `blocks`."""
+    """Warp type of an array's values, on CPU or in `blocks`."""
     kinds = structs.types(real, blocks)
     of_group = {
         "ensemble": kinds.Ensemble,
@@ -214,7 +214,7 @@ def dtype_of(kind: Any) -> np.dtype[Any]:
 
 
 def array_lengths(drives: NDArray[Any], group: str) -> dict[str, int]:
-    """Length of each array of a group with a dimension, at least 1."""
+    """Length of each array of a group, at least 1."""
     counts = {name: max(int(kind.count(drives).sum()), 1) for name, kind in DIMENSIONS.items()}
     counts["partner"] = counts["sprocket"] + counts["guide"]
     return {name: row.width * counts[row.dimension] for name, row in ARRAYS[group].items() if row.dimension}
@@ -330,11 +330,11 @@ class Engine(ABC):
 
     packed: Any
     has_own_steps = False
-    """Whether variants may take different numbers of steps in a launch."""
+    """Whether variants may differ in steps of a launch."""
 
     @abstractmethod
     def advance(self, steps: Any, frames: Any) -> list[Future[None]]:
-        """Starts `steps` steps of every variant that has not ended, frames going to `frames`.
+        """Starts `steps` steps of every variant, frames going to `frames`.
 
         `steps` is a number, or (variants,) where the engine `has_own_steps`.
         """
@@ -345,7 +345,7 @@ class Engine(ABC):
 
     @abstractmethod
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` steps of relaxation of variants not settled."""
+        """Starts up to `steps` relaxation steps of every variant."""
 
     @abstractmethod
     def settling_states(self) -> NDArray[Any]:

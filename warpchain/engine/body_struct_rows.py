@@ -46,21 +46,21 @@ from warpchain.model.trains import (
 )
 
 FACE_MARGIN = 0.25
-"""Distance from a guide's reach at which rollers count, in pitches."""
+"""Distance from a guide at which rollers count, in pitches."""
 
 
 def has_profile_face(drive: Drive, g: int) -> bool:
-    """Whether kernels take guide g as a profile: all but straight, fixed bars."""
+    """Whether kernels take guide g as a profile."""
     return not drive.guides[g].straight or drive.guides[g].arm is not None
 
 
 def piece_count(drive: Drive) -> int:
-    """Number of a drive's rows of `structs.Piece`: pieces of profiles, and ends."""
+    """Number of a drive's rows of `structs.Piece`."""
     return sum(len(drive.profile(g).pieces) + 1 for g in range(len(drive.guides)) if has_profile_face(drive, g))
 
 
 def fill_profile_face(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
-    """Fills the face of guide g into `structs.Guide`, pieces from `first` on; returns rows used."""
+    """Fills profiled guide g into `structs.Guide`; returns rows used."""
     profile, arm = drive.profile(g), drive.arm_of(g)
     origin = np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)  # the same for all of a stack
     row["body"] = GROUND if arm is None else drive.first_arm_body + arm
@@ -80,7 +80,7 @@ def fill_profile_face(row: Any, pieces: Any, first: int, drive: Drive, g: int) -
 
 
 def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: float, margin: float) -> None:
-    """Fills the box along a guide face's chord in which rollers may be near."""
+    """Fills the box of a guide's face in which rollers count."""
     points = profile.points(0.25 * profile.end_radius) - origin
     start = np.asarray(profile.face[0].start) - origin
     chord = np.asarray(profile.face[-1].end) - origin - start
@@ -94,13 +94,13 @@ def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offs
 
 
 def guide_effective_mass(drive: Drive, g: int) -> float:
-    """Effective mass m_e [kg] of a roller that slides on guide g."""
+    """Effective mass [kg] of a roller that slides on a guide."""
     arm = drive.arm_of(g)
     return drive.chain.mass if arm is None else arm_effective_mass(drive, arm)
 
 
 def arm_effective_mass(drive: Drive, a: int) -> float:
-    """Effective mass m_e [kg] of a roller on arm a, for stable friction.
+    """Effective mass m_e [kg] of a roller on an arm.
 
     With n rollers on its faces at reach r, and z on sprockets d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
     """
@@ -109,7 +109,7 @@ def arm_effective_mass(drive: Drive, a: int) -> float:
 
 
 def squared_levers(drive: Drive, a: int, rollers: Sequence[Any]) -> Any:
-    """Sum n r^2 + sum z d^2 [m^2] of arm a, of rollers on faces and sprockets."""
+    """Squared levers n r^2 + sum z d^2 [m^2] of an arm's rollers."""
     on_faces = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
     square = on_faces * power(drive.arm_lever(a), 2)
     return square + sum(rollers[s] * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
@@ -145,7 +145,7 @@ def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembl
 
 
 def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
-    """Mass moment (..., 2) [kg m] of arm a with its sprockets about the pivot."""
+    """Mass moment (..., 2) [kg m] of an arm about its pivot."""
     pivot, found = array_of_columns(drive.arms[a].pivot), np.zeros(2)
     for mass, place in drive.masses_on(a):
         found = found + with_last_axis(mass) * (array_of_columns(place) - pivot)
@@ -161,7 +161,7 @@ def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> 
 
 
 def fill_pivot_row(row: Any, drive: Drive, a: int, tables: TableList) -> None:
-    """Fills the `structs.Mount` of arm a, whose pivot follows a table."""
+    """Fills the `structs.Mount` of an arm whose pivot is led."""
     arm = drive.arms[a]
     row["active"], row["moves"], row["home"] = 1, PRESCRIBED, array_of_columns(arm.pivot)
     fill_place_tables(row, arm.pivot_table, tables)
@@ -170,7 +170,7 @@ def fill_pivot_row(row: Any, drive: Drive, a: int, tables: TableList) -> None:
 
 
 STOP_DAMPING = 0.3
-"""Damping ratio of ratchet and bottom, by the larger of plunger and roller."""
+"""Damping ratio of a tensioner's ratchet and bottom."""
 
 
 def fill_tensioner_row(row: Any, drive: Drive, t: int, tables: TableList) -> None:
@@ -208,7 +208,7 @@ def fill_tensioner_element(row: Any, drive: Drive, tensioner: Tensioner) -> None
 
 
 def _expansion_pressure(pressure: Any, oil: Any) -> Any:
-    """Expansion pressure K + P exp(-phi) of oil [Pa], eq. (10a) of `physics.tensioner`."""
+    """Expansion pressure of oil [Pa], eq. (10a) of `physics.tensioner`."""
     share, ratio = 1.0 / (1.0 + oil.air), pressure / oil.ambient
     q, b = share * pressure / oil.bulk_modulus, share * oil.air * power(ratio, -5.0 / 7.0)
     total = 0.0 * q
@@ -221,7 +221,7 @@ def _expansion_pressure(pressure: Any, oil: Any) -> Any:
 
 
 def oil_energies(oil: Any) -> tuple[Any, Any]:
-    """Energies `still` and `supplied` of `structs.Tensioner` [Pa], zero and oil supplied."""
+    """Energies of oil [Pa] at rest and supplied, for `structs.Tensioner`."""
     still = _expansion_pressure(oil.ambient, oil)
     return still, _expansion_pressure(oil.supply, oil) - still
 
@@ -261,19 +261,19 @@ def _fill_oil_fields(row: Any, tensioner: Tensioner) -> None:
 
 
 def fill_train_counts(row: Any, drive: Drive) -> None:
-    """Fills counts of shafts, gears, couplings and valves into a `structs.Drive`."""
+    """Fills counts of trains' parts into a `structs.Drive`."""
     row["shafts"], row["gears"], row["couplings"] = len(drive.shafts), len(drive.gears), len(drive.couplings)
     row["valves"] = len(drive.valves)
     row["tied"] = is_tied(drive)
 
 
 def is_tied(drive: Drive) -> bool:
-    """Whether a drive has trains or valves, for which kernels gather moments first."""
+    """Whether a drive has trains or valves."""
     return has_trains(drive) or bool(drive.valves)
 
 
 def fill_train_row(row: Any, drive: Drive, b: int) -> None:
-    """Fills how body b turns in its train into its `structs.Motion`."""
+    """Fills a body's turning in its train into `structs.Motion`."""
     if b >= drive.first_arm_body:
         row["train"] = -1
         return

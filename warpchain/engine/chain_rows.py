@@ -108,7 +108,7 @@ class ChainRows:
         fill_step_dependence(packed)
 
     def _couple_chains_of(self, packed: PackedEnsemble, v: int, a: int, b: int) -> None:
-        """Ties the chains of variant v, rows `a` to `b` - 1."""
+        """Ties the chains of variant v, rows from `a` to `b`."""
         drive, rows = self.variant_drives[v], packed.drives
         rows["chains"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin = int(rows["first_body"][a])
@@ -132,11 +132,11 @@ class ChainRows:
 
 
 ChainSprocket = tuple[int, int, int]
-"""A chain's sprocket: its row, its body, its place among all sprockets."""
+"""A chain's sprocket: its row, body and place among all."""
 
 
 def _number_trains(packed: PackedEnsemble, rows: range, begin: int) -> None:
-    """Numbers the trains of a variant's rows among its bodies from `begin`."""
+    """Numbers the trains of a variant's chain rows."""
     for row in packed.drives[rows.start : rows.stop]:
         bodies = int(row["first_body"]) + np.arange(int(row["bodies"]))
         own, motions = bodies - begin, packed.motions
@@ -162,7 +162,7 @@ TRAIN_FIELDS = (
 
 
 def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
-    """Makes `body` turn as `home`, the same shaft's body in another chain."""
+    """Makes `body` turn as the same shaft's body in another chain."""
     motions = packed.motions
     motions["shaft_offset"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in TRAIN_FIELDS:
@@ -173,7 +173,7 @@ def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
 
 
 def _sum_contacts_over_chains(packed: PackedEnsemble, members: Sequence[ChainSprocket]) -> None:
-    """Fills contact mobility and friction's effective mass of a train over all its chains.
+    """Fills a train's contact mobility and effective mass over chains.
 
     1/m_e = 1/m + sum of z times the mobility of a point, as in `struct_rows.tooth_effective_mass`.
     """

@@ -34,31 +34,31 @@ from warpchain.results.schedule import LOOK_EVERY, MOST_STEPS, Schedule
 from warpchain.version import installed_version
 
 MOST_STOPS = 16
-"""Most steps at which a run stops to keep states."""
+"""Most steps at which a run stops for checkpoints."""
 FORMAT = 8
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 
 @dataclass(frozen=True)
 class VariantState:
-    """State of a variant within its run."""
+    """Checkpoint: state of a variant within its run."""
 
     facts: Mapping[str, Any]  # drive, run and step, as JSON
     data: bytes = field(repr=False)  # bytes of its arrays, one after the other
 
     @property
     def step(self) -> int:
-        """Number of the next step of a kept state."""
+        """Number of the next step after a checkpoint."""
         return int(self.facts["next"])
 
     def to_bytes(self) -> bytes:
-        """Bytes of facts and data, for a file."""
+        """Bytes of a checkpoint, for a file."""
         head = json.dumps(self.facts, sort_keys=True).encode()
         return len(head).to_bytes(8, "little") + head + self.data
 
     @classmethod
     def from_bytes(cls, data: bytes) -> VariantState:
-        """Variant state from bytes of `to_bytes`.
+        """Checkpoint from bytes of `to_bytes`.
 
         Raises:
             ValueError: other bytes.
@@ -72,7 +72,7 @@ class VariantState:
 
 @dataclass
 class States:
-    """States from which variants of a run begin, and those kept; an argument of `simulate`.
+    """Checkpoints from which a run's variants begin, and those kept.
 
     Attributes:
         keep: whether to keep states.
@@ -98,13 +98,13 @@ class States:
 
 
 def _drive_digest(drive: Drive) -> str:
-    """SHA-256 of a drive's content apart from duration and sample rate."""
+    """SHA-256 of a drive's content, for checkpoints."""
     plain = drive.model_copy(update={"run": drive.run.model_copy(update={"duration": 1.0, "sample_rate": 1.0})})
     return hashlib.sha256(plain.model_dump_json().encode()).hexdigest()
 
 
 def _required_facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any]:
-    """Facts that a state must have to continue; `run` is precision and device."""
+    """Facts that a checkpoint must have to continue a run."""
     return {
         "format": FORMAT,
         "warpchain": installed_version(),
@@ -115,13 +115,13 @@ def _required_facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any
 
 
 def latest_stop_step(schedule: Schedule) -> int:
-    """Last step at which a variant's state can be kept, or 0."""
+    """Last step at which a checkpoint can be kept, or 0."""
     unit = int(DIVERGENCE_CHECK)
     return schedule.window_end // unit * unit
 
 
 def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
-    """Whether a run can take over a state's sums: same window and notes."""
+    """Whether a run can take over a checkpoint's sums."""
     first, last = kept.facts["window"]
     if (
         kept.facts.get("look_every", LOOK_EVERY) != schedule.sample_interval
@@ -133,7 +133,7 @@ def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
 
 
 def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]] | None:
-    """Notes of the longer run and of the state, in pairs; None if one lacks."""
+    """Pairs of notes of the longer run and checkpoint, or None."""
     first, last = kept.facts["window"]
     every = schedule.sample_interval
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
@@ -145,7 +145,7 @@ def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]
 
 
 def _is_usable(kept: VariantState, drive: Drive, schedule: Schedule, run: str) -> bool:
-    """Whether a run can continue from a variant's state."""
+    """Whether a run can continue from a checkpoint."""
     if any(kept.facts.get(name) != value for name, value in _required_facts(drive, schedule, run).items()):
         return False
     later = schedule.window_start >= kept.step and _is_on_cpu(run)
@@ -158,7 +158,7 @@ def _is_on_cpu(run: str) -> bool:
 
 
 def stop_steps(schedules: Sequence[Schedule]) -> NDArray[np.int64]:
-    """Steps (V,) at which variants' states are kept, at most `MOST_STOPS` different ones."""
+    """Steps (V,) at which variants' checkpoints are kept."""
     wanted = np.array([latest_stop_step(schedule) for schedule in schedules], dtype=np.int64)
     held = np.unique(wanted)
     if len(held) > MOST_STOPS:
@@ -167,7 +167,7 @@ def stop_steps(schedules: Sequence[Schedule]) -> NDArray[np.int64]:
 
 
 class StateKeeper:
-    """Keeper of the states of a run's variants, which also restores them.
+    """Keeper of a run's checkpoints, which also restores them.
 
     Args:
         states: filled as the run goes.
@@ -198,7 +198,7 @@ class StateKeeper:
         self._ends: dict[int, dict[str, Any]] = {}
 
     def drives_to_settle(self) -> list[Drive]:
-        """Drives without settling of those that continue from a state."""
+        """Drives, unsettled if they continue from a checkpoint."""
         settled = {"settle": False}
         return [
             drive if kept is None else drive.model_copy(update={"run": drive.run.model_copy(update=settled)})
@@ -206,7 +206,7 @@ class StateKeeper:
         ]
 
     def take_over_settling(self, packed: PackedEnsemble, settled: NDArray[Any], left: NDArray[np.float64]) -> None:
-        """Sets box and settling of variants that continue, and notes those of all."""
+        """Takes box and settling over from checkpoints, and notes new ones."""
         for v, kept in enumerate(self.begin):
             if kept is not None:
                 facts = kept.facts
@@ -221,7 +221,7 @@ class StateKeeper:
             self._ends[v] = {**ends, "left": float(left[v]), "settled": held}
 
     def restore_states(self, engine: Engine) -> None:
-        """Sets an engine's variants to the states from which they continue."""
+        """Sets an engine's variants to their checkpoints."""
         if not any(self.begin):
             return
         arrays, places = _checkpoint_arrays(engine), _variant_places(engine.packed)
@@ -232,12 +232,12 @@ class StateKeeper:
             engine.set_array(*name, values)
 
     def steps_ahead(self, progress: NDArray[Any]) -> NDArray[np.int64]:
-        """Steps (V,) until each variant's state is to be kept, or more than any."""
+        """Steps (V,) until each variant's checkpoint."""
         ahead = self._stops - progress["step"]
         return np.where((progress["diverged"] == 0) & (ahead > 0), ahead, MOST_STEPS + 1)
 
     def keep_due_states(self, engine: Engine, progress: NDArray[Any]) -> None:
-        """Keeps the states of variants that have come to their steps."""
+        """Keeps the checkpoints that are due."""
         due = (self._stops > 0) & (progress["step"] == self._stops) & (progress["diverged"] == 0)
         if due.any():
             arrays, places = _checkpoint_arrays(engine), _variant_places(engine.packed)
@@ -245,7 +245,7 @@ class StateKeeper:
                 self._states.kept[self._numbers[v]] = self._variant_state(v, _variant_bytes(arrays, places, v))
 
     def _variant_state(self, v: int, data: bytes) -> VariantState:
-        """State of variant v, with the bytes of its arrays."""
+        """Checkpoint of variant v, from its arrays' bytes."""
         schedule = self._schedules[v]
         window = [schedule.window_start, schedule.window_end]
         more = {"next": int(self._stops[v]), "window": window, "look_every": schedule.sample_interval, **self._ends[v]}
@@ -253,7 +253,7 @@ class StateKeeper:
 
 
 def _checkpoint_arrays(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
-    """Copies of an engine's arrays that checkpoints keep, by group and name."""
+    """Copies of an engine's arrays in checkpoints, by name."""
     return {
         (group, name): engine.fetch_array(group, name)
         for group in engine.changing_structs()
@@ -263,14 +263,14 @@ def _checkpoint_arrays(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
 
 
 def _variant_places(packed: PackedEnsemble) -> dict[tuple[str, str], NDArray[np.int64]]:
-    """Places (variants + 1,) of variants' values in each array of checkpoints."""
+    """Places (variants + 1,) of variants' values in checkpoints' arrays."""
     first = first_places(packed.drives)
     rows = {(group, name): row for group in ARRAYS for name, row in ARRAYS[group].items() if row.in_checkpoints}
     return {name: row.width * first[row.dimension] for name, row in rows.items()}
 
 
 def _variant_bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
-    """Bytes of a variant's part of all arrays, without gaps."""
+    """Bytes of a variant's part of a checkpoint's arrays."""
     parts = (values[places[name][v] : places[name][v + 1]] for name, values in arrays.items())
     return b"".join(repack_fields(part, recurse=True).tobytes() for part in parts)
 
@@ -282,7 +282,7 @@ def _set_variant(
     kept: VariantState,
     schedule: Schedule,
 ) -> None:
-    """Sets a variant's part of all arrays from its kept state.
+    """Sets a variant's part of all arrays from its checkpoint.
 
     Raises:
         SimulationError: the state is of another layout.

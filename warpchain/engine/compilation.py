@@ -30,7 +30,7 @@ POLL_INTERVAL = 0.05
 
 @contextlib.contextmanager
 def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator[None]:
-    """Context that loads the CPU's kernels in threads, the last before it ends."""
+    """Context that loads the CPU's kernels in threads."""
     import warp as wp
 
     lacking = sum(not is_cached(module, "cpu", 1) for module in modules)
@@ -66,7 +66,7 @@ class KernelSpec(NamedTuple):
 
 
 def is_cached(module: Any, device: str, threads: int) -> bool:
-    """Whether Warp's cache has a module for a device; True if unknown."""
+    """Whether Warp's kernel cache has a module."""
     try:
         return _cache_path(module, device, threads).exists()
     except (AttributeError, TypeError):
@@ -83,7 +83,7 @@ def _cache_path(module: Any, device: str, threads: int) -> Path:
 
 @dataclass(frozen=True)
 class CompileJob:
-    """Job to compile a kernel: architecture, whether intermediate code, cache file."""
+    """Job to compile a kernel to a cache file."""
 
     spec: KernelSpec
     arch: int
@@ -92,7 +92,7 @@ class CompileJob:
 
 
 def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJob]:
-    """Jobs for the kernels that a GPU needs and Warp's cache lacks."""
+    """Jobs for the GPU kernels that Warp's cache lacks."""
     import warp as wp
 
     for of in wanted:
@@ -104,7 +104,7 @@ def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJ
 
 
 def compile_in_processes(jobs: Sequence[CompileJob], cores: int, report: ProgressReport, stop: StopRequest) -> None:
-    """Compiles kernels in processes, one a core, until a stop is asked for.
+    """Compiles kernels in processes, until a stop is asked for.
 
     A single one is left to the caller.
 

@@ -1,11 +1,11 @@
 """Contact mobility of bodies under the dampers of all their contacts at once: G of `kernels.physics.impact`.
 
-A change of all contact forces changes closing accelerations by the body's mobility: (R + b)^2 / J of a sprocket with
-its train, 1 / M of a center on springs, r^2 / I of an arm. With the n rollers seated as a run begins,
+All contact forces change closing accelerations by the body's mobility: (R + b)^2 / J of a sprocket with its train, 1 /
+M of a center on springs, r^2 / I of an arm. With n rollers seated,
 
     G = 2 m sum n (mobility),
 
-over all sprockets of the train and all that an arm carries, the trace, is above all eigenvalues.
+over the train and all that an arm carries, a trace above all eigenvalues.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from warpchain.model.trains import is_free_body, train_inertia, train_of_body
 
 
 def fill_contact_mobility(packed: PackedEnsemble, rows: NDArray[np.integer], drive: Drive, assembly: Assembly) -> None:
-    """Fills contact mobility G (`ContactLaw.answer`) of a stack's variants at `rows`."""
+    """Fills contact mobility G of a stack's variants at `rows`."""
     seated = [(assembly.seat_sprocket == s).sum(axis=-1) for s in range(len(drive.sprockets))]
     arms = [squared_levers(drive, a, seated) / drive.arm_inertia(a) for a in range(len(drive.arms))]
     turning = [_turning_mobility(drive, s) * n for s, n in enumerate(seated)]
@@ -43,7 +43,7 @@ def fill_contact_mobility(packed: PackedEnsemble, rows: NDArray[np.integer], dri
 
 
 def sum_mobility_over_chains(packed: PackedEnsemble, owners: NDArray[np.int64], places: NDArray[np.int64]) -> None:
-    """Sums contact mobility G of a train over its chains, for sprockets at `places`."""
+    """Sums contact mobility G of a train over its chains."""
     laws = packed.sprockets["law"]
     own = laws["answer"][places] / packed.chains["mass"][owners]
     total = sum(own[owners == row].max() for row in np.unique(owners))
@@ -51,7 +51,7 @@ def sum_mobility_over_chains(packed: PackedEnsemble, owners: NDArray[np.int64], 
 
 
 def _turning_mobility(drive: Drive, s: int) -> Any:
-    """Turning mobility (R + b)^2 / J of sprocket s [1/kg], 0 if prescribed."""
+    """Turning mobility (R + b)^2 / J of a sprocket [1/kg], or 0."""
     if not is_free_body(drive, s):
         return 0.0
     return power(drive.pitch_radius(s) + drive.engagement(s), 2) / train_inertia(drive, s)

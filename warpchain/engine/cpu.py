@@ -17,13 +17,13 @@ from warpchain.kernels.cpu.advance import SCRATCH_ROWS, advance_kernel
 from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
-"""Row lengths of the CPU's scratch, each with its own kernel, off powers of two."""
+"""Row lengths of the CPU's scratch, each with a kernel."""
 SPARE_VALUES = 32
-"""Values of a scratch row beyond its longest chain, for whole lanes."""
+"""Spare values of a CPU scratch row, for whole lanes."""
 
 
 def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
-    """CPU kernel "advance" or "relax" of an ensemble, not loaded yet."""
+    """CPU kernel "advance" or "relax", not loaded yet."""
     form = real_type(precision), _row_capacity(packed)
     if name == "relax":
         return relax_kernel(*form)
@@ -31,7 +31,7 @@ def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
 
 
 class CpuEngine(Engine):
-    """Engine that steps an ensemble on the CPU, by `workers` threads."""
+    """CPU engine that steps an ensemble by `workers` threads."""
 
     def __init__(self, packed: PackedEnsemble, workers: int) -> None:
         self.packed = packed
@@ -59,7 +59,7 @@ class CpuEngine(Engine):
         return self._kernels[name]
 
     def _launch(self, name: str, before: list[Any], after: list[Any]) -> list[Future[None]]:
-        """Launches a CPU kernel over all variants, in groups, on the pool."""
+        """Launches a CPU kernel over all variants on the pool."""
         kernel = self._kernel(name)
         group = max(1, -(-self.variants // (8 * self.workers)))
 
@@ -103,7 +103,7 @@ class CpuEngine(Engine):
 
 
 def _row_capacity(packed: PackedEnsemble) -> int:
-    """Shortest scratch row length for the longest chain and one more roller."""
+    """Shortest CPU scratch row for the longest chain."""
     from warpchain.errors import SimulationError
 
     longest = int(packed.drives["rollers"].max())

@@ -44,7 +44,7 @@ class DeviceChoice(NamedTuple):
 def fastest_devices(
     gpus: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> DeviceChoice:
-    """Choice of the CPU, a GPU or all, estimated to finish `times` an ensemble first.
+    """Choice of CPU or GPUs, estimated to finish first.
 
     Of choices within `EQUAL_WITHIN` the plainest.
     """
@@ -66,7 +66,7 @@ def fastest_devices(
 def estimated_seconds(
     devices: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> float:
-    """Estimated seconds of `times` an ensemble's steps on CPU cores (1) or GPUs (2)."""
+    """Estimated seconds of an ensemble's steps on devices."""
     drives = packed.drives
     window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
     steps = drives["steps"] + (METRICS_FACTOR - 1.0) * np.maximum(window, 0.0)
@@ -78,7 +78,7 @@ def estimated_seconds(
 
 
 def gpu_speed(device: str, precision: str) -> tuple[float, float]:
-    """Roller-steps a second of a full GPU, and seconds of a small step."""
+    """Roller-steps a second of a full GPU, seconds a step."""
     import warp as wp
 
     gpu, single = wp.get_device(device), precision == "float32"
@@ -88,7 +88,7 @@ def gpu_speed(device: str, precision: str) -> tuple[float, float]:
 
 
 def has_uncompiled_kernels(device: str, packed: PackedEnsemble, precision: str) -> bool:
-    """Whether Warp's cache lacks a kernel of a run's steps on a device."""
+    """Whether a device's kernels for a run are not compiled."""
     if device == "cpu":
         from warpchain.engine.cpu import cpu_kernel
 

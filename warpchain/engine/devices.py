@@ -15,10 +15,10 @@ from warpchain.progress import ProgressReport, StopRequest
 
 
 def devices_by_name(device: str | None, packed: PackedEnsemble) -> tuple[str, ...]:
-    """Names of devices: of "cpu", "cuda" (all GPUs), "cuda:1", or None (GPUs, else CPU).
+    """Names of devices that "cpu", "cuda" (all GPUs), "cuda:1" or None mean.
 
     Raises:
-        SimulationError: an unknown name, no such GPU, too old a one, or an ensemble that a GPU cannot run.
+        SimulationError: no such device, too old a one, or an ensemble that a GPU cannot run.
     """
     if device == "cpu":
         return ("cpu",)
@@ -71,7 +71,7 @@ def usable_gpus() -> tuple[str, ...]:
 
 
 def gpus_by_name(device: str | None) -> tuple[str, ...]:
-    """Names of GPUs that `device` can mean (None: all), or ()."""
+    """Names of GPUs that `device` can mean, or ()."""
     if device == "cpu":
         return ()
     gpus = usable_gpus()
@@ -81,11 +81,10 @@ def gpus_by_name(device: str | None) -> tuple[str, ...]:
 def choose_devices(
     device: str | None, packed: PackedEnsemble, precision: str, cores: int, count: int, times: float = 1.0
 ) -> DeviceChoice:
-    """Choice of devices that `device` names; for None those expected to finish first.
+    """Choice of devices by name, for None the fastest.
 
     Args:
         packed: the ensemble, or a part of it.
-        cores: CPU threads.
         count: of variants, of which each takes one device.
         times: work of the run over that of `packed`.
 
@@ -99,7 +98,7 @@ def choose_devices(
 
 
 def _gpu_architectures() -> dict[str, int]:
-    """Architectures (compute capability times ten) of the GPUs that Warp sees."""
+    """Architectures (capability times ten) of GPUs by name."""
     import warp as wp
 
     start_warp()
@@ -109,7 +108,7 @@ def _gpu_architectures() -> dict[str, int]:
 
 
 def make_engine(device: str, packed: PackedEnsemble, cores: int) -> Engine:
-    """Engine for an ensemble on a device, "cpu" or such as "cuda:0"."""
+    """Engine for an ensemble on a device."""
     if device == "cpu":
         from warpchain.engine.cpu import CpuEngine
 
@@ -129,7 +128,7 @@ def load_run_kernels(
     report: ProgressReport,
     stop: StopRequest,
 ) -> Iterator[None]:
-    """Context that compiles and loads a run's kernels, the CPU's of steps by its end.
+    """Context that compiles and loads a run's kernels.
 
     Args:
         precision: of the steps.
@@ -151,7 +150,7 @@ def load_run_kernels(
 
 
 def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
-    """Number of steps of a launch on a device, `wanted` at most, in whole rounds."""
+    """Number of steps of a launch on a device, at most `wanted`."""
     if device == "cpu":
         from warpchain.kernels.sums import MERGE_EVERY
 
@@ -163,7 +162,7 @@ def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
 
 
 def launch_frame_bytes(device: str) -> int | None:
-    """Most bytes of the frames of one launch, None for no limit."""
+    """Most bytes of a launch's frames, or None."""
     if device == "cpu":
         return None
     from warpchain.engine.gpu import FRAME_BYTES

@@ -16,16 +16,16 @@ from warpchain.kernels.native import STATE_ROWS
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 ON_TOP = 0.5
-"""Height of a roller's center above tooth tips, in radii, that has left the teeth."""
+"""Height of a roller above tooth tips, in radii, off the teeth."""
 
 TORN = 2.0
-"""Length of a link, over its own, from which on a chain is torn."""
+"""Length of a link over its own, beyond which chains are torn."""
 
 
 def engaged_fractions(
     engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None
 ) -> NDArray[np.float64]:
-    """Engaged rollers (V, S) on each sprocket's teeth over those of the assembled wrap, NaN for none.
+    """Engaged rollers (V, S) on sprockets over assembled ones, or NaN.
 
     On the teeth is a roller within half a pitch inward of the pitch circle, and `ON_TOP` outward of the tips.
     """
@@ -78,7 +78,7 @@ def _is_inside(row: Any, places: NDArray[np.float64]) -> bool:
 def _tooth_reach(
     stacks: Sequence[Stack], assemblies: Assemblies, shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Least and largest radius (V, S) [m] of rollers on teeth, and their number at assembly."""
+    """Least and largest radius (V, S) [m] of engaged rollers, and number."""
     inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):

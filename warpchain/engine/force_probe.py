@@ -1,8 +1,7 @@
 """Force probe: forces of a drive in given states, as accelerations of perturbed copies, by the CPU kernel.
 
 A copy takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the forces of exactly the
-given state. The step is 2^21 s, a power of two, so that nothing is rounded. Contacts are found closed at the floor of
-their impact speed, and the oil's mass is given.
+given state. The step is 2^21 s, so that nothing is rounded.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ COPIES = 32
 
 @dataclass
 class ProbeStates:
-    """States of copies of a drive of N rollers, B bodies and T tensioners."""
+    """States of copies of a drive in a force probe."""
 
     position: Array  # (copies, N, 2) of the rollers [m]
     velocity: Array  # (copies, N, 2) of the rollers [m/s]
@@ -51,7 +50,7 @@ class BodyFreedom:
 
 
 class ForceProbe:
-    """Probe of accelerations of a drive's rollers and bodies in given states.
+    """Force probe of a drive's rollers and bodies in given states.
 
     Args:
         packed: one variant at rest, in float64.
@@ -96,7 +95,7 @@ class ForceProbe:
         )
 
     def body_freedom(self, b: int, angle: float) -> BodyFreedom:
-        """Free directions of body `b` and its inertia at an angle [rad]."""
+        """Free directions of a body and its inertia."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
         turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
         if not mount["active"]:
@@ -114,7 +113,7 @@ class ForceProbe:
         return BodyFreedom(np.hstack([slides, turns]), inertia)
 
     def arm_joints(self, angles: Array) -> list[tuple[int, int, float]]:
-        """Arms on arms: bodies of each and its carrier, d.s [kg m^2] of `physics.hub`, (b)."""
+        """Arms on arms: their bodies, carriers and d.s [kg m^2]."""
         found, first = [], self.body_count - int(self.base.drives["arms"][0])
         for b, arm in enumerate(self.base.arms[: self.body_count - first], first):
             if arm["on"]:
@@ -126,7 +125,7 @@ class ForceProbe:
 
     @cached_property
     def _cam_states(self) -> NDArray[Any]:
-        """Inertia and moment of valves on each body where the drive stands."""
+        """Inertia and moment of valves on each body."""
         self._evaluate(self.packed_state())
         return np.array(self._engine.state.cams.numpy()[: self.body_count])
 
@@ -141,7 +140,7 @@ class ForceProbe:
         return float(((motions["ratio"][train] / motions["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
     def train_angles(self, b: int) -> Array:
-        """Angles (B,) of all bodies as they turn with a train's first; else (1,) or (0,)."""
+        """Angles (B,) of all bodies that turn in one train."""
         motions = self.base.motions[: self.body_count]
         if not self.base.drives["tied"][0] or motions["train"][b] < 0:
             return np.ones(1)
@@ -151,9 +150,9 @@ class ForceProbe:
         return np.ones(1) if np.count_nonzero(ratios) == 1 else np.asarray(ratios / np.linalg.norm(ratios))
 
     def __call__(self, states: ProbeStates) -> tuple[Array, Array, Array]:
-        """Accelerations of rollers (copies, N, 2), of bodies (copies, B, 3), and pressures (copies, T) [Pa].
+        """Accelerations of rollers (copies, N, 2), bodies (copies, B, 3), and pressures (copies, T) [Pa].
 
-        Accelerations are NaN where a copy has left the drive's box.
+        NaN where a copy has left the drive's box.
         """
         count = len(states.position)
         straight, turned = np.empty_like(states.position), np.empty_like(states.bodies)
@@ -165,7 +164,7 @@ class ForceProbe:
         return straight, turned, pressure
 
     def _evaluate(self, states: ProbeStates) -> tuple[Array, Array, Array]:
-        """Accelerations and pressures as of `__call__`, of at most `COPIES` states."""
+        """Accelerations and pressures of at most `COPIES` states."""
         count = len(states.position)
         rows, bodies = self._rollers[:count], self._bodies[:count]
         rows[:, 0:2], rows[:, 2:4], rows[:, 4:6] = states.position.mT, states.velocity.mT, 0.0
@@ -193,7 +192,7 @@ class ForceProbe:
         return straight, turned, self._pushes["pressure"][:count]
 
     def touching_rollers(self, states: ProbeStates) -> NDArray[np.bool_]:
-        """(S + G, N) whether rollers touch sprockets and guides in the first state."""
+        """(S + G, N) whether rollers touch sprockets and guides."""
         self._evaluate(ProbeStates(**{name: value[:1] for name, value in vars(states).items()}))
         partners = self.sprockets + int(self.base.drives["guides"][0])
         return np.array(self._impact_speed[: partners * self.rollers].reshape(partners, self.rollers) > 0.0)

@@ -50,16 +50,16 @@ OLDEST_ARCHITECTURE = 70
 """Oldest GPU architecture (compute capability times ten) for kernels."""
 
 FRAME_BYTES = 32 * 2**20
-"""Most bytes of frames of one launch, as pinned memory takes long."""
+"""Most bytes of a GPU launch's frames."""
 
 LAUNCH_WORK = 1.0e10
-"""Roller-steps of one GPU launch, about a third of a second."""
+"""Roller-steps of one GPU launch, for progress."""
 
 STREAMS = 4
-"""Streams on which launches of unlike variants run side by side."""
+"""Streams of GPU launches side by side."""
 
 KERNEL_LOCK = Lock()
-"""Lock to make and load kernels, shared by several GPUs' threads."""
+"""Lock to make and load GPU kernels."""
 
 LAUNCH_STEPS = 131_072
 """Most steps of one GPU launch."""
@@ -68,11 +68,11 @@ MOST_LINKS = 16 * ROLLER_CAPACITIES[-1]
 """Links of the longest chain that a GPU takes."""
 
 MOST_PARTNERS = BITS
-"""Most sprockets and guides of one drive on a GPU, bits of an int."""
+"""Most sprockets and guides of a drive on a GPU."""
 
 
 def gpu_launch_steps(rollers: float, wanted: int) -> int:
-    """Number of steps of a GPU launch over `rollers` rollers, `wanted` at most.
+    """Number of steps of a GPU launch, `wanted` at most.
 
     Whole multiples of `STEP_UNIT`, so that results do not depend on where launches end.
     """
@@ -81,7 +81,7 @@ def gpu_launch_steps(rollers: float, wanted: int) -> int:
 
 
 def gpu_refusal(packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> str | None:
-    """Reason why a GPU cannot run an ensemble, or None; `numbers` name variants."""
+    """Reason why a GPU cannot run an ensemble, or None."""
     drives, begins = packed.drives, packed.first_rows
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
@@ -99,7 +99,7 @@ def gpu_refusal(packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None
 
 @contextmanager
 def explain_gpu_failures(device: str, variants: int) -> Iterator[None]:
-    """Context that raises errors of Warp as one line on what failed.
+    """Context that explains Warp's GPU errors in one line.
 
     Raises:
         DeviceError: the GPU does not answer any more.
@@ -131,7 +131,7 @@ def compile_missing_kernels(
     report: ProgressReport,
     stop: StopRequest,
 ) -> None:
-    """Compiles a GPU's kernels of a run, of steps and settling, that Warp's cache lacks.
+    """Compiles a run's GPU kernels that Warp's cache lacks.
 
     Args:
         precision: of the steps.
@@ -146,7 +146,7 @@ def compile_missing_kernels(
 
 
 class FrameBuffer:
-    """Frame buffer of a GPU launch, on the device and in the host's memory."""
+    """Frame buffer of a GPU launch, on device and host."""
 
     def __init__(self, values: int, packed: PackedEnsemble, device: str) -> None:
         self.values, self._of = values, (device, packed.variants)
@@ -193,7 +193,7 @@ class GpuEngine(GpuKernels, Engine):
         return explain_gpu_failures(self.device, self.packed.variants)
 
     def _load_kernels(self, *names: str) -> None:
-        """Loads the GPU kernels of these names, by default of steps, once."""
+        """Loads GPU kernels by name, once."""
         if names in self._loaded:
             return
         with self._explain_failures(), KERNEL_LOCK, ThreadPoolExecutor(8) as pool:
@@ -210,7 +210,7 @@ class GpuEngine(GpuKernels, Engine):
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
-        """Launches that take `share` (V,) steps, by bucket, and whether beside others."""
+        """Launches that take variants `share` (V,) steps, by bucket."""
         drives, step, lanes = self.packed.drives, self._progress["step"], []
         begins = metrics_start_steps(drives, step)
         for bucket, apart in zip(self.buckets, self._in_global_memory, strict=True):
@@ -255,7 +255,7 @@ class GpuEngine(GpuKernels, Engine):
         return [self._pool.submit(work)]
 
     def _upload_launches(self, launches: Sequence[Launch]) -> Iterator[list[wp.array]]:
-        """Device arrays of each launch: variants, end steps, first steps of frames."""
+        """Device arrays of each launch's variants and steps."""
         columns: list[wp.array] = []
         with wp.ScopedStream(self.stream):
             for each in zip(*(launch[1:] for launch in launches), strict=True):

@@ -26,35 +26,35 @@ ROLLER_CAPACITIES = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 89
 """Rollers for which GPU blocks have room, up to 1,024."""
 
 LONGEST_ON_A_WARP = 512
-"""Links of the longest chain that has one warp to itself."""
+"""Links of the longest chain on one warp."""
 
 FEW_VARIANTS = 1
-"""Most variants a multiprocessor that are few: a roller a thread."""
+"""Most variants a multiprocessor with a thread a roller."""
 
 VARIANTS_PER_BLOCK = 4
-"""Variants of a block, a warp each, where that is faster."""
+"""Variants of a block, a warp each, if faster."""
 
 FULL_OF_OIL = 11
-"""Variants of a block whose oil another warp has, a whole multiprocessor's."""
+"""Variants of a GPU block with a warp for oil."""
 
 FULL_WITH_METRICS = 7
-"""Variants of a block with oil and metrics at float64, without spilled registers."""
+"""Variants of a block with oil and metrics at float64."""
 
 FULL_AT_FLOAT32 = 15
 """Variants of a block with oil, without metrics, at float32."""
 
 COLLECT_THREADS = 256
-"""Threads of a block that adds up the tallies of others."""
+"""Threads of a block that adds up tallies."""
 
 CAM_STEP = 8
-"""Multiple of cams of valves for which a kernel has room."""
+"""Step of the cams of valves that kernels hold."""
 
 RESERVED_BYTES = 1024
-"""Bytes of shared memory that each block takes beside its own."""
+"""Shared memory that each block takes beside its own [bytes]."""
 
 
 def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Rollers for which blocks for chains of `links` links have room."""
+    """Rollers that GPU blocks hold for chains of `links`."""
     most = ROLLER_CAPACITIES[-1]
     step = np.minimum(2 ** np.ceil(np.log2(np.maximum(links, most))).astype(int) // 8, most)
     return np.where(
@@ -65,7 +65,7 @@ def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
-    """Block shape for chains of `room` links, `each` variants a multiprocessor.
+    """GPU block shape for chains of `room` links.
 
     Few variants have a roller a thread, many a warp each. Results do not depend on the number of variants.
     """
@@ -78,7 +78,7 @@ def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShap
 
 
 def is_simple_kind(kind: BlockKind) -> bool:
-    """Whether kernels of a kind are as short as can be, but for friction."""
+    """Whether GPU kernels of a kind are short."""
     rubs = kind.friction.contacts or kind.friction.joints
     more = (
         kind.moving
@@ -92,7 +92,7 @@ def is_simple_kind(kind: BlockKind) -> bool:
 
 
 def resident_variants(kind: BlockKind) -> int:
-    """Number of variants that the compiler makes room for on a multiprocessor."""
+    """Number of variants that a multiprocessor is to hold."""
     shape, per = kind.shape, kind.shape.rollers_per_thread
     if kind.has_oil_warp:
         return shape.variants_per_block
@@ -128,7 +128,7 @@ class Bucket:
 
 
 def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
-    """Block kind with several variants a block where that is faster, or itself.
+    """Block kind with several variants a block, if faster.
 
     So it is of long code, and of oil, which gets a warp of its own.
     """
@@ -153,7 +153,7 @@ def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> Blo
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
-    """Block kind of a bucket's kernel "advance", "measure" (metrics) or "relax"."""
+    """Block kind of a bucket's kernel "advance", "measure" or "relax"."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
         parts = replace(
@@ -178,11 +178,11 @@ COLUMN_SUMS = {
     np.add: ("sprockets", "guides", "arms", "tensioners", "prescribed", "other_bodies", "valves"),
     np.minimum: ("linear_hysteretic",),
 }
-"""Functions that join columns of chains to their variant's; else `np.maximum`."""
+"""Functions that join columns of chains to their variant's."""
 
 
 def variant_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
-    """Properties (variants,) that decide the GPU kernels of steps, by name."""
+    """Properties (variants,) that decide GPU kernels, by name."""
     chains, begins, columns = packed.drives["chains"], packed.first_rows, chain_kind_columns(packed)
     if len(begins) == packed.variants:
         return columns
@@ -195,7 +195,7 @@ def variant_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
 
 
 def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
-    """Properties (rows,) that decide the GPU kernels of each chain, by name."""
+    """Properties (rows,) of chains that decide GPU kernels, by name."""
     drives = packed.drives
     cells = packed.motions["drive_table"]["cells"] + packed.motions["load_table"]["cells"]
     cells = cells + packed.mounts["x_table"]["cells"] + packed.mounts["y_table"]["cells"]
@@ -226,7 +226,7 @@ def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
 
 
 def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: int = DECLARED) -> BlockKind:
-    """Block kind of a variant with these columns, `each` a multiprocessor."""
+    """GPU block kind of a variant with these properties."""
     counts = {field.name: int(columns[field.name]) for field in fields(Parts)}
     return BlockKind(
         real,
@@ -242,7 +242,7 @@ def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: 
 
 
 def global_memory_values(buckets: Sequence[Bucket]) -> tuple[int, int]:
-    """Numbers of values, and of parts' values, that large blocks keep in global memory."""
+    """Numbers of values that large blocks keep in global memory."""
     needs = np.zeros(2, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
@@ -290,7 +290,7 @@ class GpuKernels:
         )
 
     def _make_buckets(self, columns: Mapping[str, NDArray[Any]], rows: NDArray[np.integer]) -> list[Bucket]:
-        """Buckets of the variants, or chains, at these rows, the longest first."""
+        """Buckets of variants or chains, the longest first."""
         packed = self.packed
         keys = np.column_stack(list(columns.values()))
         buckets = []
@@ -307,7 +307,7 @@ class GpuKernels:
         return buckets
 
     def _bucket_kernel(self, name: str, bucket: Bucket) -> BucketKernel:
-        """Bucket's kernel "advance", "measure" (metrics) or "relax"."""
+        """GPU kernel of a bucket, by name."""
         key = name, id(bucket)
         if key not in self._kernels:
             kind = kernel_kind(name, bucket)
@@ -323,7 +323,7 @@ class GpuKernels:
         return self.chain_buckets if name == "relax" else self.buckets
 
     def kernel_specs(self, *names: str) -> list[KernelSpec]:
-        """Specifications of the kernels of these names, by default those of steps."""
+        """Specifications of GPU kernels by name, by default of steps."""
         made = [self._bucket_kernel(name, of) for name in names or self._names for of in self.buckets_of_kernel(name)]
         blocks = [of.spec for of in made]
         return blocks if names else [*blocks, KernelSpec(collect_kernel, (self.packed.real,), COLLECT_THREADS)]

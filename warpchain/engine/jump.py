@@ -28,9 +28,9 @@ Direction = Literal["forward", "reverse"]
 BOTH: tuple[Direction, ...] = ("forward", "reverse")
 UNITS = {"torque": "N m", "wear": "1"}
 MOST_WEAR = 0.1
-"""Largest wear that is tried for a jump: that of drive files."""
+"""Largest wear that is tried for a jump."""
 ESTIMATE_RATIO, ESTIMATE_HALVINGS, LEAST_ESTIMATE = 1.5, 3, 1e-3
-"""Ratio of values between which an estimate is sought, halvings, least part of the range."""
+"""Ratio, halvings and least part of the range, for estimates."""
 
 Tolerance = Annotated[float, AllowedRange("a number from 1e-4 to 0.5", lambda x: 1e-4 <= x <= 0.5)]
 Values = Annotated[int, AllowedRange("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000)]
@@ -66,7 +66,7 @@ class Jump:
 
 @dataclass
 class _JumpSearch:
-    """Search for a tooth jump in one direction, between `low` and `high`."""
+    """Search for a tooth jump in one direction."""
 
     direction: Direction
     drive: Drive
@@ -90,7 +90,7 @@ def find_jumps(
     values: Values = 8,
     **options: Any,
 ) -> list[Jump]:
-    """Tooth jumps of a drive, one a direction, found over all of a run.
+    """Tooth jumps of a drive, one a direction, by running.
 
     Every round runs `values` values a direction: first each twice the one before, up to `most` (wear: evenly), then
     evenly between the last that holds and the first that jumps.
@@ -129,12 +129,12 @@ def find_jumps(
 
 
 def _even_values(low: float, high: float, count: int) -> list[float]:
-    """Values that divide low to high evenly, `count` up to high."""
+    """Values that divide a jump search's range evenly."""
     return np.linspace(low, high, count + 1)[1:].tolist()
 
 
 def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
-    """Name of the load's body, its own torque, and that of a broken chain [N m]."""
+    """Name of a load's body, own torque, chain-breaking torque [N m]."""
     bodies: Sequence[Any] = (*drive.sprockets, *drive.shafts)
     loads = {bodies[b].name: (b, load) for b, load in free_body_loads(drive)}
     if on is not None and on not in loads:
@@ -169,7 +169,7 @@ def _chain_of_sprocket(drive: Drive, s: int) -> tuple[Any, int]:
 
 
 def _own_and_limit_wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
-    """Name of the chain, its elongation, and the largest that can be assembled."""
+    """Name of a chain, own elongation, largest that assembles."""
     chains = {chain.name: chain.drive for chain in chain_drives(drive)}
     if on is None:
         on = next(iter(chains))
@@ -207,7 +207,7 @@ def _changed_drive(drive: Drive, by: str, on: str, value: float) -> Drive:
 
 
 def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive], options: dict[str, Any]) -> None:
-    """Runs all values of a round, and narrows each jump search."""
+    """Runs a round's values, and narrows the jump searches."""
     drives = [changed(search.drive, value) for search in todo for value in search.values]
     with warnings.catch_warnings():
         for kind in (SuspectWarning, LayoutWarning):
@@ -229,7 +229,7 @@ def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive]
 
 
 def jump_in_metrics(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
-    """Whether the chain jumped in a run with these metrics, and the worst sprocket."""
+    """Whether the chain jumped, by metrics, and the worst sprocket."""
     if row["diverged"]:
         return True, None
     names = [sprocket.name for sprocket in drive.sprockets]
@@ -272,11 +272,11 @@ def _strands_beside(drive: Drive, name: str) -> list[str]:
 
 
 def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: float) -> float | None:
-    """Value at which a sprocket ceases to hold at rest, by bisection, or None."""
+    """Estimated value at which the chain jumps at rest, or None."""
     name = search.sprocket
 
     def has_jump_at_rest(value: float) -> bool:
-        """Whether the chain jumps on that sprocket at rest, at this value."""
+        """Whether the chain jumps at rest, at this value."""
         for chain in chain_drives(_changed_drive(search.drive, by, on, value), loaded=True):
             names = [sprocket.name for sprocket in chain.drive.sprockets]
             if name in names:

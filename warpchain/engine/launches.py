@@ -33,13 +33,13 @@ class Launch(NamedTuple):
 
 
 def steps_left(drives: NDArray[Any], progress: NDArray[Any]) -> NDArray[np.int64]:
-    """Steps (V,) that each variant has yet to take; none if diverged."""
+    """Steps (V,) that each variant has yet to take."""
     left = drives["steps"].astype(np.int64) + 1 - progress["step"]
     return np.where(progress["diverged"] != 0, 0, np.maximum(left, 0))
 
 
 def next_launch_steps(left: NDArray[np.integer], most: int) -> NDArray[np.integer]:
-    """Steps (V,) of each variant in the next launch, to end together."""
+    """Steps (V,) of each variant in the next GPU launch."""
     unit = STEP_UNIT if most >= STEP_UNIT else 1
     launches = max(1, -(-int(left.max(initial=0)) // most))
     return np.minimum(-(-left // (launches * unit)) * unit, left)
@@ -51,7 +51,7 @@ def launch_groups(variants: NDArray[np.integer], turn: int) -> list[NDArray[np.i
 
 
 def metrics_start_steps(drives: NDArray[Any], step: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Steps (V,) from which variants, now at `step`, are stepped with metrics."""
+    """Steps (V,) from which variants are stepped with metrics."""
     begins = drives["window_start"].astype(np.int64) // STEP_UNIT * STEP_UNIT
     return np.where(drives["window_end"] < step, np.iinfo(np.int64).max, begins)
 

@@ -71,7 +71,7 @@ def pack(
     stacks: Sequence[Stack] | None = None,
     numbers: NDArray[np.int64] | None = None,
 ) -> PackedEnsemble:
-    """Packed ensemble of drives in float64, each in its assembled initial state.
+    """Packed ensemble of drives in their assembled initial states, in float64.
 
     Args:
         schedules: their steps.
@@ -105,7 +105,7 @@ def pack(
 
 
 def fill_step_dependence(packed: PackedEnsemble) -> None:
-    """Fills what of packed contact laws and friction depends on the step."""
+    """Fills what of packed contacts and friction depends on steps."""
     for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         fill_bristles(friction[: len(steps)], steps)
@@ -120,7 +120,7 @@ def fill_step_dependence(packed: PackedEnsemble) -> None:
 
 
 def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64]) -> None:
-    """Fills friction bristles as stiff as the step can follow, and their dampers."""
+    """Fills friction bristles as stiff as the step allows."""
     inertia = friction["inertia"]
     stiffness = np.minimum(friction["stiffness"], SPRING * inertia / (step * step))
     friction["spring"] = stiffness * step
@@ -146,14 +146,14 @@ def _stack_parts(stacks: Sequence[Stack], assemblies: Assemblies) -> Iterator[tu
 
 @contextmanager
 def _blank_rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Context of zero rows to fill, which then go into an array."""
+    """Context of zero rows to fill, then put into an array."""
     rows = np.zeros(places.shape, dtype=array.dtype)
     yield rows
     array[places] = rows
 
 
 def _fill_rows(array: NDArray[Any], places: NDArray[Any], fill: Callable[..., None], *given: Any) -> None:
-    """Fills zero rows by `fill`, and puts them into an array."""
+    """Fills zero rows by `fill` into an array."""
     with _blank_rows(array, places) as row:
         fill(row, *given)
 
@@ -222,7 +222,7 @@ def _pack_sprocket(
     assembly: Assembly,
     gathered: SharedRows,
 ) -> None:
-    """Packs sprocket s of a stack; `at` has variants' first parts."""
+    """Packs sprocket s of a stack's variants."""
     mine, body = at["first_sprocket"] + s, at["first_body"] + s
     _fill_rows(packed.sprockets, mine, fill_sprocket_row, drive, s, gathered.seats)
     _fill_rows(
@@ -289,7 +289,7 @@ def oil_compression(pressure: NDArray[np.float64], of: NDArray[Any]) -> NDArray[
 
 
 def rest_tensioners(packed: PackedEnsemble) -> None:
-    """Sets tensioners of a packed ensemble to rest where bodies stand."""
+    """Sets packed tensioners to rest where bodies stand."""
     x = tensioner_extensions(packed)
     of, oil = packed.tensioners[: len(x)], packed.oil[: len(x)]
     oil["farthest"] = x
@@ -304,7 +304,7 @@ def rest_tensioners(packed: PackedEnsemble) -> None:
 
 
 def tensioners_as_springs(tensioners: NDArray[Any]) -> NDArray[Any]:
-    """Tensioner rows that push as at rest: springs without dampers and ratchets."""
+    """Tensioner rows as springs that push as at rest."""
     slow = tensioners.copy()
     wet = slow["hydraulic"] == 1
     slow["preload"][wet] += ((slow["rest"] - slow["ambient"]) * slow["area"])[wet]

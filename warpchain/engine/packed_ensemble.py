@@ -31,14 +31,14 @@ REAL_TYPES = {"float64": wp.float64, "float32": wp.float32}
 
 
 def real_type(precision: str) -> type:
-    """Warp's scalar type of a precision; raises SimulationError for an unknown one."""
+    """Warp's scalar type of a precision, or SimulationError."""
     if precision not in REAL_TYPES:
         raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
     return REAL_TYPES[precision]
 
 
 def roller_state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows (..., 6, N) of rollers: x, y, vx, vy and low parts of x, y."""
+    """Rows (..., 6, N) of rollers' positions and velocities."""
     rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
     rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
     return rows
@@ -50,7 +50,7 @@ def consecutive_places(first: NDArray[np.integer], count: int) -> NDArray[np.int
 
 
 def strided_view(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any] | None:
-    """Writable view (V, count) of values from `first` on; None if unevenly spaced."""
+    """Writable view (V, count) of evenly spaced values, or None."""
     apart = np.diff(first)
     apart_by = int(apart[0]) if len(apart) else count
     if apart_by < count or (apart != apart_by).any():
@@ -77,7 +77,7 @@ def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArr
 def roller_coordinates(
     rows: NDArray[np.floating], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Coordinates x and y (K, N) of rollers of K variants from `first`."""
+    """Coordinates x and y (K, N) of variants' rollers."""
     both = gather_values(rows, STATE_ROWS * first, 2 * count)
     return both[:, :count], both[:, count:]
 
@@ -107,7 +107,7 @@ class PackedEnsemble(_PackedArrays):
 
     @classmethod
     def blank(cls, drives: NDArray[Any], assemblies: Assemblies) -> PackedEnsemble:
-        """Ensemble in float64 with the counts of `drives`, and zeros elsewhere."""
+        """Packed ensemble in float64 with given counts, of zeros."""
         arrays: dict[str, Any] = {}
         for group in ARRAYS:
             counts = array_lengths(drives, group)
@@ -119,7 +119,7 @@ class PackedEnsemble(_PackedArrays):
         return cls(**arrays | {"drives": drives}, precision="float64", assemblies=assemblies)
 
     def remove_lag(self) -> None:
-        """Makes contacts take speeds as they are, for drives without steps."""
+        """Makes packed contacts take speeds as they are."""
         for law in (self.sprockets["law"], self.guides["law"]):
             law["lag"] = law["yielding"] = law["most_damping"] = 0.0
 
@@ -143,7 +143,7 @@ class PackedEnsemble(_PackedArrays):
         return np.flatnonzero(self.drives["chains"] > 0)
 
     def has_any_of(self, sprockets: NDArray[np.bool_], guides: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(variants,) whether a variant has one of the marked sprockets or guides."""
+        """(variants,) whether a variant has a marked part."""
         found = np.zeros(self.variants, dtype=bool)
         for which, counts in ((sprockets, "sprockets"), (guides, "guides")):
             owner = np.repeat(np.arange(self.variants), self.drives[counts])
@@ -152,14 +152,14 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def contact_friction_kinds(self) -> NDArray[np.int64]:
-        """Friction kind (variants,) of contacts: 0 none, 1 constant, 2 by speed."""
+        """Contact friction (variants,): 0 none, 1 constant, 2 by speed."""
         both = (self.tooth_friction, self.guide_friction)
         rubs = self.has_any_of(*(friction["inertia"] > 0.0 for friction in both))
         return rubs * (1 + self.has_any_of(*(is_speed_dependent(friction) for friction in both)))
 
     @property
     def joint_friction_kinds(self) -> NDArray[np.int64]:
-        """Friction kind (variants,) of joints: 0 none, 1 constant, 2 by speed."""
+        """Joint friction (variants,): 0 none, 1 constant, 2 by speed."""
         joint = self.chains["joint"]
         return np.asarray((joint["inertia"] > 0.0) * (1 + is_speed_dependent(joint)))
 
@@ -178,7 +178,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_carried_guides(self) -> NDArray[np.bool_]:
-        """(variants,) whether a guide has a profile, or a body carries it."""
+        """(variants,) whether a guide is carried or profiled."""
         none = np.zeros(len(self.sprockets), dtype=bool)
         return self.has_any_of(none, (self.guides["body"] != GROUND) | (self.guides["pieces"] > 0))
 
@@ -198,7 +198,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_uniform_links(self) -> NDArray[np.bool_]:
-        """(variants,) whether all links of a chain are of one length."""
+        """(variants,) whether all links have one length."""
         first = self.drives["first_roller"].astype(np.int64)
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
@@ -232,7 +232,7 @@ class PackedEnsemble(_PackedArrays):
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def groups_by_rollers(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
-        """Groups of variants (K,) of equal roller numbers, their first rollers, and that number.
+        """Groups of variants (K,) of equal roller numbers, and places.
 
         At most `LARGEST_STACK` variants at a time.
         """
@@ -269,7 +269,7 @@ class PackedEnsemble(_PackedArrays):
         return replace(self, **arrays | {"drives": fill_first_places(drives)}, assemblies=assemblies)
 
     def at_precision(self, precision: str) -> PackedEnsemble:
-        """Ensemble at another precision; low parts of positions hold what is lost.
+        """Packed ensemble at another precision.
 
         Raises:
             SimulationError: an unknown precision.

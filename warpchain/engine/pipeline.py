@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from warpchain.engine.checkpoint import StateKeeper
 
 FEWEST_PER_SUBENSEMBLE = 2048
-"""Fewest variants of a subensemble, on average, of several a GPU."""
+"""Fewest variants of a subensemble, of several a GPU."""
 
 MOST_PER_GPU = 4
 """Most subensembles of a GPU."""
 
 FIRST_WORK = 0.4
-"""Work of each GPU's first subensemble over that of the others."""
+"""Work of a GPU's first subensemble over the others'."""
 
 DEALT_TOGETHER = 128
 """Variants of a stack that go to one subensemble together."""
@@ -75,7 +75,7 @@ def _has_too_large_drive(variants: Variants) -> bool:
 def plan_run(
     variants: Variants, frame: FrameLayout, device: str | None, settings: tuple[str, int], most: int
 ) -> tuple[list[Variants], Subensemble, DeviceChoice]:
-    """Parts of a run, the first as a packed subensemble, and its devices.
+    """Parts of a run, its first subensemble, and its devices.
 
     Args:
         device: as the user names it.
@@ -100,7 +100,7 @@ def plan_run(
 
 
 class SubensembleQueue:
-    """Queue that runs subensembles on GPUs; a context that ends when all have.
+    """Queue that runs subensembles on GPUs, as a context.
 
     Args:
         settings: precision and threads; the device is replaced.
@@ -148,7 +148,7 @@ class SubensembleQueue:
         wp.set_device(self._device)  # which threads set in turns
 
     def add(self, part: Subensemble) -> None:
-        """Hands a subensemble to the next free GPU; raises earlier errors.
+        """Hands a subensemble to the next free GPU.
 
         Raises:
             SimulationError: a variant that a GPU does not accept.
@@ -165,7 +165,7 @@ class SubensembleQueue:
         self._report_progress()
 
     def _run_on_gpu(self, number: int, part: Subensemble) -> SubensembleResult:
-        """Result of a subensemble on a GPU, or on another where that fails.
+        """Result of a subensemble on a GPU, or another.
 
         Raises:
             DeviceError: no GPU is left, or it is not to be run again.
@@ -198,7 +198,7 @@ class SubensembleQueue:
 
     @property
     def layout_faults(self) -> list[Sequence[str]]:
-        """Faults of the layouts of all added variants, in run order."""
+        """Faults of all added variants' layouts."""
         return [self._layouts[number] for number in sorted(self._layouts)]
 
     def joined_result(self) -> SubensembleResult:

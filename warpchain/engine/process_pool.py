@@ -28,7 +28,7 @@ def map_in_processes(
     phase: str = "",
     report: ProgressReport = ignore_progress,
 ) -> list[Any]:
-    """Results of a function for many things, in order, or the exceptions raised.
+    """Results, or exceptions, of a function for many things, in processes.
 
     Args:
         work: function of a module, or `functools.partial` of one, that can be pickled.
@@ -90,7 +90,7 @@ def _result_or_error(work: Callable[[Any], Any], thing: Any) -> Any:
 
 
 def serve_requests() -> None:
-    """Does pickled work from standard input, results going to standard output."""
+    """Does pickled work from standard input, in a process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)

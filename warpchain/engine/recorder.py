@@ -53,7 +53,7 @@ class RecordingOptions:
     def finished_trajectories(
         self, writer: ArchiveWriter | None, metrics: pa.Table, info: RunInfo, frames: Mapping[int, Trajectory]
     ) -> Mapping[int, Trajectory]:
-        """Trajectories of an ended run, in memory or in the finished archive."""
+        """Trajectories of an ended run, from memory or archive."""
         if self.archive is None or writer is None:
             return frames
         from warpchain.archive import read_archive
@@ -63,7 +63,7 @@ class RecordingOptions:
 
 
 def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
-    """Memory budget [bytes] beside an ensemble's sums; raises SimulationError below 0."""
+    """Memory budget [bytes] beside an ensemble's sums."""
     from warpchain.engine.arrays import sums_bytes
 
     taken = sums_bytes(packed)
@@ -76,7 +76,7 @@ def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
 
 
 class Recorder:
-    """Recorder of some variants' frames, which lays out buffers for them.
+    """Recorder of variants' frames, which lays out buffers.
 
     Args:
         numbers: (V,) of the variants in the run.
@@ -141,7 +141,7 @@ class Recorder:
             )
 
     def launch_step_limit(self, limit: int, most: int | None = None) -> int:
-        """Number of steps of a launch whose frames fit a buffer, `limit` at most."""
+        """Number of steps of a launch whose frames fit."""
         if not self.indices:
             return limit
         values = self._buffer_values if most is None else min(self._buffer_values, most // self.bytes_per_value)
@@ -149,7 +149,7 @@ class Recorder:
         return int(max(1, min(limit, room / float((self.widths / self.every).sum()))))
 
     def lay_out_buffer(self, steps: int) -> int:
-        """Sets where variants' frames begin in a buffer; returns its length."""
+        """Lays out a buffer of frames; returns its length."""
         counts = steps // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
         ends = np.cumsum(counts * self.widths)
         self.first = ends - counts * self.widths
@@ -157,7 +157,7 @@ class Recorder:
         return int(ends[-1]) if self.indices else 0
 
     def take_frames(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
-        """Takes the frames of a launch from its buffer, by rows' progress."""
+        """Takes the frames of a launch from its buffer."""
         parts: dict[int, list[Trajectory]] = {}
         for k, (v, r) in enumerate(zip(self.owners, self.written, strict=True)):
             every, width = int(self.every[k]), int(self.widths[k])
@@ -183,7 +183,7 @@ class Recorder:
         return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in names})
 
     def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
-        """Appends a part of a trajectory to the archive or memory."""
+        """Appends recorded frames to archive or memory."""
         if self._archive is not None:
             self._archive.append(self.numbers[v], chunk)
         else:

@@ -38,14 +38,14 @@ SETTLE_TOLERANCE = 1.0e-3
 """Residual that settling aims at, over the largest link force."""
 
 SETTLE_DAMPING = 0.1
-"""Link damping while settling, of sqrt(k m), for fast axial modes."""
+"""Link damping while settling, of sqrt(k m)."""
 
 SETTLE_STEP = 0.7
 """Relaxation step over the stability limit."""
 
 
 def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
-    """Packed ensemble to settle: at rest, sprockets held, links damped, without friction.
+    """Packed ensemble to settle: at rest, held, damped, frictionless.
 
     Rollers inside guides are pushed out through the face.
     """
@@ -102,7 +102,7 @@ def settle_variants(
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
     stacks: Sequence[Stack] | None = None,
 ) -> NDArray[Any]:
-    """Settles variants that ask for it: moves rollers, arms and boxes; returns `Settling` (variants,).
+    """Settles variants in a packed ensemble; returns `Settling` (variants,).
 
     Args:
         packed: in float64.
@@ -146,7 +146,7 @@ def settle_variants(
 
 
 def _move_to_settled(packed: PackedEnsemble, stack: Stack, moved: NDArray[np.floating], bodies: NDArray[Any]) -> None:
-    """Moves rollers, arms and boxes of a stack to where they have settled."""
+    """Moves rollers, arms and boxes to where they settled."""
     drive, rows = stack.drive, packed.drives[stack.members]
     links = drive.chain.links
     first = STATE_ROWS * rows["first_roller"].astype(np.int64)
@@ -167,7 +167,7 @@ def _move_to_settled(packed: PackedEnsemble, stack: Stack, moved: NDArray[np.flo
 
 
 def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest net force (V,) [N] that settling left on a roller.
+    """Largest net force (V,) [N] on a roller after settling.
 
     Args:
         packed: the settled ensemble in float64.

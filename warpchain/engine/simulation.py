@@ -70,7 +70,7 @@ def simulate(
     replicate_by: str = REPLICATE_WAYS[0],
     states: States | None = None,
 ) -> Run:
-    """Run of drives, simulated all at once: metrics and recorded trajectories.
+    """Simulation of drives, all at once: metrics and trajectories.
 
     A variant's result depends neither on the others nor on the number of threads, to the last bit.
 
@@ -205,7 +205,7 @@ def schedules_of(
 def _step_sizes(
     drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None
 ) -> tuple[list[float], list[int]]:
-    """Step of each variant [s], and most steps between samples of its chain.
+    """Step of each variant [s], and most steps between samples.
 
     Raises:
         DriveError: the first variant whose step is beyond its limit.
@@ -227,7 +227,7 @@ def _step_sizes(
 def _schedule(
     v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
 ) -> Schedule:
-    """Schedule of variant v, samples `longest` apart at most, frames at `rate` [Hz]."""
+    """Schedule of variant v in whole steps."""
     start, end = window
     steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
     first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
@@ -243,7 +243,7 @@ def _schedule(
 
 
 def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
-    """Most steps, () or (V,), between two samples at the chain's mean speed.
+    """Most steps (V,) between samples, by chain speed.
 
     Args:
         drive: one, or a stack.
@@ -262,6 +262,6 @@ def sample_interval(longest: int, window: int) -> int:
 
 
 def _warn_caller(kind: type[Warning], line: str | None) -> None:
-    """Warns as from the caller of `simulate`, unless `line` is None."""
+    """Warns as from `simulate`'s caller, if there is a line."""
     if line is not None:
         warn_caller(line, kind)

@@ -40,23 +40,23 @@ from warpchain.model.trains import body_turning_sign, is_free_body, prescribed_l
 
 FORCE_NUMBERS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6
-"""Part of m p^2 / 6 that joint friction has to stop, for stability."""
+"""Part of m p^2 / 6 that joint friction stops."""
 
 CONTACT_MARGIN = 1.0 / 16.0
-"""Distance, in roller radii, from which a roller may reach a partner."""
+"""Distance, in roller radii, at which contacts count."""
 
 PIN_STIFFNESS = 12.0
 """Stiffness of a pin in its bush over a link's."""
 
 TANGENTIAL_STIFFNESS = 0.8
-"""Stiffness of a contact along its surface over that across (Mindlin 1949)."""
+"""Tangential over normal stiffness of contacts (Mindlin 1949)."""
 
 DEEPEST_ENTRY = 0.5
-"""Depth in a guide, in roller radii, beyond which a roller missed the face."""
+"""Depth in a guide, in roller radii, of missed faces."""
 
 
 class RowList:
-    """List of rows, of harmonics or seat directions, gathered while packing."""
+    """List of rows of harmonics or seats, for packing."""
 
     def __init__(self, width: int) -> None:
         self.blocks: list[NDArray[np.float64]] = []
@@ -65,7 +65,7 @@ class RowList:
         self.known: dict[int, int] = {}
 
     def add(self, rows: NDArray[np.float64]) -> tuple[int, int]:
-        """Appends rows; returns where they begin and how many they are."""
+        """Appends rows; returns their place and number."""
         first = self.length
         self.blocks.append(rows.reshape(-1, self.width))
         self.length += len(self.blocks[-1])
@@ -111,13 +111,13 @@ def fill_sprocket_row(row: Any, drive: Drive, s: int, seats: RowList) -> None:
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
-    """Rows (order, amplitude, phase) of body s's harmonics, by its revolutions."""
+    """Rows (order, amplitude, phase) of a body's harmonics."""
     rows = [array_of_columns((h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
 def fill_motion_row(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
-    """Fills the `structs.Motion` of sprocket or shaft s: prescribed motion or load."""
+    """Fills the `structs.Motion` of a sprocket or shaft."""
     turned, led_by = part_of_body(drive, s), prescribed_leader(drive, s)
     row["sign"] = body_turning_sign(drive, s)
     row["start_angle"] = angle
@@ -150,7 +150,7 @@ def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList)
 
 
 def fill_table_row(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
-    """Fills where body s's table stands among `tables`, added to these."""
+    """Fills where a body's table stands, and adds it."""
     if table is not None:
         tables.add(row, table, shaft_ratio(drive, s, table.shaft))
 
@@ -177,7 +177,7 @@ def fill_guide_row(row: Any, drive: Drive, g: int) -> None:
 
 
 def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: float, stiffness: float) -> None:
-    """Fills a contact's `structs.Friction`, apart from the step; zero without friction.
+    """Fills a contact's `structs.Friction`, apart from the step.
 
     `effective_mass` is what friction has to stop [kg] (`tooth_effective_mass`).
     """
@@ -198,7 +198,7 @@ def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia:
 
 
 def tooth_effective_mass(drive: Drive, s: int) -> float:
-    """Effective mass m_e [kg] of a roller on sprocket s, for stable friction.
+    """Effective mass m_e [kg] of a roller on a sprocket.
 
     Forces f_i on z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's points: no
     eigenvalue of G is above its trace, z times 1/M + (r + b/M)^2 / J for a sprocket that turns and whose center moves
@@ -266,14 +266,14 @@ def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
 
 
 def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float64]) -> None:
-    """Widens drives' boxes around rollers (..., 2, N) by `margin` (..., 1) [m], if finite."""
+    """Widens drives' boxes around rollers (..., 2, N) by `margin`."""
     sound = np.isfinite(position).all(axis=(-2, -1))[..., None]
     row["low"] = np.where(sound, np.minimum(row["low"], position.min(axis=-1) - margin), row["low"])
     row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-1) + margin), row["high"])
 
 
 def fill_hub_row(row: Any, drive: Drive, s: int) -> None:
-    """Fills the `structs.Hub` of sprocket s, its `inertia` for a step of 1 s."""
+    """Fills the `structs.Hub` of a sprocket, for 1 s."""
     sprocket, arm = drive.sprockets[s], drive.carrier(s)
     row["arm"] = GROUND if arm is None else drive.first_arm_body + arm
     if arm is not None:
@@ -294,7 +294,7 @@ def fill_body_row(row: Any, drive: Drive, assembly: Assembly, s: int) -> None:
 
 
 def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
-    """Fills the `structs.Mount` of sprocket s; zero for a plain fixed center."""
+    """Fills the `structs.Mount` of a sprocket, zero if fixed."""
     sprocket, gravity = drive.sprockets[s], drive.run.gravity
     plungers = drive.plunger_mass_on(s)
     if isinstance(sprocket.mount, ArmMount):
@@ -335,12 +335,12 @@ def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
 
 
 def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
-    """Matrices (..., 2, 2) with these values along x and y."""
+    """Diagonal matrices (..., 2, 2) of values along x and y."""
     return array_of_columns(values)[..., None] * np.eye(2)
 
 
 def fill_chain_row(row: Any, drive: Drive) -> None:
-    """Fills a `structs.Chain`, joint friction's inertia for a step of 1 s."""
+    """Fills a `structs.Chain`, joint friction for 1 s."""
     chain = drive.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
     row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from warpchain.engine.checkpoint import StateKeeper, States
 
 LAUNCH_WORK = 20_000_000
-"""Most roller-steps of a variant in one launch, so that progress shows."""
+"""Most roller-steps of a variant in one launch."""
 
 PERTURBATION = 1e-9
 """Standard deviation of perturbed coordinates, in pitches."""
@@ -62,7 +62,7 @@ class Variants:
         return rollers * (np.array([schedule.steps for schedule in self.schedules]) + 1.0)
 
     def select(self, chosen: NDArray[np.bool_]) -> Variants:
-        """Variants for which `chosen` (V,) is true, in stacks that fit caches."""
+        """Variants that are chosen (V,), in suitable stacks."""
         kinds = (stack_of_chosen(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
         stacks = [part for stack in kinds for part in split_stack(stack)]
         places = np.flatnonzero(chosen).tolist()
@@ -111,7 +111,7 @@ class Subensemble:
         self.layout_faults = rows.layout_faults(self.row_layout_faults)
 
     def make_recorder(self, recording: RecordingOptions, count: int, archive: ArchiveWriter | None = None) -> Recorder:
-        """Recorder of the variants' frames, with their part of the memory."""
+        """Recorder of the subensemble's frames."""
         variants = self.variants
         return Recorder(variants.schedules, variants.numbers, self.packed, recording, self.rows, count, archive)
 
@@ -132,7 +132,7 @@ class Subensemble:
         report: ProgressReport,
         stop: StopRequest,
     ) -> SubensembleResult:
-        """Result of the variants, settled and stepped to their ends or a stop."""
+        """Result of the subensemble, settled and stepped."""
         drives, stacks, packed = self.rows.drives, self.rows.stacks, self.packed
         steps = launch_step_limit(settings.device, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
         settling, of = (drives, stacks) if keeper is None else (keeper.drives_to_settle(), None)
@@ -190,7 +190,7 @@ def _metric_blocks(
     sums: tuple[dict[str, NDArray[Any]], PackedEnsemble],
     numbers: NDArray[np.int64],
 ) -> ColumnBlocks:
-    """Metrics of variants, by number, from the sums of their rows."""
+    """Metrics of a subensemble's variants, from their rows' sums."""
     chains = np.diff(begins)
 
     def parts_of(variants: NDArray[np.intp]) -> list[ChainEnds]:
@@ -201,7 +201,7 @@ def _metric_blocks(
 
 
 def _wait_for_launch(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], None]) -> None:
-    """Waits for a launch, calling `tick`; on a stop cancels the rest."""
+    """Waits for a launch, calling `tick`, or cancels it."""
     pending = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
@@ -223,7 +223,7 @@ def _launch_all_steps(
     stop: StopRequest,
     keeper: StateKeeper | None = None,
 ) -> None:
-    """Launches steps until every variant has ended, taking frames meanwhile."""
+    """Launches steps until every variant of a subensemble has ended."""
     drives = engine.packed.drives
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
     total, simulated = float(((last + 1) * rollers).sum()), float((last * drives["step"]).sum())
@@ -257,7 +257,7 @@ def _launch_all_steps(
 def _next_launch_steps(
     engine: Engine, most: int, progress: NDArray[Any], keeper: StateKeeper | None
 ) -> int | NDArray[np.integer]:
-    """Steps of the next launch, one or (V,), up to states to keep."""
+    """Steps of the next launch, one or (V,)."""
     ahead = np.full(len(progress), MOST_STEPS) if keeper is None else keeper.steps_ahead(progress)
     if engine.has_own_steps:
         return next_launch_steps(np.minimum(steps_left(engine.packed.drives, progress), ahead), most)
@@ -266,7 +266,7 @@ def _next_launch_steps(
 
 @cache
 def _import_ahead() -> None:
-    """Imports what batch metrics need in a thread of its own."""
+    """Imports what metrics need, in a thread."""
     Thread(target=import_module, args=("scipy.special",)).start()
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SAMPLED_STEPS, SAMPLES_PER_CYCLE = 10_000, 500
-"""Steps and samples of a sampled cycle, for forces within 2e-4."""
+"""Steps and samples of a tensioner bench's cycle."""
 SWEEP_STEPS = 2_500
 """Steps of a cycle that is not sampled."""
 MOST_CYCLES = 10_000
@@ -50,7 +50,7 @@ RIDE_UNITS = {
     "leak_loss": "J", "valve_loss": "J", "damper_loss": "J", "suction_work": "J", "gained": "J",
     "vapor": "1",
 }  # fmt: skip
-"""Columns of a ride's numbers and units; from `force_min` on of the last cycle."""
+"""Columns of a tensioner's ride and units."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class RideTables:
 def bench_tensioner(
     drive: Drive, name: str, *, amplitude: float, frequency: float, cycles: int = 10, extension: float = 0.0
 ) -> pa.Table:
-    """Table of a tensioner's response to x = extension + amplitude sin(2 pi f t), from rest.
+    """Table of a tensioner's response to a sine, from rest.
 
     The force is that of spring, oil and stops; the plunger's own inertia is not in it.
 
@@ -102,7 +102,7 @@ def shake_tensioner(
     drive: Drive, name: str, shakes: Sequence[PlungerMotion], cycles: int = 10, samples: bool = False,
     progress: Progress = False,
 ) -> RideTables:  # fmt: skip
-    """Tables of many sine rides, each on a copy of the tensioner.
+    """Tables of a tensioner's rides of many sines.
 
     Args:
         shakes: the rides.

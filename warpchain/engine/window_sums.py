@@ -23,17 +23,15 @@ LONG_BATCHES = 20
 
 
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Edges (V, bins + 1) [N] of the bins of tension for V scales."""
+    """Edges (V, bins + 1) [N] of tension bins."""
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
 
 
 def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[np.integer]) -> dict[str, Any]:
-    """Sums of V variants with S sprockets, G guides, A arms and T tensioners each.
+    """Sums of the window of V variants with S sprockets, G guides, A arms and T tensioners, by name.
 
-    Returns:
-        "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm" (V, A), "tensioner"
-        (V, T); "batches" and "parts" along a last axis, with lengths (V, batches) or (V, parts) [s]; "tension", counts
-        (V, S + 1, bins), the last of no strand, and edges (V, bins + 1) [N].
+    "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A), "tensioner" (V, T);
+    "batches" and "parts" along a last axis, with lengths [s]; "tension", counts (V, S + 1, bins) and edges [N].
     """
     drives, first = packed.drives[variants], first_places(packed.drives)
     found = {}
@@ -48,7 +46,7 @@ def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[n
 
 
 def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> NDArray[Any]:
-    """Rows (V, count, ...) of each variant from `begin`; a view if adjacent."""
+    """Rows (V, count, ...) of each variant from `begin`."""
     if (np.diff(begin) == count).all():
         return values[begin[0] : begin[0] + len(begin) * count].reshape(len(begin), count, *values.shape[1:])
     return values[consecutive_places(begin, count)]
@@ -73,7 +71,7 @@ def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) ->
 def _batch_sums_by_name(
     found: Mapping[str, Any], drives: NDArray[Any], batches: int
 ) -> tuple[dict[str, SumFields], NDArray[np.float64]]:
-    """Sums over batches of the window, by name and field, and lengths (V, batches) [s]."""
+    """Sums over batches of the window, and lengths (V, batches) [s]."""
     kept = slice(int(BATCHES) // batches - 1, None, int(BATCHES) // batches)  # the notes that end one
     noted = [name for name in found if f"{name}_notes" in found]
     sums = {name: batch_sums(found[f"{name}_notes"][..., kept], found[name]) for name in noted}
@@ -83,19 +81,19 @@ def _batch_sums_by_name(
 def note_steps(
     start: NDArray[Any] | int, end: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = int(BATCHES)
 ) -> NDArray[np.int64]:
-    """Steps (..., batches - 1) at which batches of a window end."""
+    """Steps (..., batches - 1) at which window batches end."""
     first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, sample_interval))
     reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
     return np.asarray(-(-reached // every) * every)
 
 
 def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
-    """(...) whether a window of so many steps has a sample a batch."""
+    """(...) whether a window has a sample for each batch."""
     return window >= batches * sample_interval
 
 
 def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArray[np.float64]:
-    """Duration (V, batches) [s] of each batch, nan if windows are too short."""
+    """Durations (V, batches) [s] of window batches, or nan."""
     start, noted, end = _batch_edges(drives, batches)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
@@ -104,7 +102,7 @@ def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArra
 
 
 def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Steps at which windows begin (V, 1), batches end, and windows end (V, 1)."""
+    """Steps at which windows begin, batches end, windows end."""
     start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "sample_interval"))
     return start[:, None], note_steps(start, end, every, batches), end[:, None]
 

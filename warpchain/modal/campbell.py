@@ -2,8 +2,8 @@ r"""Campbell diagram of a drive's modes over its speed, and modes followed over 
 
 Modes of neighboring states are matched one to one by modal assurance, |a* M b|^2 / (a* M a)(b* M b).
 
-A strand whose tension swings by the share e at the tooth frequency f_t is a Mathieu oscillator. To first order in e and
-zeta it runs away near f_t = 2 f_n where
+A strand whose tension swings by the share e at the tooth frequency f_t runs away near f_t = 2 f_n where, to first order
+(Mathieu),
 
     e > 4 zeta,    |f_t / (2 f_n) - 1| < sqrt(e^2 / 16 - zeta^2).
 """
@@ -230,7 +230,7 @@ def pitch_averaged_campbell(
 ) -> tuple[Campbell, Array]:
     """Campbell diagram averaged over a tooth pitch, and all frequencies (phases, P, K).
 
-    Averaged is omega^2, as in a run over many pitches.
+    Averaged is omega^2.
 
     Args:
         speeds: of the driver [rad/s], two or more, ascending.

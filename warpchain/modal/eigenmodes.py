@@ -2,9 +2,8 @@ r"""Modes of a drive by the eigenvalues of its small motion: frequency, damping 
 
     (s^2 M + s (C + G) + K) x = 0,    s = -zeta omega +- i omega sqrt(1 - zeta^2),
 
-K the stiffness (of a running chain less what running takes off, `assembly.potential`, (b)), C the damping, G the travel
-of strands: with f rollers passing a second, 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x in K. That is a string's
-m_l w'' + 2 v m_l D1 w' - (T - m_l v^2) D2 w of tension T, mass m_l a length and speed v.
+K the stiffness (`assembly.potential`, (b)), C the damping, G the travel of strands: with f rollers passing a second, 2
+f (x_{i+1} - x_{i-1}) / 2, as of a string m_l w'' + 2 v m_l D1 w' - (T - m_l v^2) D2 w.
 """
 
 from __future__ import annotations

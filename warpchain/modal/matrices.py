@@ -1,12 +1,11 @@
 r"""Mass, stiffness, damping and travel matrices of a drive's small motion, by its free coordinates.
 
 Oil in a tensioner is a spring in series with its leakage (a Maxwell element) of stroke u [m]. With p the pressure over
-that at rest, A the plunger's area, G the gap's conductance, E and V modulus and volume of oil, and d x' the oil dragged
-through the gap by the plunger,
+that at rest, A the plunger's area, G the gap's conductance, E and V modulus and volume of oil, d the gap's drag,
 
-    A p = -(E A^2 / V) (x + u),    (A^2 / G) u' = A p + (A d / G) x'                                    (a)
+    A p = -(E A^2 / V) (x + u),    (A^2 / G) u' = A p + (A d / G) x'.                                   (a)
 
-All else is from generalized forces f(q, v) by central differences, K = -df/dq and C = -df/dv.
+All else is from generalized forces f(q, v), K = -df/dq and C = -df/dv.
 """
 
 from __future__ import annotations

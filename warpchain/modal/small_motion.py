@@ -142,8 +142,8 @@ def standing_chains(
 ) -> list[tuple[ChainDrive, float, PackedEnsemble, Array]]:
     """Chains in static equilibrium: drive, driver speed, packed, tensions (N,) [N].
 
-    Loads have their mean, nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops
-    open, motors have the slope of their moments.
+    Nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops open, motors have the
+    slope of their moments.
 
     Args:
         speed: of the drive's driver [rad/s].

@@ -112,8 +112,7 @@ AXIS_LABELS = ("x", "y")
 class FrameLayout:
     """Layout of a recorded frame's values in memory, for kernels.
 
-    Values of rollers and links stand in rows, then those of each sprocket, arm and so on. Of N rollers and S sprockets,
-    component k of a channel is at
+    Of N rollers and S sprockets, component k of a channel is at
 
         (place + k) N + i                                         of roller or link i
         values(roller) N + values(sprocket) s + place + k         of sprocket s

@@ -1,10 +1,8 @@
 """Fatigue of links: rainflow cycles of their tension, Woehler curve, Miner damage.
 
-A link endures N cycles of the tension range D (peak less valley), and Miner's rule adds up
+    N(D) = N_ref (D_ref / D)^m,      damage = sum over cycles n_i / N(D_i)                                    (a)
 
-    N(D) = N_ref (D_ref / D)^m,      damage = sum over cycles n_i / N(D_i).                                   (a)
-
-Mean tension is not corrected for. Cycles are counted after ASTM E1049-85 (2011), 5.4.4.
+for cycles of the tension range D. Mean tension is not corrected for. Cycles are counted after ASTM E1049-85, 5.4.4.
 """
 
 from __future__ import annotations

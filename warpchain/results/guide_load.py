@@ -2,10 +2,9 @@
 
 Over F frames, in a stretch of length b of the face,
 
-    p = sum of forces / (F b)  [N/m],    p v = sum of forces times sliding speeds / (F b)  [W/m]                 (a)
+    p = sum of forces / (F b)  [N/m],    p v = sum of forces times sliding speeds / (F b)  [W/m].                (a)
 
-Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]. The largest p v at an
-instant is max(F |v|) / pitch.
+Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2].
 """
 
 from __future__ import annotations

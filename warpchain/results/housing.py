@@ -4,12 +4,11 @@ With F what rollers, tensioners and weight do to a body of mass m and accelerati
 
     F - m a  [N];                                                                                                 (a)
 
-a balance wheel adds m_b r_b (omega^2 e - alpha e'), e the way that it points. A guide on n bolts at r_i, r their mean,
-shares its force F, of the moment M about r,
+a balance wheel adds m_b r_b (omega^2 e - alpha e'). A guide on n bolts at r_i, r their mean, M the moment about r, has
 
     F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
 
-without bolts at the middle of its face. What drives the shafts is left out. An order's level is that of ISO 1683,
+else the middle of its face. What drives the shafts is left out. An order's level is that of ISO 1683,
 
     L = 20 log10( (amplitude / sqrt 2) / 1e-6 )  [dB].                                                            (c)
 """

@@ -88,33 +88,19 @@ ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class LimitRule:
-    """Rule of a limit: its metric column, scale and words.
+    """Rule of a limit: its metric column, scale and words."""
 
-    Attributes:
-        key: field of `Limits`.
-        column: metric held against the limit.
-        unit: of the limit, for documents.
-        text: reason, from the part's name ("" for the chain) and the value.
-        advice: what to change.
-        part: "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain.
-        is_lower: whether the limit is a lower one.
-        size: what of a value an upper limit is for.
-        scale: divisor of the column, from drives, columns (V,) and prefix.
-        after_start: whether drives with `run.start` are exempt.
-        order: power of the step that the column goes by, or 0.
-    """
-
-    key: str
-    column: str
-    unit: str
-    text: Callable[[str, float], str]
-    advice: str
-    part: str = ""
-    is_lower: bool = False
+    key: str  # field of `Limits`
+    column: str  # metric held against the limit
+    unit: str  # of the limit, for documents
+    text: Callable[[str, float], str]  # reason, from the part's name ("" for the chain) and the value
+    advice: str  # what to change
+    part: str = ""  # "STRAND", "SPROCKET", "GUIDE", "PART", or "" for the chain
+    is_lower: bool = False  # whether the limit is a lower one
     size: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.abs
     scale: Callable[[NumberOfEach, Mapping[str, ColumnValues], str], NDArray[np.float64]] | None = None
-    after_start: bool = False
-    order: int = 0
+    after_start: bool = False  # whether drives with `run.start` are exempt
+    order: int = 0  # power of the step that the column goes by, or 0
 
     def reason_text(self, of: str, value: float, limit: float) -> str:
         """Reason text for a value beyond its limit, with advice."""
@@ -391,8 +377,8 @@ def judge_variants(
     Args:
         columns: metrics by name, "diverged" and "diverged_time" [s] among them.
         measured: (V,) which came to the end of their window.
-        layouts: (V,) faults of each drive's layout; None judges none.
-        causes: (V,) of `DIVERGENCE_CAUSES`, "" for none; None takes the step.
+        layouts: (V,) faults of each drive's layout.
+        causes: (V,) of `DIVERGENCE_CAUSES`, or "".
         stacks: the drives sorted into kinds, where known.
     """
     limits = limits or Limits()

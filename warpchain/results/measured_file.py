@@ -47,8 +47,7 @@ class MeasuredSignal:
 def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns | None = None) -> MeasuredSignal:
     """Measured signal of a MAT, MDF, TDMS or text file, in SI.
 
-    Dates and times of day count from the first. Instants without a value are left out, equal rounded times spread
-    evenly; a warning says how many.
+    Instants without a value are left out, equal rounded times spread evenly; a warning says how many.
 
     Args:
         name: what was measured.

@@ -1,15 +1,12 @@
 """Formulas of metrics: from sums over the window, from the energy balance, and from one another.
 
-With E the energy that contacts dissipate in the window, n_d the driver's revolutions, n_s tooth passings of a sprocket,
-m a roller's mass:
+With E the energy that contacts dissipate, n_d the driver's revolutions, n_s tooth passings, m a roller's mass:
 
     peak factor    = largest over mean tension                                                                (a)
     contact energy per revolution = E / n_d, a wear index                                                     (b)
     impact impulse = sqrt(2 m E / n_s), a proxy of noise                                                      (c)
     friction power = friction losses over the window's length                                                 (d)
     rated use      = the driver's mean moment times its mean speed over the rated power                       (e)
-
-Every formula takes the numbers of one variant or arrays (V,).
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@ With theta the angles of driven sprocket s and driver d, z teeth, K the contact'
 
     transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
     engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
-
-(b) needs several samples in 2 pi sqrt(m / K), or many passings.
 """
 
 from __future__ import annotations

@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 
 
 def hub_forces(trajectory: Trajectory) -> Array:
-    """Force (F, S, 2) [N] of the chain on hubs, recorded or normal.
+    """Force (F, S, 2) [N] of the chain on sprockets' hubs.
+
+    As recorded, else the contacts' normal forces.
 
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.

@@ -1,18 +1,15 @@
 """Step resolution: errors of the time step in friction and ramps, which the limit of stability does not cover.
 
-Friction that sticks is held by a bristle no stiffer than the step can follow (`kernels.physics.friction`). With mu the
-larger coefficient, N a partner's largest normal force, m a roller's mass, T the 99.9 % quantile of tension, z the
-fewest teeth, I = m p^2 / 6, friction moves
+With mu the larger coefficient, N a partner's largest normal force, m a roller's mass, T the 99.9 % quantile of tension,
+z the fewest teeth, I = m p^2 / 6, friction moves
 
     a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
     a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
 
 A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I), T its strand's mean tension. n joints of a strand
-that swings by a pay out pi^2 a / (2 n p) times n^2 p phi / 8, and n links of stiffness k answer with the tension
+that swings by a pay out pi^2 a / (2 n p) times n^2 p phi / 8, and links of stiffness k answer with the tension
 
     (pi^2 / 16) k a phi.                                                                                      (c)
-
-The energy balance shows none of these (docs/steps.md).
 """
 
 from __future__ import annotations

@@ -2,10 +2,9 @@
 
 A roller leaves the flank at the tip, at rho_top from the sprocket's center. With rho that of a roller,
 
-    margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R)                        (a)
+    margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R),                       (a)
 
-1 in the seat, 0 where the chain jumps. Rollers count half a tooth inside the wrap, or within half a tooth of its middle
-where that is more.
+1 in the seat, 0 where the chain jumps. Rollers count half a tooth inside the wrap.
 """
 
 from __future__ import annotations

@@ -1,16 +1,15 @@
 """Statistics over a window of chaotic motion: quantiles from counts, standard error of a mean, drift of a mean.
 
-With B batches of about equal length, y_k their sums less the window's mean, over their usual weight, and X_j = sum y_k
-exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is the spectrum S(w_j) times an exponential variate,
-and the variance of the mean is S(0) (Heidelberger and Welch 1981):
+With y_k the means of B batches and X_j = sum y_k exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is
+the spectrum S(w_j) times an exponential variate, and the variance of the mean is S(0) (Heidelberger and Welch 1981):
 
     log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0))              (a)
 
 by least squares; c makes the median error that of independent batches. Where one sine of less than `SLOW_PERIODS`
-periods leaves less than `DETERMINATE_SHARE` of the ordinates (a start, a swing), the error is unknown.
+leaves less than `DETERMINATE_SHARE` of the ordinates, the error is unknown.
 
 A drift is the slope of the line through the means of P parts, times P. Its variance is that of independent residuals,
-times (1 + r) / (1 - r), r >= 0 their lag correlation; drift over error is Student's t with P - 2 degrees of freedom.
+times (1 + r) / (1 - r), r >= 0 their lag correlation; drift over error is Student's t of P - 2.
 """
 
 from __future__ import annotations
@@ -75,8 +74,7 @@ def histogram_quantile(
         counts: (V, bins).
         edges: (V, bins + 1) ascending.
         low, high: (V,) smallest and largest value.
-        share: from 0 to 1.
-        below: (V, bins) `cumulative_counts`, where known.
+        below: `cumulative_counts`, where known.
     """
     below = cumulative_counts(counts) if below is None else below
     wanted = share * below[:, -1]
@@ -191,8 +189,6 @@ def window_drift(means: Array) -> tuple[Array, Array]:
 
 def window_change(means: Array, waves: Array) -> Array:
     """Change (V,) over the window of means (V, P), without ripple.
-
-    Where the window holds a period or more of the ripple, line and sine are fitted together.
 
     Args:
         waves: (V,) periods of the ripple in the window, 0 for none.
