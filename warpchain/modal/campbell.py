@@ -61,7 +61,7 @@ class InstabilityTongue:
 
 @dataclass(frozen=True)
 class Campbell:
-    """Campbell diagram: frequencies and damping of K modes at P speeds.
+    """Campbell diagram: K modes at P speeds.
 
     Attributes:
         speed: (P,) of the driver [rad/s], ascending.
@@ -99,7 +99,7 @@ class Campbell:
         return sorted(found, key=lambda tongue: tongue.speed)
 
     def _crossings_of_order(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
-        """Mode, speed, frequency and damping ratio where an order crosses."""
+        """Mode, speed, frequency and damping at crossings."""
         gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
         result = []
         for p, k in zip(*np.nonzero((gap[:-1] > 0.0) != (gap[1:] > 0.0)), strict=True):
@@ -160,7 +160,7 @@ def campbell(
 
 
 def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: DriveMotion) -> NDArray[np.int64]:
-    """Indices (K,) of modes at the next speed, -1 where lost."""
+    """Indices (K,) of modes at the next speed, or -1."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
     result[kept] = matched_modes(before.select_modes(which[kept]), after, at)
@@ -168,7 +168,7 @@ def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: Dr
 
 
 def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int64]:
-    """Indices (K,) in `those` of modes most alike, or -1."""
+    """Indices (K,) of modes most alike, or -1."""
     alike = modal_assurance(these, those, at)
     rows, columns = linear_sum_assignment(-alike)
     result = np.full(len(these), -1)
@@ -198,7 +198,7 @@ def base_drive_modes(drive: Drive, count: int) -> Modes:
 
 
 def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
-    """Metrics of modes of a study's variant, `modes.NAME.frequency` [Hz].
+    """Metrics of a study variant's modes, `modes.NAME.frequency` [Hz].
 
     Modes not found again are left out.
     """

@@ -35,7 +35,7 @@ PartEnergy = tuple[str, Array]
 SMALL_PENCIL = 120
 """Most coordinates of a pencil whose eigenvalues are all computed."""
 EIGENVALUE_SHIFT = 1e-2
-"""Shift, over the unit frequency, about which eigenvalues are sought."""
+"""Shift about which eigenvalues are sought."""
 INFINITE_EIGENVALUE = 1e-9
 """Inverse of an eigenvalue that counts as infinite."""
 
@@ -43,7 +43,7 @@ INFINITE_EIGENVALUE = 1e-9
 def eigenpairs(
     mass: sp.csc_array, damping: sp.csc_array, stiffness: sp.csc_array, wanted: int, unit: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Eigenvalues (K,) [1/s] of a pencil near zero, and eigenvectors (n, K).
+    """Eigenvalues (K,) [1/s] of a pencil, and eigenvectors (n, K).
 
     Args:
         unit: a frequency of the size of those wanted [rad/s].
@@ -65,7 +65,7 @@ def eigenpairs(
 
 
 def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
-    """Eigenvalues and eigenvectors of a large pencil, by Arnoldi's method."""
+    """Eigenvalues and eigenvectors by Arnoldi's method."""
     n = m.shape[0]
     factor = splu((k + EIGENVALUE_SHIFT * c + EIGENVALUE_SHIFT**2 * m).tocsc())
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
@@ -85,7 +85,7 @@ def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count
 ZERO_FREQUENCY = 1e-5
 """Frequency over sqrt(k / m) that counts as zero."""
 RESTORING_STIFFNESS = 1e-7
-"""Least stiffness, over a link's, that restores a motion."""
+"""Least stiffness over a link's that restores."""
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def _modes_at_speed(drive: Drive, count: int, speed: float, valve: str) -> Modes
 
 
 def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
-    """Moves arms and sprockets on arms along in mode shapes."""
+    """Moves carried arms and sprockets along in modes."""
     drive, placed = found.drive, found.state.bodies[0]
     first = drive.first_arm_body
     on = {first + a: drive.parent(a) for a in range(len(drive.arms))}
@@ -325,7 +325,7 @@ def lowest_modes(found: DriveMotion, count: int) -> Modes:
 def _chain_motions(
     found: DriveMotion, vector: NDArray[np.complex128]
 ) -> list[tuple[ChainMotion, NDArray[np.complex128], PlungerMotion]]:
-    """Each chain's small motion, eigenvectors (n_c, K), and plungers."""
+    """Each chain's small motion, eigenvectors and plungers."""
     works = (found.stiffness, found.damping)
     stiff, drag = (np.einsum("ij,ij->j", vector.conj(), matrix @ vector).real for matrix in works)
     own = [tie @ vector if len(found.parts) > 1 else vector for tie in found.ties]
@@ -333,7 +333,7 @@ def _chain_motions(
 
 
 def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str, Any]:
-    """Displacement fields of `Modes` from eigenvectors (n, K)."""
+    """Displacement fields of `Modes` from eigenvectors."""
     drive, shapes = found.drive, []
     placed = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
@@ -367,7 +367,7 @@ def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> N
 
 
 def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
-    """Parts' names, kinetic energy shares (K, P), transverse share (K,)."""
+    """Parts' names, energy shares (K, P), transverse share (K,)."""
     parts, shares = list[str](), list[Array]()
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     for r, (part, own, plunger) in enumerate(_chain_motions(found, vector)):
@@ -390,7 +390,7 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
 
 
 def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: str) -> Iterator[PartEnergy]:
-    """Parts' names and kinetic energies (K,) in the modes.
+    """Parts' names and kinetic energies (K,).
 
     Args:
         energy: (K, n) of the coordinates.

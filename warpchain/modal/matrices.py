@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Free coordinates of a drive's small motion: rollers, bodies, oil."""
+    """Free coordinates of a drive's small motion."""
 
     rollers: int  # N
     mass: float  # of a roller [kg]
@@ -50,7 +50,7 @@ class Coordinates:
         return 2 * self.rollers + len(self.owner)
 
     def turning_coordinate(self, b: int) -> tuple[int, float] | None:
-        """Index of a body's turning coordinate and angle per unit, or None."""
+        """Index of a body's turning coordinate, and angle, or None."""
         turns = np.where(self.turning, self.basis[3 * b + 2], 0.0)
         found = np.flatnonzero(turns)
         return (2 * self.rollers + int(found[0]), float(turns[found[0]])) if len(found) else None
@@ -78,7 +78,7 @@ class Coordinates:
         )
 
     def moving_states(self, base: ProbeStates, velocity: Array) -> ProbeStates:
-        """Copies of a probe's state with changed velocities (copies, n)."""
+        """Copies of a probe's state with changed velocities."""
         straight, turned = self.roller_and_body_parts(velocity)
         return ProbeStates(
             np.zeros_like(straight) + base.position,
@@ -102,7 +102,7 @@ class Coordinates:
         return np.hstack([straight.reshape(len(straight), -1), own, np.zeros((len(own), len(self.chambers)))])
 
     def roller_and_body_parts(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Displacements of rollers and bodies from coordinate vectors (copies, n)."""
+        """Displacements of rollers and bodies from coordinate vectors."""
         own = 2 * self.rollers
         straight = vector[:, :own].reshape(len(vector), self.rollers, 2)
         turned = vector[:, own : self.oil_start] @ self.basis.T
@@ -147,7 +147,7 @@ def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
 
 
 def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Array]:
-    """Extensions (T,) of tensioners [m], and derivatives (T, 3 B) by bodies."""
+    """Extensions (T,) of tensioners [m], and derivatives (T, 3 B)."""
     of = probe.base.tensioners[: probe.tensioners]
     body = states.bodies[0, of["body"]]
     cosine, sine, point = np.cos(body[:, 2]), np.sin(body[:, 2]), of["point"]
@@ -187,7 +187,7 @@ def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitc
 def damping_matrix(
     probe: ForceProbe, at: Coordinates, base: ProbeStates, conductance: Array | None = None
 ) -> sp.csc_array:
-    """Damping matrix C (n, n) of a drive at rest, without friction.
+    """Damping matrix C (n, n) of a drive at rest.
 
     Args:
         conductance: (w,) of leaking oil; None leaves it out.
@@ -231,7 +231,7 @@ def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool
 
 
 def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp.csc_array:
-    """Stiffness matrix part (n, n) of a running chain's centrifugal force."""
+    """Stiffness matrix part (n, n) of centrifugal force."""
     i = np.arange(rollers)
     j = (i + 1) % rollers
     value = np.full(rollers, mass * rate * rate)

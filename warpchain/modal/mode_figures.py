@@ -26,12 +26,12 @@ def closed_chain_line(rollers: Array) -> Array:
 
 
 def carried_part_lines(drive: Drive, bodies: Array) -> list[Array]:
-    """Lines (P, 2) [m] of arms and carried parts in a pose."""
+    """Lines (P, 2) [m] of arms and carried parts."""
     return [part.points for part in _drive_parts(drive, bodies) if part.carried]
 
 
 def fixed_part_lines(drive: Drive) -> list[Array]:
-    """Lines (P, 2) [m] of fixed guides and tensioner housings."""
+    """Lines (P, 2) [m] of guides and housings."""
     bodies = np.zeros((drive.first_arm_body + len(drive.arms), 3))
     return [part.points for part in _drive_parts(drive, bodies) if not part.carried]
 
@@ -51,7 +51,7 @@ SHAPE_COLUMNS, MOST_SHAPES = 4, 12
 
 
 def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
-    """Each chain's modes, rollers and bodies in mode k's swing."""
+    """Each chain's modes, rollers and bodies in a swing."""
     size = SWING_SIZE * float(np.ptp(modes.position, axis=0).max())
     scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
     turn = scale * np.exp(1j * phase)

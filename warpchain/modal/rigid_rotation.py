@@ -23,7 +23,7 @@ from warpchain.model.trains import is_free_body
 
 
 def free_rotations(found: DriveMotion) -> list[list[float]]:
-    """Ratios of turns of bodies and chains, by freely turning group."""
+    """Ratios of turns of freely turning groups."""
     drive = found.drive
     tied, _ = ratios_with_chains(drive)
     held = {
@@ -60,7 +60,7 @@ def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], sm
 
 
 def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Array]:
-    """Rigid rotation (n,) of coordinates, and marks (n,) of angles."""
+    """Rigid rotation (n,), and marks (n,) of angles."""
     drive, size = found.drive, found.mass.shape[0]
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
     passing = turns[len(drive.sprockets) + len(drive.shafts) :]

@@ -100,7 +100,7 @@ PRESSURE_STEP = 1.0
 
 
 def oil_conductances(drive: Drive, valve: str) -> Array:
-    """Conductances G (w,) of oil chambers at rest [m^3/(s Pa)]."""
+    """Conductances G (w,) of oil chambers [m^3/(s Pa)]."""
     found = []
     for tensioner in drive.tensioners:
         if tensioner.hydraulic:
@@ -140,7 +140,7 @@ class DriveMotion:
 def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[PackedEnsemble] | None = None
 ) -> list[tuple[ChainDrive, float, PackedEnsemble, Array]]:
-    """Chains in static equilibrium: drive, driver speed, packed, tensions (N,) [N].
+    """Chains in static equilibrium, packed, with tensions (N,) [N].
 
     Nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops open, motors have the
     slope of their moments.
@@ -169,7 +169,7 @@ def standing_chains(
 
 
 def _standing_coordinates(drive: Drive, packed: PackedEnsemble) -> Array:
-    """Coordinates of a packed chain at rest, as in `assembly.potential`."""
+    """Coordinates of a packed chain at rest."""
     centers = packed.bodies["center"][: len(drive.sprockets)]
     hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
     angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]

@@ -9,7 +9,7 @@ from warpchain.drive import Drive
 
 
 def arm_pivots(drive: Drive, time: ArrayLike, angle: ArrayLike | None) -> NDArray[np.float64]:
-    """Pivots (F, A, 2) [m] of a drive's arms at instants (F,)."""
+    """Pivots (F, A, 2) [m] of a drive's arms over time."""
     at = np.asarray(time, dtype=float)
     found = np.empty((len(at), len(drive.arms), 2))
     for a, arm in enumerate(drive.arms):

@@ -24,7 +24,7 @@ Array = NDArray[np.floating]
 
 
 def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
-    """Pyarrow table of a trajectory's time and channels, a row a frame.
+    """Pyarrow table of a trajectory, a row a frame.
 
     Channels are lists of fixed size (of pairs for vectors) that share contiguous arrays' memory.
     """
@@ -40,7 +40,7 @@ def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
 
 
 def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.Table:
-    """Pyarrow table of columns, with `unit` in each field's metadata."""
+    """Pyarrow table of columns with units in metadata."""
     import pyarrow as pa
 
     fields = [pa.field(name, column.type, metadata={"unit": units[name]}) for name, column in columns.items()]
@@ -48,7 +48,7 @@ def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) 
 
 
 def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
-    """Xarray dataset of a trajectory's time and channels, without a copy.
+    """Xarray dataset of a trajectory, without a copy.
 
     Raises:
         WarpchainError: xarray is not installed.
@@ -83,7 +83,7 @@ def table_with_unit_heads(table: pa.Table) -> pa.Table:
 
 
 def table_without_unit_heads(table: pa.Table) -> pa.Table:
-    """Pyarrow table with units moved from column names to metadata."""
+    """Pyarrow table with units moved from heads to metadata."""
     import pyarrow as pa
 
     fields = []
@@ -103,7 +103,7 @@ def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.T
 
 
 def export_table(table: pa.Table, path: str | Path, error: type[WarpchainError] = StudyError) -> Path:
-    """Writes a pyarrow table as Parquet or CSV; returns the path.
+    """Writes a pyarrow table as Parquet or CSV; returns its path.
 
     Raises:
         error: another ending, or a folder or disk that refuses.

@@ -17,7 +17,7 @@ from warpchain.results.run import Trajectory
 
 
 def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) -> list[NDArray[np.int64]]:
-    """Indices of each chain's parts in the whole drive's channels."""
+    """Indices of each chain's parts in the drive's channels."""
     if kind in ("roller", "link"):
         ends = np.cumsum([chain.drive.chain.links for chain in chains])
         return [np.arange(end - chain.drive.chain.links, end) for end, chain in zip(ends, chains, strict=True)]
@@ -25,7 +25,7 @@ def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) 
 
 
 def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
-    """Trajectory of a drive joined from those of its chains."""
+    """Trajectory of a drive, joined from its chains'."""
     chains = chain_drives(drive)
     channels: dict[str, Any] = {}
     for name in dict.fromkeys(name for part in parts for name in part.channels()):
@@ -41,7 +41,7 @@ def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajector
 
 
 def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
-    """Trajectories of a drive's chains by name, "" for an only one."""
+    """Trajectories of a drive's chains by name."""
     drive = trajectory.drive
     if not drive.chains:
         return {"": trajectory}
@@ -57,7 +57,7 @@ def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
 
 
 def _shaft_channels(trajectory: Trajectory, chain: ChainDrive, held: Mapping[str, Any]) -> dict[str, Any]:
-    """Channels of a chain's shafts, other chains' sprockets among them."""
+    """Channels of a chain's shafts, sprockets among them."""
     names = [sprocket.name for sprocket in trajectory.drive.sprockets]
     others = [names.index(shaft.name) for shaft in chain.drive.shafts if isinstance(shaft, SprocketShaft)]
     angle, speed = trajectory.sprocket_angle, trajectory.sprocket_speed
@@ -70,7 +70,7 @@ def _shaft_channels(trajectory: Trajectory, chain: ChainDrive, held: Mapping[str
 
 
 def chain_metrics_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Metrics row of one chain, its name taken off the columns."""
+    """Metrics row of one chain, without its name."""
     if not name:
         return dict(row)
     before = f"{name}."

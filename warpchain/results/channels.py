@@ -96,7 +96,7 @@ CHANNELS = (
     Channel("valve_torque", "N m", "valve", "torque of a group of valves against forward rotation of its shaft"),
     Channel("valve_force", "N", "valve", "least force of a cam of the group on its follower"),
 )
-"""Channels of a trajectory. New ones go last: archives number them."""
+"""Channels of a trajectory, in the order of archives; new ones last."""
 
 CHANNEL_NAMES = tuple(channel.name for channel in CHANNELS)
 DEFAULT_CHANNELS = tuple(channel.name for channel in CHANNELS if not channel.on_request)
@@ -110,7 +110,7 @@ AXIS_LABELS = ("x", "y")
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Layout of a recorded frame's values in memory, for kernels.
+    """Layout of a recorded frame in memory, for kernels.
 
     Of N rollers and S sprockets, component k of a channel is at
 
@@ -123,7 +123,7 @@ class FrameLayout:
 
     @cached_property
     def _places_by_name(self) -> dict[str, int]:
-        """Place of each channel among its part's values, by name."""
+        """Places of channels among their parts' values, by name."""
         places: dict[str, int] = {}
         ends = dict.fromkeys(FRAME_BLOCKS, 0)
         for channel in self.channels:
@@ -137,11 +137,11 @@ class FrameLayout:
         return name in self._places_by_name
 
     def place(self, name: str) -> int:
-        """Place of a channel among its part's values in a frame."""
+        """Place of a channel among its part's values."""
         return self._places_by_name[name]
 
     def values(self, kind: PartKind) -> int:
-        """Number of values in a frame for a part of a kind."""
+        """Number of a frame's values for a part."""
         return sum(
             len(channel.value_names) for channel in self.channels if _frame_block(channel.per) == _frame_block(kind)
         )
@@ -167,18 +167,18 @@ class FrameLayout:
 
 
 FRAME_BLOCKS: tuple[PartKind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
-"""Kinds of parts in the order of a frame's values."""
+"""Kinds of parts in a frame's order."""
 
 
 def _frame_block(kind: PartKind) -> PartKind:
-    """Kind of part with which a kind's values stand in a frame."""
+    """Kind of part with whose values a frame has a kind's."""
     return "roller" if kind == "link" else kind
 
 
 DEFAULT_FRAME = FrameLayout(tuple(CHANNEL_BY_NAME[name] for name in DEFAULT_CHANNELS))
 
 WHOLE_FRAME = FrameLayout(CHANNELS)
-"""Layout of frames with every channel, of the CPU's kernel."""
+"""Layout of frames with every channel."""
 
 
 def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
@@ -193,6 +193,6 @@ def drive_frame_width(drive: Drive, frame: FrameLayout = DEFAULT_FRAME) -> int:
 
 
 def channels_of_drive(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
-    """Names of the channels that a drive has parts for."""
+    """Names of channels that a drive has."""
     sizes = PartCounts.of_drive(drive)
     return tuple(name for name in names if sizes.count_of(CHANNEL_BY_NAME[name].per) > 0)

@@ -31,14 +31,14 @@ Array = NDArray[np.float64]
 @check_arguments(SimulationError, "wear.")
 @dataclass(frozen=True)
 class Wear:
-    """Wear law of the chain's joints in an engineering report."""
+    """Wear law of a chain's joints, for reports."""
 
     coefficient: PositiveNumber = WEAR_COEFFICIENT  # k of Archard's law [m^2/N]
     bearing_area: PositiveNumber | None = None  # of a joint [m^2]; None is the size's
 
 
 def trajectory_in_window(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """Trajectory of the frames in a window [s], ends included.
+    """Trajectory of the frames in a window [s].
 
     Raises:
         SimulationError: fewer than three of them.
@@ -50,7 +50,7 @@ def trajectory_in_window(trajectory: Trajectory, start: float, end: float) -> Tr
 
 
 class EngineeringReport:
-    """Engineering report of one recorded variant, computed as asked for.
+    """Engineering report of a recorded variant, computed as asked for.
 
     Args:
         trajectory: the whole recording.
@@ -85,29 +85,29 @@ class EngineeringReport:
 
     @cached_property
     def guide_loads(self) -> list[GuideLoad]:
-        """Load of each guide over its length, in the window."""
+        """Load of each guide over its length."""
         return guide_loads(self.part, self.guide_contacts)
 
     @cached_property
     def hub_forces(self) -> Array:
-        """Forces (F, S, 2) [N] of the chain on sprockets, in the window."""
+        """Forces (F, S, 2) [N] of the chain on sprockets."""
         return hub_forces(self.part)
 
     @cached_property
     def phase_errors(self) -> dict[int, PhaseError]:
-        """Phase error of each driven sprocket, in the window."""
+        """Phase error of each driven sprocket."""
         inside = (self.whole.time >= self.start - 1e-12) & (self.whole.time <= self.end + 1e-12)
         others = [s for s in range(len(self.drive.sprockets)) if s != self.drive.driver]
         return {s: phase_error_in_window(self.whole, s, inside) for s in others}
 
     @cached_property
     def friction_power(self) -> dict[str, Array]:
-        """Friction power (F,) [W] by what rubs, over the recording."""
+        """Friction power (F,) [W] by what rubs."""
         return friction_power(self.whole)
 
     @cached_property
     def jump_margins(self) -> list[JumpMargin]:
-        """Margin to tooth jump of each sprocket, in the window."""
+        """Margin to tooth jump of each sprocket."""
         return [tooth_jump_margin(self.part, s) for s in range(len(self.drive.sprockets))]
 
     @cached_property
@@ -233,7 +233,7 @@ def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[floa
 
 
 def engineering_report(run: Run, variant: int | None = None, wear: Wear | None = None) -> EngineeringReport:
-    """Engineering report of a run's recorded variant, over its metrics' window.
+    """Engineering report of a run's recorded variant.
 
     Raises:
         SimulationError: a variant that was not recorded.

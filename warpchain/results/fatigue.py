@@ -24,20 +24,20 @@ Array = NDArray[np.float64]
 @check_arguments(SimulationError, "fatigue.")
 @dataclass(frozen=True)
 class Woehler:
-    """Woehler (S-N) curve of a link's tension range, eq. (a)."""
+    """Woehler (S-N) curve of a link's tension, (a)."""
 
     exponent: PositiveNumber  # m [-]
     reference_range: PositiveNumber  # D_ref [N]
     reference_cycles: PositiveNumber = 1e6  # N_ref, cycles of D_ref to failure
 
     def cycles_to_failure(self, ranges: ArrayLike) -> Array:
-        """Cycles to failure at tension ranges [N], of their shape."""
+        """Cycles to failure at tension ranges [N]."""
         with np.errstate(divide="ignore"):
             return self.reference_cycles * (self.reference_range / np.asarray(ranges, dtype=float)) ** self.exponent
 
 
 def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]:
-    """Function that yields a series' rainflow cycles: (range, mean, 1 or 0.5, first, last).
+    """Function that yields a series' rainflow cycles.
 
     Raises:
         SimulationError: the extra `rainflow` is not installed.
@@ -50,7 +50,7 @@ def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]
 
 
 def count_links(tension: ArrayLike) -> list[Array]:
-    """Rainflow cycles (C, 3) of links' tension: range, mean [N], count.
+    """Rainflow cycles (C, 3) of links: range, mean [N], count.
 
     Args:
         tension: (F, L) of links [N].
@@ -67,7 +67,7 @@ def count_links(tension: ArrayLike) -> list[Array]:
 
 
 def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage (L,) of links over time, (a); 1 is failure.
+    """Miner damage (L,) of links, (a); 1 is failure.
 
     Args:
         tension: (F, L) of links [N].
@@ -83,7 +83,7 @@ def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None 
 def equivalent_range(
     tension: ArrayLike, exponent: float, counted: float, cycles: Sequence[Array] | None = None
 ) -> Array:
-    """Tension range (L,) [N] whose `counted` cycles do the same fatigue damage.
+    """Tension range (L,) [N] of equal fatigue damage in `counted` cycles.
 
     It is (sum n_i D_i^m / counted)^(1/m).
 
@@ -101,7 +101,7 @@ def equivalent_range(
 
 
 def _link_cycle_sums(cycles: Sequence[Array], reference: float, exponent: float) -> Array:
-    """Sums (L,) of n (range / reference)^m over links' rainflow cycles."""
+    """Sums (L,) of n (range / reference)^m over rainflow cycles."""
     sums = np.zeros(len(cycles))
     for link, found in enumerate(cycles):
         total = 0.0

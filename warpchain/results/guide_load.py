@@ -23,7 +23,7 @@ Index = NDArray[np.intp]
 
 
 def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
-    """Arc length along a guide's face, and height, of points (K, 2) [m]."""
+    """Arc lengths and heights of points on a guide's face [m]."""
     place, height = np.full(len(points), np.nan), np.full(len(points), np.inf)
     for piece, before in zip(face.pieces, face.places, strict=True):
         on = piece.heights(points)
@@ -33,7 +33,7 @@ def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
 
 
 def face_tangents(face: Profile, place: Array) -> Array:
-    """Unit tangents (K, 2) of a guide's face at arc lengths (K,)."""
+    """Unit tangents (K, 2) of a guide's face."""
     begin, heading, curvature = (
         np.array(values)
         for values in (face.places, [p.heading for p in face.pieces], [p.curvature for p in face.pieces])
@@ -44,7 +44,7 @@ def face_tangents(face: Profile, place: Array) -> Array:
 
 
 def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
-    """Rollers (K, 2) [m] in a guide's drawn frame, and its angle (K,)."""
+    """Rollers (K, 2) [m] in a guide's frame, and angle (K,)."""
     (position,) = require_channels(trajectory, "position")
     x = np.asarray(position, dtype=float)[frame, roller]
     arm = trajectory.drive.arm_of(g)
@@ -99,7 +99,7 @@ def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
 
 
 class GuideLoad(NamedTuple):
-    """Load of a guide over its length, in B stretches."""
+    """Load of a guide in B stretches of its length."""
 
     place: Array  # (B,) middles of the stretches [m]
     mean: Array  # (B,) mean normal force per length, p [N/m] (a)
@@ -111,7 +111,7 @@ class GuideLoad(NamedTuple):
 
 
 def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
-    """Load of a guide in stretches between `edges` (B + 1,) [m]."""
+    """Load of a guide in stretches between edges [m]."""
     count, widths = len(edges) - 1, np.diff(edges)
     inside = (contacts.place >= edges[0]) & (contacts.place <= edges[-1])
     stretch = np.minimum(np.searchsorted(edges, contacts.place[inside], side="right") - 1, count - 1)
@@ -127,7 +127,7 @@ def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pi
 
 
 def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
-    """Load of each guide of a recording, over its length."""
+    """Load of each guide of a recording."""
     drive = trajectory.drive
     found = []
     for g, mine in enumerate(recorded_guide_contacts(trajectory) if contacts is None else contacts):

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LEVEL_REFERENCE = 1e-6
-"""Effective value at 0 dB [N, N m] (ISO 1683)."""
+"""Effective value at 0 dB [N] (ISO 1683)."""
 
 
 class HousingLoad(NamedTuple):
@@ -51,7 +51,7 @@ class HousingLoad(NamedTuple):
 
 
 def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
-    """Loads on the housing at hubs, guides, pivots and seats.
+    """Loads on the housing of all parts.
 
     Raises:
         SimulationError: recorded without positions, contact forces, or motion of bodies.
@@ -90,7 +90,7 @@ def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 
 
 def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
-    """Force (F, 2) [N] of a sprocket's bearing on the housing, (a)."""
+    """Force (F, 2) [N] of a sprocket's bearing, (a)."""
     center, angle, speed = require_channels(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
     sprocket, time = trajectory.drive.sprockets[s], trajectory.time
     mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.drive.run.gravity)
@@ -116,7 +116,7 @@ def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
 
 
 def _balance_wheel_force(sprocket: Sprocket, angle: Array, speed: Array, time: Array) -> Array:
-    """Inertia force (F, 2) [N] of a sprocket's balance wheel."""
+    """Inertia force (F, 2) [N] of a balance wheel."""
     wheel = sprocket.balance_wheel
     assert wheel is not None
     points = np.stack([np.cos(angle + wheel.phase), np.sin(angle + wheel.phase)], axis=-1)
@@ -131,7 +131,7 @@ def _time_derivative(values: Array, time: Array) -> Array:
 
 
 def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Chain force (F, 2) [N] on each guide, and moment (F,) about the origin."""
+    """Chain force (F, 2) [N] and moment (F,) on each guide."""
     position, guide_force = require_channels(trajectory, "position", "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     nearest, normal = nearest_guides_of_rollers(trajectory, frame, roller)
@@ -147,7 +147,7 @@ def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array
 
 
 def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[HousingLoad]:
-    """Loads of a guide on the housing, at its bolts (b)."""
+    """Loads of a guide's bolts on the housing, (b)."""
     guide = drive.guides[g]
     if not guide.bolts:
         middle = drive.profile(g).points(drive.chain.pitch, caps=False)
@@ -170,7 +170,7 @@ def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[Housi
 
 
 def _moment_about(place: Array, force: Array, moment: Array) -> Array:
-    """Moment (F,) [N m] of a force about another place."""
+    """Moment (F,) [N m] of a force about a place."""
     return np.asarray(moment - (place[0] * force[:, 1] - place[1] * force[:, 0]))
 
 
@@ -201,7 +201,7 @@ def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[
 
 
 def _coil_force(trajectory: Trajectory, a: int) -> Array:
-    """Force (F, 2) [N] of an arm's coil spring and damper."""
+    """Force (F, 2) [N] of an arm's coil spring."""
     arm = trajectory.drive.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
     angle, speed = np.asarray(arm_angle[:, a], dtype=float), np.asarray(arm_speed[:, a], dtype=float)
@@ -218,7 +218,7 @@ def _coil_force(trajectory: Trajectory, a: int) -> Array:
 
 
 def order_levels(trajectory: Trajectory) -> pa.Table:
-    """Pyarrow table of housing loads' levels [dB] by `order`, (c).
+    """Pyarrow table of housing loads' levels [dB] by order.
 
     Raises:
         SimulationError: a driver that stops, turns back or turns too little.
@@ -245,7 +245,7 @@ def _component_unit(name: str) -> str:
 
 
 def housing_components(trajectory: Trajectory) -> dict[str, Array]:
-    """Components (F,) of housing loads [N, N m] by name: "hub crank.x"."""
+    """Components (F,) of housing loads by name: "hub crank.x"."""
     found: dict[str, Array] = {}
     for load in housing_loads(trajectory):
         found |= {f"{load.name}.{axis}": load.force[:, k] for k, axis in enumerate("xy")}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
 
 WELL_KEPT_SHARE = 0.5
-"""Step that a reason proposes, over one that just suffices."""
+"""Step that a reason proposes, over a sufficient one."""
 MOST_NAMED = 6
 MOST_REASONS = 3
 
@@ -32,7 +32,7 @@ Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
 ]
 START_ENERGY_CHANGE = 0.5
-"""Energy change over losses from which on a window is a start."""
+"""Energy change over losses of a start's window."""
 LimitShare = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 
 
@@ -88,7 +88,7 @@ ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class LimitRule:
-    """Rule of a limit: its metric column, scale and words."""
+    """Rule of a limit: metric column, scale and words."""
 
     key: str  # field of `Limits`
     column: str  # metric held against the limit
@@ -103,7 +103,7 @@ class LimitRule:
     order: int = 0  # power of the step that the column goes by, or 0
 
     def reason_text(self, of: str, value: float, limit: float) -> str:
-        """Reason text for a value beyond its limit, with advice."""
+        """Reason text for a value beyond its limit."""
         step = ""
         if self.order and limit > 0.0:
             step = (
@@ -118,7 +118,7 @@ class LimitRule:
 
 
 def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
-    """A number (V,) of the chain in a metric column's prefix."""
+    """A number (V,) of a metric column's chain."""
     name = of.partition(".")[0]
 
     def number_of_drive(drive: Drive) -> Any:
@@ -135,7 +135,7 @@ def breaking_loads(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: 
 
 
 LEAST_STRETCH = 1e-9
-"""Stretch of a link [m] below which its force is none."""
+"""Stretch of a link without force [m]."""
 
 
 def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
@@ -151,7 +151,7 @@ def largest_link_tensions(each: NumberOfEach, columns: Mapping[str, ColumnValues
 
 
 def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link force (V,) [N] of the window, pulling or pushing."""
+    """Largest link force (V,) [N] of the window."""
     names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
     ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_link_forces(each, of)
     largest = np.max(ends, axis=0) if ends else np.zeros_like(least)
@@ -159,13 +159,13 @@ def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues],
 
 
 def has_table_change(drive: Drive, begin: Any, end: Any) -> Any:
-    """Whether tables over time change a drive between two times [s]."""
+    """Whether tables change a drive between two times [s]."""
     changes = [_has_change_between(*table, begin, end) for table in _tables_over_time(drive)]
     return np.any(changes, axis=0) if changes else False
 
 
 def _tables_over_time(drive: Drive) -> Iterator[tuple[Any, Any]]:
-    """Times [s] and values of a drive's tables over time."""
+    """Times [s] and values of a drive's tables."""
     parts: list[Any] = [*drive.sprockets, *drive.shafts]
     held = [
         _attribute_or_none(of, "table")
@@ -199,13 +199,13 @@ def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
 
 
 def _longest_ramp_time(drive: Drive) -> Any:
-    """Longest ramp of a drive's motions [s]; 0 without one."""
+    """Longest ramp of a drive's motions [s], or 0."""
     motions = [*(of.prescribed for of in drive.sprockets), *(of.prescribed for of in drive.shafts)]
     return maximum(0.0, *(motion.ramp_time for motion in motions if motion))
 
 
 def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Mean tension (V,) [N] of windows that follow a ramp, else nan."""
+    """Mean tension (V,) [N] after a ramp, else nan."""
     ramps, name = each(_longest_ramp_time), f"{of}.tension_mean" if of else "tension_mean"
     if name not in columns:
         return np.full_like(ramps, np.nan)
@@ -215,7 +215,7 @@ def mean_tensions_after_ramp(each: NumberOfEach, columns: Mapping[str, ColumnVal
 
 
 def start_window_ones(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Ones (V,) where a window is of a start, else nan."""
+    """Ones (V,) for windows of a start, else nan."""
     change, null = columns.get("energy_change_relative", (np.zeros_like(columns["diverged_time"][0]), False))
     return np.where((np.abs(change) > START_ENERGY_CHANGE) & ~np.asarray(null), 1.0, np.nan)
 
@@ -372,7 +372,7 @@ def judge_variants(
     causes: Sequence[str] | None = None,
     stacks: Sequence[Stack] | None = None,
 ) -> Judgement:
-    """Judgement of V variants, status and reason, by their metrics.
+    """Judgement of V variants by their metrics.
 
     Args:
         columns: metrics by name, "diverged" and "diverged_time" [s] among them.
@@ -438,7 +438,7 @@ def _reasons_beyond_limits(
 
 
 def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
-    """Reasons (rule, column, text) ordered by rules and metric columns."""
+    """Reasons (rule, column, text) in column order."""
     if len({rule for rule, _, _ in reasons}) == len(reasons):
         return reasons
     places = _column_places(drive)
@@ -446,14 +446,14 @@ def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) 
 
 
 def _column_places(drive: Drive) -> dict[str, int]:
-    """Place of each metric in a drive's table, by name."""
+    """Place of each metric in a drive's table."""
     from warpchain.results.metric_columns import metric_names  # which imports what this module judges
 
     return {name: place for place, name in enumerate(metric_names(drive))}
 
 
 def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains: set[str]) -> NDArray[np.bool_]:
-    """(V,) whether a limit's rule applies to drives' columns of a prefix."""
+    """(V,) whether a limit's rule applies to a column."""
     own: bool | NDArray[np.bool_] = of == ""
     if of in chains:
         own = np.array([any(chain.name == of for chain in drive.chains) for drive in drives])
@@ -475,7 +475,7 @@ def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, Colu
 
 
 def judgement_warning(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """Warning on variants that are not ok, and advice, or None.
+    """Warning on variants that are not ok, or None.
 
     Interrupted variants that are else ok are left out.
     """

@@ -39,7 +39,7 @@ SLIP_LOSSES = "clutches and gear changes"
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
-    """Energy losses [J] over the window by group, the largest first.
+    """Energy losses [J] over the window by group.
 
     With `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
 
@@ -69,7 +69,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
 
 
 class Loss(NamedTuple):
-    """Energy loss of a group [J], its power [W] and input share."""
+    """Energy loss of a group, power and input share."""
 
     energy: float
     power: float
@@ -77,7 +77,7 @@ class Loss(NamedTuple):
 
 
 def loss_shares(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, Loss]:
-    """Losses by group with power and share of the input."""
+    """Losses by group, with power and input share."""
     work = metrics.get("input_work")
     if work is None:
         return {}
@@ -98,7 +98,7 @@ def friction_coefficient(rubbing: FrictionCoefficients, speed: Array) -> Array:
 
 
 def joint_turn_rates(trajectory: Trajectory) -> Array:
-    """Rates g (F, N) [rad/s] at which links turn in joints."""
+    """Turn rates g (F, N) [rad/s] of links in joints."""
     position, velocity = require_channels(trajectory, "position", "velocity")
     across = np.roll(position, -1, axis=1) - position
     relative = np.roll(velocity, -1, axis=1) - velocity
@@ -108,14 +108,14 @@ def joint_turn_rates(trajectory: Trajectory) -> Array:
 
 
 def joint_loads(trajectory: Trajectory) -> Array:
-    """Force (F, N) [N] on each joint, by link tensions."""
+    """Force (F, N) [N] on each joint."""
     (tension,) = require_channels(trajectory, "tension")
     size = np.abs(np.asarray(tension, dtype=float))
     return np.maximum(size, np.roll(size, 1, axis=1))
 
 
 def total_joint_friction_power(trajectory: Trajectory) -> Array:
-    """Friction power (F,) [W] of all joints, recorded or (a)."""
+    """Friction power (F,) [W] of all joints, (a)."""
     if trajectory.joint_friction_power is not None:
         return np.asarray(trajectory.joint_friction_power, dtype=float).sum(axis=1)
     joint, radius = trajectory.drive.chain.joint, trajectory.drive.chain.pin_radius
@@ -158,7 +158,7 @@ def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp])
 
 
 def friction_power(trajectory: Trajectory) -> dict[str, Array]:
-    """Friction power (F,) [W] of joints, guides and sprockets by name."""
+    """Friction power (F,) [W] by part that rubs."""
     drive = trajectory.drive
     found: dict[str, Array] = {}
     if drive.chain.has_friction:
@@ -186,7 +186,7 @@ def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[st
 
 
 def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
-    """Driver speeds (V,) [rad/s] of ok variants, and friction power by group.
+    """Driver speeds (V,) [rad/s] and friction power by group.
 
     None with fewer than three speeds, several chains, unlike drivers, or where nothing rubs. Variants must have the
     parts of the first.

@@ -36,11 +36,11 @@ from warpchain.results.strand_passing import strand_displacement
 Array = NDArray[np.float64]
 
 LINES_WITHIN = 2
-"""Spectral lines about an order that count for its amplitude."""
+"""Spectral lines about an order that count."""
 
 
 class SignalSource(NamedTuple):
-    """Source of a simulated signal to compare with a measured one.
+    """Source of a simulated signal, for comparison.
 
     Attributes:
         unit: SI unit.
@@ -111,7 +111,7 @@ def signal_units(drive: Drive) -> dict[str, str]:
 
 
 def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, SignalSource]:
-    """Simulated signals of a chain by name, prefixed by `before`."""
+    """Simulated signals of a chain by name."""
     drive = trajectory.drive
     found: dict[str, SignalSource] = {}
     for k, name in enumerate(drive.strand_names):
@@ -138,12 +138,12 @@ def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, Sign
 
 
 def _largest_contact_force(trajectory: Trajectory, part: int) -> Array:
-    """Largest contact force (F,) [N] of a sprocket or guide."""
+    """Largest contact force (F,) [N] of a part."""
     return largest_contact_forces(trajectory)[part]
 
 
 def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
-    """Values (F,) of one part in a channel (F, parts)."""
+    """Values (F,) of one part in a channel."""
     assert values is not None
     return np.asarray(values[:, index], dtype=float)
 
@@ -171,7 +171,7 @@ def signal_source(trajectory: Trajectory, name: str, option: str = "") -> Signal
 
 
 def compare_signals(trajectory: Trajectory, measured: MeasuredSignal, offset: float | None = 0.0) -> SignalComparison:
-    """Comparison of a measured signal with a run's simulated one.
+    """Comparison of a measured signal with the simulated one.
 
     Args:
         offset: added to the measured time [s]; None takes the one of best correlation.
@@ -203,7 +203,7 @@ def compare_signals(trajectory: Trajectory, measured: MeasuredSignal, offset: fl
 
 
 def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -> tuple[Array, Array] | None:
-    """Spectrum of a measured signal over driver orders, or None."""
+    """Spectrum of a measured signal over orders, or None."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     part = latter_half_frames(trajectory)
     angle = forward_values(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
@@ -248,7 +248,7 @@ def _best_time_offset(time: Array, simulated: Array, measured: MeasuredSignal) -
     step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))
 
     def even_samples(at: Array, values: Array) -> Any:
-        """Samples of a signal at even times, less their mean."""
+        """Samples of a signal at even times, centered."""
         where = np.arange(at[0], at[-1], step)
         held = np.interp(where, at, np.nan_to_num(values, nan=float(np.nanmean(values))))
         return held - held.mean()

@@ -29,7 +29,7 @@ from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, 
 
 MOST_SIGNAL_VALUES = 2**25
 MOST_MEMORY = 2**33
-"""Address space of the process that reads a measured file."""
+"""Memory of the process that reads a measured file."""
 MOST_READING_TIME = 300.0
 """Time for reading a measured file [s]."""
 _MAT_NUMBER_CLASSES = (
@@ -48,11 +48,11 @@ _MAT_NUMBER_CLASSES = (
 _TIME_CHANNELS = ("time", "t", "Time")
 """Names of MDF channels and MAT variables of time."""
 _HDF5_HEAD, _HDF5_PLACE = b"\x89HDF\r\n\x1a\n", 512
-"""First bytes of HDF5 in a MAT file 7.3, and their place."""
+"""First bytes of HDF5 in MAT files, and place."""
 
 
 def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of a MAT, MDF or TDMS file, read apart.
+    """Time and value columns of a binary file, read apart.
 
     Raises:
         SimulationError: as `read_binary_columns_here`, or a file at which that process ended.
@@ -83,7 +83,7 @@ def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[Mea
 
 
 def read_binary_columns_here(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of a MAT, MDF or TDMS file.
+    """Time and value columns of a binary file.
 
     Raises:
         SimulationError: a file or column not understood, too many values, or a missing package.
@@ -133,7 +133,7 @@ def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[str, int]) -> list[str]:
-    """Names of time and values among a MAT file's vectors."""
+    """Names of time and values in a MAT file."""
     names = [(name, name) for name in lengths]
     at = column_index(path, names, columns.time, 0, "time")
     of = column_index(path, names, columns.column, (at + 1) % max(len(names), 2))
@@ -272,7 +272,7 @@ COLUMN_READERS: dict[str, Callable[[str | Path, MeasuredColumns], tuple[Measured
 
 
 def answer_read_request() -> None:
-    """Reads the measured file that standard input names, and answers."""
+    """Reads the measured file on standard input, and answers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)

@@ -14,12 +14,12 @@ from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
 MeasuredColumn = tuple[str, str, Array]
-"""Name, unit or "", and values (K,) of a measured column."""
+"""Name, unit and values (K,) of a measured column."""
 
 
 @dataclass(frozen=True)
 class MeasuredColumns:
-    """Choice of the time and value columns of a measured file.
+    """Choice of a measured file's time and value columns.
 
     Attributes:
         column: of the values, by name (with unit as in the file) or number, "#2"; None is the first after the time.
@@ -48,7 +48,7 @@ def column_index(
 
 
 def require_bounded_values(path: str | Path, name: str, values: Array) -> Array:
-    """Values of a measured column, refused if infinite or too large."""
+    """Values of a measured column, refused if too large."""
     if (np.abs(values) > HUGE).any():
         raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
     return values

@@ -45,7 +45,7 @@ class MeasuredSignal:
 
 
 def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns | None = None) -> MeasuredSignal:
-    """Measured signal of a MAT, MDF, TDMS or text file, in SI.
+    """Measured signal read from a file, in SI.
 
     Instants without a value are left out, equal rounded times spread evenly; a warning says how many.
 
@@ -86,7 +86,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
 
 
 def _without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tuple[Array, Array]:
-    """Times and values (K,) of a measured signal without gaps.
+    """Times and values (K,) of a signal without gaps.
 
     Raises:
         SimulationError: a value without a time.
@@ -124,7 +124,7 @@ def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[Measur
 
 
 def _check_first_column(table: TextTable) -> None:
-    """Raises TableError where another column than the first is time."""
+    """Raises TableError where another column is time."""
     is_time = [
         head.name in TIME_NAMES or quantities.unit_factor(head.unit, "s") is not None or has_clock(table, k)
         for k, head in enumerate(table.heads)

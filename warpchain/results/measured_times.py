@@ -19,13 +19,13 @@ _ORDERS = {"year first": (0, 1, 2), "day first": (2, 1, 0), "month first": (2, 0
 
 
 def has_clock(table: TextTable, column: int) -> bool:
-    """Whether a text table's column holds dates or times of day."""
+    """Whether a text table's column holds dates or times."""
     first = next((cell for cell in table.cells(column) if cell.lower() not in GAPS), "")
     return bool(first and re.search("[-/.:].*[-/.:]|:", first) and _INSTANT.fullmatch(first))
 
 
 def clock_seconds(table: TextTable, column: int) -> Array:
-    """Seconds (rows,) since the first of dates or times of day.
+    """Seconds (rows,) since the first of dates or times.
 
     A date beside a column of times of day is read with it.
 
@@ -92,7 +92,7 @@ def _day_number(words: list[int], order: tuple[int, int, int]) -> int:
 
 
 def _seconds_of_day(text: str, line: int) -> float:
-    """Seconds from midnight to a time of day, in UTC.
+    """Seconds from midnight to a time of day.
 
     Raises:
         TableError: there is no such time of day.
@@ -110,7 +110,7 @@ def _seconds_of_day(text: str, line: int) -> float:
 
 
 def spread_equal_times(time: Array) -> Array:
-    """Times (K,) of a measured signal, equal ones spread evenly."""
+    """Times (K,) of a measured signal, spread if equal."""
     starts = np.flatnonzero(np.append(True, np.diff(time) > 0.0))
     ends = np.append(time[starts[1:]], 0.0)
     counts = np.diff(np.append(starts, len(time)))

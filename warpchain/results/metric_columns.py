@@ -84,7 +84,7 @@ TENSION_QUANTILE_SHARES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, 
 
 @cache
 def standard_error_column(column: Column) -> Column:
-    """Metric column of the standard error of a mean's column."""
+    """Metric column of a mean's standard error."""
     assert column.value is not None
     title = f"standard error of the {column.title}"
     return Column(f"{column.name}{ERROR_SUFFIX}", column.unit, title, standard_error_of(column.value), is_aside=True)
@@ -598,7 +598,7 @@ ALL_METRICS: GroupBlocks = (
     (ENGAGED_METRICS,),
     (SETTLING_METRICS,),
 )
-"""Metrics of a whole run of a variant, in order."""
+"""Metrics of a whole run of a variant."""
 MODE_METRICS = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
     Column("damping_ratio", "1", "damping ratio of that mode"),
@@ -614,7 +614,7 @@ COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
 
 
 def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
-    """Metric groups of a drive with prefix and part's index."""
+    """Metric groups of a drive, with prefix and index."""
     for groups in blocks:
         for index, prefix in enumerate(PART_PREFIXES[groups[0].part](drive)):
             for group in groups:
@@ -623,9 +623,9 @@ def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator
 
 
 CHAIN_PARTS = ("chain", "strand")
-"""Parts whose metrics begin with a chain's name, of several."""
+"""Parts whose metrics begin with their chain's name."""
 CHAIN_BALANCE_NAMES = ("links.dissipated",)
-"""Metric columns of the energy balance that chains have, too."""
+"""Energy balance's metric columns of chains."""
 
 CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
 
@@ -663,12 +663,12 @@ def metric_names(drive: Drive) -> list[str]:
 
 
 def metric_table_names(drive: Drive) -> list[str]:
-    """Names of all columns of a drive's metrics table, in order."""
+    """Names of a drive's metrics table columns."""
     return [*(column.name for column in RUN_METRICS.columns), *metric_names(drive)]
 
 
 def _metric_names_of_chains(drive: Drive) -> list[str]:
-    """Names of the metrics of a drive with several chains."""
+    """Names of metrics of several chains."""
     found = []
     for chain in chain_drives(drive):
         for prefix, _, group in groups_of_drive(chain.drive):
@@ -679,22 +679,22 @@ def _metric_names_of_chains(drive: Drive) -> list[str]:
 
 
 def column_of_metric(name: str) -> Column | None:
-    """Registry's column of a metric's name; None for a column of other origin."""
+    """Registry's column of a metric's name, or None."""
     return COLUMN_BY_NAME.get(name) or COLUMN_BY_NAME.get(name.rsplit(".", 1)[-1])
 
 
 def columns_of_metrics(names: Iterable[str]) -> dict[str, Column]:
-    """Registry's columns of metrics by name; of other origin a number without unit."""
+    """Registry's columns of metrics by name, or plain ones."""
     return {name: column_of_metric(name) or Column(name, "1", name) for name in names}
 
 
 def unit_of_metric(name: str) -> str:
-    """Unit of a metric by its name, "1" for a count, ratio or flag."""
+    """Unit of a metric by its name."""
     return columns_of_metrics([name])[name].unit
 
 
 def title_of_metric(name: str) -> str:
-    """Title of a metric in words, by its name: "camshaft: mean angular velocity"."""
+    """Title of a metric: "camshaft: mean angular velocity"."""
     column = column_of_metric(name)
     if column is None:
         return name

@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 STEP_KEY = "run.step"
 """Key of the step [s] among `DesignInputs`; no column."""
 VariantValues = Any
-"""A number, or an array of one number a variant (V,)."""
+"""Number, or array (V,) of numbers of variants."""
 
 
 class LazyFields(dict[str, Any]):
-    """Arrays of metric sums by name, each computed when first asked for."""
+    """Metric sums by name, computed when first asked for."""
 
     def __init__(self, value: Callable[[str], Any]) -> None:
         super().__init__()
@@ -63,7 +63,7 @@ def mask_absent(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, A
 def number_of_each_drive(
     drives: Sequence[Drive], stacks: Sequence[Stack] | None, value: Callable[..., Any], *given: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """A number of each drive (V,), computed for a stack at once.
+    """Number of each drive (V,), by stacks at once.
 
     Args:
         stacks: the drives sorted into kinds, where known.
@@ -119,12 +119,12 @@ def sum_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def flow_of(*fields: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: sum of a tensioner's oil flows."""
+    """Formula of a metric: a tensioner's oil flow."""
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
 def chamber_filling_time(of: WindowSums) -> VariantValues:
-    """Metric time (V,) [s] until oil filled a tensioner's chamber."""
+    """Metric time (V,) [s] until a chamber was filled."""
     flows = of.sums["flows"]
     return mask_absent(flows["unfilled"] == 0, flows["filling"])
 
@@ -147,7 +147,7 @@ def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def rms_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: root mean square over the window."""
+    """Formula of a metric: root mean square."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
@@ -168,7 +168,7 @@ def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
 
 
 def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: share of link tensions below [N]."""
+    """Formula of a metric: share of tensions below."""
 
     def formula(of: WindowSums) -> VariantValues:
         assert of.tension is not None
@@ -192,7 +192,7 @@ def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[
 
 @dataclass(frozen=True)
 class DriftMeans:
-    """Batch means (V, batches) of tension and speeds, for drift."""
+    """Batch means (V, batches) of tension and speeds."""
 
     tension: NDArray[np.float64]  # of the chain [N]
     speeds: Sequence[NDArray[np.float64]]  # of each sprocket [rad/s]
@@ -200,13 +200,13 @@ class DriftMeans:
 
     @property
     def tension_change(self) -> VariantValues:
-        """Change of the mean tension over the window (V,) [N]."""
+        """Change (V,) [N] of mean tension over the window."""
         found = window_change(self.tension, self.waves)
         return mask_absent(np.isfinite(found), found)
 
     @property
     def tension_change_chance(self) -> VariantValues:
-        """Probability (V,) of so large a tension change by chance."""
+        """Probability (V,) of so large a tension change."""
         _, chance = window_drift(self.tension)
         return mask_absent(np.isfinite(chance), chance)
 
@@ -256,7 +256,7 @@ class EnergyBalance:
 
 @dataclass(frozen=True)
 class DesignInputs:
-    """Other metrics of variants, from which design metrics are formed."""
+    """Inputs of design metrics: other metrics of variants."""
 
     drives: Sequence[Drive]
     stacks: Sequence[Stack] | None  # the drives sorted into kinds, where known
@@ -317,7 +317,7 @@ def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
 
 
 def total_friction_power(of: DesignInputs) -> VariantValues:
-    """Metric friction power of all that rubs (V,) [W], (d)."""
+    """Metric friction power (V,) [W], (d)."""
     drive = of.drives[0]
     names = ["joints.friction", *(f"{name}.friction" for name in partner_names(drive))]
     rubbed = sum(np.ma.getdata(of.metrics[name]) for name in names if name in of.metrics)
@@ -342,6 +342,6 @@ def rated_use(of: DesignInputs) -> VariantValues:
 
 
 def impact_impulse(of: DesignInputs) -> VariantValues:
-    """Metric impact impulse of a sprocket (V,) [N s], (c)."""
+    """Metric impact impulse of a sprocket (V,) [N s]."""
     passings = of.tooth_count(of.index) * of.sprocket_turns(of.index)
     return mask_absent(passings > 0.0, np.sqrt(2.0 * of.roller_mass * np.maximum(of["dissipated"], 0.0) / passings))

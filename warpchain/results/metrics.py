@@ -53,7 +53,7 @@ Row = dict[str, Any]
 MaskedColumns = dict[str, np.ma.MaskedArray[Any, Any]]
 """Metric columns (V,) by name, masked where absent."""
 ColumnBlocks = list[tuple[NDArray[np.int64], MaskedColumns]]
-"""Numbers of variants with equal metric columns, and these columns."""
+"""Numbers of variants of equal metric columns, with these."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class VariantEnds:
 
 
 def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds:
-    """Ends of groups of variants, numbered, as of one run."""
+    """Ends of groups of variants, as of one run."""
     order = np.argsort(np.concatenate(numbers))
 
     def values_in_order(each: Sequence[Sequence[Any]]) -> list[Any]:
@@ -185,7 +185,7 @@ def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns
 def _batch_window_sums(
     sums: Mapping[str, Any], group: MetricGroup, index: int, links: NDArray[np.integer], long: NDArray[np.bool_]
 ) -> WindowSums | None:
-    """Sums of a metric group's part by batches, or None."""
+    """Sums of a part by batches, or None."""
     noted, durations = sums["batches"]
     if group.source not in noted:
         return None
@@ -198,7 +198,7 @@ def _batch_window_sums(
 def _tension_counts(
     sums: Mapping[str, Any], group: MetricGroup, index: int
 ) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
-    """Counts of link tensions in bins, and edges, or None."""
+    """Counts of link tensions in bins, or None."""
     counts, edges = sums["tension"]
     if group.part == "chain":
         return counts.sum(axis=1), edges
@@ -325,7 +325,7 @@ def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> Ma
 
 
 def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]) -> ColumnBlocks:
-    """Metric columns of all variants, in blocks of equal columns."""
+    """Metric columns of all variants, in blocks."""
     found: ColumnBlocks = []
     for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
         parts, drives = parts_of(variants), [ended.drives[v] for v in variants]
@@ -359,7 +359,7 @@ def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | Non
 
 
 def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
-    """Variants of a kind, at most `LARGEST_STACK` at a time."""
+    """Variants of a kind, some at a time."""
     for variants in kinds:
         yield from np.split(variants, range(LARGEST_STACK, len(variants), LARGEST_STACK))
 
@@ -390,7 +390,7 @@ def select_metrics(table: pa.Table, rows: Sequence[int | None], wanted: Callable
 
 
 def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Array:
-    """Arrow column of values of a kind, null where missing."""
+    """Arrow column of values, null where missing."""
     import pyarrow as pa
 
     arrow = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}[kind]

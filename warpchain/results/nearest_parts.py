@@ -40,7 +40,7 @@ def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[C
 
 
 def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Nearest sprocket (K,) of each roller, and pitch-circle distance [m]."""
+    """Nearest sprocket (K,) of each roller, and distance [m]."""
     position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     x = np.asarray(position, dtype=float)[frame, roller]
     near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
@@ -53,7 +53,7 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
 
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
-    """Unit vectors (K, 2) or (F, N, 2) of sprocket contact forces.
+    """Unit vectors of sprocket contact forces (K, 2).
 
     The direction is that of the nearest gap's surface.
     """
@@ -76,7 +76,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
 
 
 def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Nearest guide (K,) of each roller, and face normal (K, 2)."""
+    """Nearest guide (K,) of each roller, and normal."""
     count = len(frame)
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.drive.guides)):
@@ -102,7 +102,7 @@ def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> I
 
 
 def contact_force_vectors(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Contact forces (F, N, 2) [N] of sprockets and of guides."""
+    """Contact forces (F, N, 2) [N] of sprockets and guides."""
     (position,) = require_channels(trajectory, "position")
     both = []
     for arrows in roller_contact_forces(trajectory):

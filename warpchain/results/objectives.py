@@ -28,7 +28,7 @@ Row = dict[str, float]
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulses (P,) [N s] of rollers' engagement on a sprocket, (b).
+    """Impulses (P,) [N s] of rollers' engagement, (b).
 
     Args:
         start: time from which touches count [s].
@@ -120,7 +120,7 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """Metrics table of a run, with objectives of recorded variants.
+    """Metrics table of a run, with recorded objectives.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.

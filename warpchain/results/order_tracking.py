@@ -30,7 +30,7 @@ BLOCK_TURNS = 8.0
 
 
 def driver_turns(trajectory: Trajectory) -> Array:
-    """Forward revolutions (F,) of the driver since the recording began."""
+    """Forward revolutions (F,) of the driver."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     angle = forward_values(trajectory.drive, sprocket_angle, trajectory.drive.driver)
     return (angle - angle[0]) / (2.0 * np.pi)
@@ -58,7 +58,7 @@ def _samples_a_turn(turns: Array) -> int:
 
 
 def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Array | None:
-    """Amplitudes (O,) of orders over the last whole cycles, (a)."""
+    """Amplitudes (O,) of orders over whole cycles, (a)."""
     cycles = int((turns[-1] - turns[0]) / CYCLE_TURNS * (1.0 + 1e-9))
     if cycles < 1 or not np.isfinite(values).all():
         return None
@@ -69,7 +69,7 @@ def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Ar
 
 
 class OrderCuts(NamedTuple):
-    """Amplitudes of orders over the driver's speed in a run-up."""
+    """Amplitudes of orders over speed in a run-up."""
 
     speed: Array  # (B,) mean of each block [rad/s]
     time: Array  # (B,) middle of each block [s]
@@ -114,7 +114,7 @@ class CycleAverage(NamedTuple):
 
 
 def cycle_average(turns: Array, values: Array) -> CycleAverage | None:
-    """Average of a signal over whole working cycles, or None."""
+    """Average of a signal over working cycles, or None."""
     first = int(np.ceil(turns[0] / CYCLE_TURNS * CYCLE_POINTS - 1e-9))
     last = int(np.floor(turns[-1] / CYCLE_TURNS * CYCLE_POINTS + 1e-9))
     count = (last - first + 1) // CYCLE_POINTS

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class DrivePose(NamedTuple):
-    """Pose of a drive's bodies at an instant, for outlines."""
+    """Pose of a drive's bodies at an instant."""
 
     center: Array  # (S, 2) of the sprockets [m]
     angle: Array  # (S,) of the sprockets [rad]
@@ -85,7 +85,7 @@ def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[Outl
 
 
 def points_on_arm(drive: Drive, pose: DrivePose, a: int, points: Array) -> Array:
-    """Points (..., 2) [m] on an arm in a pose."""
+    """Points (..., 2) [m] on a posed arm."""
     drawn = drive.arms[a].pivot
     return turn_points(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
 
@@ -166,7 +166,7 @@ def coil_outline(begin: Array, end: Array) -> Array:
 
 
 def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
-    """Outlines (5, 2) [m] of a tensioner's housing and plunger."""
+    """Outlines (5, 2) [m] of housing and plunger."""
     tensioner = drive.tensioners[k]
     plunger = tensioner.plunger
     wide = drive.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DRIVE_COLUMN, COPY_COLUMN = "drive", "replicate"
-"""Metric columns that number a copy's drive, and the copy."""
+"""Metric columns that number drive and copy."""
 COUNT_COLUMN = "n"
 """Column of a summary: number of copies in means."""
 ROLE_OF_ERRORS = "error"
@@ -42,7 +42,7 @@ def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
 
 
 def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
-    """Table of a row a drive: status, reason, mean, standard error.
+    """Table of a row a drive: means over copies.
 
     Means are over copies that are ok; where none is, over all that did not diverge.
 
@@ -84,13 +84,13 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
 
 
 def _first_rows_with_value(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row (D,) of each drive's first copy with a value."""
+    """Row (D,) of drives' first copies with values."""
     there = np.append(~np.asarray(column.is_null().to_numpy(), dtype=bool), False)[at]
     return at[np.arange(len(at)), np.where(there.any(axis=1), there.argmax(axis=1), (at >= 0).argmax(axis=1))]
 
 
 def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
-    """Whether a column of copies is a metric to average."""
+    """Whether a metric column is averaged over copies."""
     import pyarrow.types as kinds
 
     if field.name.endswith(ERROR_SUFFIX) and field.name.removesuffix(ERROR_SUFFIX) in names:

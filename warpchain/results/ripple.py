@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
-    """Periods in a window of a drive's slowest tension ripple.
+    """Periods of a drive's slowest tension ripple.
 
     Args:
         turns: of each sprocket in the window, (S,) or (S, V).
@@ -43,7 +43,7 @@ def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: An
 
 
 def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
-    """Bodies and orders of the tension ripples that they cause."""
+    """Bodies and orders of tension ripples."""
     names: list[Any] = []
     acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in drive.sprockets]
     acting += [(of.load, of.prescribed, of.motor) for of in drive.shafts]

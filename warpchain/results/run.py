@@ -74,7 +74,7 @@ def _add_channel_fields(kind: type) -> type:
 @dataclass(frozen=True)
 @_add_channel_fields
 class Trajectory:
-    """Trajectory: recorded motion of one variant, channels over F frames.
+    """Trajectory: recorded motion of one variant over F frames.
 
     Attributes:
         drive: the simulated drive.
@@ -149,7 +149,7 @@ class Trajectory:
 
     @check_arguments(SimulationError)
     def at(self, frames: slice | Sequence[int] | NDArray[Any]) -> Trajectory:
-        """Trajectory at some of its frames, by slice, numbers or marks.
+        """Trajectory at some of its frames.
 
         Raises:
             SimulationError: a frame that there is not.
@@ -232,7 +232,7 @@ class Run(Mapping[int, Trajectory]):
     info: RunInfo
 
     def __repr__(self) -> str:
-        """Text of one line: variants, and how they were run."""
+        """Text of one line on the run."""
         shape = f"{len(self.drives)} variants, {len(self)} recorded, {self.metrics.num_columns} metrics"
         return f"{type(self).__name__}({shape}, {self.info.device}, {self.info.precision}, {self.info.ended})"
 
@@ -242,12 +242,12 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def numbers(self) -> Sequence[int]:
-        """Numbers of the run's variants, in the order of `drives`."""
+        """Numbers of the run's variants."""
         return getattr(self.trajectories, "numbers", range(len(self.drives)))
 
     @check_arguments(SimulationError)
     def row_of(self, variant: int) -> int:
-        """Row of a variant in the run's metrics and drives.
+        """Row of a variant in the run's metrics.
 
         Raises:
             SimulationError: no such variant.
@@ -259,7 +259,7 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """(V,) whether each variant of the run is judged ok."""
+        """(V,) whether the run's variants are ok."""
         if "status" not in self.metrics.column_names:
             return np.ones(len(self.drives), dtype=bool)
         return np.array([word == OK for word in self.metrics["status"].to_pylist()], dtype=bool)
@@ -273,7 +273,7 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def summary(self) -> pa.Table:
-        """Pyarrow table with a row a drive, means over its copies.
+        """Pyarrow table of means over copies, a row a drive.
 
         Errors are `METRIC_se`, the number of copies is `n` (`results.replicate_metrics`).
         """

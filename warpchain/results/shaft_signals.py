@@ -50,7 +50,7 @@ ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
 
 
 def phase_error(trajectory: Trajectory, s: int) -> Array:
-    """Phase error (F,) [rad of the driver] of a sprocket, (a).
+    """Phase error (F,) [rad of the driver], (a).
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -73,7 +73,7 @@ class PhaseError(NamedTuple):
 def phase_error_in_window(
     trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
 ) -> PhaseError:
-    """Phase error of a sprocket in a window of frames."""
+    """Phase error of a sprocket in a window."""
     error, turns = phase_error(trajectory, s)[window], driver_turns(trajectory)[window]
     part = last_rising_frames(turns)
     found = order_amplitudes(turns[part], error[part], orders) if len(turns[part]) > 8 else None

@@ -33,7 +33,7 @@ class SignalFeatures:
         return (*self.statistics, *of_orders, *(f"{low:g} to {high:g} Hz" for low, high in self.bands))
 
     def values_of_signal(self, time: Array, values: Array, turns: float) -> Array:
-        """Features (N,) of a signal (K,); nan if too short.
+        """Features (N,) of a signal (K,), or nan.
 
         Args:
             turns: mean speed of the driver [1/s].

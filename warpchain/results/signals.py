@@ -48,7 +48,7 @@ def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
 
 
 def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float] | None:
-    """Driver's mean speed [rad/s] in the window [s], or None."""
+    """Driver's mean speed [rad/s] and window [s]."""
     time, angle, drive = trajectory.time, trajectory.sprocket_angle, trajectory.drive
     start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
     start, end = max(start, float(time[0])), min(end, float(time[-1]))
@@ -74,7 +74,7 @@ def last_round_frames(trajectory: Trajectory) -> slice:
 
 
 def forward_values(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
-    """Angles or speeds (F,) of a sprocket, positive in travel."""
+    """Angles or speeds (F,), positive in travel."""
     return np.asarray(values[:, s], dtype=float) * drive.sprockets[s].sign
 
 
@@ -87,7 +87,7 @@ def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | N
 
 
 def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
-    """Speed ratio (F,) of a sprocket to the driver, 1 ideally."""
+    """Speed ratio (F,) to the driver, 1 ideally."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     drive = trajectory.drive
     own, driver = (forward_values(drive, sprocket_speed, k) for k in (s, drive.driver))
@@ -97,7 +97,7 @@ def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
-    """Angle (F,) [rad] of a sprocket ahead of the driver, by teeth.
+    """Angle (F,) [rad] ahead of the driver, by teeth.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -136,7 +136,7 @@ def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
 
 
 def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Force (F,) [N] of each guide, and number of rollers (F,)."""
+    """Force (F,) [N] and roller number of each guide."""
     (guide_force,) = require_channels(trajectory, "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
@@ -150,7 +150,7 @@ def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]
 
 
 def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
-    """Largest contact force (F,) [N] of each sprocket and guide."""
+    """Largest contact force (F,) [N] of each part."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     drive, count = trajectory.drive, len(trajectory.time)
     largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
@@ -199,7 +199,7 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
 
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
-    """Frequencies and amplitudes (K // 2 + 1,) of even samples.
+    """Frequencies and amplitudes (K // 2 + 1,) of samples.
 
     A sine of amplitude a on a line of the spectrum shows a.
 
@@ -213,7 +213,7 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
-    """Orders and amplitudes of a signal over the driver's revolution.
+    """Orders and amplitudes of a signal's spectrum.
 
     None where the driver stops or turns back, fewer than `FEWEST_TEETH` pass, or values are not finite.
     """
@@ -245,7 +245,7 @@ class OrderSpectrum(NamedTuple):
 
 
 def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
-    """Order spectra of strand tensions and transmission errors, by title."""
+    """Order spectra of tensions and transmission errors."""
     drive = trajectory.drive
     signals = [(STRAND_TENSION_TITLE, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
     signals += [
@@ -280,7 +280,7 @@ def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
 
 
 def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """First frames of a series' spells, and largest values (spells, ...)."""
+    """First frames of spells, and peaks (spells, ...)."""
     count = len(values)
     if count <= buckets:
         return np.arange(count), values
@@ -294,7 +294,7 @@ def _spell_starts(count: int, buckets: int) -> NDArray[np.intp]:
 
 
 class QuantityRange(NamedTuple):
-    """Range and path of a signal, such as a pressure.
+    """Range and path of a signal.
 
     Attributes:
         low, mean, high: smallest, mean, largest.
@@ -329,7 +329,7 @@ class OpeningEvents(NamedTuple):
 
 
 def range_and_path(time: Array, values: Array) -> QuantityRange:
-    """Range and path of a signal (F,) over time [s]."""
+    """Range and path of a signal (F,)."""
     seconds = float(time[-1] - time[0])
     path = float(np.abs(np.diff(values)).sum()) / seconds if seconds > 0.0 else 0.0
     return QuantityRange(float(values.min()), float(values.mean()), float(values.max()), path)
@@ -349,7 +349,7 @@ def opening_events(time: Array, values: Array, threshold: float = 0.0) -> Openin
 
 
 class ProbeSignals(NamedTuple):
-    """Signals of a probe; nan where no chain is near.
+    """Signals of a probe, nan without a chain.
 
     Attributes:
         link: (F,) that passes, -1 for none.
@@ -367,7 +367,7 @@ class ProbeSignals(NamedTuple):
 
 
 def probe_signals(trajectory: Trajectory, at: tuple[float, float], radius: float) -> ProbeSignals:
-    """Signals of a probe at a place, within a radius [m].
+    """Signals of a probe within a radius [m].
 
     Raises:
         SimulationError: recorded without positions, velocities or tensions.

@@ -36,12 +36,12 @@ BRISTLE_STIFFNESS = 0.12
 
 
 def joint_resolution(of: DesignInputs) -> VariantValues:
-    """Metric steps (V,) in which friction bends a joint, (b)."""
+    """Metric steps (V,) for friction to bend joints, (b)."""
     return _steps_of_force(of, of.number_of_each(_tooth_bend_inertia), _joint_friction_moment(of, of["tension_q999"]))
 
 
 def joint_give(of: DesignInputs) -> VariantValues:
-    """Metric tension error (V,) of sticking joints that give, (c)."""
+    """Metric tension error (V,) of sticking joints, (c)."""
     step = np.ma.getdata(of.metrics[STEP_KEY])
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
@@ -57,7 +57,7 @@ def joint_give(of: DesignInputs) -> VariantValues:
 
 
 def partner_resolution(of: DesignInputs) -> VariantValues:
-    """Metric steps (V,) in which friction moves a roller, (a)."""
+    """Metric steps (V,) for friction to move rollers, (a)."""
     ways = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch)
     steps = _steps_of_force(
         of, ways, of.number_of_each(lambda drive: _partner_friction_coefficient(drive, of.index)) * of["force_max"]
@@ -74,7 +74,7 @@ def is_ramped(drive: Drive, index: int) -> bool:
 
 
 def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> np.ma.MaskedArray:
-    """Number of steps in which a force moves a mass."""
+    """Number of steps for a force to move."""
     with np.errstate(all="ignore"):
         steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP_KEY])
     return mask_absent(np.isfinite(steps) & (force > 0.0), steps)

@@ -40,7 +40,7 @@ def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
 def _fill_passing_link(
     position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array
 ) -> None:
-    """Writes the links that pass a strand's middle, and displacements."""
+    """Writes passing links and displacements of a strand."""
     length = float(np.hypot(*(end - start)))
     tx, ty = (end - start) / length
     x, y = position[..., 0], position[..., 1]
@@ -59,5 +59,5 @@ def _fill_passing_link(
 
 
 def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
-    """Transverse displacement (F,) [m] at a strand's middle, left positive."""
+    """Transverse displacement (F,) [m] of a strand, left positive."""
     return passing_link(trajectory, strand).displacement

@@ -30,7 +30,7 @@ class JumpMargin(NamedTuple):
 
 
 def tooth_jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
-    """Margin to tooth jump on sprocket s of a recording.
+    """Margin to tooth jump on a sprocket.
 
     Raises:
         SimulationError: recorded without positions or sprocket centers.

@@ -36,7 +36,7 @@ def display_unit(unit: str, *values: Any) -> tuple[str, float]:
 
 
 def display_unit_word(unit: str, *values: Any) -> tuple[str, float]:
-    """Display unit of values, "" for a ratio, and factor."""
+    """Display unit of values or "", and factor."""
     word, factor = display_unit(unit, *values)
     return "" if word == "1" else word, factor
 

@@ -27,7 +27,7 @@ LOWEST_ORDINATES = 9
 """Number of ordinates in (a)."""
 
 MEDIAN_ERROR_RATIO = 1.075
-"""Median of sqrt(exp(b_0)) over the true root, 1 / c."""
+"""Median of sqrt(exp(b_0)) over the truth, 1 / c."""
 
 LEAST_ERROR_SHARE = 0.5
 """Least error, over the ordinates' geometric mean, against outliers."""
@@ -38,21 +38,21 @@ INTERVAL_ERRORS = 3.5
 SLOW_PERIODS = 7.5
 """Periods in the window of a slow sine."""
 DETERMINATE_SHARE = 0.2
-"""Share of the ordinates beside a sine, seldom by chance."""
+"""Least share of ordinates beside a sine."""
 SINE_COUNT = 37
 
 LEAST_CHAIN_TURNS = 3.95
-"""Least turns of the chain in a window with errors."""
+"""Least chain turns of windows with errors."""
 
 LOG_BIAS = -0.577
 """Mean logarithm of an exponential variate of mean 1."""
 LEAST_ORDINATE_SHARE = 1e-12
 
 MOST_CORRELATION = 0.9
-"""Most that r counts for, against 1 / (1 - r)."""
+"""Most that the lag correlation counts for."""
 
 LEAST_PARTS_A_PERIOD = 2.2
-"""Least parts of a window in a fitted ripple's period."""
+"""Least window parts in a fitted ripple's period."""
 
 SIGNIFICANT_CHANCE = 0.01
 LARGE_DRIFT_SHARE = 0.01
@@ -92,7 +92,7 @@ def histogram_quantile(
 def histogram_share_below(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
 ) -> Array:
-    """Share (V,) of values counted in bins below a value."""
+    """Share (V,) of binned values below a value."""
     below = cumulative_counts(counts) if below is None else below
     least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     last = counts.shape[1] - 1
@@ -118,7 +118,7 @@ def lag_correlation(values: Array) -> Array:
 
 
 def mean_standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
-    """Standard error (a) of a mean, from weighted batch means."""
+    """Standard error (a) of a mean of batches."""
     weights, count = np.broadcast_to(weights, means.shape), means.shape[-1]
     total = weights.sum(axis=-1, keepdims=True)
     apart = means - (weights * means).sum(axis=-1, keepdims=True) / total
@@ -165,7 +165,7 @@ def _sine_bases(count: int) -> NDArray[np.float32]:
 
 @cache
 def _extrapolation_weights() -> Array:
-    """Weights (`LOWEST_ORDINATES`,) of the ordinates' logarithms in b_0 of (a)."""
+    """Weights of the ordinates' logarithms in b_0."""
     return np.asarray(np.linalg.pinv(np.vander(np.arange(1.0, LOWEST_ORDINATES + 1), 3))[-1])
 
 
@@ -188,7 +188,7 @@ def window_drift(means: Array) -> tuple[Array, Array]:
 
 
 def window_change(means: Array, waves: Array) -> Array:
-    """Change (V,) over the window of means (V, P), without ripple.
+    """Change (V,) of window means (V, P), without ripple.
 
     Args:
         waves: (V,) periods of the ripple in the window, 0 for none.

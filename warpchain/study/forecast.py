@@ -85,7 +85,7 @@ class Forecast:
 
     @property
     def relative_precision(self) -> float | None:
-        """Half width of a row's 95 % interval over one deviation."""
+        """Half width of a row's interval over one deviation."""
         if self.copies < 2:
             return None
         rows = max(1.0, (1.0 - self.infeasible_share) * self.rows)
@@ -205,7 +205,7 @@ def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: floa
 def _earlier_scatter(
     like: str | os.PathLike[str] | None, metrics: Sequence[str]
 ) -> tuple[tuple[PureError, ...], float | None]:
-    """Scatter of metrics in an earlier study, and its window [s]."""
+    """Scatter of metrics in an earlier study, and window."""
     if like is None:
         return (), None
     path = Path(like)

@@ -29,7 +29,7 @@ _CONDITION_HELP = (
 
 @dataclass(frozen=True)
 class Until:
-    """Condition on main effects' standard errors that ends a study's growth."""
+    """Condition on main effects' errors that ends growth."""
 
     metric: str | None  # None is those of objectives and limits, or the most telling ones
     most: float  # largest error, in the metric's unit or over its mean [-]
@@ -37,7 +37,7 @@ class Until:
 
     @classmethod
     def of(cls, text: str) -> Until:
-        """Growth condition of a text such as "se(main effects) < 1 %".
+        """Growth condition of a text: "se(main effects) < 1 %".
 
         Raises:
             StudyError: it states none.
@@ -73,7 +73,7 @@ class GrowthState:
 
 
 def largest_effect_error(results: Results, metrics: tuple[str, ...], relative: bool) -> tuple[float, str, str]:
-    """Largest standard error of a main effect, its metric and factor."""
+    """Largest standard error of main effects, metric, factor."""
     if not results.ok.any():
         raise StudyError("no variant is ok: there are no main effects to know")
     results, worst = results.sampled_rows(), (0.0, "", "")
@@ -101,7 +101,7 @@ def grow_until(
     progress: Progress = False,
     report: Callable[[GrowthState], object] | None = None,
 ) -> GrowthState:
-    """Grows a study's folder until a condition is met; returns its state.
+    """Grows a study until a condition is met; returns its state.
 
     Args:
         out: folder of a study whose design is sampled.
@@ -137,7 +137,7 @@ def grow_until(
 
 
 def _judged_metrics(folder: StudyFolder, results: Results) -> tuple[str, ...]:
-    """Metrics that the study names, or else the most telling ones."""
+    """Metrics on which a study's growth depends."""
     from warpchain.study.report.study_page import telling_metrics
 
     named = tuple(name for name in folder.study.named_metrics if name in results.metrics)

@@ -50,7 +50,7 @@ Array = NDArray[np.float64]
 NOISE, TIED_NOISE = "noise", "tied noise"
 """Kinds of factors in metadata: noise, and tied to noise."""
 DISTRIBUTION_KEY = "distribution"
-"""Key of a factor's distribution in its field's metadata, as JSON."""
+"""Key of a factor's distribution in metadata."""
 SEARCH_TARGET_KEY = "search_target"
 """Key of a search's target in field metadata."""
 ROUND_COLUMN = "round"
@@ -59,7 +59,7 @@ MOST_METRICS = 6
 
 
 def search_target_of(table: pa.Table) -> str:
-    """Target of the search for a table's rows; "" for a sample."""
+    """Target of the search for a table's rows, or ""."""
     noted = ((field.metadata or {}).get(SEARCH_TARGET_KEY.encode(), b"") for field in table.schema)
     return next((word.decode() for word in noted if word), "")
 
@@ -73,7 +73,7 @@ def added_rows(table: pa.Table) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study: a table with its columns by kind.
+    """Results of a study: table, factors, metrics.
 
     Attributes:
         factors: names of columns that were varied.
@@ -142,7 +142,7 @@ class Results:
         return np.array([word == "ok" for word in self.status], dtype=bool)
 
     def reason_counts(self) -> list[tuple[str, str, int]]:
-        """Status, reason and number of rows not ok, most frequent first.
+        """Statuses, reasons and numbers of rows not ok.
 
         Reasons alike but for numbers count as one.
         """
@@ -160,7 +160,7 @@ class Results:
         return _is_number_column(self.table, name)
 
     def _check_column(self, name: str) -> None:
-        """Raises StudyError for a column that is not in the table."""
+        """Raises StudyError for an unknown column."""
         if name not in self.table.column_names:
             raise StudyError(
                 f"column {name!r}: not in the table; {nearest_key_text(name, self.table.column_names, MOST_LISTED)}"
@@ -201,7 +201,7 @@ class Results:
 
     @property
     def search_target(self) -> str:
-        """Target of the search for the rows; "" for a sample."""
+        """Target of the search for the rows, or ""."""
         return search_target_of(self.table)
 
     def check_sampled(self) -> None:
@@ -213,7 +213,7 @@ class Results:
             )
 
     def sampled_rows(self) -> Results:
-        """Results of the rows that are a sample, without added ones.
+        """Results of the rows that are a sample.
 
         Raises:
             StudyError: all rows search for something.
@@ -268,7 +268,7 @@ class Results:
         return tied
 
     def independent_factors(self) -> tuple[str, ...]:
-        """Names of numeric factors that depend linearly on no earlier one."""
+        """Names of numeric factors that are linearly independent."""
         tied = self.factor_ties()
         return tuple(name for name in self.numeric_factors() if name not in tied)
 
@@ -284,7 +284,7 @@ def _standardized_values(values: Array) -> Array:
 
 
 def is_varying(values: Array) -> bool:
-    """Whether at least two finite values differ by more than round-off."""
+    """Whether finite values vary by more than round-off."""
     finite = values[np.isfinite(values)]
     return len(finite) > 1 and bool(np.ptp(finite) > 1e-12 * np.abs(finite).max())
 

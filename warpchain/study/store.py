@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 OUTCOME_COLUMNS = ("status", "reason")
 """Columns of how a variant ended, and why."""
 ROW_STATUSES = (*JUDGED, "infeasible")
-"""Statuses of a row: those of a judged variant, and "infeasible"."""
+"""Statuses of a study's row, "infeasible" among them."""
 
 _VARIANT_PREFIX = re.compile(r"^variant \d+: ")
 NOTE_KEY = b"warpchain"
@@ -67,7 +67,7 @@ class RowOutcomes:
 
 
 MOST_ROWS, MOST_CELLS = 10_000_000, 2**28
-"""Most rows and cells of a table given to a study."""
+"""Most rows and cells of a given table."""
 
 
 def read_table(
@@ -124,7 +124,7 @@ def _check_table_size(rows: int, columns: int, path: Path) -> None:
 
 
 def _check_unique_columns(table: pa.Table, path: Path) -> None:
-    """Raises StudyError for a table with two columns of one name."""
+    """Raises StudyError for repeated column names."""
     for k, name in enumerate(table.column_names):
         first = table.column_names.index(name)
         if first < k:
@@ -192,7 +192,7 @@ def _footer_note(path: Path) -> dict[str, Any]:
 
 
 def _note_digest(note: Mapping[str, Any]) -> str:
-    """SHA-256 of a note's entries but for `mark`, which holds it."""
+    """SHA-256 of a note's entries but `mark`."""
     held = {name: value for name, value in note.items() if name != "mark"}
     return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
 
@@ -216,7 +216,7 @@ def table_digest(table: pa.Table) -> str:
 
 
 def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "", note_outcomes: bool = False) -> None:
-    """Writes a table as Parquet with a note, whole or not.
+    """Writes a study's table as Parquet, with a note.
 
     Args:
         keep: leave an existing file.

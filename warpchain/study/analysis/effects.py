@@ -22,14 +22,14 @@ from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student_
 from warpchain.study.results import Array, Results, is_varying
 
 MOST_GROUPS = 8
-"""Most groups that a factor of many values is cut into."""
+"""Most groups of a factor of many values."""
 FEWEST_GROUP_ROWS = 5
 TRANSFORMS = ("rank", "log")
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Main effect of a factor on a metric: means of G groups.
+    """Main effect of a factor: a metric's mean in groups.
 
     Attributes:
         labels: (G,) names of groups.
@@ -73,7 +73,7 @@ class Effect:
 
     @property
     def adjusted(self) -> float:
-        """Part explained by the factor less what chance takes up (Ezekiel 1930)."""
+        """Part explained by the factor, less chance (Ezekiel 1930)."""
         freedom = self.row_count - len(self.counts)
         return max(0.0, 1.0 - (1.0 - self.explained) * (self.row_count - 1) / freedom) if freedom > 0 else float("nan")
 
@@ -133,7 +133,7 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
 def factor_groups(
     results: Results, factor: str, rows: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
-    """Group (R,) of each row by a factor's value, labels and centers (G,)."""
+    """Groups (R,) of rows by a factor, labels and centers (G,)."""
     if not results.is_numeric(factor):
         words = [word for word, row in zip(results.text_values(factor), rows, strict=True) if row]
         labels, group = np.unique(words, return_inverse=True)
@@ -151,7 +151,7 @@ def factor_groups(
 
 
 def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray[np.intp], y: Array) -> Effect:
-    """Main effect of a factor on metric values (R,) in groups."""
+    """Main effect of a factor on grouped metric values (R,)."""
     counts = np.bincount(group)
     means = np.bincount(group, y) / counts
     inside = np.bincount(group, (y - means[group]) ** 2)
@@ -163,7 +163,7 @@ def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: N
 
 
 def _noncentrality_of_share(between: int, within: int, ratio: float, share: float) -> float:
-    """Noncentrality at which a share of noncentral F lies below `ratio`."""
+    """Noncentrality at which noncentral F has a share below."""
     from scipy.optimize import brentq
     from scipy.special import ncfdtr
 
@@ -201,7 +201,7 @@ class Correlation:
     counts: NDArray[np.int64]
 
     def noise_level(self) -> float:
-        """Correlation coefficient that chance exceeds in 5 %: 1.96 / sqrt(n - 1)."""
+        """Correlation that chance exceeds in 5 %: 1.96 / sqrt(n - 1)."""
         least = int(self.counts.min()) if len(self.counts) else 0
         return float(min(1.0, 1.96 / np.sqrt(max(least - 1, 1))))
 
@@ -281,7 +281,7 @@ def transform_metric(results: Results, metric: str, how: str) -> Results:
 
 @dataclass(frozen=True)
 class MedianEffect:
-    """Medians of a metric in G groups of a factor's values.
+    """Medians of a metric in groups of a factor.
 
     Attributes:
         labels: (G,) names of groups.

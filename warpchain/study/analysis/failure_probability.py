@@ -28,7 +28,7 @@ LEVEL_SHARE = 0.1
 """Share p_j of a level's samples beyond the next threshold."""
 ACCEPTANCE_RATE = 0.44
 MOST_LEVELS = 12
-"""Levels after which a probability counts as too small to find."""
+"""Most levels of subset simulation."""
 MOST_BATCHES = 3
 LEVEL_MESSAGE = (
     "the probability of failure is unknown: all {count} runs in one of {repeats} repetitions of subset simulation are "
@@ -115,7 +115,7 @@ def _next_thresholds(g: Array, seeds: int) -> Array:
 
 
 def _chosen_seeds(places: NDArray[np.intp], count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Random choice of `count` places, each once if there are enough."""
+    """Random choice of `count` places."""
     return rng.choice(places, count, replace=len(places) < count)
 
 
@@ -154,7 +154,7 @@ def _lognormal_interval(logs: Array) -> tuple[float, float]:
 
 
 def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
-    """Design points (K, D), likeliest failures by direction, and evaluations of g.
+    """Design points (K, D) of failure, and evaluations of g.
 
     They are found by steps of Hasofer, Lind, Rackwitz and Fiessler.
     """
@@ -172,7 +172,7 @@ def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
 
 
 def nearest_by_direction(points: Array) -> Array:
-    """Points, of failed ones (N, D), nearest to the origin by direction."""
+    """Failed points (N, D) nearest to the origin by direction."""
     sizes = np.linalg.norm(points, axis=1)
     left = np.argsort(sizes, kind="stable")
     left = left[sizes[left] <= sizes.min() + FARTHEST_BEYOND]
@@ -185,7 +185,7 @@ def nearest_by_direction(points: Array) -> Array:
 
 
 def _points_after_step(margin: Margin, points: Array) -> tuple[tuple[Array, NDArray[np.bool_]], int]:
-    """Points (K, D) stepped towards the origin, whether they fail, evaluations of g."""
+    """Points (K, D) stepped towards the origin, failures, evaluations."""
     count, dimensions = points.shape
     reach = 0.1
     around = points[:, None, :] + reach * np.vstack([np.zeros(dimensions), np.eye(dimensions), -np.eye(dimensions)])

@@ -29,20 +29,20 @@ RADIUS_SHARE = 0.95
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
 """Tried shares a of eq. (a) beyond the radius."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
-"""Tried parts by which covariances are drawn towards the unit matrix."""
+"""Tried shrinkages of covariances."""
 DIRECTION_TURNS = 5
 """Times that directions become those of their failures' means."""
 NORMAL_LEVEL = 0.99
-"""Level of the interval's normal quantile, for 95 % on closed forms."""
+"""Level of the interval's normal quantile, for 95 %."""
 FOLDS = 8
-"""Parts of the repetitions, each weighted by a fit to others."""
+"""Folds of repetitions, each weighted by a fit to others."""
 LEAST_SAMPLES = 5.0
 """Effective number of samples below which there is no estimate."""
 
 
 @dataclass(frozen=True)
 class _FailureGroup:
-    """Failures in a direction: share, mean (D,), axes (D, D), variances."""
+    """Failures in a direction: share, mean, axes, variances."""
 
     share: float
     mean: Array
@@ -56,7 +56,7 @@ class _FailureGroup:
 
 @dataclass(frozen=True)
 class FailureMixture:
-    """Mixture of normal densities fitted to failures, q of eq. (a)."""
+    """Mixture of normal densities fitted to failures, q of (a)."""
 
     radius: float  # r
     beyond: float  # P(|u| > r)
@@ -91,7 +91,7 @@ class FailureMixture:
 
 
 def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
-    """Mixture fitted to failures (F, D) of two or more repetitions."""
+    """Mixture fitted to failures (F, D) of several repetitions."""
     every, count = np.vstack(failed), min(FOLDS, len(failed))
     folds = [np.vstack(failed[k::count]) for k in range(count)]
     others = [np.vstack([fold for j, fold in enumerate(folds) if j != k]) for k in range(count)]
@@ -164,7 +164,7 @@ def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, see
 
 
 def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
-    """Failure estimate of both methods together, or the reason for none."""
+    """Failure estimate of both methods, or the reason for none."""
     if isinstance(sampled, str):
         return subset
     if sampled.low > subset.high or subset.low > sampled.high:

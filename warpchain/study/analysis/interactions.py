@@ -87,7 +87,7 @@ def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> 
 
 
 def _terms_with_square(terms: Array) -> Array:
-    """Terms of a factor (R, p), with a single one's square."""
+    """Terms of a factor (R, p), a single one squared, too."""
     return np.hstack([terms, terms**2]) if terms.shape[1] == 1 else terms
 
 

@@ -22,7 +22,7 @@ from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import Array, Results
 
 MOST_LEFT_OUT = 0.05
-"""Most rows left out, as a share, for factors to be ranked."""
+"""Most rows left out, as a share, for ranking."""
 MOST_EXACT_PAIRS = 250_000
 """Most pairs of rows for an exact chance of (a)."""
 
@@ -41,7 +41,7 @@ class LostPart:
 
     @property
     def is_sure(self) -> bool:
-        """Whether loss of rows goes along with the factor beyond chance."""
+        """Whether loss of rows depends on the factor, surely."""
         return self.chance < 1.0 - CONFIDENCE
 
     def __str__(self) -> str:
@@ -51,13 +51,13 @@ class LostPart:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Rows that an analysis leaves out, and what is lost with them."""
+    """Rows that an analysis leaves out, and lost ranges."""
 
     results: Results
 
     @cached_property
     def left_out_rows(self) -> NDArray[np.bool_]:
-        """(R,) whether each row is left out by its own result."""
+        """(R,) whether rows are left out by their results."""
         return np.isin(self.results.status, (SUSPECT, DIVERGED))
 
     @cached_property
@@ -67,7 +67,7 @@ class LeftOut:
 
     @cached_property
     def lost_parts(self) -> list[LostPart]:
-        """Parts of factors' ranges lost by rows' results, the surest first."""
+        """Parts of factors' ranges lost by rows' results."""
         return _lost_parts(self.results, self.left_out_rows, self.results.ok)
 
     @cached_property
@@ -87,7 +87,7 @@ class LeftOut:
         return bool(_distribution_chance(*known) * (len(self.lost_parts) + 1) < 1.0 - CONFIDENCE)
 
     def lines(self) -> list[str]:
-        """Lines of text on left-out rows and lost parts of ranges."""
+        """Lines of text on left-out rows and lost ranges."""
         found, count = [], len(self.results.status)
         if self.left_out_rows.any():
             status, reason, often = self._reasons_of_rows(self.left_out_rows)[0]
@@ -106,7 +106,7 @@ class LeftOut:
         return f"Statistics of metrics cover only the {int(self.results.ok.sum())} variants that are left"
 
     def _reasons_of_rows(self, rows: NDArray[np.bool_]) -> list[tuple[str, str, int]]:
-        """Status, reason and number of left-out rows, the most frequent first."""
+        """Statuses, reasons and numbers of left-out rows."""
         held = self.results.table.filter(rows)
         return Results(held, self.results.factors, self.results.metrics).reason_counts()
 
@@ -118,7 +118,7 @@ def _lost_parts_text(parts: list[LostPart]) -> str:
 
 
 def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bool_]) -> list[LostPart]:
-    """Part of each factor's range that lost most rows, the surest first."""
+    """Part of each factor's range that lost most rows."""
     if not lost.any():
         return []
     words = [
@@ -151,7 +151,7 @@ def _lost_range(
 
 
 def _lost_word(results: Results, name: str, lost: NDArray[np.bool_], others: NDArray[np.bool_], tests: int) -> LostPart:
-    """Word of a factor at which rows were left out most."""
+    """Word of a factor that lost most rows."""
     from scipy.stats import chi2_contingency
 
     words = np.array(results.text_values(name))
@@ -164,13 +164,13 @@ def _lost_word(results: Results, name: str, lost: NDArray[np.bool_], others: NDA
 
 
 def _lost_part(name: str, part: str, within: list[int], totals: list[int], chance: float) -> LostPart:
-    """Lost part from counts (left out, not) inside and in all."""
+    """Lost part of a range from counts of rows."""
     rest = [total - inside for total, inside in zip(totals, within, strict=True)]
     return LostPart(name, part, within[0], sum(within), rest[0], sum(rest), chance)
 
 
 def _distribution_chance(out: Array, rest: Array) -> float:
-    """Probability that two samples of one distribution differ so, by (a)."""
+    """Probability that two samples of one distribution differ so."""
     from scipy.stats import ks_2samp
 
     if not len(out) or not len(rest):

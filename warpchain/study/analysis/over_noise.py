@@ -45,7 +45,7 @@ class Designs(Results):
     bounds: tuple[Bound, ...]  # limits that each run is held to
 
     def kept_counts(self, design: int) -> tuple[int, int]:
-        """Number of a design's runs that keep limits, and of all."""
+        """Number of a design's runs within limits, and of all."""
         held = np.zeros(len(self.runs.status), dtype=bool)
         held[self.rows[design]] = True
         kept = Goals((), self.bounds).goal_values(self.runs).limits_kept if self.bounds else self.runs.ok
@@ -69,7 +69,7 @@ class Designs(Results):
         return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
 
     def paired_values(self, first: int, second: int, metric: str) -> Array:
-        """Metric values (n, 2) of two designs over the same noise."""
+        """Metric values (n, 2) of two designs over equal noise."""
         one, other = self._rows_by_noise[first], self._rows_by_noise[second]
         rows = np.array([(row, other[key]) for key, row in one.items() if key in other], dtype=np.intp).reshape(-1, 2)
         values = _ok_values(self.runs, metric)[rows]
@@ -83,7 +83,7 @@ class Designs(Results):
         return mean_difference(after - before, CONFIDENCE)
 
     def sure_sign(self, first: int, second: int, name: str) -> int | None:
-        """Sign of two designs' difference in a statistic, 0 if not sure.
+        """Sign of two designs' difference in a statistic, or 0.
 
         None for a design factor, or with too few pairs.
         """
@@ -109,7 +109,7 @@ class NoiseSpread:
 
     @property
     def unexplained_part(self) -> float:
-        """Part of the variance that no noise factor explains alone [-]."""
+        """Part of the variance that noise factors leave unexplained."""
         return max(0.0, 1.0 - sum(self.parts.values()))
 
     def parts_text(self) -> str:
@@ -122,10 +122,10 @@ class NoiseSpread:
 
 
 def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
-    """Goals of designs, in statistics over noise, from goals of runs."""
+    """Goals of designs, in statistics, from goals of runs."""
 
     def is_plain(name: str) -> bool:
-        """Whether a goal's name is a design factor or a statistic."""
+        """Whether a goal names a design factor or statistic."""
         return name in chosen or statistic_from_name(name) is not None
 
     objectives = tuple(
@@ -189,7 +189,7 @@ def designs_over_noise(results: Results, goals: Goals, noise: Sequence[str] | No
 
 
 def noise_spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
-    """Spread of a design's metric over noise, with noise factors' parts."""
+    """Spread of a design's metric over noise, by noise factor."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}
     for word in SHOWN_STATISTICS:
@@ -198,7 +198,7 @@ def noise_spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
 
 
 def _design_rows(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.intp], ...]:
-    """Rows of each design, in the order of their first ones."""
+    """Rows of results of each design."""
     found: dict[tuple[Any, ...], list[int]] = {}
     columns = [results.table[name].to_pylist() for name in chosen]
     for row in range(results.table.num_rows):
@@ -208,7 +208,7 @@ def _design_rows(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.in
 
 
 def _worst_run(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
-    """Row of a design's worst run, by status or first goal."""
+    """Row of a design's worst run."""
     grave = [
         STATUS_SEVERITY.index(results.status[row]) if results.status[row] in STATUS_SEVERITY else 1
         for row in rows.tolist()
@@ -261,7 +261,7 @@ def _jackknife_pseudo_values(values: Array, statistic: Statistic) -> Array:
 
 
 def _leave_one_out_statistics(values: Array, statistic: Statistic) -> tuple[float, Array]:
-    """Statistic of values (n,), and statistics (n,) without each in turn."""
+    """Statistic of values (n,), and without each (n,)."""
     n, mean = len(values), float(values.mean())
     if np.ptp(values) == 0.0:
         return (0.0 if statistic.word == "std" else float(values[0])), np.zeros(n)
@@ -288,7 +288,7 @@ def _harrell_davis_weights(count: int, level: float) -> Array:
 
 
 def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
-    """Part of a metric's variance over noise by noise factor, (b)."""
+    """Parts of a metric's variance by noise factor, (b)."""
     terms = {name: of for name in results.free_noise_factors if (of := _noise_terms(results, rows, name)).shape[1]}
     y = results.values(metric)[rows]
     y = y - y.mean() if len(y) else y

@@ -31,7 +31,7 @@ PRIOR_PRECISION = 1.0
 FEWEST_PAIRS = 16
 """Fewest pairs that tell a sign of the mean difference."""
 SKEWNESS_PAIRS = 25.0
-"""Pairs that a squared skewness of 1 takes for the interval (b)."""
+"""Pairs for a squared skewness of 1, in (b)."""
 EVENT_DEVIATIONS = 20.0
 """Default change of a difference by rare events, in deviations."""
 HEAVY_TAIL_PAIRS = 16
@@ -70,7 +70,7 @@ class MeanDifference:
 
     @property
     def sure_sign(self) -> int:
-        """Sign of the mean difference, sure despite missing rare events, or 0."""
+        """Sign of the mean difference, if sure, or 0."""
         return self._sign_beyond(self.reckoned, _level_of_half(self.level))
 
     @property
@@ -80,7 +80,7 @@ class MeanDifference:
 
     @property
     def reversing_change(self) -> float:
-        """Change of a difference by missed events that reverses the sign."""
+        """Change by missed events that reverses the mean difference."""
         return (
             max(abs(self.mean) - float(self._sure_margin(self.pairs, 0.0, _level_of_half(self.level))), 0.0)
             / self.missed_probability
@@ -100,11 +100,11 @@ class MeanDifference:
 
     @property
     def is_heavy_tailed(self) -> bool:
-        """Whether few of the pairs make up half of the scatter."""
+        """Whether few pairs make up half of the scatter."""
         return self.deviation > 0.0 and self.carriers * HEAVY_TAIL_PAIRS <= self.pairs
 
     def pairs_needed(self) -> int | None:
-        """Number of pairs for a sure sign, if mean and scatter stay."""
+        """Number of pairs for a sure sign, or None."""
         count = np.arange(FEWEST_PAIRS, MOST_FORECAST_PAIRS + 1)
         margin = self._sure_margin(count, self.reckoned, _level_of_half(self.level))
         enough = np.flatnonzero(margin < abs(self.mean))
@@ -112,7 +112,7 @@ class MeanDifference:
 
 
 def mean_difference(differences: Array, level: float, event: float | None = None) -> MeanDifference:
-    """Mean of paired differences (n,), n >= 2, with its interval.
+    """Mean of paired differences (n,), with its interval.
 
     Args:
         level: of the interval, eq. (b), and of the sign.

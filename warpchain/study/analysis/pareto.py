@@ -20,11 +20,11 @@ SENSE_SIGNS = {"min": 1.0, "max": -1.0}
 """Signs that make objectives costs, by sense."""
 FRONT_DRAWS = 400
 HOPELESS_ERRORS = 4.0
-"""Standard errors by which a row is off the Pareto front."""
+"""Standard errors off the Pareto front without a chance."""
 
 
 def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(R,) whether rows of costs (R, M) are on the Pareto front."""
+    """(R,) whether costs (R, M) are on the Pareto front."""
     left = np.lexsort(costs.T[::-1])  # a row is never dominated by a later one in this order
     front = np.zeros(len(costs), dtype=bool)
     while len(left):
@@ -64,7 +64,7 @@ def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np
 
 
 def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.intp]:
-    """Indices (P,) of rows on the Pareto front, by the first objective.
+    """Indices (P,) of rows on the Pareto front.
 
     Args:
         results: only ok variants with all metrics compete.
@@ -79,7 +79,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
 
 
 def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows (P,) that compete for the Pareto front, and costs (P, M)."""
+    """Rows (P,) that compete for the front, and costs."""
     if not objectives:
         raise StudyError("objectives: none given, a front needs at least one")
     check_senses(objectives)
@@ -91,7 +91,7 @@ def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[N
 
 
 def check_senses(objectives: Mapping[str, str]) -> None:
-    """Raises StudyError for an objective that is neither "min" nor "max"."""
+    """Raises StudyError for senses but "min" and "max"."""
     for metric, sense in objectives.items():
         if sense not in SENSE_SIGNS:
             raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
@@ -121,11 +121,11 @@ class Goals:
 
     @property
     def cost_signs(self) -> Array:
-        """Signs (M,) that make objectives costs: -1 of one to maximize."""
+        """Signs (M,) that make objectives costs."""
         return np.array([SENSE_SIGNS[objective.sense] for objective in self.objectives])
 
     def goal_values(self, results: Results) -> GoalValues:
-        """Values of the objectives and limits in a table of results."""
+        """Values of objectives and limits in results."""
         columns, errors = {}, {}
         for name in self.named_metrics:
             if name not in results.table.column_names and not results.ok.any():

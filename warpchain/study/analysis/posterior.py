@@ -21,7 +21,7 @@ from warpchain.progress import raise_if_stopped
 from warpchain.study.results import Array
 
 NumbersModel = Callable[[Array], tuple[Array, Array]]
-"""Model from unknowns (R, D) to numbers' mean and variance (R, J)."""
+"""Model from unknowns (R, D) to mean and variance (R, J)."""
 WALKERS, CHUNK_STEPS, MOST_STEPS = 64, 50, 10_000
 """Members of the ensemble, steps between checks, most steps."""
 WARM_UP = 5.0
@@ -29,7 +29,7 @@ WARM_UP = 5.0
 ENOUGH_SAMPLES = 1000
 PRIOR_DRAWS = 2048
 UNIDENTIFIED_SHARE = 0.7
-"""Posterior over prior deviation at which a direction counts as unidentified."""
+"""Posterior over prior deviation of unidentified directions, at least."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class PosteriorDirection:
 
 
 def log_posterior_density(model: NumbersModel, values: Array, errors: Array) -> Callable[[Array], Array]:
-    """Function from unknowns (R, D) to log posterior density (R,), (a)."""
+    """Function from unknowns (R, D) to log posterior (R,), (a)."""
 
     def log_density(u: Array) -> Array:
         """Log posterior density (R,) at u (R, D), eq. (a)."""
@@ -103,7 +103,7 @@ def sample_posterior(
 
 
 def posterior_directions(u: Array) -> list[PosteriorDirection]:
-    """Principal directions of posterior samples (S, D), the least identified first."""
+    """Principal directions of posterior samples, least identified first."""
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(u, rowvar=False)))
     found = []
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
@@ -113,7 +113,7 @@ def posterior_directions(u: Array) -> list[PosteriorDirection]:
 
 
 def standardized_residuals(model: NumbersModel, values: Array, errors: Array, u: Array) -> Array:
-    """Residuals (J,) of measurements at posterior samples (S, D), in deviations."""
+    """Standardized residuals (J,) of measurements at posterior samples."""
     mean, variance = model(u)
     whole = variance.mean(axis=0) + mean.var(axis=0) + errors**2
     return np.asarray((values - mean.mean(axis=0)) / np.sqrt(whole))

@@ -54,7 +54,7 @@ class PureError:
         return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 - 0.5 * CONFIDENCE, self.freedom))
 
     def interval(self, count: int = 1) -> float:
-        """Half width of a mean's 95 % interval, of `count` runs."""
+        """Half width of a mean's 95 % interval."""
         return student_quantile(self.freedom) * self.deviation / math.sqrt(count)
 
     def replicates_for(self, precision: float) -> int:
@@ -67,7 +67,7 @@ class PureError:
         return max(1, math.ceil((self.interval() / precision) ** 2 * (1.0 - 1e-12)))
 
     def window_for(self, precision: float, window: float, count: int = 1) -> float:
-        """Length of the window [s] for a mean to +- `precision`.
+        """Window [s] for a mean to +- `precision`.
 
         Args:
             window: of the runs [s].
@@ -86,7 +86,7 @@ class PureError:
 
 
 def _check_precision(precision: float) -> None:
-    """Raises StudyError for a precision that is not a positive number."""
+    """Raises StudyError for a precision that is not positive."""
     if not (math.isfinite(precision) and precision > 0.0):
         raise StudyError(f"precision = {number_text(precision)}: must be a positive number")
 
@@ -136,12 +136,12 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
 
 
 def _share_of_ratio(ratio: float, weight: float) -> float:
-    """Share of scatter in the variance from B / s^2, (b)."""
+    """Share of scatter from the ratio B / s^2, (b)."""
     return 1.0 / (1.0 + max(ratio - 1.0, 0.0) / weight)
 
 
 def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Array, Array, int, float]:
-    """Means of rows, run counts, degrees of freedom, variance of one run."""
+    """Row means, run counts, degrees of freedom, run variance."""
     values = results.values(metric)[chosen]
     if results.has_replicates:
         counts, errors = results.run_counts[chosen].astype(float), results.standard_errors(metric)[chosen]
@@ -172,7 +172,7 @@ def pure_errors(results: Results) -> list[PureError]:
 
 
 def row_standard_errors(results: Results, metric: str) -> Array | None:
-    """Standard errors (R,) of a metric's rows, (c); None if unknown."""
+    """Standard errors (R,) of a metric's rows, or None."""
     name = metric + ERROR_SUFFIX
     if not (name in results.table.column_names and results.is_numeric(name)):
         return None

@@ -95,7 +95,7 @@ def problem_of_factors(factors: Iterable[Any]) -> SobolProblem:
 
 
 def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """Factors of a study file, as tables, from a SALib problem.
+    """Factors of a study file from a SALib problem.
 
     Args:
         paths: key path into the drive by name; None are the names.
@@ -128,7 +128,7 @@ def _problem_distributions(problem: Mapping[str, Any]) -> list[str]:
 
 
 def _check_problem(problem: Mapping[str, Any]) -> None:
-    """Raises StudyError for a SALib problem that is incomplete or grouped."""
+    """Raises StudyError for an incomplete or grouped SALib problem."""
     for key in ("names", "bounds"):
         if key not in problem:
             raise StudyError(f"problem: {key!r} is missing; SALib's problem has names and bounds")
@@ -254,7 +254,7 @@ def surface_indices(surface: Surface, results: Results | None = None) -> SobolIn
 
 
 def _scaled_moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
-    """Mean and variance of scaled x, covariance with x^2, variance of x^2."""
+    """Moments of scaled x: mean, variance, covariance with x^2, its variance."""
     given = results.distribution(surface.factors[a]) if results is not None else None
     found = quadrature_nodes(Factor(name="x", **given)) if given is not None else None
     if found is None:

@@ -25,9 +25,9 @@ from warpchain.study.analysis.pure_error import pure_error, row_standard_errors,
 from warpchain.study.results import Array, Results
 
 WEIGHTING_ROUNDS = 4
-"""Fits whose residuals say how the next one weights its rows."""
+"""Rounds of fits that weight rows by residuals."""
 TRUSTED_R2 = 0.8
-"""Predicted R2 from which a response surface may replace the metric."""
+"""Predicted R2 of a response surface that is trusted."""
 
 
 @dataclass(frozen=True)
@@ -99,12 +99,12 @@ class Surface:
 
 
 def scaled_values(values: Array, low: Array, high: Array) -> Array:
-    """Factor values scaled to -1 .. 1 between low and high."""
+    """Factor values scaled to -1 .. 1."""
     return (2.0 * values - low - high) / (high - low)
 
 
 def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
-    """Polynomial terms (R, T) of (a) at scaled values (R, A)."""
+    """Polynomial terms (R, T) at scaled values (R, A)."""
     terms = np.ones((len(x), len(powers)))
     for t, row in enumerate(powers):
         for a in np.flatnonzero(row):
@@ -202,7 +202,7 @@ class LackOfFit:
 
 
 def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
-    """Lack of fit of a response surface, by F of (b).
+    """Lack of fit of a response surface, (b).
 
     Raises:
         StudyError: no replicates, or as many terms as rows.

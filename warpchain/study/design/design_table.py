@@ -59,7 +59,7 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
 
 
 def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Design table of given rows, with tied factors and checked constraints.
+    """Design table of given rows, tied factors filled in.
 
     Rows may also have a value of `TODAY_COLUMN`.
     """
@@ -92,7 +92,7 @@ def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
 
 
 def _factor_columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
-    """Design values by factor, without expressions, and noise of a table."""
+    """Design values by factor, without expressions."""
     if study.design.kind == NOISE:
         return {}
     whole, study = study, study.design_study
@@ -141,7 +141,7 @@ def _factorial_columns(axes: Iterable[DesignDimension], source: str | Path) -> d
 
 
 def _sampled_points(study: Study, count: int, source: str | Path, before: Sequence[int] = ()) -> Array:
-    """Points (rows, dimensions) of a sampled design in the unit cube."""
+    """Points (rows, dimensions) of a sampled design."""
     from scipy.stats import qmc
 
     design = study.design
@@ -167,7 +167,7 @@ def _sampled_points(study: Study, count: int, source: str | Path, before: Sequen
 
 
 def extended_latin_hypercube(points: Array, count: int, seed: int, source: str | Path) -> Array:
-    """Latin hypercube (n, dimensions) grown to a multiple of n points."""
+    """Latin hypercube (n, dimensions) grown to more points."""
     if count % len(points):
         raise StudyError(
             f"{source}: design.count = {count}: a Latin hypercube of {len(points)} points grows to multiples of that"
@@ -192,7 +192,7 @@ def central_composite_points(count: int, axial: str, center: int) -> Array:
 
 
 def plackett_burman_points(count: int) -> Array:
-    """Points (rows, count) of a Plackett-Burman design, coded, with orthogonal columns."""
+    """Points (rows, count) of a Plackett-Burman design, coded."""
     size = 4 * (count // 4 + 1)
     matrix = hadamard_matrix(size)
     while matrix is None and size < 4 * count + 64:
@@ -281,7 +281,7 @@ def distribution_metadata(factor: Factor) -> dict[str, str]:
 
 
 def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
-    """Design table from values by factor and reasons of infeasible rows."""
+    """Design table from values by factor and reasons."""
     import pyarrow as pa
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]
@@ -309,7 +309,7 @@ def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str 
 
 
 def _arrow_type(column: list[Any]) -> Any:
-    """Arrow type of a design column; raises TypeError for several kinds."""
+    """Arrow type of a design column."""
     import pyarrow as pa
 
     types = {type(value) for value in column if value is not None}

@@ -25,15 +25,15 @@ Array = NDArray[np.float64]
 QUADRATURE_NODES = 80
 """Nodes of Gauss-Hermite and Gauss-Legendre quadrature."""
 MOST_WHOLE_NODES = 100_000
-"""Most whole numbers that are nodes one by one, not continuous."""
+"""Most whole numbers that are quadrature nodes."""
 FARTHEST_DEVIATIONS = 12.0
-"""Standard deviations at which a truncated normal distribution is cut off."""
+"""Standard deviations at which truncated normals are cut."""
 BISECTIONS = 60
 
 
 @dataclass(frozen=True)
 class DesignDimension:
-    """Dimension of a design: a factor, or a group of factors."""
+    """Dimension of a design: factor or group."""
 
     name: str
     factors: tuple[Factor, ...]
@@ -46,7 +46,7 @@ class DesignDimension:
 
 
 def design_dimensions(study: Study) -> tuple[DesignDimension, ...]:
-    """Dimensions of a study's design, in the order of its factors."""
+    """Dimensions of a study's design."""
     groups: dict[str, list[Factor]] = {}
     for factor in study.factors:
         if factor.value_source != "expression":
@@ -123,7 +123,7 @@ def values_from_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[An
 
 
 def lognormal_moments(factor: Factor) -> tuple[float, float]:
-    """Mean and standard deviation of the logarithm of a lognormal factor."""
+    """Mean and deviation of a lognormal factor's logarithm."""
     assert factor.mean is not None and factor.std is not None  # the factor's own rule
     square = math.log1p((factor.std / factor.mean) ** 2)
     return math.log(factor.mean) - 0.5 * square, math.sqrt(square)
@@ -147,7 +147,7 @@ def tied_factors(study: Study) -> tuple[Factor, ...]:
 
 
 def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str | None:
-    """Fills tied factors into a row; returns why infeasible, or None."""
+    """Fills tied factors into a row; returns a complaint."""
     reason = None
     for factor in order:
         try:
@@ -171,7 +171,7 @@ def evaluate_expression(text: str, row: Mapping[str, Any]) -> Any:
 
 
 def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
-    """Value of a tied factor in a design row, if finite."""
+    """Value of a tied factor in a design row."""
     assert factor.expression is not None  # its kind
     missing = [name for name in parse_expression(factor.expression).names if row.get(name) is None]
     if missing:
@@ -183,7 +183,7 @@ def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
 
 
 def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
-    """Quadrature nodes and weights (Q,) of a factor's distribution, or None."""
+    """Quadrature nodes and weights (Q,) of a factor."""
     if factor.listed_values is not None:
         if any(isinstance(value, (str, bool)) for value in factor.listed_values):
             return None
@@ -256,7 +256,7 @@ class DesignCube:
         )
 
     def snapped_points(self, points: Array) -> Array:
-        """Points (R, D) moved to values that the factors can take."""
+        """Unit-cube points (R, D) moved to allowed values."""
         found = np.clip(points, 0.0, 1.0 - 1e-12)
         for k, axis in enumerate(self.axes):
             factor = axis.factors[0]
@@ -265,7 +265,7 @@ class DesignCube:
         return found
 
     def model_coordinates(self, points: Array) -> Array:
-        """Coordinates of points (R, D) for distances, choices one by one."""
+        """Coordinates of unit-cube points (R, D) for distances."""
         parts = []
         for k, axis in enumerate(self.axes):
             choice = axis.factors[0].choice

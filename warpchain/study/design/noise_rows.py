@@ -52,14 +52,14 @@ def noise_dimensions(study: Study) -> int:
 
 
 def noise_rows_of_normals(study: Study, u: Array) -> list[dict[str, Any]]:
-    """Noise rows, values by factor, at standard normals u (R, D)."""
+    """Noise rows, values by factor, at standard normals (R, D)."""
     from scipy.stats import norm
 
     return noise_rows_of_points(study, np.asarray(norm.cdf(u @ noise_mixing(study).T)))
 
 
 def noise_mixing(study: Study) -> Array:
-    """Matrix (D, D) from standard normals to noise's normal scores, (b)."""
+    """Matrix (D, D) from standard normals to noise, (b)."""
     places, root = _copula_factor(study)
     mixing = np.eye(noise_dimensions(study))
     mixing[np.ix_(places, places)] = root
@@ -126,7 +126,7 @@ def noise_rows_of_points(study: Study, points: Array) -> list[dict[str, Any]]:
 
 
 def crossed_rows(designs: Sequence[Row], noise: Sequence[Row]) -> list[dict[str, Any]]:
-    """Every design row combined with every noise row, design by design."""
+    """Every design row combined with every noise row."""
     return [{**design, **row} for design in designs for row in noise]
 
 
@@ -138,7 +138,7 @@ def nominal_row(study: Study, drive: Drive, design: Row) -> dict[str, Any]:
 
 
 def nominal_value(factor: Factor, drive: Drive) -> Any:
-    """Value of a noise factor at the base drive, or its median."""
+    """Nominal value of a noise factor."""
     if factor.relative:
         return 1.0
     if factor.offset or factor.shift is not None:

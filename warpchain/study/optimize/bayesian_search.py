@@ -26,13 +26,13 @@ from warpchain.study.results import Array
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process
 
 GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
-"""Number of search candidates in all, and about each best row."""
+"""Numbers of search candidates, all over and local."""
 LOCAL_DEVIATIONS = (0.15, 0.04, 0.01)
 """Deviations of search candidates about a row."""
 BEST_ROWS = 6
 GAIN_DRAWS = 128
 REFERENCE_COST = 1.2
-"""Scaled cost r of (a), beyond which volume does not count."""
+"""Scaled cost r of (a) that bounds volume."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class SearchModel:
     ok: GaussianProcess | None  # process of 1 for rows that are ok and 0 for others; None if none failed
 
     def predictions_at(self, x: Array) -> tuple[dict[str, tuple[Array, Array]], Array]:
-        """Mean and deviation by metric at coordinates (C, D), and probability of counting."""
+        """Predictions by metric at coordinates (C, D), and success probability."""
         found = {name: process.predict(x) for name, process in self.processes.items()}
         chance = np.ones(len(x))
         if self.ok is not None:
@@ -54,7 +54,7 @@ class SearchModel:
         return found, chance
 
     def model_with_row(self, x: Array) -> SearchModel:
-        """Search model with its means at coordinates (D,) taken as measured."""
+        """Search model with a row's means as measured."""
         more = {n: p.process_with_row(x, float(p.predict(x[None])[0][0])) for n, p in self.processes.items()}
         return replace(self, processes=more)
 
@@ -137,12 +137,12 @@ def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> A
 
 
 def _volume_scalars(costs: Array, ways: Array) -> Array:
-    """Volume that costs (..., M) dominate along directions, s_l of (a)."""
+    """Volume that costs (..., M) dominate along directions, s_l."""
     return np.asarray((np.maximum(REFERENCE_COST - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
 
 
 def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[Array, Array, Array]:
-    """Mean costs (R, M) of rows, and costs (M,) scaled to 0 and 1."""
+    """Mean costs (R, M) of rows, and scaling (M,)."""
     means = np.stack(
         [
             sign * belief.processes[o.metric].predict(x)[0]

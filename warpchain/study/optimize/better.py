@@ -109,7 +109,7 @@ class DriveComparison:
         return int((way * self.differences > 0.0).sum())
 
     def failed_runs(self, name: str) -> tuple[int, str]:
-        """Number of a drive's runs without the metric, and a reason."""
+        """Number of a drive's failed runs, and a reason."""
         results = self.results[DRIVE_NAMES.index(name)]
         reasons = results.reason_counts()
         return int((~results.usable_rows(self.metric)).sum()), reasons[0][1] if reasons else f"no {self.metric}"
@@ -128,7 +128,7 @@ def find_better(
     progress: Progress = False,
     report: Callable[[DriveComparison], object] | None = None,
 ) -> DriveComparison:
-    """Comparison of two drives over noise until one is surely better.
+    """Comparison of two drives over noise, until sure.
 
     Args:
         source: the study file, with noise factors.
@@ -176,7 +176,7 @@ def find_better(
 def _pair_differences(
     both: Sequence[Results], metric: str, by: Comparison
 ) -> tuple[Array, MeanDifference, tuple[float, ...]]:
-    """Differences (P,) of pairs, B less A, their mean, both means."""
+    """Differences (P,) of pairs, their mean, both means."""
     values = np.array([_metric_of_runs(each, metric) for each in both])
     whole, differences = np.isfinite(values).all(axis=0), values[1] - values[0]
     if whole.sum() < 2:

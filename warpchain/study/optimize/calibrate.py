@@ -54,7 +54,7 @@ from warpchain.study.store import read_table, write_study_text, write_table
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process, one_linear_algebra_thread
 
 COORDINATE_REACH = 3.0
-"""Standard normals that become coordinates 0 and 1, minus and plus."""
+"""Standard normals at coordinates 0 and 1."""
 MOST_CHECK_RUNS = 8
 PREDICTION_DRAWS = 2000
 LEAST_SPREAD = 1e-9
@@ -73,7 +73,7 @@ class MeasuredNumber:
 
 @dataclass(frozen=True)
 class MetricPrediction:
-    """Predictions (S,) of a metric before and after calibration, and Q2."""
+    """Predictions (S,) of a metric before and after calibration."""
 
     metric: str
     before: Array
@@ -107,7 +107,7 @@ class Calibration:
 
     @cached_property
     def check_counts(self) -> tuple[int, int]:
-        """Number of the last round's numbers within bands, and of all."""
+        """Numbers within bands in the last round, and all."""
         mean, variance = self.emulated(self.normals[-self.checks :])
         off = np.abs(self.runs[-self.checks :] - mean) / np.sqrt(variance)
         return int((off <= 1.96).sum()), int(np.isfinite(off).sum())
@@ -166,12 +166,12 @@ class NumberEmulators:
 
 
 def _process_coordinates(u: Array) -> Array:
-    """Coordinates of the processes, about 0 to 1, from standard normals."""
+    """Coordinates of the processes from standard normals."""
     return 0.5 + u / (2.0 * COORDINATE_REACH)
 
 
 class RigMeasurements:
-    """Numbers measured on a rig, and the same numbers of runs.
+    """Numbers measured on a rig, and of runs.
 
     Raises:
         StudyError: a file that cannot be read, or a number without an error.
@@ -191,7 +191,7 @@ class RigMeasurements:
                 self.signals[of.signal] = measured
 
     def measured_numbers(self, turns: float, results: Results) -> tuple[MeasuredNumber, ...]:
-        """Numbers measured on the rig, at `turns` of the driver [1/s]."""
+        """Numbers measured on the rig."""
         found = []
         for of in self.of:
             if of.metric is not None:
@@ -208,7 +208,7 @@ class RigMeasurements:
         return tuple(found)
 
     def _measured_number(self, of: Measurement, name: str, unit: str, value: float, scatter: float) -> MeasuredNumber:
-        """Measured number with its error from study file, scatter and model."""
+        """Measured number with its error."""
         if not np.isfinite(value):
             raise StudyError(f"measured: {name}: the measured signal is too short or too coarse for it")
         said = of.error if of.error is not None else abs(value) * float(of.relative_error or 0.0)
@@ -218,7 +218,7 @@ class RigMeasurements:
         return MeasuredNumber(name, unit, value, error)
 
     def numbers_of_run(self, results: Results, row: int, trajectory: Trajectory | None) -> list[float]:
-        """Numbers of a run as measured on the rig, or NaN."""
+        """Numbers of a run as on the rig."""
         found: list[float] = []
         for of in self.of:
             if of.metric is not None:
@@ -243,14 +243,14 @@ def _features_of_measurement(of: Measurement) -> SignalFeatures:
 
 
 def _window_frames(results: Results, row: int, trajectory: Trajectory) -> slice:
-    """Frames of a trajectory in the window of a run's metrics."""
+    """Frames of a trajectory in the metrics' window."""
     ends = (float(results.values(name)[row]) for name in ("window_start", "window_end"))
     first, last = (int(np.searchsorted(trajectory.time, end)) for end in ends)
     return slice(first, last + 1)
 
 
 def mean_driver_turns(trajectory: Trajectory, part: slice) -> float:
-    """Mean speed of the driver over frames of a trajectory [1/s]."""
+    """Mean speed of the driver over frames [1/s]."""
     (angles,) = require_channels(trajectory, "sprocket_angle")
     angle, time = forward_values(trajectory.drive, angles[part], trajectory.drive.driver), trajectory.time[part]
     return float((angle[-1] - angle[0]) / (time[-1] - time[0]) / (2.0 * np.pi)) if len(time) > 1 else 0.0
@@ -274,7 +274,7 @@ class CalibrationRuns:
         return [self._held | row for row in noise_rows_of_normals(self.bench.study, u)]
 
     def run_round(self, u: Array) -> None:
-        """Runs a calibration's round at standard normals (R, D), unless done."""
+        """Runs a calibration's round at standard normals (R, D)."""
         import pyarrow as pa
 
         raise_if_stopped()
@@ -317,7 +317,7 @@ def calibrate(
     progress: Progress = False,
     report: Callable[[str], object] | None = None,
 ) -> Calibration:
-    """Calibration of a study's noise factors to measurements, begun or resumed.
+    """Calibration of a study's noise factors to measurements.
 
     Args:
         source: the study file, with `[[measured]]` and noise factors.
@@ -381,13 +381,13 @@ def _random_samples(u: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def _directions_of_factors(found: Sequence[PosteriorDirection], mixing: Array) -> list[PosteriorDirection]:
-    """Directions of the factors' normal scores from those of independent normals."""
+    """Directions of factors' normal scores from independent normals'."""
     turned = [mixing @ of.weights for of in found]
     return [PosteriorDirection(w / np.linalg.norm(w), of.left) for w, of in zip(turned, found, strict=True)]
 
 
 def _unknown_values(runs: CalibrationRuns, u: Array) -> dict[str, Array]:
-    """Values (S,) of unknowns at standard normals (S, D), by name."""
+    """Values (S,) of unknowns at standard normals, by name."""
     rows = runs.rows_of_normals(u)
     names = [factor.name for factor in runs.bench.study.noise_study.factors]
     return {name: np.array([row[name] for row in rows], dtype=float) for name in names}

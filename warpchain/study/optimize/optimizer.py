@@ -69,7 +69,7 @@ class Population:
 
 
 class Optimizer:
-    """Optimizer of a study's objectives within limits, by ask and observe.
+    """Optimizer of a study's objectives, by ask and observe.
 
     Args:
         study: its design is asked for first.

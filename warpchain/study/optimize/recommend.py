@@ -51,7 +51,7 @@ class MetricChange:
 
     @property
     def verdict(self) -> str:
-        """Word on a metric's change, such as better or not known."""
+        """Verdict on a metric's change, as a word."""
         if not self.sign:
             return "not known"
         if not self.sense:
@@ -75,7 +75,7 @@ class RecommendedDesign:
 
 
 def metric_estimate(results: Results, metric: str) -> MetricEstimate:
-    """Estimate of a metric at the rows, by runs or surrogate."""
+    """Estimate of a metric by runs or surrogate."""
     values, rows = results.values(metric), results.usable_rows(metric)
     if metric in results.factors:
         return MetricEstimate(values, np.zeros(len(values)), "set")
@@ -97,7 +97,7 @@ def metric_estimate(results: Results, metric: str) -> MetricEstimate:
 
 @dataclass(frozen=True)
 class JudgedRows:
-    """All R rows of results, judged by M objectives and limits."""
+    """Rows of results, judged by objectives and limits."""
 
     goals: Goals
     believed: dict[str, MetricEstimate]  # estimates by metric
@@ -136,7 +136,7 @@ def judge_rows(results: Results, goals: Goals) -> JudgedRows:
 
 
 def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
-    """Rows (P,) on the Pareto front of estimates, and as measured if any."""
+    """Rows (P,) on the Pareto front of estimates."""
     rows = np.flatnonzero(judged.held)
     front = rows[is_non_dominated(judged.costs[rows])] if len(rows) else rows
     both = np.intersect1d(front, rows[is_non_dominated(judged.measured[rows])]) if len(rows) else rows
@@ -145,7 +145,7 @@ def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
 
 
 def recommend(results: Results, goals: Goals, most: int = 4) -> list[RecommendedDesign]:
-    """Designs to recommend: best compromise, best of each objective, safe choice.
+    """Recommended designs: compromise, best of each objective, safe choice.
 
     Raises:
         StudyError: no row is ok and has all metrics.
@@ -198,7 +198,7 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
 
 
 def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp], m: int) -> Array:
-    """Signs (K,) of other rows' cost less a row's, 0 if unsure."""
+    """Signs (K,) of cost differences to a row."""
     gap = judged.costs[others, m] - judged.costs[row, m]
     alike = np.abs(gap) <= 2.0 * np.hypot(judged.spread[others, m], judged.spread[row, m])
     signs = np.where(alike, 0.0, np.sign(gap))
@@ -211,7 +211,7 @@ def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDA
 
 
 def _beating_rows(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Rows that surely beat a row in one objective, worse in none."""
+    """Rows that surely beat a row."""
     others = others[(judged.costs[others] <= judged.costs[row]).all(axis=1)]
     better = [_sure_cost_signs(results, judged, row, others, m) < 0.0 for m in range(judged.costs.shape[1])]
     return np.asarray(others[np.any(better, axis=0)])
@@ -300,7 +300,7 @@ def _recommended_design(
 
 
 def _metric_changes(results: Results, judged: JudgedRows, before: int, after: int) -> dict[str, MetricChange]:
-    """Changes of goals' metrics from one row to another, by metric."""
+    """Changes of goals' metrics between rows, by metric."""
     senses = {objective.metric: objective.sense for objective in judged.goals.objectives}
     found = {}
     for name, of in judged.believed.items():

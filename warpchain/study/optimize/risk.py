@@ -47,9 +47,9 @@ from warpchain.study.store import write_study_text, write_table
 
 SUMMARY_FILE, TODAY_FOLDER = "risk.json", "today"
 NOT_OK_LIMIT = ("", "")
-"""Stands for a broken limit if a run is not ok."""
+"""Limit that a run breaks that is not ok."""
 LimitEnd = tuple[str, str]
-"""A metric and the end that limits it, "min" or "max"."""
+"""Metric and end of a limit, "min" or "max"."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class LimitMargins:
         return np.asarray(margins.min(axis=1))
 
     def runs_at_points(self, points: Array) -> NDArray[np.intp]:
-        """Numbers of the runs at points (N, D), which were run."""
+        """Numbers of the runs at points (N, D)."""
         known: dict[bytes, int] = {}
         for k, point in enumerate(np.vstack(self._points)):
             known.setdefault(point.tobytes(), k)
@@ -150,7 +150,7 @@ class LimitMargins:
         return np.asarray(np.vstack(self._each)[rows] <= 0.0)
 
     def likeliest_failure(self) -> tuple[int, float]:
-        """Number of the likeliest failed run, and distance from the medians."""
+        """Number of the likeliest failed run, and distance."""
         g, size = np.vstack(self._each).min(axis=1), np.linalg.norm(np.vstack(self._points), axis=1)
         ok = np.isfinite(g) if np.isfinite(g[g <= 0.0]).any() else np.ones(len(g), dtype=bool)
         at = int(np.argmin(np.where((g <= 0.0) & ok, size, np.inf)))
@@ -169,7 +169,7 @@ def estimate_risk(
     progress: Progress = False,
     report: Callable[[str], object] | None = None,
 ) -> RiskEstimate:
-    """Risk estimate: probability of broken limits over noise, and likeliest ways.
+    """Risk estimate of broken limits over a study's noise.
 
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
@@ -202,7 +202,7 @@ def estimate_risk(
 def _estimate_drive_risk(
     bench: StudySession, name: str, machine: Mapping[str, Any], progress: Progress, say: Callable[[str], object]
 ) -> None:
-    """Estimates one drive's risk, and writes it to its session's folder."""
+    """Estimates a drive's risk, and writes it down."""
     source, study, settings = bench.source, bench.study, bench.study.risk or Risk()
     if not study.noise_names:
         raise StudyError(f'{source}: factors: none is noise; risk needs at least one of kind "noise"')
@@ -228,7 +228,7 @@ def _estimate_drive_risk(
 
 
 def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str, Any]:
-    """Both risk estimates and the design points, as data of `SUMMARY_FILE`."""
+    """Risk estimates and design points, as data."""
     subset = subset_simulation(margins, noise_dimensions(study), settings.count, settings.repeats, settings.seed)
     mixture = fit_mixture(subset.failed)
     sampled: FailureEstimate | str
@@ -288,7 +288,7 @@ def _estimate_from_data(found: Any) -> FailureEstimate | str:
 
 
 def read_risk(folder: str | os.PathLike[str]) -> RiskEstimate:
-    """Risk estimate read from a folder of `warpchain risk`, without points.
+    """Risk estimate read from a folder.
 
     Raises:
         StudyError: it is not done, or damaged.

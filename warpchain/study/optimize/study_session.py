@@ -68,7 +68,7 @@ def finished_round_count(folder: Path) -> int:
 
 
 def read_rounds(folder: Path, rounds: int) -> pa.Table:
-    """Table of the rows of the first rounds, with their round."""
+    """Table of the rows of the first rounds."""
     import pyarrow as pa
 
     tables = []
@@ -153,7 +153,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def evaluate(self, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Table of results of study rows, in order, run if new.
+        """Table of results of study rows, run if new.
 
         Args:
             rows: values by factor.
@@ -238,7 +238,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def make_run_folder(self, study: Study, place: Path, design: pa.Table) -> StudyFolder:
-        """Study folder made for rows of a study like this one."""
+        """Study folder made for rows to run."""
         runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
         size = study.run.shard or preferred_shard_size(study, self.drive, runs, 1, cores, self._memory)
         return make_folder(place, study, self.drive, design, size)
@@ -340,7 +340,7 @@ class StudySession:
 
 
 def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
-    """Table rows with the factors of a design, numbered from 0."""
+    """Table rows with a design's factors, renumbered."""
     found = found.combine_chunks()
     for name in ("variant", *factors):
         at = found.column_names.index(name)

@@ -22,15 +22,15 @@ from warpchain.study.store import write_study_text
 from warpchain.view import html
 
 UNEXPLAINED_DEVIATIONS = 3.0
-"""Standard deviations from which on a measured number is not explained."""
+"""Standard deviations of unexplained measured numbers."""
 TRACE_POINTS, SPECTRUM_POINTS = 600, 800
 """Most points of a signal's trace, and of its spectrum."""
 LEAST_NAMED_WEIGHT = 0.25
-"""Least weight of an unknown that is named in a direction."""
+"""Least weight of unknowns named in a direction."""
 
 
 def write_calibration_page(found: Calibration) -> Path:
-    """Writes a calibration's HTML page into its folder; returns the file."""
+    """Writes a calibration's HTML page; returns the file."""
     page = found.folder / "calibration.html"
     title = found.study.study.name or found.folder.resolve().name
     sections = [
@@ -66,7 +66,7 @@ def _unknown_unit(found: Calibration, name: str) -> str:
 
 
 def _direction_text(found: Calibration, of: PosteriorDirection) -> str:
-    """Text of a direction of unknowns: "stiffness up with damping down"."""
+    """Text of a direction: "stiffness up with damping down"."""
     parts = [
         f"{name} {'up' if weight > 0.0 else 'down'}"
         for name, weight in sorted(zip(_dimension_names(found), of.weights, strict=True), key=lambda one: -abs(one[1]))
@@ -93,7 +93,7 @@ def _unidentified_lines(found: Calibration) -> list[str]:
 
 
 def _unexplained_lines(found: Calibration) -> list[str]:
-    """Lines on measured numbers that no values of the unknowns explain."""
+    """Lines on measured numbers that calibration leaves unexplained."""
     return [
         f"not explained: {of.name}, {abs(off):.1f} standard deviations {'above' if off > 0 else 'below'} the expected; "
         "the model lacks something, a prior is too narrow or an error too small"

@@ -41,7 +41,7 @@ STATISTIC_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
 MOST_FRONT_ROWS, MOST_LISTED_ROWS = 30, 60
 """Most variants in tables of the front, and of failures."""
 MOST_AXES, MATRIX_COLUMNS = 12, 5
-"""Columns of parallel coordinates at first, and of the scatter matrix."""
+"""Columns of parallel coordinates and scatter matrix."""
 SURROGATE_NOTE = (
     "\N{PLUS-MINUS SIGN} is one standard deviation of the metric itself as a surrogate of all variants has it, or of "
     "the mean of several runs where that is known better: the best of many runs is the best partly by luck, and this "
@@ -83,7 +83,7 @@ class ReportGoals:
 
 
 def report_goals(results: Results, objectives: Mapping[str, str] | None, wanted: ReportGoals | None) -> ReportGoals:
-    """Goals of a report that the table holds, or given objectives."""
+    """Goals of a report that its table holds."""
     found = wanted or ReportGoals()
     if objectives is not None:
         check_senses(objectives)
@@ -123,7 +123,7 @@ def variants_table_html(
 def recommended_section(
     results: Results, wanted: ReportGoals
 ) -> tuple[html.PageSection | None, list[RecommendedDesign]]:
-    """HTML section on recommended designs, and these designs; None without objectives."""
+    """HTML section on recommended designs, and these."""
     if not wanted.objectives:
         return None, []
     goals = wanted.goals
@@ -214,7 +214,7 @@ def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter:
 
 
 def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
-    """Texts of a change from today's design, and of its verdict."""
+    """Texts of a change from today's design."""
     if change is None:
         return "", ""
     sign = "+" if change.difference > 0.0 else ""
@@ -231,7 +231,7 @@ def factor_value_text(results: Results, name: str, row: int) -> str:
 
 
 def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str, ...]]:
-    """Table lines of the statistics of a design's metrics over noise."""
+    """Table lines of a design's statistics over noise."""
     lines = []
     for word, head in zip(SHOWN_STATISTICS, STATISTIC_HEADS, strict=True):
         held = [(of.statistics[word], results.column_unit(f"mean({of.metric})")) for of in one.spreads]
@@ -326,7 +326,7 @@ def explorer_data(
     wanted: ReportGoals,
     recommended: Sequence[RecommendedDesign],
 ) -> dict[str, Any]:
-    """Data of all rows for the interactive views of a report.
+    """Data of rows for a report's interactive views.
 
     Args:
         telling: factors that matter most, first.

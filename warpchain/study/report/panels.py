@@ -107,7 +107,7 @@ class ShownColumn:
         return html.column_number(self.factor * value, self.decimals)
 
     def group_text(self, label: str) -> str:
-        """Text of an effect's group, "8 to 10", in the shown unit."""
+        """Text of an effect's group, "8 to 10"."""
         ends = [f"{self.factor * float(end):.4g}" for end in label.split(" to ")]
         return f"{' to '.join(ends)} {self.unit}".rstrip()
 
@@ -398,7 +398,7 @@ def surrogate_panels(results: Results, found: Surrogate, checked: CrossValidatio
 
 
 def _cross_validation_panel(axis: ShownColumn, checked: CrossValidation) -> Panel:
-    """Panel of a surrogate's predictions of left-out variants over their runs."""
+    """Panel of a surrogate's cross-validation."""
     some = _dot_rows(np.ones(len(checked.observed), dtype=bool))
     observed, predicted, deviation = (v[some] for v in (checked.observed, checked.predicted, checked.deviation))
     ends = axis.shown_values([min(observed.min(), predicted.min()), max(observed.max(), predicted.max())])

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 PLAYBACK_FRAMES = 400
-"""Frames that a recorded variant is drawn with in a study's scene."""
+"""Frames of a recorded variant in a study's scene."""
 
 
 def view_study(
@@ -82,7 +82,7 @@ def log_study(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> rrb.Blueprint:
-    """Logs a study's scatters and recordings to Rerun; returns the blueprint."""
+    """Logs a study to Rerun; returns the blueprint."""
     import rerun.blueprint as rrb
 
     charts, columns = log_study_scatters(stream, results, list(recorded), factors, metrics, objectives)
@@ -122,7 +122,7 @@ def log_study_scatters(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> tuple[list[Chart], int]:
-    """Logs scatters of factors and metrics to Rerun; returns the charts."""
+    """Logs scatters of a study to Rerun; returns charts."""
     wanted = tuple(objectives or ())
     set_ones = [name for name in wanted if name in results.factors]
     across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _telling_inputs(results)))))

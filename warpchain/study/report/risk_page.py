@@ -30,7 +30,7 @@ PAGE_FILE = "risk.html"
 SUBSET_NAME = "subset simulation"
 MOST_RUN_DOTS = 1500
 LEAST_SHARE = 0.001
-"""Part of the failures from which on a limit is named."""
+"""Least part of failures of a named limit."""
 
 
 def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: str | None = None) -> Path:
@@ -106,7 +106,7 @@ def _headline_text(found: RiskEstimate) -> str:
 
 
 def _estimate_text(of: FailureEstimate, runs: bool = True) -> str:
-    """Text of a probability of failure with its interval and runs."""
+    """Text of a probability of failure, with interval."""
     words = f"{of.probability:.2g}, {of.low:.2g} to {of.high:.2g} with 95 % confidence"
     return f"{words}, {of.evaluations} runs" if runs else words
 
@@ -226,7 +226,7 @@ def _interval_panels(found: RiskEstimate) -> list[Panel]:
 
 
 def _failures_section(found: RiskEstimate) -> html.PageSection:
-    """HTML section on which limits failures break, and the design points."""
+    """HTML section on broken limits and design points."""
     rows = [(_failure_text(limit), f"{100.0 * share:.3g} %") for limit, share in _frequent_failures(found)]
     parts = [html.table_html(("what fails", "of the failures"), rows)]
     for k, point in enumerate(found.points, 1):
@@ -334,7 +334,7 @@ def _noise_section(found: RiskEstimate) -> html.PageSection:
 
 
 def _target_text(factor: Factor) -> str:
-    """Text of the places in the drive that a factor sets."""
+    """Text of the places that a factor sets."""
     paths = ", ".join(path for _, path in factor.target_paths()) or factor.shift or factor.expression or ""
     way = "times " if factor.relative else "added to " if factor.offset else "moves " if factor.shift else ""
     return way + paths

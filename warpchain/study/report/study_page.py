@@ -222,7 +222,7 @@ def _ordered_effects(results: Results, metric: str, ranked: bool) -> list[Effect
 
 
 def _left_out_note(left_out: LeftOut, unranked: frozenset[str]) -> str:
-    """HTML line on rows that figures leave out; "" for none."""
+    """HTML line on rows that figures leave out."""
     return html.paragraph_html(f"{left_out.rest_text()}: see How the variants ended.") if unranked else ""
 
 
@@ -259,7 +259,7 @@ def _range_text(results: Results, metric: str) -> str:
 def _verdict_text(
     results: Results, metric: str, effects: list[Effect], pairs: list[Interaction], chance: float | None
 ) -> str:
-    """Sentence on the factor that stands out in a metric's variance.
+    """Sentence on the factor that stands out.
 
     A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors.
 
@@ -332,7 +332,7 @@ def _quantiles_table(results: Results, metrics: tuple[str, ...]) -> str:
 
 
 def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalyses) -> html.PageSection:
-    """HTML section on main effects, interactions and scatter between equal runs."""
+    """HTML section on main effects and interactions."""
     effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
@@ -391,7 +391,7 @@ MOST_CORRELATED = 40
 
 
 def _correlation_section(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
-    """HTML section on rank correlations of factors and metrics, or None."""
+    """HTML section on rank correlations, or None."""
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.usable_rows(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
@@ -484,7 +484,7 @@ def _sobol_section(
 
 
 def _sobol_advice(results: Results, folder: str) -> str:
-    """Text with commands for more variants or replicates, for Sobol' indices."""
+    """Text with commands towards Sobol' indices."""
     if ROUND_COLUMN in results.table.column_names:
         going_on = f"raise optimize.count in the study file and go on: warpchain optimize STUDY.toml -o {folder}"
     else:

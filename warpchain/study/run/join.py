@@ -88,7 +88,7 @@ def _factor_by_name(study: Study, name: str) -> Factor:
 
 
 def _difference_lines(first: StudyFolder, other: StudyFolder) -> Iterator[str]:
-    """Lines on the differences that keep two folders from being joined."""
+    """Lines on differences that forbid to join folders."""
     ours, theirs = _common_values(first), _common_values(other)
     if first.copies > 1 and other.copies > 1:
         for folder, fixed in ((first, ours), (other, theirs)):
@@ -116,7 +116,7 @@ def _difference_lines(first: StudyFolder, other: StudyFolder) -> Iterator[str]:
 
 
 def _common_values(folder: StudyFolder) -> dict[str, Any]:
-    """Values of a study, by key, that joined studies must share."""
+    """Values of a study that joined studies share."""
     found = file_from_fields(folder.study.model_dump(mode="json", exclude={"study", "design", *GOAL_FIELDS}))
     found["factors"] = {f.name: f.model_dump(mode="json", exclude=set(SPREAD_KEYS)) for f in folder.study.factors}
     found["run"] = {key: value for key, value in found["run"].items() if key not in FREE_RUN_KEYS}
@@ -129,7 +129,7 @@ def _common_values(folder: StudyFolder) -> dict[str, Any]:
 
 
 def _differing_values(ours: Any, theirs: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[Any, Any, Any]]:
-    """Key paths in which two nested values differ, and both values."""
+    """Key paths and values in which nested values differ."""
     if isinstance(ours, dict) and isinstance(theirs, dict):
         for key in dict.fromkeys([*ours, *theirs]):
             yield from _differing_values(ours.get(key), theirs.get(key), (*path, key))
@@ -163,7 +163,7 @@ def _joined_factor(factors: Sequence[Factor]) -> Factor | None:
 
 
 def _start_factors(opened: Sequence[StudyFolder]) -> Iterator[Factor]:
-    """Hidden factors for the start settings in which joined drives differ."""
+    """Hidden factors for joined drives' start settings."""
     for name in START_DEFAULTS:
         if len({start_value(folder.base_drive, name) for folder in opened}) > 1:
             yield Factor(name=name, path=f"run.{name}", hidden=True)
@@ -187,7 +187,7 @@ class JoinedStudies:
 
 @dataclass
 class _JoinedRows:
-    """Rows of several folders, each once, and where their runs are."""
+    """Joined rows, each once, and their runs."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)  # values by factor
     place: dict[tuple[Any, ...], int] = field(default_factory=dict)  # joined number by values
@@ -203,7 +203,7 @@ def join_studies(
     workers: int | None = None,
     memory: int = MEMORY,
 ) -> JoinedStudies:
-    """Joins studies' folders into a new one; returns status and rows.
+    """Joins studies' folders into a new one; returns status.
 
     Args:
         folders: two or more, finished or not.

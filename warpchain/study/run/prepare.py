@@ -59,11 +59,11 @@ if TYPE_CHECKING:
 SHARD_SECONDS = 30.0
 """Time that a shard should take [s]."""
 CORE_RATE, GPU_RATE = 1e8, 2e10
-"""Assumed roller-steps a second of a core and of a GPU."""
+"""Assumed roller-steps a second of core and GPU."""
 SETTLE_STEPS = 30_000
 """Steps that take about as long as settling."""
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
-"""Time of a core for a row, and for its modes [s]."""
+"""Core time of a row, and of its modes [s]."""
 CORE_VARIANTS, GPU_VARIANTS = 8, 4224
 """Fewest variants at once for a core and a GPU."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
@@ -260,7 +260,7 @@ def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str
 
 
 def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
-    """Lines on unknown metrics in a study's objectives, limits and calibration."""
+    """Lines on unknown metrics in a study."""
     from warpchain.results.measured import signal_units
     from warpchain.results.metric_columns import RECORDED_METRICS, groups_of_drive
 

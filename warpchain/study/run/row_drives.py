@@ -73,7 +73,7 @@ def _target_value(factor: Factor, own: Any, row: Mapping[str, Any]) -> Any:
 
 
 def _drive_with_shift(drive: Drive, factor: Factor, path: str, by: float) -> Drive:
-    """Drive with a guide or sprocket shifted by a factor [m]."""
+    """Drive with a guide or sprocket shifted [m]."""
     part = drive.get_value(path)
     if factor.along is not None and factor.along != "normal":
         x, y = factor.along
@@ -181,7 +181,7 @@ def _link_counts_to_try(
     strains: Mapping[int, float],
     refused: dict[int, Any],
 ) -> dict[int, list[int | None]]:
-    """Numbers of links to try by row; refusals go to `refused`."""
+    """Numbers of links to try, by row."""
     if adjust.links is None:
         return {v: [None] for v in strains}
     found: dict[int, list[int | None]] = {}
@@ -223,7 +223,7 @@ def _drives_with_moved_sprocket(
 
 
 def _assembly_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, Any]) -> float:
-    """Strain at assembly [-] that an adjustment wants in a row."""
+    """Strain at assembly [-] that a row wants."""
     name, asked = ("strain", adjust.strain) if adjust.strain is not None else ("preload", adjust.preload)
     try:
         value = evaluate_expression(asked, row) if isinstance(asked, str) else asked

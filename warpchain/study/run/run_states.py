@@ -35,7 +35,7 @@ def write_run_states(folder: StudyFolder, shard: int, variants: Sequence[Variant
 
 
 def read_run_states(folder: StudyFolder, tasks: Sequence[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
-    """End states of runs (row, copy) read from a study's folder."""
+    """End states of runs (row, copy), read from disk."""
     numbers = folder.read_design()[VARIANT_COLUMN].to_pylist()
     wanted = {(numbers[row], copy): (row, copy) for row, copy in tasks}
     rows = {row for row, _ in tasks}

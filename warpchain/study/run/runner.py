@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 __all__ = ["StudyStatus", "merge_study", "run_study", "study_status"]
 
 CONNECT_SECONDS = 5.0
-"""Time that a scheduler's machine has to accept a connection [s]."""
+"""Time to connect to a scheduler [s]."""
 SCHEDULER_SECONDS = 30.0
 """Time that a scheduler has to answer [s]."""
 PARTIAL_FILE = "partial.parquet"
@@ -102,7 +102,7 @@ def _error_line(error: Exception) -> str:
 
 @interruptible_work()
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> StudyStatus:
-    """Makes the results table of a finished study; returns its status."""
+    """Makes a finished study's results table; returns its status."""
     folder = open_folder(Path(out))
     missing = [shard for shard in folder.shard_numbers if not folder.is_done(shard)]
     if missing:
@@ -117,7 +117,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 def finish_study(
     folder: StudyFolder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
 ) -> StudyStatus:
-    """Records worst variants and writes the results table; returns the status."""
+    """Records worst variants, writes results; returns the status."""
     table = read_runs(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
@@ -202,13 +202,13 @@ def write_partial_table(out: str | os.PathLike[str]) -> Path:
 
 
 def means_of_replicates(table: pa.Table) -> pa.Table:
-    """Table of a row a variant, from a row a copy."""
+    """Table of means over copies, a row a variant."""
     first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
     return summarize_copies(table, "variant", first)
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """Most extreme variants (number, copy) to record, by the mean of their copies."""
+    """Most extreme variants (number, copy) to record."""
     worst = study.record.worst
     assert worst is not None  # asked for
     if worst.metric not in table.column_names:
@@ -306,7 +306,7 @@ def run_folder(
     memory: int = MEMORY,
     progress: Progress = False,
 ) -> StudyStatus:
-    """Runs what is left of a study's folder; returns its status."""
+    """Runs the rest of a study's folder; returns its status."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shard_numbers if part is None or shard % part[1] == part[0]]
     left = [shard for shard in mine if not folder.is_done(shard)]
@@ -326,7 +326,7 @@ def run_folder(
 def _run_shards_here(
     folder: StudyFolder, shards: Sequence[int], options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Runs a study's shards one after the other in this process."""
+    """Runs a study's shards in this process."""
     done, total = 0, float(sum(map(folder.shard_run_count, shards)))
     for shard in shards:
         raise_if_stopped()

@@ -24,7 +24,7 @@ PLAN_FILES = ("study.toml", "drive.toml", "design.parquet")
 
 @dataclass(frozen=True)
 class RunBlock:
-    """Consecutive copies of consecutive rows of a study, row by row."""
+    """Block of runs: consecutive copies of rows."""
 
     rows: tuple[int, int]  # the first row, and the one behind the last
     copies: tuple[int, int] = (0, 1)  # the first copy of each row, and the one behind the last
@@ -33,7 +33,7 @@ class RunBlock:
         return (self.rows[1] - self.rows[0]) * (self.copies[1] - self.copies[0])
 
     def runs_between(self, begin: int, end: int) -> tuple[Indices, Indices]:
-        """Rows and copies of a block's runs from `begin` to `end`."""
+        """Rows and copies of some of a block's runs."""
         import numpy as np
 
         number, width = np.arange(begin, end), self.copies[1] - self.copies[0]
@@ -97,7 +97,7 @@ def blocks_of_runs(tasks: Iterable[tuple[int, int]], copies: int) -> tuple[RunBl
 
 
 def _consecutive_spans(numbers: Sequence[int]) -> list[tuple[int, int]]:
-    """Spans (first, behind the last) of consecutive numbers among ascending ones."""
+    """Spans of consecutive numbers among ascending ones."""
     found: list[tuple[int, int]] = []
     for number in numbers:
         if found and found[-1][1] == number:

@@ -150,7 +150,7 @@ def _simulate_feasible(
 def _attempt_simulation(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> WarpchainError | None:
-    """Simulates variants in one call; returns a refusal's error, or None."""
+    """Simulates a shard's variants; returns a refusal or None."""
     from warpchain.engine.checkpoint import States
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
@@ -202,7 +202,7 @@ def _attempt_simulation(
 
 
 def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: int) -> bool:
-    """Whether trajectories of recorded variants fit into half of the memory."""
+    """Whether recorded trajectories fit into memory."""
     from warpchain.engine.simulation import schedules_of
     from warpchain.results.channels import drive_frame_width, frame_with_channels
     from warpchain.results.run import Record
@@ -249,7 +249,7 @@ def _archive_recordings(variants: Sequence[Variant], path: Path, options: Archiv
 def run_shard(
     folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: ProgressReport = ignore_progress
 ) -> int:
-    """Simulates a study's shard, unless done; returns its number of runs.
+    """Simulates a study's shard; returns its number of runs.
 
     Args:
         options: `memory` and `workers` of `simulate`.

@@ -77,7 +77,7 @@ class StudyFolder:
 
     @cached_property
     def base_drive(self) -> Drive:
-        """Base drive of the study, from its file in the folder."""
+        """Base drive from the study's folder."""
         from warpchain.drive import load_drive
 
         return load_drive(self.path / "drive.toml")
@@ -227,7 +227,7 @@ def shard_name(shard: int | str) -> str:
 
 
 def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard: int) -> StudyFolder:
-    """Study folder, made, or opened if it holds the same study.
+    """Study folder, made or opened.
 
     Args:
         shard: runs of a shard in a new folder.
@@ -290,7 +290,7 @@ def open_folder(path: Path) -> StudyFolder:
 
 @dataclass(frozen=True)
 class StudyStatus:
-    """Status of a study's folder: counts of its runs, shards, rate."""
+    """Status of a study's folder: runs, shards, rate."""
 
     folder: Path
     counts: Mapping[str, int]  # runs by status, of done shards

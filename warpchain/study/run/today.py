@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def row_of_drive(study: Study, drive: Drive, name: object) -> dict[str, Any]:
-    """Row, values by design factor, that leaves a drive as is.
+    """Row, values by design factor, that changes nothing.
 
     Raises:
         StudyError: a factor has no such value.
@@ -52,7 +52,7 @@ def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
 
 
 def rows_with_today(study: Study, drive: Drive, rows: Sequence[Row], name: object) -> list[dict[str, Any]]:
-    """Design rows with today's design marked, added if missing and wanted.
+    """Design rows with today's design marked or added.
 
     Raises:
         StudyError: as of `row_of_drive`.

@@ -57,7 +57,7 @@ _COMPARISONS: Mapping[type, Callable[[Any, Any], bool]] = {
 
 
 class _ExpressionError(Exception):
-    """Mistake in an expression, or in its value in one row."""
+    """Mistake in an expression or its value."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _tree_value(node: ast.expr, values: Mapping[str, Any]) -> Any:
 
 
 def _checked_number(value: Any) -> Any:
-    """Value of an expression, refused unless a number or a switch."""
+    """Value of an expression, if a number or switch."""
     if not isinstance(value, (bool, int, float)):
         raise _ExpressionError(f"{value!r} is not a number")
     return value

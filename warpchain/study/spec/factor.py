@@ -208,7 +208,7 @@ class Factor(Part):
         return self.choice is not None and AUTO_STEP in self.choice and not all(isinstance(v, str) for v in self.choice)
 
     def target_paths(self) -> Iterator[tuple[str, str]]:
-        """Key and path of each drive value that the factor sets."""
+        """Keys and paths of drive values that the factor sets."""
         if self.path is not None:
             yield "path", self.path
         yield from ((f"paths.{i}", path) for i, path in enumerate(self.paths))
@@ -250,7 +250,7 @@ def factor_unit(node: Any) -> str:
 
 
 def value_source_of(node: Any) -> str | None:
-    """Source of the values of a factor, or of its mapping."""
+    """Source of the values of a factor or mapping."""
     for key in ("expression", "levels", "choice"):
         if node_value(node, key) is not None:
             return key
@@ -307,7 +307,7 @@ def _value_source_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
 
 
 def _noise_factor_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a noise factor, which needs values of its own."""
+    """Problems of a noise factor's values."""
     if node_value(node, "kind") != "noise":
         return
     for key in ("expression", "points"):

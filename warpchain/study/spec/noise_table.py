@@ -31,7 +31,7 @@ RankMatrix = Annotated[
     tuple[_RankRow, ...], BeforeValidator(plain_sequence), Value("must be a list of lists of numbers from -1 to 1")
 ]
 LEAST_EIGENVALUE = 1e-9
-"""Least eigenvalue of a correlation matrix that counts as positive definite."""
+"""Least eigenvalue of a positive definite correlation matrix."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _is_correlation_matrix(ranks: Any, size: int) -> bool:
 
 
 def normal_from_rank_correlation(ranks: Any) -> Any:
-    """Normal correlations from rank correlations: 2 sin(pi r / 6) (Pearson 1907)."""
+    """Normal from rank correlations, 2 sin(pi r / 6) (Pearson 1907)."""
     return 2.0 * np.sin(np.pi * ranks / 6.0)
 
 

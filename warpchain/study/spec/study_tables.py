@@ -113,7 +113,7 @@ class Design(Part):
 
     @property
     def replicate_way(self) -> str:
-        """Way in which runs of a row differ, "build" by default."""
+        """Way in which runs of a row differ."""
         return self.replicate_by or REPLICATE_WAYS[0]
 
     @classmethod
@@ -220,7 +220,7 @@ class Adjust(Part):
 
 
 def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]]:
-    """Key in study files, prefix of columns, and adjustment, of each."""
+    """Adjustments with their keys and column prefixes."""
     if len(adjusts) == 1:
         return [("adjust", "", adjusts[0])]
     return [(f"adjust.{adjust.chain}", f"{adjust.chain}.", adjust) for adjust in adjusts]
@@ -420,7 +420,7 @@ class Risk(Part):
 
 _BOUND_KEYS = ("metric", "min", "max")
 _METRIC_LISTS = {"objectives": "objectives", "bounds": "limits"}
-"""Lists of objectives and limits, and their names in study files."""
+"""Lists of objectives and limits in study files."""
 
 
 def _is_bound_entry(entry: Any) -> bool:

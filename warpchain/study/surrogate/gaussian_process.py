@@ -35,12 +35,12 @@ from warpchain.extras import require_extra
 from warpchain.study.results import Array
 
 MOST_ROWS, FIT_ROWS = 1000, 150
-"""Most rows of a Gaussian process, and of its lengths' fit."""
+"""Most rows of a Gaussian process, and of its fit."""
 RESTARTS, MOST_RESTART_ROWS = 2, 60
 """Further starts of the lengths' fit, and most rows."""
 COSINES = 512
 ALLOWED_LENGTHS, ALLOWED_NOISES = (0.05, 50.0), (1e-7, 2.0)
-"""Allowed lengths, over the range that was run, and noise v."""
+"""Allowed lengths and noises of a Gaussian process."""
 
 
 @cache
@@ -81,20 +81,20 @@ class GaussianProcess:
         return self.noise + float(np.mean(self.errors**2))
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean and deviation (R,) of the process at rows (R, D), (b)."""
+        """Mean and deviation (R,) of the process at rows, (b)."""
         with one_linear_algebra_thread():
             mean, variance = self.mean_and_variance(x)
         return mean, np.sqrt(variance)
 
     def mean_and_variance(self, x: Array) -> tuple[Array, Array]:
-        """Mean and variance (R,) of the process on all threads, (b)."""
+        """Mean and variance (R,) of the process at rows, (b)."""
         across = self.kernel(x, self.x)
         inner = solve_triangular(self.factor, across.T, lower=True, check_finite=False)
         variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
         return self.center + self.scale * (across @ self.weights), self.scale**2 * variance
 
     def metric_draws(self, count: int, seed: int) -> Callable[[Array], Array]:
-        """Function from rows (R, D) to the process's mean and draws, (d)."""
+        """Function from rows to the process's mean and draws, (d)."""
         random = np.random.default_rng(seed)
         size, lengths = self.kernel.k1.constant_value, self.kernel.k2.length_scale
         width = self.x.shape[1]
@@ -131,7 +131,7 @@ class GaussianProcess:
         return self.center + self.scale * mean, self.scale / np.sqrt(inverse)
 
     def process_with_row(self, x: Array, y: float) -> GaussianProcess:
-        """Gaussian process with one further row (D,), lengths and noise kept."""
+        """Gaussian process with one further row."""
         rows = np.vstack([self.x, x[None]])
         z = np.append(self.z, (y - self.center) / self.scale)
         return _solved_process(rows, z, self.kernel, self.noise, np.append(self.errors, 0.0), (self.center, self.scale))

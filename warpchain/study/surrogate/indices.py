@@ -39,7 +39,7 @@ ROW_SETS, SET_DRAWS = 4, 25
 
 
 def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of a metric by the best way, in words.
+    """Sobol' indices of a metric by the best way.
 
     Raises:
         StudyError: no Saltelli design nor surrogate that can be trusted, or rows selected by their results.
@@ -67,7 +67,7 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
 
 
 def _advice_text(results: Results, metric: str) -> str:
-    """Advice on variants and replicates if no surrogate predicts a metric."""
+    """Advice on runs if no surrogate predicts a metric."""
     rows = results.usable_rows(metric)
     count = int(rows.sum())
     needed = f"{TRUSTED_R2:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"

@@ -125,12 +125,12 @@ class QuadraticFit:
     errors: Array | None  # (N,) standard errors
 
     def _surface_terms(self, x: Array) -> Array:
-        """Terms (R, T) of the surface at factor values (R, A)."""
+        """Terms (R, T) of the surface at (R, A)."""
         low, high = self.surface.low, self.surface.high
         return polynomial_terms(scaled_values(x, low, high), self.surface.powers)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean and deviation (R,) of the surface at (R, A), (a)."""
+        """Mean and deviation (R,) of the surface, (a)."""
         leverage = np.linalg.solve(self.factor.T, self._surface_terms(x).T)
         return self.surface.predict(x), np.sqrt(self.run_variance * np.einsum("ij,ij->j", leverage, leverage))
 
@@ -158,7 +158,7 @@ def fit_quadratic(results: Results, metric: str) -> QuadraticFit:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Cross-validation of a surrogate: R rows as the others predict them."""
+    """Cross-validation of a surrogate: rows predicted by others."""
 
     observed: Array  # (R,) the metric as it was run
     predicted: Array  # (R,) from the other rows
@@ -250,7 +250,7 @@ def fit_surrogate(
     kind: str = "gaussian",
     logarithm: bool = False,
 ) -> Surrogate:
-    """Surrogate of a metric, fitted to the variants that are ok.
+    """Surrogate of a metric, fitted to ok variants.
 
     Args:
         results: a column `METRIC_se` has standard errors.
