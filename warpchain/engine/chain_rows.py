@@ -1,7 +1,6 @@
 """Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
-Each chain is packed and settled as a drive of its own; `ChainRows.couple_chains` then makes bodies of one shaft or
-train turn together with the inertia of all.
+Each chain is packed and settled as a drive of its own; then bodies of one shaft or train are tied together.
 """
 
 from __future__ import annotations

@@ -3,11 +3,8 @@
 A variant's state is kept before the last step of its window that is a multiple of `DIVERGENCE_CHECK`. A longer run
 continues
 
-- with the sums, where its window begins at the same step, samples are as far apart, and notes of batches
-  (`kernels.statistics`) agree;
+- with the sums, where its window begins at the same step, and samples and notes agree;
 - without them, on a CPU, where its window begins later.
-
-Otherwise the variant begins anew.
 """
 
 from __future__ import annotations

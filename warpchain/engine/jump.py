@@ -92,8 +92,8 @@ def find_jumps(
 ) -> list[Jump]:
     """Tooth jumps of a drive, one a direction, by running.
 
-    Every round runs `values` values a direction: first each twice the one before, up to `most` (wear: evenly), then
-    evenly between the last that holds and the first that jumps.
+    Every round runs `values` values a direction, first up to `most`, then between the last that holds and the first
+    that jumps.
 
     Args:
         by: what grows: a load's constant torque, or the elongation of a chain.

@@ -1,10 +1,7 @@
 """Launches of a GPU: the steps of many variants divided among them.
 
-A GPU holds so many blocks, of one variant each, at once: a turn. Each variant gets such a number of steps in every
-launch that all end in the same one. More than a turn go in two groups, each on a stream of its own.
-
-Variants are stepped without metrics to their windows. Launches end at multiples of `STEP_UNIT`, where that changes no
-bit.
+A GPU holds so many blocks, of one variant each, at once: a turn. All variants end in the same launch; more than a turn
+go in two groups, each on a stream of its own. Launches end at multiples of `STEP_UNIT`, where that changes no bit.
 """
 
 from __future__ import annotations

@@ -31,12 +31,12 @@ def map_in_processes(
     """Results, or exceptions, of a function for many things, in processes.
 
     Args:
-        work: function of a module, or `functools.partial` of one, that can be pickled.
+        work: function of a module, or `functools.partial` of one.
         workers: processes at most.
         phase, report: what is reported as things are done.
 
     Raises:
-        SimulationError: a process ended before its work, as for lack of memory.
+        SimulationError: a process ended before its work.
         KeyboardInterrupt: the user asked to stop.
     """
     workers = min(workers, len(things) // FEWEST_THINGS)

@@ -80,10 +80,10 @@ class Recorder:
 
     Args:
         numbers: (V,) of the variants in the run.
-        recording: of the run; of its memory they have their part.
+        recording: of the run, whose memory they share.
         rows: their chains.
         count: of the run's variants.
-        archive: where frames go; None keeps them in memory.
+        archive: where frames go, instead of memory.
 
     Raises:
         SimulationError: trajectories, or a frame of each variant, exceed the memory budget.

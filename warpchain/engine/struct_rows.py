@@ -200,10 +200,10 @@ def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia:
 def tooth_effective_mass(drive: Drive, s: int) -> float:
     """Effective mass m_e [kg] of a roller on a sprocket.
 
-    Forces f_i on z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's points: no
-    eigenvalue of G is above its trace, z times 1/M + (r + b/M)^2 / J for a sprocket that turns and whose center moves
-    (b of its balance wheel, J about their common center of mass), r as far as contacts reach; an arm that carries it
-    adds d^2 / I, d its center from the pivot. So 1/m_e = 1/m + z times that.
+    Forces f_i on z contacts change their sliding speeds by (1/m + G) f, no eigenvalue of G above its trace, z times 1/M
+    + (r + b/M)^2 / J for a sprocket that turns and whose center moves (b of its balance wheel, J about their common
+    center of mass), r as far as contacts reach; an arm adds d^2 / I, d the center from its pivot. So 1/m_e = 1/m + z
+    times that.
     """
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel

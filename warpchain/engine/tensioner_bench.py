@@ -87,10 +87,10 @@ def bench_tensioner(
 
     Returns:
         A table with 500 rows a cycle and one more: time [s], extension [m], force [N], pressure [Pa], valve_lift [m],
-        leaked and supplied since the start [m^3]; each field's metadata has its `unit`.
+        leaked and supplied since the start [m^3].
 
     Raises:
-        DriveError: the drive has no such tensioner.
+        DriveError: no such tensioner.
         SimulationError: an amplitude, frequency, number of cycles or extension that cannot be run.
     """
     return shake_tensioner(drive, name, [PlungerMotion(amplitude, frequency, extension)], cycles, samples=True).samples[

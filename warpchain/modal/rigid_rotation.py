@@ -1,9 +1,8 @@
 """Rigid rotation of bodies and chains that turn freely, taken out of the stiffness matrix.
 
-At one phase of engagement the chain's polygon gives it stiffness of either sign, over a tooth pitch 0. With r the
-rotation, g = K r, and w the angles of r that sprockets have,
+The chain's polygon gives it stiffness of either sign. With r the rotation, g = K r, and w its angles of sprockets,
 
-    K' = K - (g w' + w g') / (w' r) + (g' r) w w' / (w' r)^2                                                (a)
+    K' = K - (g w' + w g') / (w' r) + (g' r) w w' / (w' r)^2.                                               (a)
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
 While links turn by d(phi) against each other, the pin slides r_p |d(phi)| in its bush under the force N:
 
-    s = r_p sum |d(phi)|  [m],    L = r_p sum N |d(phi)|  [N m],    sliding work W = mu kappa L                  (a)
+    s = r_p sum |d(phi)|  [m],    L = r_p sum N |d(phi)|  [N m],    sliding work W = mu kappa L.                 (a)
 
-Pin and bush lose the volume k L, over the bearing area A a depth (docs/wear.md), so that a chain of pitch p grows by
+Volume k L over bearing area A is a depth (docs/wear.md), so that a chain of pitch p grows by
 
     elongation = k L / (A p),    L the mean of all joints.                                                       (b)
 """

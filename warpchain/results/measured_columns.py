@@ -22,11 +22,11 @@ class MeasuredColumns:
     """Choice of a measured file's time and value columns.
 
     Attributes:
-        column: of the values, by name (with unit as in the file) or number, "#2"; None is the first after the time.
-        time: of the time, likewise; None is the first, or the channel's own in MDF and TDMS.
+        column: of the values, by name or number, "#2"; None is the first after the time.
+        time: of the time, likewise; None is the first, or the channel's own.
         unit, time_unit: None takes the head's, else SI.
-        decimal: "." or "," before decimals in text; None takes the one that all numbers have.
-        head: line of the names in text; None finds it above the numbers.
+        decimal: "." or "," in text; None takes the one that all numbers have.
+        head: line of the names in text; None finds it.
     """
 
     column: str | None = None

@@ -1,10 +1,10 @@
 """Order tracking: signals over the driver's angle, amplitudes of orders, averages over the working cycle.
 
-An order is a number of oscillations per revolution of the driver. Over whole periods of evenly resampled angles
+An order is a number of oscillations per revolution of the driver. Over whole periods of even angles, its amplitude is
 
-    a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions                               (a)
+    a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions;                              (a)
 
-is the amplitude of order o. In a run-up, blocks less their straight line have a Hann window's weights for 1/K.
+in a run-up, blocks less their straight line have a Hann window's weights for 1/K.
 """
 
 from __future__ import annotations

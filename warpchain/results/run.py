@@ -37,7 +37,7 @@ class Record:
 
     Attributes:
         variants: "all", "none", or indices of variants.
-        rate: samples a second [Hz], rounded to whole steps; None takes each drive's `run.sample_rate`.
+        rate: samples a second [Hz]; None takes each drive's `run.sample_rate`.
         channels: of `results.channels.CHANNEL_NAMES`.
 
     Raises:
@@ -79,30 +79,29 @@ class Trajectory:
     Attributes:
         drive: the simulated drive.
         time: (F,) [s]; frame 0 is t = 0.
-        position: (F, N, 2) roller centers [m].
-        velocity: (F, N, 2) roller velocities [m/s].
+        position: (F, N, 2) of rollers [m].
+        velocity: (F, N, 2) of rollers [m/s].
         tension: (F, N) of links [N]; link i joins rollers i and i + 1 (2).
-        sprocket_force: (F, N) sprocket contact force on each roller [N] (15).
-        guide_force: (F, N) guide contact force on each roller [N] (15), (23).
+        sprocket_force: (F, N) of sprockets on rollers [N] (15).
+        guide_force: (F, N) of guides on rollers [N] (15), (23).
         sprocket_angle: (F, S) counter-clockwise [rad].
         sprocket_speed: (F, S) counter-clockwise [rad/s].
         sprocket_moment: (F, S) of contact forces, counter-clockwise [N m] (16).
         sprocket_center: (F, S, 2) [m].
-        joint_friction_power: (F, N) dissipated by the joint at each roller [W]; with leapfrog it can be a little below
-            0. On request.
+        joint_friction_power: (F, N) dissipated in joints [W]; with leapfrog sometimes below 0. On request.
         arm_angle: (F, A) from the drawing, counter-clockwise [rad].
         arm_speed: (F, A) [rad/s].
-        arm_moment: (F, A) of contact forces about pivots, counter-clockwise [N m].
+        arm_moment: (F, A) of contact forces about pivots [N m].
         tensioner_extension: (F, T) from the drawing [m].
         tensioner_force: (F, T) on the bodies that they push [N].
-        chamber_pressure: (F, T) absolute [Pa]; without oil the ambient one.
+        chamber_pressure: (F, T) absolute [Pa].
         shaft_angle: (F, H) since the start, counter-clockwise [rad].
         shaft_speed: (F, H) counter-clockwise [rad/s].
         coupling_twist: (F, C) since the start [rad].
         coupling_torque: (F, C) on second shafts [N m].
         hub_force: (F, S, 2) of the chain on sprockets, with friction [N]. On request.
-        valve_torque: (F, V) of groups of valves against forward rotation [N m].
-        valve_force: (F, V) least of a group's cams on followers [N].
+        valve_torque: (F, V) of valve groups against forward rotation [N m].
+        valve_force: (F, V) least of a group's cams [N].
         window: of the metrics, (from, to) [s]; or None.
     """
 
@@ -221,7 +220,7 @@ class Run(Mapping[int, Trajectory]):
 
     Attributes:
         drives: the drives simulated, in order.
-        metrics: pyarrow table, `unit` in the fields' metadata; null for a quantity that a variant lacks.
+        metrics: pyarrow table, `unit` in the fields' metadata; null where a variant lacks a quantity.
         trajectories: of recorded variants.
         info: how the run was made.
     """

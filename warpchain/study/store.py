@@ -1,7 +1,7 @@
 """Tables of a study on disk: read from Parquet and CSV, written whole or not at all, recognized by a digest.
 
-A note in the schema's metadata (key `warpchain`, JSON) has `table`, the name that the file was written under; `study`;
-`digest`; `shape`; of a shard, `ended`, its rows' statuses.
+A note in the schema's metadata (key `warpchain`, JSON) has the table's name, study, digest and shape, and of a shard
+its rows' statuses (`ended`).
 """
 
 from __future__ import annotations

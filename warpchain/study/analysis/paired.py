@@ -4,14 +4,14 @@ The intervals after n pairs are a confidence sequence: all together hold the mea
 and deviation s of n differences, and mu / sigma normal with variance 1 / L beforehand, the likelihood of mu against all
 others is a martingale of t = (m - mu) sqrt(n) / s (Wang and Ramdas 2024, arXiv:2310.03722),
 
-    B = sqrt(k) ((1 + k x) / (1 + x))^(-n/2),   k = L / (L + n),   x = t^2 / (n - 1),                         (a)
+    B = sqrt(k) ((1 + k x) / (1 + x))^(-n/2),   k = L / (L + n),   x = t^2 / (n - 1).                         (a)
 
-which reaches 1 / alpha with a probability of alpha at most (Ville 1939). Solved for t,
+As it reaches 1 / alpha with a probability of alpha at most (Ville 1939),
 
     mean = m +- s / sqrt(n) sqrt((n - 1) (1 - r) / (r - k)),   r = (alpha^2 k)^(1/n),                         (b)
 
-wider by 25 G^2 / n below n = 25 G^2, G the skewness (Cochran 1977, sec. 2.15). With 1 - alpha, no event is missing from
-n pairs that is likelier than (Hanley and Lippman-Hand 1983)
+wider below n = 25 G^2, G the skewness (Cochran 1977, sec. 2.15). With 1 - alpha, no event is missing that is likelier
+than (Hanley and Lippman-Hand 1983)
 
     q = 1 - alpha^(1/n).                                                                                     (c)
 

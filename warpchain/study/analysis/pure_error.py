@@ -8,8 +8,7 @@ Of the variance of single runs, scatter is the part s^2 / (s^2 + b^2), b^2 that 
 
     b^2 = (B - s^2) / n_0,   B = sum n_i (y_i - y)^2 / (R - 1),   n_0 = (N - sum n_i^2 / N) / (R - 1).          (b)
 
-B / s^2 is F-distributed times 1 + n_0 b^2 / s^2. With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all
-rows say (Smyth 2004), d_0 and s_0^2 by the moments of log s_i^2:
+With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all rows say (Smyth 2004):
 
     s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i).                                                             (c)
 """

@@ -1,16 +1,15 @@
 """Bayesian search of a study's next rows: costly runs that scatter, several objectives, limits, rows that fail.
 
-Each metric has a Gaussian process. Costs f are scaled to 0 .. 1 from the best to the worst of the front. The volume
-that rows dominate, up to r = 1.2, is for random directions l (Golovin and Zhang 2020)
+Each metric has a Gaussian process. Costs f are scaled to 0 .. 1 over the front. The volume that rows dominate, up to r
+= 1.2, is for random directions l (Golovin and Zhang 2020)
 
     V ~ E_l max_rows s_l(f),      s_l(f) = min_i (max(0, r - f_i) / l_i)^M,                                       (a)
 
 so that the expected gain of a row at x, times the chance that it counts, is
 
-    a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok),                                                      (b)
+    a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok).                                                      (b)
 
-s_l* the largest s_l of rows that likely keep the limits. Rows of a batch are kept apart by taking the mean at each as
-measured (Ginsbourger et al. 2010).
+Rows of a batch are kept apart by taking the mean at each as measured (Ginsbourger et al. 2010).
 """
 
 from __future__ import annotations

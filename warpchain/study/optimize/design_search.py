@@ -1,13 +1,7 @@
 """`warpchain optimize`: rounds of rows in a folder up to the count, then recommended designs.
 
-    study.toml  drive.toml    the study and its base drive
-    drive-text.toml           text of the drive's file
-    rounds/NNNN/              a round: a study's folder of the rows not run yet
-    rounds/NNNN/rows.parquet  all rows of the round; it is done when this is there
-    results.parquet           the rows of all rounds that are done
-    recommended/NNNN/         recommended designs after so many rows: design-K.toml, and their recordings
-
-The next rows follow from the study and the rows before, bit by bit, so that a search can be resumed.
+docs/optimization.md lists the folder's files; a round is done when rounds/NNNN/rows.parquet is there. The next rows
+follow from the study and the rows before, bit by bit, so that a search can be resumed.
 """
 
 from __future__ import annotations

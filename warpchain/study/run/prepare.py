@@ -1,7 +1,6 @@
 """Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder.
 
-Growing adds a plan. More points or replicates only add runs. Another duration or window runs all rows once more, from
-kept states at the end of earlier runs.
+Growing adds a plan: more points or replicates, or another duration or window, for which all rows run once more.
 """
 
 from __future__ import annotations

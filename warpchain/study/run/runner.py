@@ -1,6 +1,6 @@
 """Runs a study: the shards that are left, the second pass for the worst variants, the whole table.
 
-Shards run here, or on any executor of `concurrent.futures`, such as a Dask scheduler's (extra `dask`).
+Shards run here, or on any executor of `concurrent.futures`, such as Dask's.
 """
 
 from __future__ import annotations

@@ -1,17 +1,8 @@
 """A study's folder: what is to be run, which shards are done, and how their rows ended.
 
-    study.toml  drive.toml   the study and its base drive
-    drive-text.toml          text of the drive's file
-    design.parquet           a row a variant
-    plan.json                how rows are cut into shards, and digests of the files above
-    shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
-    shards/NNNNN.mcap        its recorded variants
-    shards/NNNNN.states.parquet  states of its runs at the end of their windows, if kept
-    results.parquet          the whole table, once all shards are done
-    replicates.parquet       a row for each run, of a study with replicates
-
-Growing adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ..., and further shards. Every file appears
-whole, so that any process can end at any time, and several may work in one folder.
+docs/running-studies.md lists its files: study.toml, drive.toml, design.parquet and plan.json are the plan, a shard is
+done when shards/NNNNN.parquet is there. Growing adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ...
+Every file appears whole, so that any process can end at any time, and several may work in one folder.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ _NAME_KEYS = {"factors": "name", "adjust": "chain"}
 def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
     """Function that names a study's key paths in messages.
 
-    An entry goes by its own name, `factors.torque.range`, `limit on "slack": max`; by its number from 1 if that is
-    repeated or missing, `limit 2: metric`.
+    An entry goes by its own name, `factors.torque.range`, or if that is repeated or missing by number, `limit 2:
+    metric`.
     """
     values = fields_from_file(study)
     known: dict[str, Counter[str]] = {}

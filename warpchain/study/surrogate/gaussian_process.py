@@ -4,16 +4,13 @@ With values y of mean m and deviation s, z = (y - m) / s has the covariance
 
     K = c^2 k(x, x') + (v + e_i^2) delta,      k: Matern 5/2 with a length for each coordinate,              (a)
 
-v a fitted noise, e_i the standard error of row i. At x the metric, without the noise of a run, is normal with
+v a fitted noise, e_i the standard error of row i. The metric, without a run's noise, is normal with
 
     mean k_x' K^-1 z,      variance c^2 - k_x' K^-1 k_x.                                                     (b)
 
-The prediction of row i from the others follows from the inverse (Dubrule 1983):
+Row i from the others (Dubrule 1983), and draws by Matheron's rule (Wilson et al. 2020), f a sum of cosines, e of noise:
 
-    z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii.                                               (c)
-
-Functions are drawn by Matheron's rule (Wilson et al. 2020), f a sum of cosines and e a draw of the noise:
-
+    z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii,                                               (c)
     f(x) + k_x' K^-1 (z - f(X) - e).                                                                         (d)
 """
 
