@@ -133,7 +133,6 @@ def load_run_kernels(
     Args:
         precision: of the steps.
         settles: whether any variant is to be settled, within the context.
-        report, stop: of the run.
     """
     if device != "cpu":
         from warpchain.engine.gpu import compile_missing_kernels

@@ -134,7 +134,6 @@ def compile_missing_kernels(
     """Compiles a run's GPU kernels that Warp's cache lacks.
 
     Args:
-        precision: of the steps.
         settles: whether any variant is to be settled.
         cores, report, stop: as in `compilation.compile_in_processes`.
     """

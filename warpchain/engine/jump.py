@@ -41,15 +41,15 @@ class Jump:
     """Tooth jump of a drive in one direction.
 
     Attributes:
-        direction: "forward", or "reverse" (`warpchain.drive.reversed_drive`).
+        direction: "forward" or "reverse".
         on: what carries the torque, or the chain that wears.
         own: the drive's own torque [N m] or wear [-].
-        holds: largest value that was run without a jump.
-        jumps: smallest that was run with a jump, or None.
+        holds: largest value run without a jump.
+        jumps: smallest run with a jump, or None.
         sprocket: where, if seen.
         tension: largest of any link at `holds` [N].
-        tight, slack: means of the strands beside that sprocket at `holds` [N].
-        estimate: where teeth cease to hold at rest (`warpchain.assembly.tooth_hold`), or None.
+        tight, slack: means of the strands beside at `holds` [N].
+        estimate: where teeth cease to hold at rest, or None.
     """
 
     direction: Direction

@@ -67,7 +67,6 @@ def split_launches(
         step: (V,) next step of each variant.
         share: (V,) steps to take.
         begins: (V,) steps from which metrics are taken.
-        parts: into how many launches the steps are cut.
     """
     step, share, begins = step[variants].astype(np.int64), share[variants], begins[variants]
     before = step

@@ -95,10 +95,9 @@ class PackedEnsemble(_PackedArrays):
     """Packed ensemble of drives, as numpy structured arrays of `kernels.structs`.
 
     Attributes:
-        drives, chains ...: the packed arrays of `arrays.ARRAYS`; those of parts have one row at least.
+        drives, chains ...: the packed arrays of `arrays.ARRAYS`.
         rollers: (6 * all rollers,) rows x, y, vx, vy, low parts of x, y of each variant.
         assemblies: the initial states.
-        frame: layout of recorded frames.
     """
 
     precision: str

@@ -104,11 +104,9 @@ class SubensembleQueue:
 
     Args:
         settings: precision and threads; the device is replaced.
-        gpus: run one subensemble each at a time.
         make_recorders: gives a subensemble's recorder and keeper of states.
         again: whether a subensemble whose GPU fails may go to another.
         total: simulated time of all [s].
-        report, stop: of the run.
     """
 
     def __init__(

@@ -105,10 +105,8 @@ def settle_variants(
     """Settles variants in a packed ensemble; returns `Settling` (variants,).
 
     Args:
-        packed: in float64.
         steps: of one launch.
         run: waits for launches, given a function that reports (done, total); False ends it.
-        stacks: of the drives, if known.
     """
     wanted = np.array([drive.run.settle for drive in drives])
     state = np.zeros(packed.variants, dtype=relaxation.Settling.numpy_dtype())
@@ -170,8 +168,7 @@ def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) ->
     """Largest net force (V,) [N] on a roller after settling.
 
     Args:
-        packed: the settled ensemble in float64.
-        residual: (V,) over the largest link force or least that counts.
+        residual: (V,) over the largest link force.
     """
     largest = np.zeros(packed.variants)
     for alike, first, count in packed.groups_by_rollers():

@@ -76,29 +76,29 @@ def simulate(
 
     Args:
         drives: one drive or many, which may differ in every value.
-        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for those expected to finish first (`info.choice`
-            says why). Results on different devices differ in their last bits.
+        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for those expected to finish first. Results on
+            different devices differ in their last bits.
         precision: "float64" or "float32".
         duration: simulated time [s]; None takes each drive's own.
         step: time step [s], or "auto"; None takes each drive's own.
         record: which trajectories to keep; None keeps all.
-        window: (start, end) of the time over which metrics are taken [s]; None is the second half of the run.
+        window: (start, end) over which metrics are taken [s]; None is the second half of the run.
         progress: True shows a bar; a function gets (phase, done, total): "compiling", in kernels; "settling", in
             drives; "simulating", in simulated time of all variants [s].
         memory: budget for sums and statistics, buffers and kept trajectories [bytes].
         archive: MCAP file that recorded frames go to instead of memory.
         archive_options: how the archive is written.
         overwrite: replace an archive of that name.
-        workers: number of CPU threads; None takes all cores.
+        workers: CPU threads; None takes all cores.
         limits: what a variant may come to and still be "ok" (column `status` of the metrics).
         replicates: run this many copies of each drive that differ in how they begin; copy k of drive d is variant d *
-            replicates + k, and `run.summary` has mean, standard error and n of each drive.
+            replicates + k, and `run.summary` has their means.
         replicate_by: "build", copies begin at other phases within a tooth, their rollers laid elsewhere in the gaps;
             "phase", at other phases; "perturbation", with every roller displaced by some 1e-9 pitches.
         states: keeps where variants stand, so that longer runs go on from there (`warpchain.engine.checkpoint`).
 
     Returns:
-        The run. If the user interrupts (Ctrl-C), what was computed until then, with `run.info.ended` "interrupted".
+        The run; if the user interrupts, what was computed until then, with `run.info.ended` "interrupted".
 
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit.

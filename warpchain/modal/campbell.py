@@ -122,7 +122,7 @@ def campbell(
     """Campbell diagram of a drive's modes over speed.
 
     Args:
-        speeds: of the driver [rad/s], two or more, ascending from at least 0.
+        speeds: of the driver [rad/s], two or more, ascending.
         count: modes, the lowest at the first speed.
         progress: True shows a bar; a function gets ("speeds", done, total).
 
@@ -233,14 +233,12 @@ def pitch_averaged_campbell(
     Averaged is omega^2.
 
     Args:
-        speeds: of the driver [rad/s], two or more, ascending.
-        count: modes, the lowest at the first speed.
+        speeds, count: as of `campbell`.
         phases: in equal steps; modes are named by phase 0.
         progress: True shows a bar; a function gets ("phases", done, total).
 
     Raises:
-        DriveError: a chain that does not fit.
-        SimulationError: as of `campbell`.
+        DriveError, SimulationError: as of `campbell`.
     """
     with progress_reporter(progress) as report:
         first = campbell(drive.with_values({"run.phase": 0.0}), speeds, count)

@@ -93,27 +93,27 @@ class Modes:
     """Modes of a drive: frequencies, damping, energy shares, shapes.
 
     Attributes:
-        drive: rollers are those of one chain after the other.
+        drive: with N rollers (one chain after the other), B bodies, T tensioners.
         speed: of the driver [rad/s]; 0 is at rest.
         eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
-        names: (K,) the part that moves most, and its mode's number: "motor->conveyor 2".
-        parts: (P,) strands ("CHAIN.FROM->TO" of several chains), sprockets with their rollers, mounts ("NAME.mount"),
-            other shafts, arms, plungers of tensioners.
+        names: (K,) the part that moves most, and a number: "motor->conveyor 2".
+        parts: (P,) strands ("CHAIN.FROM->TO" of several chains), sprockets with rollers, mounts ("NAME.mount"), other
+            shafts, arms, plungers.
         participation: (K, P) shares of the kinetic energy.
         across: (K,) share of the rollers' kinetic energy transverse to the chain.
         shape: (K, N, 2) complex displacement of rollers at unit modal mass [m].
         bodies: (K, B, 3) complex displacement (x, y, theta).
         stroke: (K, T) complex extension of tensioners [m].
         pressure: (K, T) complex pressure of oil [Pa]; 0 without oil.
-        stored: (K, T) share of x* K x in a tensioner's spring, oil and stops.
-        lost: (K, T) share of x* C x in its dampers and gap.
+        stored: (K, T) share of x* K x in a tensioner.
+        lost: (K, T) share of x* C x in a tensioner.
         position: (N, 2) of rollers at rest [m].
         placed: (B, 3) of bodies at rest.
         tension: (N,) of links at rest [N].
         rotations: groups that turn freely at 0 Hz, not among the K.
         zeros: other motions without restoring force, not among the K.
-        growing: (U,) growth rates of motions that run away without swinging [1/s].
-        creeping: (O,) decay rates of motions that return without swinging [1/s].
+        growing: (U,) growth rates of motions without swinging [1/s].
+        creeping: (O,) decay rates of motions without swinging [1/s].
         standing: lines on how arms and tensioners stand.
     """
 
@@ -238,7 +238,7 @@ def modes(
     Args:
         count: modes that swing, from the lowest frequency up.
         speed: of the driver [rad/s]; 0 is at rest under the constant parts of loads.
-        valve: check valves of tensioners "shut", or "open" as at rest, for swings of pressure below some 100 Pa.
+        valve: check valves of tensioners "shut", or "open" as at rest, for small swings of pressure.
         workers: processes for many drives; None is one a core.
         progress: True shows a bar; a function gets ("modes", done, total), in drives.
 

@@ -55,8 +55,7 @@ class EngineeringReport:
     Args:
         trajectory: the whole recording.
         start, end: window of means and extremes [s]; the latter half by default.
-        wear: law of the joints' wear.
-        alike: sprockets that turn as another part, of one of several chains.
+        alike: sprockets that turn as another part.
 
     Attributes:
         whole, part: the recording, and its frames in the window.

@@ -58,7 +58,6 @@ class SignalComparison:
     """Comparison of a measured signal with the simulated one.
 
     Attributes:
-        measured: the signal.
         group: of curves in playback.
         time, simulated: (F,) of the whole recording.
         statistics: simulated and measured value by name.

@@ -47,14 +47,14 @@ class MeasuredSignal:
 def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns | None = None) -> MeasuredSignal:
     """Measured signal read from a file, in SI.
 
-    Instants without a value are left out, equal rounded times spread evenly; a warning says how many.
+    Instants without a value are left out, equal rounded times spread evenly, with a warning.
 
     Args:
         name: what was measured.
         unit: SI unit that it must have.
 
     Raises:
-        SimulationError: a file, column, unit or number not understood, a falling or missing time, a missing package.
+        SimulationError: a file, column, unit, number or time not understood, or a missing package.
     """
     columns = columns or MeasuredColumns()
     if columns.decimal not in (None, ".", ","):

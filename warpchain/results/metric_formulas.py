@@ -66,7 +66,6 @@ def number_of_each_drive(
     """Number of each drive (V,), by stacks at once.
 
     Args:
-        stacks: the drives sorted into kinds, where known.
         value: function of a drive, or of a stack, and of `given`.
         given: arrays (V, ...); a stack gets (..., members).
     """

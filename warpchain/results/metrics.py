@@ -277,9 +277,7 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedCo
     """Metric columns of V variants of equal columns.
 
     Args:
-        sums: "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A),
-            "tensioner" (V, T); "batches" and "parts" by field, with (V, batches) durations [s]; "tension", counts (V, S
-            + 1, bins), links on no strand last, and edges (V, bins + 1) [N].
+        sums: by name, with batches, parts and tension counts, as of the engine's `split_sums`.
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):

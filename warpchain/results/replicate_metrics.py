@@ -1,9 +1,4 @@
-"""Metrics of copies (replicates) of a drive that differ only in how they begin: mean, standard error, number.
-
-Of n copies with values y_k,
-
-    mean = sum y_k / n,    s^2 = sum (y_k - mean)^2 / (n - 1),    standard error of the mean = s / sqrt(n).
-"""
+"""Metrics of copies (replicates) of a drive that differ only in how they begin: mean, standard error, number."""
 
 from __future__ import annotations
 
@@ -48,8 +43,8 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
 
     Args:
         table: with `status`, `reason` and, of several copies, `replicate`.
-        key: column that says which drive a copy is of.
-        first: columns taken from a drive's first copy with a value.
+        key: column of the drive's number.
+        first: columns taken from a drive's first copy.
     """
     import pyarrow as pa
 
@@ -149,7 +144,7 @@ def _column_values(table: pa.Table, name: str) -> NDArray[np.float64]:
 def _mean_and_error(
     values: NDArray[np.float64], at: NDArray[np.int64], chosen: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard error (D,) of each drive's copies."""
+    """Mean and standard error s / sqrt(n) (D,) of each drive's copies."""
     each = np.where(chosen, values[at], np.nan)
     there = np.isfinite(each)
     count = there.sum(axis=1)

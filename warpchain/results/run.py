@@ -192,9 +192,6 @@ class RunInfo:
     """Provenance of a run: version, device, precision, time.
 
     Attributes:
-        version: warpchain's.
-        device: of Warp, such as "cpu".
-        precision: "float64" or "float32".
         ended: "complete", or "interrupted" by the user.
         wall_time: [s].
         created: UTC time of the start, ISO 8601.

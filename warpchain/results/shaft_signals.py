@@ -2,7 +2,7 @@
 
     e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
 
-e < 0 where the camshaft lags. In degrees of the driver, e is the phase error in crank degrees.
+e < 0 where the camshaft lags.
 """
 
 from __future__ import annotations

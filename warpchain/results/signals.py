@@ -169,7 +169,7 @@ class ContactAngles(NamedTuple):
     """Contact forces of rollers on a sprocket, over angle.
 
     Attributes:
-        angle: (K,) of the roller past the chain's arrival, in the direction of travel [rad].
+        angle: (K,) past the chain's arrival [rad].
         force: (K,) [N].
         wrap: wrapped angle [rad].
         pitch: of the teeth [rad].
@@ -200,8 +200,6 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
     """Frequencies and amplitudes (K // 2 + 1,) of samples.
-
-    A sine of amplitude a on a line of the spectrum shows a.
 
     Args:
         interval: between samples, in seconds, or in revolutions for orders.

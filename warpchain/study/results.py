@@ -317,10 +317,10 @@ def read_results(
     Args:
         source: a pyarrow table, or the path of a Parquet or CSV file.
         factors: columns that were varied; None takes those of role "factor".
-        metrics: columns that were measured; None takes the other numeric ones that qualify no metric.
+        metrics: columns that were measured; None takes the other numeric ones.
 
     Raises:
-        StudyError: a table that cannot be read, a column that it lacks, or factors that are not marked.
+        StudyError: a table that cannot be read, a column that it lacks, or no factors marked.
     """
     import pyarrow as pa
 

@@ -194,7 +194,7 @@ def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | No
 
     Args:
         results: of all rows of the design.
-        problem: SALib's; None takes all independent factors.
+        problem: SALib's.
 
     Raises:
         StudyError: no SALib, another design, or fewer than two whole blocks.

@@ -176,7 +176,7 @@ def estimate_risk(
         out: the folder; made if there is none.
         drive: file or example, beside which the study's own is estimated; None is that alone.
         progress: True shows a bar for each batch; see `StudySession.evaluate`.
-        report: called with a line on what is to be run, and one after each batch.
+        report: called with lines before and after each batch.
 
     Raises:
         StudyError: an error of the study, another study's folder, or failures too unlikely.

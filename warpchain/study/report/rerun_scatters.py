@@ -51,8 +51,7 @@ def view_study(
 
     Args:
         recorded: trajectories to play, by variant.
-        factors: across the scatters; none takes those that explain most.
-        metrics: up the scatters; none takes the telling ones.
+        factors, metrics: across and up the scatters; none takes the telling ones.
         objectives: "min" or "max" by metric; drawn with the best or the Pareto front marked.
         save: file (.rrd) to write instead of opening the viewer.
 

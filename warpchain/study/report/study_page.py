@@ -91,7 +91,7 @@ def study_report_html(
 
     Args:
         metrics: to show; none takes the objectives and the telling ones.
-        objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted` or two metrics.
+        objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`.
         notes: further lines about the study, by name.
         wanted: objectives and limits of the study file, and its folder.
 
@@ -526,11 +526,11 @@ def write_report(
         source: results, a table, or the path of a Parquet or CSV file.
         output: the HTML file.
         title: None takes the table's file name.
-        factors: columns that were varied; none takes those that the table marks.
+        factors: columns that were varied; none takes those marked.
         metrics, objectives, notes, wanted: see `study_report_html`.
 
     Raises:
-        StudyError: a table that cannot be read or lacks a column, or a folder that cannot be written.
+        StudyError: a table that cannot be read or lacks a column, or a folder that refuses.
     """
     results = source if isinstance(source, Results) else read_results(source, factors or None)
     heading = title or (Path(source).stem if isinstance(source, str | Path) else "Study")

@@ -277,12 +277,12 @@ def run_study(
         out: the study's folder; made if there is none.
         executor: runs the shards; its workers must see the folder under the same name. None runs them here.
         part: (i, n) runs only the shards k with k mod n = i, and leaves the rest to `merge_study`.
-        parts: workers to keep busy: no shard of a new folder has more than rows / parts rows.
+        parts: workers to keep busy: a new folder's shards have at most rows / parts rows.
         workers: CPU threads of a shard; None takes all cores.
         memory: budget of a shard [bytes].
-        grow: let a folder grow that holds fewer points or replicates, or another duration or window.
+        grow: let a folder of fewer points or replicates, or another duration or window, grow.
         progress: True shows a bar; a function gets (phase, done, total): "compiling", in kernels; "running" and
-            "recording" (of `record.worst`), in variants.
+            "recording", in variants.
 
     Raises:
         StudyError: an error of the file, or a folder of another study.
