@@ -189,7 +189,7 @@ ARRAYS = {
 PACKED_ARRAYS = {
     row.packed_name: (group, name) for group, rows in ARRAYS.items() for name, row in rows.items() if row.packed_name
 }
-"""Group and name in `ARRAYS` of each array of `PackedEnsemble`."""
+"""Struct and name of each packed array."""
 
 
 @cache
@@ -301,7 +301,7 @@ def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
 
 
 def sums_bytes(packed: Any) -> int:
-    """Bytes of an ensemble's sums and statistics."""
+    """Bytes of an ensemble's sums."""
     counts = array_lengths(packed.drives, "sums")
     return sum(count * dtype_of(array_type("sums", name, packed.real)).itemsize for name, count in counts.items())
 
@@ -349,15 +349,15 @@ class Engine(ABC):
 
     @abstractmethod
     def settling_states(self) -> NDArray[Any]:
-        """Copy (variants,) of the state of each variant's relaxation."""
+        """Copy (variants,) of the relaxation's states."""
 
     @abstractmethod
     def frame_buffer(self, values: int) -> FrameSource:
-        """Buffer of `values` values for a launch's frames."""
+        """Buffer for a launch's frames."""
 
     @abstractmethod
     def changing_structs(self) -> dict[str, Any]:
-        """Structs of the engine that change, by group."""
+        """Changing structs of the engine by group."""
 
     @abstractmethod
     def fetch_array(self, group: str, name: str) -> NDArray[Any]:
@@ -372,11 +372,11 @@ class Engine(ABC):
         """Waits for what runs, and frees threads and memory."""
 
     def rollers(self) -> NDArray[np.floating]:
-        """Copy of the rollers' rows, as in `PackedEnsemble.rollers`."""
+        """Copy of the rollers' rows."""
         return self.fetch_array("state", "rollers")
 
     def bodies(self) -> NDArray[Any]:
-        """Copy of the bodies' states, as in `PackedEnsemble.bodies`."""
+        """Copy of the bodies' states."""
         return self.fetch_array("state", "bodies")
 
     def progress(self) -> NDArray[Any]:
@@ -384,5 +384,5 @@ class Engine(ABC):
         return self.fetch_array("state", "progress")
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """Sums of the window, by name as in `kernels.structs.Sums`."""
+        """Sums of the window, by name."""
         return {name: self.fetch_array("sums", name) for name in ARRAYS["sums"]}

@@ -61,7 +61,7 @@ class KernelSpec(NamedTuple):
 
     @property
     def module(self) -> Any:
-        """Warp module of which the kernel is the only one."""
+        """Warp module of the kernel alone."""
         return self.factory(*self.arguments).module
 
 
@@ -145,7 +145,7 @@ def _start_compiler(job: CompileJob) -> subprocess.Popen[bytes]:
 
 
 def compile_job(job: CompileJob) -> None:
-    """Compiles a kernel, unless this process makes another one."""
+    """Compiles a kernel to Warp's cache."""
     import warp as wp
 
     from warpchain.engine import start_warp

@@ -5,8 +5,7 @@ For variants of n rollers and w steps each, c cores that do r roller-steps a sec
     t_cpu = max(most of w n, (sum of w n) / c) / r                                                            (1)
     t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / (k r))^2)                                        (2)
 
-l the time of a step of few variants; a step with metrics counts `METRICS_FACTOR` times. Kernels that Warp's cache lacks
-add the time to compile them.
+l the time of a small step; kernels to compile come on top.
 """
 
 from __future__ import annotations

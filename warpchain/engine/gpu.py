@@ -47,7 +47,7 @@ from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.progress import ProgressReport, StopRequest
 
 OLDEST_ARCHITECTURE = 70
-"""Oldest GPU architecture (compute capability times ten) for kernels."""
+"""Oldest GPU architecture, capability times ten."""
 
 FRAME_BYTES = 32 * 2**20
 """Most bytes of a GPU launch's frames."""
@@ -154,7 +154,7 @@ class FrameBuffer:
         self.copied: Any = None
 
     def numpy(self) -> NDArray[np.floating]:
-        """Frames of a GPU launch, once they have been copied."""
+        """Frames of a GPU launch, once copied."""
         if self.copied is not None:
             with explain_gpu_failures(*self._of):
                 wp.synchronize_event(self.copied)
@@ -203,7 +203,7 @@ class GpuEngine(GpuKernels, Engine):
         self._loaded.add(names)
 
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
-        """Launches a bucket's GPU kernel for its variants `order`."""
+        """Launches a bucket's GPU kernel."""
         made = self._bucket_kernel(name, bucket)
         dim, block = made.kind.launch_threads(len(order)), made.kind.block_threads
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
@@ -287,7 +287,7 @@ class GpuEngine(GpuKernels, Engine):
         return self._progress
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """Sums of the window, by name as in `kernels.structs.Sums`."""
+        """Sums of the window, by name."""
         with self._explain_failures(), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device, blocks=True)
             for name in ARRAYS["sums"]:

@@ -23,7 +23,7 @@ from warpchain.kernels.gpu.shared_memory import block_memory, launch_bytes_per_b
 from warpchain.kernels.gpu.statistics import collect_kernel
 
 ROLLER_CAPACITIES = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
-"""Rollers for which GPU blocks have room, up to 1,024."""
+"""Rollers that GPU blocks hold."""
 
 LONGEST_ON_A_WARP = 512
 """Links of the longest chain on one warp."""
@@ -41,7 +41,7 @@ FULL_WITH_METRICS = 7
 """Variants of a block with oil and metrics at float64."""
 
 FULL_AT_FLOAT32 = 15
-"""Variants of a block with oil, without metrics, at float32."""
+"""Variants of a block with oil at float32."""
 
 COLLECT_THREADS = 256
 """Threads of a block that adds up tallies."""

@@ -159,7 +159,7 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
 
 
 def _speed_ratio(drive: Drive, b: int) -> float:
-    """Speed of a body over the driver's, by teeth."""
+    """Speed of a body over the driver's."""
     return 1.0 if nearest_sprocket(drive, b) is None else body_speed_ratio(drive, b, drive.driver)
 
 

@@ -75,7 +75,6 @@ def pack(
 
     Args:
         schedules: their steps.
-        stacks: stacks of the drives, if known.
         numbers: of drives in messages.
 
     Raises:

@@ -171,7 +171,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_linear_hysteretic_contacts(self) -> NDArray[np.bool_]:
-        """(variants,) whether all contact laws are hysteretic and linear."""
+        """(variants,) whether contact laws are linear and hysteretic."""
         laws = (self.sprockets["law"], self.guides["law"])
         return ~self.has_any_of(*((law["exponent"] != 1.0) | (law["form"] != 0) for law in laws))
 
@@ -213,16 +213,16 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_supply_table(self) -> NDArray[np.bool_]:
-        """(variants,) whether the oil supply of a tensioner is tabulated."""
+        """(variants,) whether an oil supply is tabulated."""
         return self._sums_by_variant("tensioners", self.tensioners["supply_table"]["cells"]) > 0
 
     @property
     def cam_counts(self) -> NDArray[np.int64]:
-        """Number (variants,) of cams that lift valves."""
+        """Number (variants,) of valves' cams."""
         return self._sums_by_variant("valves", self.valves["phases"])
 
     def first_roller_value(self, v: int) -> int:
-        """Index in `rollers` at which variant v's rows begin."""
+        """Index at which a variant's rollers begin."""
         return STATE_ROWS * int(self.drives["first_roller"][v])
 
     def roller_rows(self, v: int) -> NDArray[np.floating]:

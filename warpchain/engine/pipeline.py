@@ -37,7 +37,7 @@ FIRST_WORK = 0.4
 """Work of a GPU's first subensemble over the others'."""
 
 DEALT_TOGETHER = 128
-"""Variants of a stack that go to one subensemble together."""
+"""Variants of a stack in one subensemble."""
 
 
 def split_variants(variants: Variants, gpus: int, most: int) -> list[Variants]:

@@ -35,7 +35,7 @@ SETTLE_LIMIT = 100_000
 """Most steps of settling a variant."""
 
 SETTLE_TOLERANCE = 1.0e-3
-"""Residual that settling aims at, over the largest link force."""
+"""Residual of settling over link force."""
 
 SETTLE_DAMPING = 0.1
 """Link damping while settling, of sqrt(k m)."""
@@ -82,7 +82,7 @@ def damp_arm_contacts(still: PackedEnsemble) -> None:
 
 
 def lighten_arms(packed: PackedEnsemble, stacks: Sequence[Stack]) -> None:
-    """Reduces arms' inertia for settling, until they oscillate like rollers."""
+    """Lightens arms for settling."""
     for stack in stacks:
         drive, count = stack.drive, len(stack.drive.arms)
         if count:

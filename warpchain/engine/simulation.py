@@ -39,10 +39,10 @@ MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
 
 SAMPLES_PER_PITCH = 16
-"""Fewest samples while the chain moves on by a pitch."""
+"""Fewest samples a pitch of motion."""
 
 SAMPLES_PER_WINDOW = 320
-"""Fewest samples in a window where further apart than `LOOK_EVERY`."""
+"""Fewest samples in a window."""
 
 LONG_SAMPLE_INTERVAL = 2 * LOOK_EVERY
 """Steps between samples of a slow chain."""

@@ -271,7 +271,7 @@ def _import_ahead() -> None:
 
 
 def scatter_in_gaps(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
-    """Displaces rollers of drives with `run.seating` within tooth gaps."""
+    """Scatters rollers of drives with `run.seating`."""
     for v, drive in enumerate(drives):
         if drive.run.seating is not None:
             rows = packed.roller_rows(v)
@@ -283,7 +283,7 @@ def scatter_in_gaps(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
 
 
 def perturb_rollers(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
-    """Displaces rollers of drives with `run.perturbation` by normal draws."""
+    """Perturbs rollers of drives with `run.perturbation`."""
     for v, drive in enumerate(drives):
         if drive.run.perturbation is not None:
             rows = packed.roller_rows(v)

@@ -105,8 +105,6 @@ def shake_tensioner(
     """Tables of a tensioner's rides of many sines.
 
     Args:
-        shakes: the rides.
-        cycles: of each sine.
         samples: whether to keep samples.
         progress: True shows a bar; a function gets ("rides", done, total).
 

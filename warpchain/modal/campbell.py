@@ -29,7 +29,7 @@ from warpchain.modal.small_motion import DriveMotion, drive_motion
 from warpchain.progress import Progress, progress_reporter
 
 SPARE_MODES = 10
-"""Modes found at each speed beyond those asked for."""
+"""Modes found beyond those asked for."""
 LEAST_ASSURANCE = 0.35
 """Least modal assurance of a mode at neighboring speeds."""
 
@@ -178,7 +178,7 @@ def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int
 
 
 def modal_assurance(a: Modes, b: Modes, at: DriveMotion) -> Array:
-    """Modal assurance (K, L) between modes of two states."""
+    """Modal assurance (K, L) between modes."""
     product, size = np.zeros((len(a), len(b)), dtype=np.complex128), [np.zeros(len(a)), np.zeros(len(b))]
     for part, *both in zip(at.parts, a.of_chains(), b.of_chains(), strict=True):
         first, second = (part.at.coordinate_vector(modes.shape, modes.bodies) for modes in both)
@@ -193,15 +193,12 @@ METRIC_PREFIX = "modes."
 
 @lru_cache(maxsize=4)
 def base_drive_modes(drive: Drive, count: int) -> Modes:
-    """Lowest modes at rest of a study's base drive."""
+    """Lowest modes of a study's base drive."""
     return lowest_modes(drive_motion(drive), count)
 
 
 def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
-    """Metrics of a study variant's modes, `modes.NAME.frequency` [Hz].
-
-    Modes not found again are left out.
-    """
+    """Metrics of a study variant's modes, `modes.NAME.frequency` [Hz]."""
     try:
         found = drive_motion(drive)
     except SimulationError:

@@ -37,7 +37,7 @@ SMALL_PENCIL = 120
 EIGENVALUE_SHIFT = 1e-2
 """Shift about which eigenvalues are sought."""
 INFINITE_EIGENVALUE = 1e-9
-"""Inverse of an eigenvalue that counts as infinite."""
+"""Inverse of an infinite eigenvalue, at most."""
 
 
 def eigenpairs(
@@ -71,7 +71,6 @@ def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
 
     def apply(vector: Array) -> Array:
-        """Shifted inverse of the pencil times a vector (2 n,)."""
         first, second = vector[:n], m @ vector[n:]
         x = -factor.solve(second + drag @ first)
         return np.concatenate([x, first + EIGENVALUE_SHIFT * x])
@@ -141,7 +140,7 @@ class Modes:
 
     @property
     def frequency(self) -> Array:
-        """Undamped natural frequencies (K,) of the modes [Hz]."""
+        """Natural frequencies (K,) of the modes [Hz]."""
         return np.abs(self.eigenvalue) / (2.0 * np.pi)
 
     @property
@@ -239,7 +238,7 @@ def modes(
         count: modes that swing, from the lowest frequency up.
         speed: of the driver [rad/s]; 0 is at rest under the constant parts of loads.
         valve: check valves of tensioners "shut", or "open" as at rest, for small swings of pressure.
-        workers: processes for many drives; None is one a core.
+        workers: processes for many drives.
         progress: True shows a bar; a function gets ("modes", done, total), in drives.
 
     Returns:
@@ -353,14 +352,14 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
 
 
 def _has_restoring_stiffness(found: DriveMotion, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """(K,) whether stiffness acts on slow motions."""
+    """(K,) whether motions have restoring stiffness."""
     held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
     stiffest = max(float(part.packed.chains["stiffness"][0]) for part in found.parts)
     return np.asarray(held > RESTORING_STIFFNESS * stiffest * (np.abs(vector) ** 2).sum(axis=0))
 
 
 def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
-    """Eigenvectors (n, K) at unit modal mass, phased."""
+    """Eigenvectors (n, K) at unit modal mass."""
     vector = vector / np.sqrt(np.einsum("ij,ij->j", vector.conj(), mass @ vector).real)
     square = np.einsum("ij,ij->j", vector, mass @ vector)
     return vector * np.exp(-0.5j * np.angle(square))

@@ -65,7 +65,7 @@ class Coordinates:
         return sp.csc_array(sp.block_diag(blocks))
 
     def displaced_states(self, base: ProbeStates, displacement: Array) -> ProbeStates:
-        """Copies of a probe's state, coordinates displaced by (copies, n)."""
+        """Copies of a probe's state, coordinates displaced."""
         straight, turned = self.roller_and_body_parts(displacement)
         oil = np.repeat(base.oil, len(displacement), axis=0)
         oil[:, self.chambers] += self.content_rate * displacement[:, self.oil_start :]
@@ -175,7 +175,7 @@ def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
 
 
 def stiffness_matrix(probe: ForceProbe, at: Coordinates, base: ProbeStates, pitch: float) -> sp.csc_array:
-    """Stiffness matrix K (n, n) of a drive at rest."""
+    """Stiffness matrix K (n, n) of a drive."""
     return _force_derivative(
         probe,
         at,
@@ -210,7 +210,7 @@ def velocity_step(probe: ForceProbe) -> float:
 
 
 def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp.csc_array:
-    """Damping matrix part (n, n) of tensioners' oil leakage."""
+    """Damping matrix part (n, n) of oil leakage."""
     of = probe.base.tensioners[at.chambers]
     places = at.oil_start + np.arange(len(of))
     gap = np.zeros((len(of), at.coordinate_count))

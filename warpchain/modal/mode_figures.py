@@ -45,7 +45,7 @@ def _drive_parts(drive: Drive, bodies: Array) -> list[OutlinePart]:
 
 
 SWING_SIZE = 0.06
-"""Largest displacement of a drawn mode, over drive size."""
+"""Largest drawn displacement of a mode."""
 SHAPE_COLUMNS, MOST_SHAPES = 4, 12
 """Columns and panels of the mode shapes' figure."""
 
@@ -154,7 +154,7 @@ def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.floa
 
 
 def _draw_order_line(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
-    """Draws an excitation order into a Campbell diagram."""
+    """Draws an excitation order's line."""
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"

@@ -134,7 +134,7 @@ def modes_page(modes: Modes, found: Campbell | None = None) -> str:
 
 
 def _modes_table(modes: Modes) -> str:
-    """HTML table of modes: frequency, damping, shares of the parts."""
+    """HTML table of modes."""
     shown = [p for p in range(len(modes.parts)) if len(modes) and modes.participation[:, p].max() >= LEAST_SHARE]
     head = ["mode", "Hz", "damping", "across", *(modes.parts[p] for p in shown)]
     tensioned = bool(modes.drive.tensioners)

@@ -1,7 +1,6 @@
 """Small motion of a drive about the state in which it rests or runs steadily: that state, and its matrices.
 
-Each of several chains is taken as a drive of its own. With P_c the rows of chain c's coordinates by the whole drive's,
-M = sum P_c^T M_c P_c, and so C, G and K.
+With P_c the rows of chain c's coordinates by the whole drive's, M = sum P_c^T M_c P_c, and so C, G and K.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlac
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """Small motion of one chain about a state, with matrices."""
+    """Small motion of one chain, with matrices."""
 
     drive: Drive
     speed: float
@@ -89,7 +88,7 @@ class ChainMotion:
     travel: sp.csc_array  # (n, n) G
 
     def without_inertia_of(self, place: int) -> ChainMotion:
-        """Small motion of a chain without a coordinate's inertia."""
+        """Small motion without a coordinate's inertia."""
         mass = self.mass.tolil()
         mass[place, place] = 0.0
         return replace(self, mass=sp.csc_array(mass))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from warpchain.modal.small_motion import ChainMotion
 
 LEAST_DAMPING = 1e-9
-"""Least damping over stiffness of a mode to share."""
+"""Least damping over stiffness to share."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class TensionerElements:
 
 
 def tensioner_elements(found: ChainMotion) -> TensionerElements:
-    """Linear springs, dampers and oil of a chain's standing tensioners."""
+    """Linear elements of a chain's standing tensioners."""
     of, x = _tensioner_rows(found), found.extension
     push = of["preload"] - of["stiffness"] * x
     pressing = np.where(of["hydraulic"] == 1, push + (of["rest"] - of["ambient"]) * of["area"], push)

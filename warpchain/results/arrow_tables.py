@@ -24,10 +24,7 @@ Array = NDArray[np.floating]
 
 
 def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
-    """Pyarrow table of a trajectory, a row a frame.
-
-    Channels are lists of fixed size (of pairs for vectors) that share contiguous arrays' memory.
-    """
+    """Pyarrow table of a trajectory, a row a frame, contiguous arrays shared."""
     import pyarrow as pa
 
     columns = {}

@@ -188,7 +188,7 @@ def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
 
 
 def drive_frame_width(drive: Drive, frame: FrameLayout = DEFAULT_FRAME) -> int:
-    """Number of values of one frame of a drive."""
+    """Number of values of a drive's frame."""
     return frame.frame_width(PartCounts.of_drive(drive))
 
 

@@ -79,7 +79,7 @@ class EngineeringReport:
 
     @cached_property
     def guide_contacts(self) -> list[GuideContacts]:
-        """Rollers that press each guide, in the report's window."""
+        """Rollers that press each guide."""
         return recorded_guide_contacts(self.part)
 
     @cached_property
@@ -111,13 +111,13 @@ class EngineeringReport:
 
     @cached_property
     def probe_signals(self) -> dict[str, ProbeSignals]:
-        """Signals of each probe, in the whole recording."""
+        """Signals of each probe."""
         pitch = self.drive.chain.pitch
         return {probe.name: probe_signals(self.whole, probe.at, probe.radius or pitch) for probe in self.drive.probes}
 
     @cached_property
     def joint_wear(self) -> JointWear | None:
-        """Sliding of the joints in the window, or None."""
+        """Sliding of the joints, or None."""
         return joint_wear(self.part)
 
     @cached_property
@@ -134,7 +134,7 @@ class EngineeringReport:
         return elongation_rate(self.drive, self.joint_wear, self.wear_law.coefficient, self.joint_area)
 
     def metrics(self) -> dict[str, float]:
-        """Report's metrics (`metric_columns.REPORT_METRICS`) that the recorded channels allow."""
+        """Report's metrics that recorded channels allow."""
         return dict(self._finite_metrics)
 
     @cached_property

@@ -71,7 +71,7 @@ def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None 
 
     Args:
         tension: (F, L) of links [N].
-        cycles: of `count_links`, where known.
+        cycles: of `count_links`.
 
     Raises:
         SimulationError: as `count_links`.
@@ -90,7 +90,7 @@ def equivalent_range(
     Args:
         tension: (F, L) of links [N].
         exponent: m [-].
-        cycles: of `count_links`, where known.
+        cycles: of `count_links`.
 
     Raises:
         SimulationError: as `count_links`.

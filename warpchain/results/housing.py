@@ -8,7 +8,7 @@ a balance wheel adds m_b r_b (omega^2 e - alpha e'). A guide on n bolts at r_i, 
 
     F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
 
-else the middle of its face. What drives the shafts is left out. An order's level is that of ISO 1683,
+else the middle of its face. Drives of shafts are left out. An order's level is (ISO 1683)
 
     L = 20 log10( (amplitude / sqrt 2) / 1e-6 )  [dB].                                                            (c)
 """

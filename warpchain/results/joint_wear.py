@@ -4,7 +4,7 @@ While links turn by d(phi) against each other, the pin slides r_p |d(phi)| in it
 
     s = r_p sum |d(phi)|  [m],    L = r_p sum N |d(phi)|  [N m],    sliding work W = mu kappa L.                 (a)
 
-Volume k L over bearing area A is a depth (docs/wear.md), so that a chain of pitch p grows by
+A chain of pitch p and bearing area A grows by (docs/wear.md)
 
     elongation = k L / (A p),    L the mean of all joints.                                                       (b)
 """

@@ -379,7 +379,6 @@ def judge_variants(
         measured: (V,) which came to the end of their window.
         layouts: (V,) faults of each drive's layout.
         causes: (V,) of `DIVERGENCE_CAUSES`, or "".
-        stacks: the drives sorted into kinds, where known.
     """
     limits = limits or Limits()
     found: dict[int, list[str]] = {}

@@ -188,8 +188,7 @@ def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[st
 def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
     """Driver speeds (V,) [rad/s] and friction power by group.
 
-    None with fewer than three speeds, several chains, unlike drivers, or where nothing rubs. Variants must have the
-    parts of the first.
+    None with fewer than three speeds, several chains, unlike drivers, or where nothing rubs.
     """
     drive, table = run.drives[0], run.metrics
     names = {f"{of.sprockets[of.driver].name}.speed_mean" for of in run.drives}

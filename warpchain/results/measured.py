@@ -1,6 +1,6 @@
 """A measured signal compared with a run's simulated one: laid over it, statistics and orders.
 
-Simulated values are of the recording's latter half; the rig is taken to turn at the run's mean speed.
+Simulated values are of the recording's latter half; the rig turns at the run's mean speed.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
 
 
 def signal_units(drive: Drive) -> dict[str, str]:
-    """SI units of a drive's simulated signals, by name."""
+    """SI units of simulated signals by name."""
     units: dict[str, str] = {}
     for chain in chain_drives(drive):
         before = f"{chain.name}." if chain.name else ""

@@ -1,7 +1,4 @@
-"""Measured signals of MAT, MDF and TDMS files, read in a process of their own.
-
-A damaged file can end the process that reads it, take all memory, or never end.
-"""
+"""Measured signals of MAT, MDF and TDMS files, read in a process of their own, which damage can end."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ _CLOCK_PARTS = re.compile(
     r"(\d+):(\d+)(?::(\d+)(?:[.,](\d+))?)?(?: ?([AaPp])[Mm])?(?: ?(Z)|([+-])(\d{2}):?(\d{2}))?", re.ASCII
 )
 _ORDERS = {"year first": (0, 1, 2), "day first": (2, 1, 0), "month first": (2, 0, 1)}
-"""Places of year, month and day in a date."""
+"""Places of year, month, day in dates."""
 
 
 def has_clock(table: TextTable, column: int) -> bool:

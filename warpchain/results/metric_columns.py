@@ -516,7 +516,7 @@ RECORDED_METRICS = (
         ),
     ),
 )
-"""Metric columns of recorded variants only (`results.objectives`)."""
+"""Metric columns of recorded variants."""
 REPORT_METRICS = (
     MetricGroup(
         "strand",
@@ -561,7 +561,7 @@ REPORT_METRICS = (
         ),
     ),
 )
-"""Metric columns of engineering reports of recorded variants."""
+"""Metric columns of engineering reports."""
 
 WINDOW_METRICS = (
     (CHAIN_TENSION_METRICS,),

@@ -307,7 +307,7 @@ def displacement_std(of: DesignInputs) -> VariantValues:
 
 
 def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
-    """Metric contact energy per revolution (V,) [J], (b)."""
+    """Metric contact energy a revolution (V,) [J]."""
     drive = of.drives[0]
     revolutions = of.sprocket_turns(drive.driver)
     prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]

@@ -53,10 +53,7 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
 
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
-    """Unit vectors of sprocket contact forces (K, 2).
-
-    The direction is that of the nearest gap's surface.
-    """
+    """Unit vectors of sprocket contact forces (K, 2)."""
     drive, tooth = trajectory.drive, trajectory.drive.tooth(s)
     position, sprocket_center, sprocket_angle = require_channels(
         trajectory, "position", "sprocket_center", "sprocket_angle"

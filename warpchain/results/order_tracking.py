@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 CYCLE_TURNS = 2.0
 """Revolutions of the driver in a four-stroke working cycle."""
 LEAST_SAMPLES_A_TURN = 256
-"""Least samples of a revolution after resampling."""
+"""Least samples of a revolution."""
 CYCLE_POINTS = 720
 BLOCK_TURNS = 8.0
 """Revolutions of a run-up's block, for half orders."""

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 DRIVE_COLUMN, COPY_COLUMN = "drive", "replicate"
 """Metric columns that number drive and copy."""
 COUNT_COLUMN = "n"
-"""Column of a summary: number of copies in means."""
+"""Column of the number of copies."""
 ROLE_OF_ERRORS = "error"
-"""Role of standard errors between copies, in fields' metadata."""
+"""Role of standard errors in metadata."""
 UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
 """Metric columns taken from the first copy."""
 
@@ -94,7 +94,7 @@ def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
 
 
 def _copy_numbers(table: pa.Table) -> NDArray[np.int64]:
-    """Number of the copy of each row."""
+    """Numbers of rows' copies."""
     if COPY_COLUMN not in table.column_names:
         return np.zeros(table.num_rows, dtype=np.int64)
     return np.asarray(table[COPY_COLUMN].to_numpy())

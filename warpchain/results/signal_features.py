@@ -1,7 +1,4 @@
-"""Features of a signal: statistics, amplitudes of orders, root mean squares of frequency bands.
-
-Signals of rig and run are reduced alike, as impacts make runs chaotic.
-"""
+"""Features of a signal: statistics, amplitudes of orders, root mean squares of frequency bands."""
 
 from __future__ import annotations
 

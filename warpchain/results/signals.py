@@ -17,7 +17,7 @@ from warpchain.results.strand_passing import FRAMES_AT_ONCE, PassingLink, passin
 Array = NDArray[np.float64]
 
 FEWEST_TEETH = 16
-"""Teeth that must pass for an order spectrum."""
+"""Teeth that an order spectrum takes."""
 
 TOOTH_PASSINGS = 4
 SPECTRUM_FLOOR = 1e-4
@@ -211,10 +211,7 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
-    """Orders and amplitudes of a signal's spectrum.
-
-    None where the driver stops or turns back, fewer than `FEWEST_TEETH` pass, or values are not finite.
-    """
+    """Orders and amplitudes of a signal's spectrum, or None."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     drive, part = trajectory.drive, latter_half_frames(trajectory)
     turns = forward_values(drive, sprocket_angle[part], drive.driver) / (2.0 * np.pi)
@@ -287,7 +284,7 @@ def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray
 
 
 def _spell_starts(count: int, buckets: int) -> NDArray[np.intp]:
-    """First frames of equal spells of a series."""
+    """First frames of a series' spells."""
     return (np.arange(buckets) * count // buckets).astype(np.intp)
 
 
@@ -306,7 +303,7 @@ class QuantityRange(NamedTuple):
 
     @property
     def range_width(self) -> float:
-        """Difference of a signal's largest and smallest value."""
+        """Largest less smallest value."""
         return self.high - self.low
 
 

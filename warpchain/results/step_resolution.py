@@ -41,7 +41,7 @@ def joint_resolution(of: DesignInputs) -> VariantValues:
 
 
 def joint_give(of: DesignInputs) -> VariantValues:
-    """Metric tension error (V,) of sticking joints, (c)."""
+    """Metric tension error (V,) of joints that give, (c)."""
     step = np.ma.getdata(of.metrics[STEP_KEY])
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0

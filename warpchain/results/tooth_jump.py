@@ -1,6 +1,6 @@
 """Margin to tooth jump: how far rollers in a sprocket's wrap stand below where teeth let them go.
 
-A roller leaves the flank at the tip, at rho_top from the sprocket's center. With rho that of a roller,
+With rho_top the distance of the tip from the sprocket's center and rho that of a roller,
 
     margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R),                       (a)
 

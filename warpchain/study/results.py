@@ -29,7 +29,7 @@ ARCHIVE_COLUMNS = ("archive", "archive_variant")
 ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
 """Columns of adjustments: number of links, sprocket travel [m]."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
-"""Ends of the adjustment columns of one of several chains."""
+"""Ends of chains' adjustment columns."""
 TODAY_COLUMN = "today"
 """Column that marks today's design, true if added, else null."""
 RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
@@ -43,7 +43,7 @@ BOOKKEEPING_COLUMNS = (
     *RUN_COLUMNS,
     *SETTLING_COLUMNS,
 )
-"""Columns of results that are neither factors nor metrics."""
+"""Columns that are no factors or metrics."""
 
 
 Array = NDArray[np.float64]
@@ -111,7 +111,7 @@ class Results:
 
     @property
     def run_counts(self) -> NDArray[np.int64]:
-        """Number (R,) of runs behind each row's metrics."""
+        """Number (R,) of rows' runs."""
         if not self.has_replicates:
             return np.ones(self.table.num_rows, dtype=np.int64)
         return np.asarray(self.table[COUNT_COLUMN].to_numpy(), dtype=np.int64)
@@ -177,7 +177,7 @@ class Results:
         return np.array(self.table[name].cast("float64").to_numpy(), dtype=float)
 
     def text_values(self, name: str) -> list[str]:
-        """Values of a column of results as strings."""
+        """Values of a column as strings."""
         self._check_column(name)
         return [str(value) for value in self.table[name].to_pylist()]
 

@@ -25,7 +25,7 @@ from warpchain.study.results import Array
 Margin = Callable[[Array], Array]
 """Margin g (N,) of points (N, D), above 0 where limits are kept."""
 LEVEL_SHARE = 0.1
-"""Share p_j of a level's samples beyond the next threshold."""
+"""Share of samples beyond a threshold."""
 ACCEPTANCE_RATE = 0.44
 MOST_LEVELS = 12
 """Most levels of subset simulation."""
@@ -35,9 +35,9 @@ LEVEL_MESSAGE = (
     "equally far from the limit, so that nothing leads to failures; raise risk.count, or limit a metric that varies"
 )
 NOMINAL_LEVEL = 0.98
-"""Level of Student's t in eq. (b)."""
+"""Level of Student's t."""
 WAY_COSINE = 0.5
-"""Cosine below which two directions are different ways to fail."""
+"""Cosine of different ways to fail."""
 FARTHEST_BEYOND = 2.0
 """Most distance of a design point beyond the nearest one."""
 MOST_DESIGN_POINTS = 8

@@ -25,19 +25,19 @@ from warpchain.study.analysis.failure_probability import FailureEstimate, Margin
 from warpchain.study.results import Array
 
 RADIUS_SHARE = 0.95
-"""Radius r of eq. (a), over the nearest failure's distance."""
+"""Radius r over the nearest failure."""
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
 """Tried shares a of eq. (a) beyond the radius."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
 """Tried shrinkages of covariances."""
 DIRECTION_TURNS = 5
-"""Times that directions become those of their failures' means."""
+"""Turns of directions towards means."""
 NORMAL_LEVEL = 0.99
 """Level of the interval's normal quantile, for 95 %."""
 FOLDS = 8
 """Folds of repetitions, each weighted by a fit to others."""
 LEAST_SAMPLES = 5.0
-"""Effective number of samples below which there is no estimate."""
+"""Least effective number of samples."""
 
 
 @dataclass(frozen=True)

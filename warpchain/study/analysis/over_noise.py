@@ -52,7 +52,7 @@ class Designs(Results):
         return int((kept & held).sum()), int(held.sum())
 
     def kept_text(self, design: int) -> str:
-        """Clause on the probability that a design keeps the limits."""
+        """Clause on a design's probability within limits."""
         from scipy.stats import binomtest
 
         kept, count = self.kept_counts(design)

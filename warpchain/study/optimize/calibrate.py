@@ -58,7 +58,7 @@ COORDINATE_REACH = 3.0
 MOST_CHECK_RUNS = 8
 PREDICTION_DRAWS = 2000
 LEAST_SPREAD = 1e-9
-"""Least prior deviation of an unknown, over its largest value."""
+"""Least prior deviation over the largest value."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class MetricPrediction:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of a calibration: posterior samples, runs and predictions."""
+    """Calibration's result: posterior, runs, predictions."""
 
     folder: Path
     study: Study

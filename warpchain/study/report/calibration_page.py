@@ -24,7 +24,7 @@ from warpchain.view import html
 UNEXPLAINED_DEVIATIONS = 3.0
 """Standard deviations of unexplained measured numbers."""
 TRACE_POINTS, SPECTRUM_POINTS = 600, 800
-"""Most points of a signal's trace, and of its spectrum."""
+"""Most points of trace and spectrum."""
 LEAST_NAMED_WEIGHT = 0.25
 """Least weight of unknowns named in a direction."""
 
@@ -76,7 +76,7 @@ def _direction_text(found: Calibration, of: PosteriorDirection) -> str:
 
 
 def _dimension_names(found: Calibration) -> list[str]:
-    """Names of a calibration's dimensions: unknowns, or groups of them."""
+    """Names of a calibration's dimensions."""
     from warpchain.study.design.factor_values import design_dimensions
 
     return [axis.name for axis in design_dimensions(found.study.noise_study)]
@@ -103,7 +103,7 @@ def _unexplained_lines(found: Calibration) -> list[str]:
 
 
 def _emulator_trust_lines(found: Calibration) -> list[str]:
-    """Lines on how well the surrogates of a calibration predict."""
+    """Lines on a calibration's surrogates."""
     inside, of = found.check_counts
     lines = [
         f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands",

@@ -57,7 +57,7 @@ CHANGE_HEADS = {
     True: "less today's, 95 % interval",
     False: "less today's, two standard deviations",
 }
-"""Heads of changes from today's design, over noise and without."""
+"""Heads of changes from today's design."""
 OVER_NOISE_NOTE = (
     "Designs are judged by their own runs, and compared in pairs of runs with the same noise. \N{PLUS-MINUS SIGN} is "
     "the standard error of a statistic over a design's runs."
@@ -296,7 +296,7 @@ def statuses_section(results: Results, left_out: LeftOut) -> html.PageSection:
 
 
 def _lost_range_tables(left_out: LeftOut) -> list[str]:
-    """HTML tables of the lost parts of factors' ranges."""
+    """HTML tables of lost ranges."""
     found = []
     heads = ("factor", "most were lost", "there", "elsewhere", "")
     for parts, words in ((left_out.lost_parts, "left out by their results"), (left_out.unbuilt_parts, "not built")):

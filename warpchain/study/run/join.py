@@ -49,7 +49,7 @@ START_DEFAULTS: Mapping[str, Any] = {"phase": 0.0}
 """Keys of `run` by which drives begin, with defaults."""
 FREE_RUN_KEYS = ("shard", "device", "keep_states")
 GOAL_FIELDS = ("objectives", "bounds", "optimize")
-"""Fields of a study that no run depends on."""
+"""Fields of a study that runs ignore."""
 SPREAD_KEYS = ("range", "levels", "choice", "points", "distribution", "mean", "std", "sample", "group")
 """Keys of a factor on the spread of its values."""
 ROWS_FILE, MERGED_FILE = "rows.parquet", "merged.parquet"
@@ -141,7 +141,7 @@ def _differing_values(ours: Any, theirs: Any, path: tuple[str | int, ...] = ()) 
 
 
 def _short_value_text(value: Any) -> str:
-    """Text of a value, at most 60 characters."""
+    """Text of a value, shortened."""
     text = "nothing" if value is None else "a table" if isinstance(value, dict) else value_text(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

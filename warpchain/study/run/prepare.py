@@ -60,7 +60,7 @@ SHARD_SECONDS = 30.0
 CORE_RATE, GPU_RATE = 1e8, 2e10
 """Assumed roller-steps a second of core and GPU."""
 SETTLE_STEPS = 30_000
-"""Steps that take about as long as settling."""
+"""Steps that settling is worth."""
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
 """Core time of a row, and of its modes [s]."""
 CORE_VARIANTS, GPU_VARIANTS = 8, 4224

@@ -104,7 +104,7 @@ class StudyFolder:
 
     @property
     def results_path(self) -> Path:
-        """Path of the table of the whole study."""
+        """Path of the study's table."""
         return self.path / "results.parquet"
 
     def table_path(self, shard: int | str) -> Path:
@@ -112,7 +112,7 @@ class StudyFolder:
         return self.path / "shards" / f"{shard_name(shard)}.parquet"
 
     def archive_path(self, shard: int | str) -> Path:
-        """Path of the archive of a shard's recorded variants."""
+        """Path of a shard's archive."""
         return self.path / "shards" / f"{shard_name(shard)}.mcap"
 
     @property
@@ -129,7 +129,7 @@ class StudyFolder:
         return [(name, part.identity) for name, part in zip(names, self.plans, strict=False)]
 
     def states_path(self, shard: int) -> Path:
-        """Path of the table of states of a shard's runs."""
+        """Path of a shard's end states."""
         return self.path / "shards" / f"{shard_name(shard)}.states.parquet"
 
     def is_done(self, shard: int | str) -> bool:
@@ -154,7 +154,7 @@ class StudyFolder:
         return table
 
     def read_shard(self, shard: int | str, columns: list[str] | None = None) -> pa.Table:
-        """Table read of a shard, or chosen columns."""
+        """Table read of a shard."""
         path = self.table_path(shard)
         identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
         table = read_table(path, columns, identity or None)
@@ -169,7 +169,7 @@ class StudyFolder:
         )
 
     def write_table(self, path: Path, table: pa.Table, shard: int | None = None) -> None:
-        """Writes one of the study's tables, or a shard's."""
+        """Writes a study's or shard's table."""
         if shard is None:
             write_table(path, table, study=self.identity)
         else:

@@ -42,7 +42,7 @@ ALLOWED_LENGTHS, ALLOWED_NOISES = (0.05, 50.0), (1e-7, 2.0)
 
 @cache
 def _linear_algebra_libraries() -> Any:
-    """Controller of the threads of loaded linear algebra libraries."""
+    """Controller of linear algebra threads."""
     import sklearn.gaussian_process  # noqa: F401  loads what it calls
     from threadpoolctl import ThreadpoolController
 

@@ -31,7 +31,7 @@ from warpchain.study.surrogate.surrogate_model import (
 )
 
 SOBOL_ROWS = 1024
-"""Number of rows A, a power of two."""
+"""Number of rows A."""
 NO_EFFECT_SCATTER = 0.95
 """Scatter's part of the variance that replicates do not help."""
 ROW_SETS, SET_DRAWS = 4, 25
