@@ -51,7 +51,7 @@ class HousingLoad(NamedTuple):
 
 
 def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
-    """Loads on the housing of all parts.
+    """Loads on the housing at hubs, guides, pivots and seats.
 
     Raises:
         SimulationError: recorded without positions, contact forces, or motion of bodies.

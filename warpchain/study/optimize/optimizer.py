@@ -47,7 +47,7 @@ class Population:
         self._asked: Any = None
 
     def next_generation(self) -> Array:
-        """Points (N, D) of the next generation."""
+        """Points (N, D) of NSGA-II's next generation."""
         if self._asked is None:
             self._asked = self._algorithm.ask()
         return np.asarray(self._asked.get("X"), dtype=float)
