@@ -1,7 +1,6 @@
 """GPU kernels and blocks with which the variants of an ensemble run.
 
-Variants with like numbers of rollers, sprockets and so on form a bucket, which is launched at once. Its block shape has
-the threads of a variant and the rollers of a thread.
+Variants with like numbers of rollers, sprockets and so on form a bucket, which is launched at once.
 """
 
 from __future__ import annotations
@@ -128,10 +127,7 @@ class Bucket:
 
 
 def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
-    """Block kind with several variants a block, if faster.
-
-    So it is of long code, and of oil, which gets a warp of its own.
-    """
+    """Block kind with several variants a block, if faster."""
     shape = kind.shape
     if kind.parts.hydraulic and shape.threads == WARP:
         most = FULL_AT_FLOAT32 if kind.is_paired else FULL_OF_OIL
