@@ -166,10 +166,11 @@ class _ColumnStacker:
     def _stack_fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """The stacked fields of parts that differ from the first part's."""
         exact, columns, kind = self.exact, {}, type(first)
-        for name in fields[0]:
-            if name not in _UNSTACKED_SETTINGS:
-                self.exact = exact or (self.faces and (kind, name) in _FACE_NUMBERS) or (kind, name) in _LIFT_NUMBERS
-                columns[name] = self.stack_column(list(map(itemgetter(name), fields)))
+        names = [name for name in fields[0] if name not in _UNSTACKED_SETTINGS]
+        rows = map(itemgetter(*names), fields)  # all at once, which takes half the time of name by name
+        for name, values in zip(names, zip(*rows, strict=True) if len(names) > 1 else [tuple(rows)], strict=True):
+            self.exact = exact or (self.faces and (kind, name) in _FACE_NUMBERS) or (kind, name) in _LIFT_NUMBERS
+            columns[name] = self.stack_column(values)
         self.exact = exact
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
 
