@@ -27,7 +27,7 @@ from warpchain.kernels.statistics import BINS
 from warpchain.model.chain_drives import chain_drives
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.channels import CHANNEL_NAMES, PartCounts, drive_frame_width, frame_with_channels
-from warpchain.results.schedule import Schedule
+from warpchain.results.schedule import Schedule, schedules_as_columns
 
 OTHER_TEETH = {
     "chain.worn_links": [{"link": 3, "elongation": 1e-3}],
@@ -583,7 +583,7 @@ def shape_of(variants, each):
 def pack_for(variants, schedules, precision):
     """An ensemble whose frames have every channel that its drives have."""
     rows = ChainRows(variants, stacks_of_drives(variants))
-    packed = pack(rows.drives, rows.values_by_row(schedules))
+    packed = pack(rows.drives, rows.schedules_by_row(schedules_as_columns(schedules)))
     rows.couple_chains(packed)
     packed = packed.at_precision(precision)
     return replace(packed, frame=frame_with_channels(CHANNEL_NAMES if packed.joint_friction_kinds.any() else ()))

@@ -10,6 +10,7 @@ from warpchain.results import step_resolution
 from warpchain.results.metric_formulas import number_of_each_drive
 from warpchain.results.metrics import VariantEnds
 from warpchain.results.ripple import slowest_ripple_periods
+from warpchain.results.schedule import Schedule
 
 FACTORS = np.random.default_rng(3).uniform(0.8, 1.2, (6, 4))
 VALUES = {
@@ -61,7 +62,8 @@ def test_numbers_of_a_stack_are_those_of_each_drive(name):
 
 def test_some_variants_have_the_stacks_of_all():
     drives = [*spread("marine")[0], *spread("engine")[0], *spread("marine")[0][::-1]]
-    ended = VariantEnds(drives, drives, *np.zeros((3, len(drives))), stacks=stacks_of_drives(drives))
+    schedules = [Schedule(1e-6, 10, 5, 10, 0)] * len(drives)
+    ended = VariantEnds(drives, schedules, *np.zeros((3, len(drives))), stacks=stacks_of_drives(drives))
     stiffness = np.array([drive.chain.stiffness for drive in drives])
     np.testing.assert_array_equal(ended.number_of_each(lambda drive: drive.chain.stiffness), stiffness)
     for some in (np.array([0, 3, 7, 8, 17]), np.arange(6, 12), np.array([5])):

@@ -33,7 +33,7 @@ def drives() -> list[Drive]:
 
 
 def sums_of(drive: Drive, variant: int) -> dict[str, np.ndarray]:
-    """Made-up sums of one variant: some strands without links, a sprocket that stands still."""
+    """Made-up sums of one variant: some strands without links, a sprocket that stands still; one in two turns far."""
     random = np.random.default_rng(variant)
     sprockets = len(drive.sprockets)
     counts = {"chain": 1, "contact": sprockets + len(drive.guides)}
@@ -44,6 +44,7 @@ def sums_of(drive: Drive, variant: int) -> dict[str, np.ndarray]:
             rows[field] = random.integers(0, 3, rows[field].shape) * random.uniform(0.5, 2.0, rows[field].shape)
         made[name] = rows
     made["chain"] = made["chain"][0]
+    made["sprocket"]["speed"] *= 400.0 if variant % 2 else 1.0
     made["tension"] = random.integers(0, 5, (sprockets + 1, 6))
     made["edges"] = np.sort(random.normal(size=7))
     made["durations"] = random.uniform(0.5, 2.0, int(BATCHES))
@@ -94,6 +95,8 @@ def test_a_row_of_many_is_the_row_alone():
     assert [row["diverged"] for row in many] == [v == 2 for v in range(8)]
     assert many[2]["diverged_time"] == 70 * 3e-6
     assert many[2]["tension_mean"] is None and many[5]["tension_mean"] is None
+    errors = {row.get("tension_mean_se") is not None for row in many}
+    assert errors == {False, True}  # which only those have whose chains turn often enough
 
 
 def test_variants_are_worked_on_a_block_at_a_time(monkeypatch):

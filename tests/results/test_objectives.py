@@ -10,6 +10,7 @@ from warpchain import Record, simulate
 from warpchain.errors import SimulationError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.metric_columns import unit_of_metric
+from warpchain.results.metric_formulas import column_of
 from warpchain.results.metrics import design_metric_columns
 from warpchain.results.objectives import add_objectives, engagement_impulses, trajectory_objectives
 from warpchain.results.run import Trajectory
@@ -20,8 +21,8 @@ DRIVE = two_sprockets(mass=1.5)
 
 def design_row(metrics):
     """The objectives of one variant, from its other metrics."""
-    columns = design_metric_columns([DRIVE], {name: np.ma.array([value]) for name, value in metrics.items()})
-    return {name: column[0] for name, column in columns.items() if not np.ma.getmaskarray(column)[0]}
+    columns = design_metric_columns([DRIVE], {name: column_of(np.array([value])) for name, value in metrics.items()})
+    return {name: column.values[0] for name, column in columns.items() if not column.missing[0]}
 
 
 def test_sums_of_a_window():

@@ -8,6 +8,7 @@ from warpchain.kernels.statistics import BINS
 from warpchain.results.window_statistics import (
     INTERVAL_ERRORS,
     histogram_quantile,
+    histogram_share_below,
     is_steady,
     mean_standard_error,
     window_change,
@@ -53,6 +54,23 @@ def test_quantiles_of_known_samples(kind):
     for share in SHARES:
         found, exact = histogram_quantile(counts, edges, [x.min()], [x.max()], share)[0], np.quantile(x, share)
         assert abs(found - exact) < 0.01 * max(abs(exact), scale), share
+
+
+def test_parts_of_a_variant_share_its_edges():
+    """Of two parts each of three variants, rows are those of their own edges; a bin that overflowed gives nan."""
+    random, edges = np.random.default_rng(5), tension_edges(np.array([50.0, 100.0, 400.0]))
+    counts = random.integers(0, 9, (6, int(BINS))) * (random.random((6, int(BINS))) < 0.2)
+    counts[4, 100] = -1
+    low, high = np.full(6, -2000.0), np.full(6, 5000.0)
+    for found in (histogram_quantile, histogram_share_below):
+        together = found(counts, edges, low, high, 0.3)
+        alone = [found(counts[k : k + 1], edges[k // 2 : k // 2 + 1], low[:1], high[:1], 0.3).item() for k in range(6)]
+        np.testing.assert_array_equal(together, alone)
+        assert np.isnan(together).tolist() == [k == 4 for k in range(6)]
+    total = counts.sum(axis=1)
+    below = counts[:, :96].sum(axis=1) / total  # bin 96 begins at no tension
+    below[4] = np.nan
+    np.testing.assert_array_equal(histogram_share_below(counts, edges, low, high, 0.0), below)
 
 
 def test_quantiles_do_not_leave_the_range():

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,7 @@ from warpchain.model.parts_by_chain import ChainDrive
 from warpchain.model.stacks import Stack, first_refusal, stacks_of_drives
 from warpchain.model.trains import inertia_of_body
 from warpchain.results.metrics import VariantEnds
-
-Value = TypeVar("Value")
+from warpchain.results.schedule import Schedules
 
 
 class ChainRows:
@@ -54,9 +53,9 @@ class ChainRows:
         """Variant (rows,) of each row."""
         return np.repeat(np.arange(len(self.variant_drives)), np.diff(self.first_rows))
 
-    def values_by_row(self, values: Sequence[Value]) -> Sequence[Value]:
-        """Values of variants, repeated for each of their rows."""
-        return values if self.one_chain_each else [values[v] for v in self.variant_of_row.tolist()]
+    def schedules_by_row(self, schedules: Schedules) -> Schedules:
+        """Schedules of variants, repeated for each of their rows."""
+        return schedules if self.one_chain_each else schedules[self.variant_of_row]
 
     def numbers_by_row(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Numbers (rows,) in the run of each row's variant."""

@@ -62,7 +62,7 @@ from warpchain.kernels.physics.tensioner import LEAST_OIL_SHARE
 from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.model.oil import EXPONENT
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
-from warpchain.results.schedule import Schedule, schedule_columns
+from warpchain.results.schedule import Schedule, schedules_as_columns
 
 
 def pack(
@@ -89,7 +89,7 @@ def pack(
         rows[part.members] = row
     packed = PackedEnsemble.blank(fill_first_places(rows), assemblies)
     gathered = SharedRows(RowList(3), RowList(2), TableList())
-    for name, column in schedule_columns(schedules).items():
+    for name, column in schedules_as_columns(schedules).columns.items():
         packed.drives[name] = column
     for part, assembly in _stack_parts(stacks, assemblies):
         _pack_stack(packed, part, assembly, gathered)

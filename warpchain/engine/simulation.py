@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from warpchain.results.judgement import Limits, judgement_warning
 from warpchain.results.metrics import metrics_table
 from warpchain.results.replicate_metrics import metrics_with_copies
 from warpchain.results.run import Record, Run, RunInfo
-from warpchain.results.schedule import LOOK_EVERY, Schedule, whole_steps
+from warpchain.results.schedule import LOOK_EVERY, Schedules, whole_steps
 from warpchain.version import installed_version
 
 if TYPE_CHECKING:
@@ -138,7 +138,8 @@ def simulate(
     if archive is not None:
         rest = list(rest)  # what does not fit leaves no file
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    common = schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None
+    steps = schedules.columns["step"]
+    common = float(steps[0]) if (steps == steps[0]).all() else None
     info = RunInfo(installed_version(), ",".join(devices), precision, created=created, step=common, choice=why)
     if states is not None:
         states.prepare(len(chosen))
@@ -154,7 +155,7 @@ def simulate(
                 _warn_caller(LayoutWarning, layout_faults_line(first.layout_faults))
                 outcome = first.run(settings, *make_recorders(first), report, stop)
             else:
-                total = sum(of.steps * of.step for of in schedules)
+                total = float((schedules.columns["steps"] * steps).sum())
                 with SubensembleQueue(settings, devices, make_recorders, writer is None, total, report, stop) as queue:
                     queue.add(first)
                     for part in rest:
@@ -181,39 +182,46 @@ def schedules_of(
     record: Record,
     window: tuple[float, float] | None,
     stacks: Sequence[Stack] | None = None,
-) -> list[Schedule]:
+) -> Schedules:
     """Schedules of variants: steps, samples and window, in whole steps.
 
     Raises:
         DriveError: a step beyond a variant's limit.
         SimulationError: a window outside the run.
     """
-    recorded = set(record.indices(len(drives)))
-    found: list[Schedule] = []
-    known: dict[tuple[float, int, float, float, bool], Schedule] = {}
-    for v, (drive, h, longest) in enumerate(zip(drives, *_step_sizes(drives, step, stacks), strict=True)):
-        length = duration if duration is not None else drive.run.duration
-        rate = record.rate if record.rate is not None else drive.run.sample_rate
-        key = h, longest, length, rate, v in recorded
-        if key not in known:
-            start, end = window if window is not None else (0.5 * length, length)
-            known[key] = _schedule(v, h, longest, length, (start, end), rate if v in recorded else None)
-        found.append(known[key])
-    return found
+    count = len(drives)
+    recorded = record.indices(count)
+    stacks = stacks_of_drives(drives) if stacks is None else stacks
+    h, longest = _step_sizes(count, step, stacks)
+    length, rate = np.zeros(count), np.zeros(count)
+    for stack in stacks:
+        length[stack.members] = stack.drive.run.duration if duration is None else duration
+    for v in recorded:
+        rate[v] = drives[v].run.sample_rate if record.rate is None else record.rate
+
+    def schedules(of: slice) -> Schedules:
+        """Those of some variants."""
+        return _schedules(of.start, h[of], longest[of], length[of], window, rate[of])
+
+    try:
+        return schedules(slice(0, count))
+    except SimulationError:
+        for v in range(count):  # the first that is refused
+            schedules(slice(v, v + 1))
+        raise
 
 
 def _step_sizes(
-    drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None
-) -> tuple[list[float], list[int]]:
-    """Step of each variant [s], and most steps between samples.
+    count: int, step: float | str | None, stacks: Sequence[Stack]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Step of each of `count` variants [s], and most steps between samples.
 
     Raises:
         DriveError: the first variant whose step is beyond its limit.
     """
-    found = np.zeros(len(drives))
-    longest = np.zeros(len(drives), dtype=np.int64)
+    found, longest = np.zeros(count), np.zeros(count, dtype=np.int64)
     refused: list[tuple[int, DriveError]] = []
-    for stack in stacks_of_drives(drives) if stacks is None else stacks:
+    for stack in stacks:
         try:
             found[stack.members] = resolve_step(stack.drive, step)
             longest[stack.members] = longest_sample_interval(stack.drive, found[stack.members])
@@ -221,25 +229,47 @@ def _step_sizes(
             refused.append(first_refused_variant(stack, lambda drive: resolve_step(drive, step)))
     if refused:
         raise first_refusal(refused)
-    return found.tolist(), longest.tolist()
+    return found, longest
 
 
-def _schedule(
-    v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
-) -> Schedule:
-    """Schedule of variant v in whole steps."""
-    start, end = window
-    steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
-    first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
-    if not 0 <= first < last <= steps:
+def _schedules(
+    first: int,
+    h: NDArray[np.float64],
+    longest: NDArray[np.int64],
+    length: NDArray[np.float64],
+    window: tuple[float, float] | None,
+    rate: NDArray[np.float64],
+) -> Schedules:
+    """Schedules of variants, the first of them numbered `first`.
+
+    Args:
+        h: (V,) their steps [s].
+        longest: (V,) most steps between two samples.
+        length: (V,) simulated time [s].
+        window: as of `simulate`.
+        rate: (V,) of frames [Hz], 0 for none.
+
+    Raises:
+        SimulationError: a number of steps, or a window, that is not allowed; the message names the first variant's.
+    """
+    start, end = (0.5 * length, length) if window is None else (np.full_like(length, time) for time in window)
+    of_step = f"s at a step of {h[0]:.4g} s"
+    steps = np.maximum(1, whole_steps(f"duration = {length[0]:g} {of_step}", length / h))
+    begin, stop = (whole_steps(f"window: {time[0]:g} {of_step}", time / h) for time in (start, end))
+    if ((begin < 0) | (begin >= stop) | (stop > steps)).any():
         raise SimulationError(
-            f"window = ({start:g}, {end:g}) s: allowed is 0 <= start < end <= duration = {length:g} s (variant {v})"
+            f"window = ({start[0]:g}, {end[0]:g}) s: allowed is 0 <= start < end <= duration = {length[0]:g} s "
+            f"(variant {first})"
         )
-    every = 0
-    if rate is not None:
-        period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
-        every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
-    return Schedule(h, steps, first, last, every, sample_interval(longest, last - first))
+    every, recorded = np.zeros_like(steps), rate > 0.0
+    if recorded.any():
+        period = np.full_like(h, np.inf)
+        np.divide(1.0, rate * h, out=period, where=rate * h > 0.0)
+        what = f"rate = {rate[0]:g} Hz: a sample's period at a step of {h[0]:.4g} s"
+        every[recorded] = np.maximum(1, whole_steps(what, period[recorded]))
+    sampled = sample_interval(longest, stop - begin)
+    return Schedules({"step": h, "steps": steps, "window_start": begin, "window_end": stop, "frame_interval": every,
+                      "sample_interval": sampled})  # fmt: skip
 
 
 def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
@@ -256,9 +286,9 @@ def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> 
     )
 
 
-def sample_interval(longest: int, window: int) -> int:
-    """Steps between two samples in a window, at most `longest`."""
-    return longest if window >= SAMPLES_PER_WINDOW * longest else LOOK_EVERY
+def sample_interval(longest: Any, window: Any) -> Any:
+    """Steps between two samples in windows of so many steps (...), at most `longest`."""
+    return np.where(window >= SAMPLES_PER_WINDOW * longest, longest, LOOK_EVERY)
 
 
 def _warn_caller(kind: type[Warning], line: str | None) -> None:

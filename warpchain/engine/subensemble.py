@@ -31,7 +31,7 @@ from warpchain.progress import ProgressReport, StopRequest
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import ChainEnds, ColumnBlocks, VariantEnds, metric_blocks
 from warpchain.results.run import Trajectory
-from warpchain.results.schedule import MOST_STEPS, Schedule
+from warpchain.results.schedule import MOST_STEPS, Schedules
 
 if TYPE_CHECKING:
     from warpchain.archive.writer import ArchiveWriter
@@ -49,7 +49,7 @@ class Variants:
     """Variants of a run: drives, schedules, stacks."""
 
     drives: Sequence[Drive]
-    schedules: Sequence[Schedule]
+    schedules: Schedules
     stacks: Sequence[Stack]  # of the drives, numbered from 0
     numbers: NDArray[np.int64]  # (V,) in the run, ascending
 
@@ -59,15 +59,14 @@ class Variants:
         rollers = np.zeros(len(self.drives))
         for stack in self.stacks:
             rollers[stack.members] = stack.drive.links
-        return rollers * (np.array([schedule.steps for schedule in self.schedules]) + 1.0)
+        return rollers * (self.schedules.columns["steps"] + 1.0)
 
     def select(self, chosen: NDArray[np.bool_]) -> Variants:
         """Variants that are chosen (V,), in suitable stacks."""
         kinds = (stack_of_chosen(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
         stacks = [part for stack in kinds for part in split_stack(stack)]
-        places = np.flatnonzero(chosen).tolist()
-        drives, schedules = [self.drives[v] for v in places], [self.schedules[v] for v in places]
-        return Variants(drives, schedules, stacks, self.numbers[chosen])
+        drives = [self.drives[v] for v in np.flatnonzero(chosen).tolist()]
+        return Variants(drives, self.schedules[chosen], stacks, self.numbers[chosen])
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ class Subensemble:
         self.variants = variants
         self.rows = rows = ChainRows(variants.drives, variants.stacks)
         packed = pack(
-            rows.drives, rows.values_by_row(variants.schedules), rows.stacks, rows.numbers_by_row(variants.numbers)
+            rows.drives, rows.schedules_by_row(variants.schedules), rows.stacks, rows.numbers_by_row(variants.numbers)
         )
         rows.couple_chains(packed, variants.numbers)
         self.packed = replace(packed, frame=frame)
@@ -163,7 +162,7 @@ class Subensemble:
             diverged = state["diverged"] != 0
             rows = VariantEnds(
                 drives,
-                self.rows.values_by_row(self.variants.schedules),
+                self.rows.schedules_by_row(self.variants.schedules),
                 state["step"],
                 diverged,
                 settled,

@@ -53,7 +53,7 @@ class Column:
     name: str  # its own, after that of its part and a dot: `camshaft.speed_mean`
     unit: str  # SI, "1" for a count, ratio or flag
     title: str
-    value: Callable[[Any], VariantValues] | None = None  # masked where there is none
+    value: Callable[[Any], VariantValues] | None = None  # missing where there is none
     kind: type = float
     is_aside: bool = False  # whether studies analyze it only by name
 

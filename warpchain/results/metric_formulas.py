@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 STEP_KEY = "run.step"
 """Key of the step [s] among `DesignInputs`; no column."""
 VariantValues = Any
-"""Number, or array (V,) of numbers of variants."""
+"""A number, an array of one number a variant (V,), or their column (`ColumnValues`)."""
 
 
 class LazyFields(dict[str, Any]):
@@ -55,9 +55,28 @@ class LazyFields(dict[str, Any]):
         return found
 
 
-def mask_absent(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
-    """Masked array of metric values, masked where not given."""
-    return np.ma.MaskedArray(values, mask=np.logical_not(given))
+class ColumnValues(NamedTuple):
+    """Column of a metric of V variants."""
+
+    values: NDArray[Any]  # (V,) anything where missing
+    missing: NDArray[np.bool_]  # (V,)
+
+    def filled(self, value: float) -> NDArray[Any]:
+        """Values of the metric, with another one where they are missing."""
+        return np.where(self.missing, value, self.values)
+
+
+def column_of(value: VariantValues, missing: Any = False) -> ColumnValues:
+    """Column of a metric formula's value, missing where the formula says so, or `missing` does."""
+    if isinstance(value, ColumnValues):
+        return ColumnValues(value.values, value.missing | missing)
+    found = np.asarray(value)
+    return ColumnValues(found, np.broadcast_to(missing, found.shape))
+
+
+def mask_absent(given: ArrayLike, values: ArrayLike) -> ColumnValues:
+    """Column of metric values, missing where not given."""
+    return column_of(values, np.logical_not(given))
 
 
 def number_of_each_drive(
@@ -98,12 +117,12 @@ PART_PREFIXES: dict[str, Callable[[Drive], list[str]]] = {
 
 @dataclass(frozen=True)
 class WindowSums:
-    """Sums of one part over the window, for metrics."""
+    """Sums of some parts of V variants over the window, for metrics; R rows, V times the parts."""
 
-    sums: Any  # rows of the group's sums
-    weight: VariantValues  # what means divide by: samples, or the window's length [s]
-    batches: WindowSums | None = None  # last axis of batches, nan weights for none
-    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None  # counts (V, bins), edges [N]
+    sums: Any  # (R,) rows of the group's sums, a variant's parts one after the other
+    weight: VariantValues  # (R,) what means divide by: samples, or the window's length [s]
+    batches: WindowSums | None = None  # last axis of batches, nan weights for none; None without any
+    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None  # counts (R, bins), edges (V, bins + 1) [N]
 
     @cached_property
     def cumulative_tension_counts(self) -> NDArray[np.float64]:
@@ -182,7 +201,8 @@ def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[
     """Formula of a metric: standard error of a mean."""
 
     def formula(of: WindowSums) -> VariantValues:
-        assert of.batches is not None
+        if of.batches is None:
+            return mask_absent(np.zeros(len(of.sums), bool), np.zeros(len(of.sums)))
         error = mean_standard_error(mean(of.batches), of.batches.weight)
         return mask_absent(np.isfinite(error), error)
 
@@ -234,7 +254,7 @@ class EnergyBalance:
 
     @property
     def efficiency(self) -> VariantValues:
-        """Efficiency, output over output and losses, or masked."""
+        """Efficiency, output over output and losses, or missing."""
         taken = self.output + self.dissipated
         given = (self.output >= 0.0) & (taken > 0.0)
         return mask_absent(given, self.output / np.where(given, taken, 1.0))
@@ -259,20 +279,19 @@ class DesignInputs:
 
     drives: Sequence[Drive]
     stacks: Sequence[Stack] | None  # the drives sorted into kinds, where known
-    metrics: Mapping[str, np.ma.MaskedArray[Any, Any]]  # columns so far, (V,) each, masked
+    metrics: Mapping[str, ColumnValues]  # columns so far
     prefix: str  # of the part's columns, "" for the chain
     index: int  # of the part
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Another metric of the part (V,), or nan."""
-        found = self.metrics.get(self.prefix + name, np.ma.masked_all(len(self.drives)))
-        return np.where(np.ma.getmaskarray(found), np.nan, np.ma.getdata(found))
+        found = self.metrics.get(self.prefix + name)
+        return np.full(len(self.drives), np.nan) if found is None else found.filled(np.nan)
 
     def has_metrics(self, *names: str) -> NDArray[np.bool_]:
         """Whether other metrics of the part are given (V,)."""
-        none = np.ma.masked_all(len(self.drives))
-        masks = [np.ma.getmaskarray(self.metrics.get(self.prefix + name, none)) for name in names]
-        return ~np.any(masks, axis=0)
+        found = [self.metrics.get(self.prefix + name) for name in names]
+        return np.all([np.zeros(len(self.drives), bool) if of is None else ~of.missing for of in found], axis=0)
 
     def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[np.float64]:
         """A number of each drive (V,), computed by stacks."""
@@ -290,7 +309,7 @@ class DesignInputs:
     def sprocket_turns(self, s: int) -> NDArray[Any]:
         """Revolutions of a sprocket in the window (V,)."""
         names = ("window_start", "window_end", f"{self.drives[0].sprockets[s].name}.speed_mean")
-        start, end, speed = (np.ma.getdata(self.metrics[name]) for name in names)
+        start, end, speed = (self.metrics[name].values for name in names)
         return np.abs(speed) * (end - start) / (2.0 * math.pi)
 
 
@@ -311,7 +330,7 @@ def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
     drive = of.drives[0]
     revolutions = of.sprocket_turns(drive.driver)
     prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]
-    dissipated = sum(np.ma.getdata(of.metrics[f"{prefix}dissipated"]) for prefix in prefixes)
+    dissipated = sum(of.metrics[f"{prefix}dissipated"].values for prefix in prefixes)
     return mask_absent(revolutions != 0.0, dissipated / revolutions)
 
 
@@ -319,8 +338,8 @@ def total_friction_power(of: DesignInputs) -> VariantValues:
     """Metric friction power (V,) [W], (d)."""
     drive = of.drives[0]
     names = ["joints.friction", *(f"{name}.friction" for name in partner_names(drive))]
-    rubbed = sum(np.ma.getdata(of.metrics[name]) for name in names if name in of.metrics)
-    length = np.ma.getdata(of.metrics["window_end"]) - np.ma.getdata(of.metrics["window_start"])
+    rubbed = sum(of.metrics[name].values for name in names if name in of.metrics)
+    length = of.metrics["window_end"].values - of.metrics["window_start"].values
     return np.asarray(rubbed / length)
 
 
@@ -328,7 +347,7 @@ def rated_use(of: DesignInputs) -> VariantValues:
     """Metric driver power over rated power (V,) [-], (e)."""
     first = of.drives[0]
     name = first.sprockets[first.driver].name
-    moment, speed = (np.ma.getdata(of.metrics[f"{name}.{column}"]) for column in ("moment_mean", "speed_mean"))
+    moment, speed = (of.metrics[f"{name}.{column}"].values for column in ("moment_mean", "speed_mean"))
     moves = speed != 0.0
 
     def rated(drive: Drive, speed: Any) -> Any:

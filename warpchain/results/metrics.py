@@ -34,25 +34,27 @@ from warpchain.results.metric_columns import (
 )
 from warpchain.results.metric_formulas import (
     STEP_KEY,
+    ColumnValues,
     DesignInputs,
     DriftMeans,
     EnergyBalance,
     LazyFields,
     WindowSums,
+    column_of,
     mask_absent,
     number_of_each_drive,
 )
 from warpchain.results.ripple import slowest_ripple_periods
-from warpchain.results.schedule import Schedule, schedule_columns
+from warpchain.results.schedule import Schedule, Schedules, join_schedules, schedules_as_columns
 from warpchain.results.window_statistics import LEAST_CHAIN_TURNS
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Row = dict[str, Any]
-MaskedColumns = dict[str, np.ma.MaskedArray[Any, Any]]
-"""Metric columns (V,) by name, masked where absent."""
-ColumnBlocks = list[tuple[NDArray[np.int64], MaskedColumns]]
+Columns = dict[str, ColumnValues]
+"""Metric columns (V,) by name."""
+ColumnBlocks = list[tuple[NDArray[np.int64], Columns]]
 """Numbers of variants of equal metric columns, with these."""
 
 
@@ -73,17 +75,17 @@ class VariantEnds:
 
     def select_variants(self, variants: NDArray[np.intp]) -> VariantEnds:
         """Ends of some of the variants."""
-        drives, schedules = [self.drives[v] for v in variants], [self.schedules[v] for v in variants]
+        places = variants.tolist()
         return VariantEnds(
-            drives,
-            schedules,
+            [self.drives[v] for v in places],
+            self._schedule_columns[variants],
             self.steps[variants],
             self.diverged[variants],
             self.settled[variants],
             None if self.engaged is None else self.engaged[variants],
-            None if self.layouts is None else [self.layouts[v] for v in variants],
+            None if self.layouts is None else [self.layouts[v] for v in places],
             None if self.settle_force is None else self.settle_force[variants],
-            None if self.causes is None else [self.causes[v] for v in variants],
+            None if self.causes is None else [self.causes[v] for v in places],
             self._stacks_among(variants),
         )
 
@@ -118,12 +120,12 @@ class VariantEnds:
 
     def schedule_column(self, field: str) -> NDArray[Any]:
         """One field of the variants' schedules (V,)."""
-        return self._schedule_columns[field]
+        return self._schedule_columns.columns[field]
 
     @cached_property
-    def _schedule_columns(self) -> Mapping[str, NDArray[Any]]:
-        """Fields of the variants' schedules (V,) by name."""
-        return schedule_columns(self.schedules)
+    def _schedule_columns(self) -> Schedules:
+        """Schedules of the variants, as columns."""
+        return schedules_as_columns(self.schedules)
 
 
 def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds:
@@ -137,7 +139,7 @@ def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]])
 
     return VariantEnds(
         values_in_order([ended.drives for ended in ends]),
-        values_in_order([ended.schedules for ended in ends]),
+        join_schedules([ended.schedules for ended in ends])[order],
         np.concatenate([ended.steps for ended in ends])[order],
         np.concatenate([ended.diverged for ended in ends])[order],
         np.concatenate([ended.settled for ended in ends])[order],
@@ -151,20 +153,20 @@ def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]])
     )
 
 
-def run_columns(ended: VariantEnds) -> MaskedColumns:
+def run_columns(ended: VariantEnds) -> Columns:
     """Metric columns on divergence and window [s]."""
     step = ended.schedule_column("step")
     return {
-        "diverged": np.ma.asarray(ended.diverged),
+        "diverged": column_of(ended.diverged),
         "diverged_time": mask_absent(ended.diverged, ended.steps * step),
-        "window_start": np.ma.asarray(ended.schedule_column("window_start") * step),
-        "window_end": np.ma.asarray(ended.schedule_column("window_end") * step),
+        "window_start": column_of(ended.schedule_column("window_start") * step),
+        "window_end": column_of(ended.schedule_column("window_end") * step),
     }
 
 
-def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns:
+def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> Columns:
     """Metric columns formed of sums over the window."""
-    columns: MaskedColumns = {}
+    columns: Columns = {}
     duration = (ended.schedule_column("window_end") - ended.schedule_column("window_start")) * ended.schedule_column(
         "step"
     )
@@ -172,37 +174,55 @@ def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns
     driver = ended.drives[0].driver
     teeth = ended.number_of_each(lambda drive: drive.sprockets[driver].teeth)
     turns = abs(sums["sprocket"]["speed"][:, driver]) * teeth / (2.0 * np.pi * links)
-    for prefix, index, group in groups_of_drive(ended.drives[0], WINDOW_METRICS):
-        rows = sums[group.source]
-        mine = rows if rows.ndim == 1 else rows[:, index]
-        batches = _batch_window_sums(sums, group, index, links, turns >= LEAST_CHAIN_TURNS)
-        summed = WindowSums(mine, group.weight(mine, duration, links), batches, _tension_counts(sums, group, index))
-        absent = summed.weight == 0
-        columns |= {prefix + c.name: np.ma.MaskedArray(c.value(summed), mask=absent) for c in group.columns if c.value}
+    places = list(groups_of_drive(ended.drives[0], WINDOW_METRICS))
+    found: dict[int, tuple[list[int], dict[str, ColumnValues]]] = {}
+    for prefix, index, group in places:
+        if id(group) not in found:
+            parts = [other for _, other, of in places if of is group]
+            found[id(group)] = parts, _group_columns(group, sums, parts, (duration, links, turns >= LEAST_CHAIN_TURNS))
+        parts, of_group = found[id(group)]
+        k = parts.index(index)
+        columns |= {prefix + name: ColumnValues(*(table[:, k] for table in both)) for name, both in of_group.items()}
     return columns
 
 
-def _batch_window_sums(
-    sums: Mapping[str, Any], group: MetricGroup, index: int, links: NDArray[np.integer], long: NDArray[np.bool_]
-) -> WindowSums | None:
-    """Sums of a part by batches, or None."""
+def _group_columns(
+    group: MetricGroup,
+    sums: Mapping[str, Any],
+    parts: list[int],
+    each: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
+) -> dict[str, ColumnValues]:
+    """Metric columns (V, parts) of a group, for all its parts at once.
+
+    Args:
+        parts: indices of the drive's parts that have the group.
+        each: (V,) length of the window [s], links, and whether the window is long enough for errors.
+    """
+    count = len(parts)
+    duration, links, long = (np.repeat(values, count) for values in each)
+
+    def rows_of(values: NDArray[Any]) -> NDArray[Any]:
+        """Rows (R, ...) of the parts, a variant's one after the other, from values of all parts (V, all, ...)."""
+        own = values if values.shape[1] == count else values[:, parts]
+        return own.reshape(-1, *values.shape[2:])
+
+    whole = group.part == "chain"
+    rows = sums[group.source] if whole else rows_of(sums[group.source])
+    batches = tension = None
     noted, durations = sums["batches"]
-    if group.source not in noted:
-        return None
-    rows = noted[group.source]
-    mine = rows if group.part == "chain" else LazyFields(lambda name: rows[name][:, index])
-    weight = group.weight(mine, durations, links[:, None])
-    return WindowSums(mine, np.where(long[:, None] & np.isfinite(durations) & (weight > 0), weight, np.nan))
-
-
-def _tension_counts(
-    sums: Mapping[str, Any], group: MetricGroup, index: int
-) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
-    """Counts of link tensions in bins, or None."""
-    counts, edges = sums["tension"]
-    if group.part == "chain":
-        return counts.sum(axis=1), edges
-    return (counts[:, index], edges) if group.part == "strand" else None
+    if group.source in noted and long.any():
+        every = noted[group.source]
+        mine = every if whole else LazyFields(lambda name: rows_of(every[name]))
+        lengths = np.repeat(durations, count, axis=0)
+        weight = group.weight(mine, lengths, links[:, None])
+        known = long[:, None] & np.isfinite(lengths) & (weight > 0)
+        batches = WindowSums(mine, np.where(known, weight, np.nan))
+    if group.part in ("chain", "strand"):
+        counts, edges = sums["tension"]
+        tension = (counts.sum(axis=1) if whole else rows_of(counts)), edges
+    summed = WindowSums(rows, group.weight(rows, duration, links), batches, tension)
+    found = {c.name: column_of(c.value(summed), summed.weight == 0) for c in group.columns if c.value}
+    return {name: ColumnValues(*(of.reshape(-1, count) for of in both)) for name, both in found.items()}
 
 
 def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
@@ -253,27 +273,25 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
     )
 
 
-def design_metric_columns(
-    drives: Sequence[Drive], metrics: MaskedColumns, stacks: Sequence[Stack] | None = None
-) -> MaskedColumns:
+def design_metric_columns(drives: Sequence[Drive], metrics: Columns, stacks: Sequence[Stack] | None = None) -> Columns:
     """Metric columns that designs are judged by."""
-    columns: MaskedColumns = {}
+    columns: Columns = {}
     with np.errstate(all="ignore"):
         for prefix, index, group in groups_of_drive(drives[0], DESIGN_METRICS):
             judged = DesignInputs(drives, stacks, metrics, prefix, index)
-            columns |= {prefix + c.name: np.ma.asarray(c.value(judged)) for c in group.columns if c.value}
+            columns |= {prefix + c.name: column_of(c.value(judged)) for c in group.columns if c.value}
     return columns
 
 
-def engaged_columns(ended: VariantEnds) -> MaskedColumns:
+def engaged_columns(ended: VariantEnds) -> Columns:
     """Metric columns of wraps' shares on teeth (V,)."""
     if ended.engaged is None:
         return {}
     groups = groups_of_drive(ended.drives[0], ((ENGAGED_METRICS,),))
-    return {prefix + c.name: np.ma.asarray(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
+    return {prefix + c.name: column_of(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
 
 
-def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedColumns:
+def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> Columns:
     """Metric columns of V variants of equal columns.
 
     Args:
@@ -283,28 +301,28 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> MaskedCo
     with np.errstate(all="ignore"):
         columns = window_columns(ended, sums)
         drifts = drift_means(ended, sums)
-        columns |= {c.name: np.ma.asarray(c.value(drifts)) for c in STEADY_METRICS.columns if c.value}
+        columns |= {c.name: column_of(c.value(drifts)) for c in STEADY_METRICS.columns if c.value}
         balance = energy_balance(drive, sums)
-        columns |= {c.name: np.ma.asarray(c.value(balance)) for c in BALANCE_METRICS.columns if c.value}
-        known = run_columns(ended) | {STEP_KEY: np.ma.asarray(ended.schedule_column("step"))} | columns
+        columns |= {c.name: column_of(c.value(balance)) for c in BALANCE_METRICS.columns if c.value}
+        known = run_columns(ended) | {STEP_KEY: column_of(ended.schedule_column("step"))} | columns
         columns |= design_metric_columns(ended.drives, known, ended.stacks)
     columns |= engaged_columns(ended)
     absent = ~ended.is_measured
-    columns = {name: np.ma.MaskedArray(values, mask=absent) for name, values in columns.items()}
+    columns = {name: column_of(values, absent) for name, values in columns.items()}
     settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}
     if ended.settle_force is not None:
         settled["settle_force"] = ended.settle_force
     names = (column.name for _, _, group in groups_of_drive(drive, ((SETTLING_METRICS,),)) for column in group.columns)
-    return columns | {name: np.ma.asarray(settled[name]) for name in names if name in settled}
+    return columns | {name: column_of(settled[name]) for name in names if name in settled}
 
 
 ChainEnds = tuple[VariantEnds, Mapping[str, Any]]
 """Ends of one chain of variants, and its sums."""
 
 
-def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> MaskedColumns:
+def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> Columns:
     """Metric columns of V variants of several chains."""
-    columns: MaskedColumns = {}
+    columns: Columns = {}
     balances, measured = [], parts[0][0].is_measured
     for chain, (ended, sums) in zip(drives[0].chains, parts, strict=True):
         own, drive = metrics_of_variants(ended, sums), ended.drives[0]
@@ -318,8 +336,8 @@ def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> Ma
             if c.value:
                 columns[c.name] = mask_absent(measured, c.value(whole))
     steady = [columns[f"{chain.name}.steady"] for chain in drives[0].chains]
-    unknown = np.any([np.ma.getmaskarray(of) for of in steady], axis=0)
-    return columns | {"steady": mask_absent(~unknown, np.all([np.ma.getdata(of) for of in steady], axis=0))}
+    unknown = np.any([of.missing for of in steady], axis=0)
+    return columns | {"steady": mask_absent(~unknown, np.all([of.values for of in steady], axis=0))}
 
 
 def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]) -> ColumnBlocks:
@@ -334,20 +352,20 @@ def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Seq
 def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
     """Metrics table of all variants, judged by limits."""
     count = len(ended.drives)
-    known = {"variant": np.ma.arange(count), "status": np.ma.zeros(count), "reason": np.ma.zeros(count)}
-    known |= run_columns(ended)
-    columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
+    known = {"variant": column_of(np.arange(count)), "status": column_of(np.zeros(count)),
+             "reason": column_of(np.zeros(count)), **run_columns(ended)}  # fmt: skip
+    columns = {name: (of.filled(0), of.missing) for name, of in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
     for variants, found in blocks:
         kinds = columns_of_metrics(found)
         for place, (name, values) in enumerate(found.items()):
-            having = ~np.ma.getmaskarray(values)
+            having = ~values.missing
             if having.any():
                 places[name] = min(places.get(name, (count, 0)), (int(variants[having.argmax()]), place))
                 if name not in columns:
                     columns[name] = np.zeros(count, kinds[name].kind), np.ones(count, dtype=bool)
                 numbers, missing = columns[name]
-                numbers[variants[having]] = values.data[having]
+                numbers[variants[having]] = values.values[having]
                 missing[variants[having]] = False
     judged = judge_variants(ended.drives, columns, ended.is_measured, limits, ended.layouts, ended.causes, ended.stacks)
     words = {"status": (judged.status, None), "reason": (judged.reason, None)}

@@ -1,10 +1,10 @@
-"""Schedule of a variant: when it steps, is sampled, and is measured."""
+"""Schedules of variants: when each steps, is sampled, and is measured."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,20 @@ MOST_STEPS = 2**31 - 2
 """Most steps of a run, counted in 32 bits."""
 
 
-def whole_steps(what: str, count: float) -> int:
-    """Rounded number of a schedule's steps, named by `what`.
+def whole_steps(what: str, counts: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Rounded numbers (V,) of schedules' steps.
+
+    Args:
+        what: where the first comes from, for the error.
+        counts: (V,) the numbers.
 
     Raises:
-        SimulationError: it is more than can be counted.
+        SimulationError: one is more than can be counted.
     """
-    if not (math.isfinite(count) and count <= MOST_STEPS):
-        raise SimulationError(f"{what} is {count:.3g} steps; allowed are at most {MOST_STEPS}")
-    return round(count)
+    wrong = ~(np.isfinite(counts) & (counts <= MOST_STEPS))
+    if wrong.any():
+        raise SimulationError(f"{what} is {counts[wrong][0]:.3g} steps; allowed are at most {MOST_STEPS}")
+    return np.rint(counts).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -51,12 +56,36 @@ class Schedule:
         return self.steps // self.frame_interval + 1 if self.frame_interval else 0
 
 
-def schedule_columns(schedules: Sequence[Schedule]) -> dict[str, NDArray[np.float64 | np.int64]]:
-    """Fields of schedules as arrays (V,), by name."""
-    known = {id(schedule): schedule for schedule in schedules}
-    places = {key: place for place, key in enumerate(known)}
-    which = np.array([places[id(schedule)] for schedule in schedules], dtype=np.int64)
-    return {
-        field.name: np.array([getattr(schedule, field.name) for schedule in known.values()])[which]
-        for field in fields(Schedule)
-    }
+class Schedules(Sequence[Schedule]):
+    """Schedules of V variants, kept as columns (V,) by field."""
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        self.columns = columns
+
+    def __len__(self) -> int:
+        return len(self.columns["step"])
+
+    @overload
+    def __getitem__(self, v: int) -> Schedule: ...
+    @overload
+    def __getitem__(self, v: slice | NDArray[Any]) -> Schedules: ...
+    def __getitem__(self, v: int | slice | NDArray[Any]) -> Schedule | Schedules:
+        own = {name: column[v] for name, column in self.columns.items()}
+        if isinstance(v, slice | np.ndarray):
+            return Schedules(own)
+        return Schedule(**{name: value.item() for name, value in own.items()})
+
+
+def schedules_as_columns(schedules: Sequence[Schedule]) -> Schedules:
+    """Schedules of variants, as columns."""
+    if isinstance(schedules, Schedules):
+        return schedules
+    return Schedules(
+        {of.name: np.array([getattr(schedule, of.name) for schedule in schedules]) for of in fields(Schedule)}
+    )
+
+
+def join_schedules(parts: Sequence[Sequence[Schedule]]) -> Schedules:
+    """Schedules of groups of variants, one group after the other."""
+    columns = [schedules_as_columns(part).columns for part in parts]
+    return Schedules({of.name: np.concatenate([each[of.name] for each in columns]) for of in fields(Schedule)})

@@ -26,7 +26,14 @@ from warpchain.model.friction_coefficients import (
     guide_friction_coefficients,
     tooth_friction_coefficients,
 )
-from warpchain.results.metric_formulas import STEP_KEY, DesignInputs, VariantValues, displacement_std, mask_absent
+from warpchain.results.metric_formulas import (
+    STEP_KEY,
+    ColumnValues,
+    DesignInputs,
+    VariantValues,
+    displacement_std,
+    mask_absent,
+)
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -42,7 +49,7 @@ def joint_resolution(of: DesignInputs) -> VariantValues:
 
 def joint_give(of: DesignInputs) -> VariantValues:
     """Metric tension error (V,) of joints that give, (c)."""
-    step = np.ma.getdata(of.metrics[STEP_KEY])
+    step = of.metrics[STEP_KEY].values
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
     gives = np.zeros(len(of.drives))
@@ -50,7 +57,7 @@ def joint_give(of: DesignInputs) -> VariantValues:
         strand = replace(of, prefix=f"{name}.")
         moment = _joint_friction_moment(of, np.maximum(strand["tension_mean"], 0.0))
         turned = moment * step * step / (BRISTLE_STIFFNESS * inertias)
-        swings = math.sqrt(2.0) * np.ma.filled(displacement_std(strand), 0.0)
+        swings = math.sqrt(2.0) * displacement_std(strand).filled(0.0)
         gives = np.fmax(gives, math.pi**2 / 16.0 * stiffness * swings * turned)
     tension = of["tension_q999"]
     return mask_absent(tension > 0.0, gives / np.where(tension > 0.0, tension, 1.0))
@@ -63,7 +70,7 @@ def partner_resolution(of: DesignInputs) -> VariantValues:
         of, ways, of.number_of_each(lambda drive: _partner_friction_coefficient(drive, of.index)) * of["force_max"]
     )
     times = of.number_of_each(lambda drive: _partner_ramp_time(drive, of.index))
-    ramped = mask_absent(times > 0.0, times / np.ma.getdata(of.metrics[STEP_KEY]))
+    ramped = mask_absent(times > 0.0, times / of.metrics[STEP_KEY].values)
     fewer = np.minimum(steps.filled(np.inf), ramped.filled(np.inf))
     return mask_absent(np.isfinite(fewer), fewer)
 
@@ -73,10 +80,10 @@ def is_ramped(drive: Drive, index: int) -> bool:
     return _partner_ramp_time(drive, index) > 0.0
 
 
-def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> np.ma.MaskedArray:
+def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> ColumnValues:
     """Number of steps for a force to move."""
     with np.errstate(all="ignore"):
-        steps = np.sqrt(way / force) / np.ma.getdata(of.metrics[STEP_KEY])
+        steps = np.sqrt(way / force) / of.metrics[STEP_KEY].values
     return mask_absent(np.isfinite(steps) & (force > 0.0), steps)
 
 

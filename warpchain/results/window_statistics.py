@@ -68,45 +68,59 @@ def cumulative_counts(counts: NDArray[np.integer]) -> Array:
 def histogram_quantile(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, share: float, below: Array | None = None
 ) -> Array:
-    """Quantile (V,) of values counted in bins, or nan.
+    """Quantile (R,) of values counted in bins, or nan.
 
     Args:
-        counts: (V, bins).
-        edges: (V, bins + 1) ascending.
-        low, high: (V,) smallest and largest value.
-        below: `cumulative_counts`, where known.
+        counts: (R, bins).
+        edges: (V, bins + 1) ascending, each for R / V rows of `counts`.
+        low, high: (R,) smallest and largest value.
+        below: (R, bins) `cumulative_counts`, where known.
     """
     below = cumulative_counts(counts) if below is None else below
     wanted = share * below[:, -1]
-    bins = (below >= wanted[:, None]).argmax(axis=1)
+    bins = _first_reaching(below, wanted)
     row = np.arange(len(counts))
+    edge = row * len(edges) // len(counts)
     inside = counts[row, bins]
     part = (wanted - (below[row, bins] - inside)) / np.where(inside > 0, inside, np.nan)
     least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
-    from_, to = np.clip(edges[row, bins], least, most), np.clip(edges[row, bins + 1], least, most)
+    from_, to = np.clip(edges[edge, bins], least, most), np.clip(edges[edge, bins + 1], least, most)
     from_ = np.where(bins == 0, least, from_)
     to = np.where(bins == counts.shape[1] - 1, most, to)
     return np.asarray(from_ + part * (to - from_))
 
 
+def _first_reaching(below: Array, wanted: Array) -> NDArray[np.int64]:
+    """First of ascending numbers (R, bins) that reach those wanted (R,), by halving; 0 for nan."""
+    row, count = np.arange(len(below)), below.shape[1]
+    found, step = np.zeros(len(below), dtype=np.int64), 2 ** (count - 1).bit_length()
+    while step > 1:
+        step //= 2
+        ahead = np.minimum(found + step, count - 1)
+        found = np.where(below[row, ahead - 1] < wanted, ahead, found)
+    return found
+
+
 def histogram_share_below(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
 ) -> Array:
-    """Share (V,) of binned values below a value."""
+    """Share (R,) of binned values below a value."""
     below = cumulative_counts(counts) if below is None else below
     least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     last = counts.shape[1] - 1
-    begun = 1 + (edges[:, 1:-1] < value).sum(axis=1)  # bins that begin below the value
+    row = np.arange(len(counts))
+    edge = row * len(edges) // len(counts)
+    begun = (1 + (edges[:, 1:-1] < value).sum(axis=1))[edge]  # bins that begin below the value
     begun = np.where(least < value, np.where(most < value, last + 1, begun), 0)
-    row, bins = np.arange(len(counts)), np.maximum(begun - 1, 0)  # the last of these
-    from_ = np.where(bins == 0, least, np.clip(edges[row, bins], least, most))
-    to = np.where(bins == last, most, np.clip(edges[row, bins + 1], least, most))
+    bins = np.maximum(begun - 1, 0)  # the last of these
+    from_ = np.where(bins == 0, least, np.clip(edges[edge, bins], least, most))
+    to = np.where(bins == last, most, np.clip(edges[edge, bins + 1], least, most))
     width = to - from_
     part = np.where(width > 0.0, np.clip((value - from_) / np.where(width > 0.0, width, 1.0), 0.0, 1.0), 1.0)
-    found = np.where(np.arange(last + 1) < bins[:, None], counts, 0.0)
-    found[row, bins] = np.where(begun > 0, part, 0.0) * counts[row, bins]
+    before = np.where(bins > 0, below[row, bins - 1], 0.0)
     total = below[:, -1]
-    return np.asarray(found.sum(axis=1) / np.where(total > 0, total, np.nan))
+    found = before + np.where(begun > 0, part, 0.0) * counts[row, bins]
+    return np.asarray(found / np.where(total > 0, total, np.nan))
 
 
 def lag_correlation(values: Array) -> Array:
