@@ -9,7 +9,7 @@ from assemblies import error_of
 from drives import example
 
 from warpchain import assemble
-from warpchain.assembly import path
+from warpchain.assembly import assembly, path
 from warpchain.assembly.fitting import fit_position, fit_positions
 from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.stack_assembly import assemble_stacks
@@ -106,6 +106,28 @@ def faceted(**values):
         "arm": "arm",
     }  # fmt: skip
     return car().with_values({"guides.0": blade}).with_values(values)
+
+
+def test_cars_in_balance_after_unlike_rounds_are_assembled_together(monkeypatch):
+    """What is done stays, to the bit, while the others go on; none is worked out twice."""
+    rounds, seated = [], assembly.seat_chain
+    monkeypatch.setattr(assembly, "seat_chain", lambda *given: rounds.append(len(given[1].radius)) or seated(*given))
+    springs = ((87.89806463878415, 89761941.80622698), (60.0, 9e7), (73.20330446547551, 77259095.73362029), (40.0, 8e7))
+    drives = [
+        car(**{"tensioners.tensioner.spring.preload": preload, "chain.stiffness": stiffness})
+        for preload, stiffness in springs
+    ]
+    alone, turns = [], set()
+    for drive in drives:
+        rounds.clear()
+        alone.append(assemble(drive))
+        turns.add(len(rounds))
+    assert len(turns) > 1
+    rounds.clear()
+    (stack,) = stacks_of_drives(drives)
+    for found, expected in zip(assemble_stacks([stack]), alone, strict=True):
+        assert_same(found, expected)
+    assert rounds == [4] * max(turns)
 
 
 def test_chains_on_unlike_arcs_are_told_apart():

@@ -44,6 +44,7 @@ from warpchain.drive.stack_math import (
     columns_of_table,
     has_arrays,
     hypot,
+    is_true_everywhere,
     is_true_somewhere,
     power,
     shared_value,
@@ -54,7 +55,7 @@ from warpchain.drive.stack_math import (
 from warpchain.errors import DriveError
 from warpchain.model.mounts import initial_velocity
 from warpchain.model.parts_between_chains import LedSprocket
-from warpchain.model.stacks import pick_variants
+from warpchain.model.stacks import pick_variants, variants_of_either
 from warpchain.model.start_phase import motion_from_start_phase
 from warpchain.model.trains import body_turning_sign
 
@@ -295,9 +296,19 @@ def _seated_stack_with_arms(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     balance, beyond = ArmBalance(drive), 0.0
     path = balance.path()
     check_fit(drive, path)
-    loop, known, last = Loop(drive, path), None, False
+    loop, known, last = Loop(drive, path), None, False  # last: this turn, or one before
+    kept: tuple[Any, ChainPath, Seating] | None = None  # what is found of some, while others go on
     for turn in range(_BALANCES):
-        seating = seat_chain(drive, path, loop, _FINE if last else _ROUGH)
+        seating = seat_chain(drive, path, loop, where(last, _FINE, _ROUGH))
+        if kept is not None:
+            found, before, seated = kept
+            path = variants_of_either(found, before, path)
+            seating.set_variants(np.flatnonzero(found), seated.of(np.flatnonzero(found)))
+            loop.use_path(path)
+        if is_true_everywhere(last):
+            break
+        if is_true_somewhere(last):
+            kept = last, path, seating
         (nominal,) = columns_of_table(np.asarray(path.nominal_strain)[:, None])
         off, slope = seating.strain - nominal - beyond, -1.0
         if known is not None:
@@ -305,9 +316,9 @@ def _seated_stack_with_arms(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
             slope = (off - known[1]) / moved
             slope = where(abs(slope + 1.0) < 0.5, slope, -1.0)
             (turned,) = columns_of_table(np.abs(path.arm_angle - known[2]).max(axis=1)[:, None])
-            if last or turn == _BALANCES - 1:
+            if turn == _BALANCES - 1:
                 break
-            last = shared_value(abs(off / slope * turned / moved) <= _NEAR)
+            last = last | (abs(off / slope * turned / moved) <= _NEAR)
         known = beyond, off, path.arm_angle
         beyond = beyond - off / slope
         path = balance.path(beyond, columns_of_table(path.arm_angle))

@@ -130,7 +130,7 @@ class Seating:
         return [first + seats - 1 for first, seats in zip(self.first, self.seats, strict=True)]
 
 
-def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: float = 0.0) -> Seating:
+def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: Number = 0.0) -> Seating:
     """Seats the chains of a stack, each of which fits its path.
 
     Args:
@@ -374,7 +374,7 @@ class Loop:
         found = [self.reach[row, end] - self.reach[row, begin] for begin, end in ends]
         return [length if has_arrays(length) else float(length) for length in found]
 
-    def solve_closure(self, seating: Seating, near: float) -> None:
+    def solve_closure(self, seating: Seating, near: Number) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
         part, mine, lengths = self, seating, self.unloaded_lengths(seating)
         todo = np.arange(self.variants)
@@ -384,7 +384,8 @@ class Loop:
                 return
             before, part.chords = part.chords, [part.laid_excess(mine, k) for k in range(self.size)]
             change = maximum(*(abs(old - new) for old, new in zip(before, part.chords, strict=True)))
-            moved, much = change > _LAID * part.pitch, _LEFT * change > near * part.pitch
+            rest = pick_places(near, part.members) * part.pitch
+            moved, much = change > _LAID * part.pitch, _LEFT * change > rest
             last, further = moved & (much ^ True), moved & much
             if is_true_somewhere(last):
                 own, solved, natural = part.chosen_loops(last, mine, lengths)

@@ -25,7 +25,7 @@ from warpchain.drive.drive import Drive
 from warpchain.drive.motion_table import TABLES
 from warpchain.drive.schema import Part
 from warpchain.drive.shafts import Ratios
-from warpchain.drive.stack_math import has_arrays
+from warpchain.drive.stack_math import UnlikeVariants, has_arrays
 from warpchain.drive.valves import LiftProfile, LiftTable, Valves
 from warpchain.errors import DriveError
 
@@ -238,6 +238,25 @@ def pick_variants(value: StackedValue, places: Any) -> StackedValue:
     new = {name: pick_variants(inner, places) for name, inner in value.__dict__.items()}
     changed = {name: inner for name, inner in new.items() if inner is not value.__dict__[name]}
     return value.model_copy(update=changed) if changed else value
+
+
+def variants_of_either(chosen: NDArray[np.bool_], one: Any, other: Any) -> Any:
+    """Stack of the variants for which `chosen` (V,) is true of one stack, and the others of another.
+
+    Raises:
+        UnlikeVariants: the stacks differ in more than numbers.
+    """
+    if has_arrays(one, other):
+        rows = np.shape(other) if np.ndim(other) else np.shape(one)
+        return np.where(chosen.reshape(-1, *(1 for _ in rows[1:])), one, other)
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        return tuple(variants_of_either(chosen, *pair) for pair in zip(one, other, strict=True))
+    if is_dataclass(one) and is_dataclass(other) and not isinstance(one, type):
+        pairs = {of.name: (getattr(one, of.name), getattr(other, of.name)) for of in fields(one)}
+        return replace(one, **{name: variants_of_either(chosen, *pair) for name, pair in pairs.items()})
+    if one != other:
+        raise UnlikeVariants(chosen)
+    return one
 
 
 def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
