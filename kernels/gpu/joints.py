@@ -54,8 +54,8 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
     chains = chain_functions(kind)
     sync = sync_functions(kind)
     links = link_functions(kind)
+    TENSION, TURN = row.force_x, row.force_y
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
-    TENSION, TURN = (row.force_x, row.force_y) if kind.shape.is_one_warp else (FIRST, SECOND)
     FRICTION = wp.constant(tally_places(kind)[1])
 
     @wp.func
@@ -111,15 +111,9 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
         sync.barrier()
 
     @wp.func
-    def link_couple(state: State, shared: Shared, mine: ThreadParts, now: Now, j: int, lever: vec2):
-        """Force [N] of the couple of link j's joints, and what the bristle of joint j holds if it is not shared yet."""
-        next, rows = chains.next_roller(shared, j, mine.rollers), shared.rows
-        if wp.static(kind.shape.is_one_warp):
-            return couple_force(access.load(rows, TURN + j), access.load(rows, TURN + next), lever), Real(0.0)
-        else:
-            moment, holds = joint_moment(shared, mine, now, j, held_moment(state, mine, j))
-            next_moment, of_next = joint_moment(shared, mine, now, next, held_moment(state, mine, next))
-            return couple_force(moment, next_moment, lever), holds
+    def link_couple(rows: wp.array[Real], j: int, next: int, lever: vec2):
+        """Force [N] of the couple of link j's joints, from the moments that they share."""
+        return couple_force(access.load(rows, TURN + j), access.load(rows, TURN + next), lever)
 
     @wp.func
     def store_couple(rows: wp.array[Real], j: int, x: Real, y: Real):
@@ -154,10 +148,8 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
         pull_y = of_each()
         for k in range(rollers_per_thread):
             j = k * threads + i
-            if wp.static(
-                kind.shape.is_one_warp
-            ):  # each before any is stored, as the compiler does not load across a store
-                hold[k] = held_moment(state, mine, j)
+            # each before any is stored, as the compiler does not load across a store
+            hold[k] = held_moment(state, mine, j)
             d, w = links.link_vector_and_velocity(shared, j, n)
             tension_k, rate_k, force = links.link_load_from_vector(
                 shared, j, n, d, w, links.link_length(shared, lengths, j)
@@ -172,18 +164,15 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             pull_x[k] = force[0]
             pull_y[k] = force[1]
         sync.barrier()
-        if wp.static(kind.shape.is_one_warp):
-            share_joint_moments(state, shared, mine, now, hold)
+        share_joint_moments(state, shared, mine, now, hold)
         for k in range(rollers_per_thread):
             j = k * threads + i
-            couple, holds = link_couple(state, shared, mine, now, j, vec2(lever_x[k], lever_y[k]))
-            hold[k] = holds
+            couple = link_couple(rows, j, chains.next_roller(shared, j, n), vec2(lever_x[k], lever_y[k]))
             lever_x[k] = couple[0]
             lever_y[k] = couple[1]
             pull_x[k] = pull_x[k] + couple[0]
             pull_y[k] = pull_y[k] + couple[1]
-        if wp.static(kind.shape.is_one_warp):
-            sync.barrier()
+        sync.barrier()
         for k in range(rollers_per_thread):
             rollers.set_force(shared, k * threads + i, vec2(pull_x[k], pull_y[k]))
         sync.barrier()
@@ -191,8 +180,6 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             j = k * threads + i
             if wp.static(kind.measuring):
                 store_couple(rows, j, lever_x[k], lever_y[k])
-            if wp.static(not kind.shape.is_one_warp):  # neighbors have read it
-                keep_held_moment(state, mine, now, j, hold[k])
             force = rollers.force(shared, chains.previous_roller(shared, j, n))
             pull_x[k] = pull_x[k] - force[0]
             pull_y[k] = pull_y[k] - force[1]

@@ -52,16 +52,16 @@ ALIGNED = 16
 def shared_rows(Real: type) -> int:
     """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
 
-    Where joints rub there are more (`joint_rows`).
+    With metrics there are more where joints rub (`joint_rows`).
     """
     return 8 if Real == wp.float32 else 6
 
 
 def joint_rows(kind: BlockKind) -> int:
-    """Rows for the friction of joints, beside `shared_rows` (`joints`)."""
-    if not kind.friction.joints or (kind.shape.is_one_warp and not kind.measuring):
+    """Rows for metrics of the joints' friction, beside `shared_rows` (`joints`)."""
+    if not kind.friction.joints or not kind.measuring:
         return 0
-    return 1 if kind.shape.is_one_warp and kind.Real == wp.float64 else 2
+    return 1 if kind.Real == wp.float64 else 2
 
 
 def extreme_values(kind: BlockKind) -> int:
