@@ -45,6 +45,7 @@ from warpchain.drive import Guide, dumps_drive, load_drive, loads_drive
 from warpchain.drive.file_columns import columns_of, read_columns, read_points
 from warpchain.drive.motion_table import MotorTable, TorqueTable
 from warpchain.errors import WarpchainError
+from warpchain.model import Model
 from warpchain.results.measured_columns import MeasuredColumns
 from warpchain.results.measured_file import read_signal
 from warpchain.study.design import make_design
@@ -315,7 +316,7 @@ class Fuzz:
         path.write_bytes(draw(changed_text(draw(one_of(self.texts)))))
         drive = load_drive(path)
         resolve_step(drive)
-        assemble_chains(drive)
+        assemble_chains(Model(drive))
         assert loads_drive(dumps_drive(drive)) == drive
 
     def studies(self, draw: Draw) -> None:

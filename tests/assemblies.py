@@ -8,6 +8,7 @@ import pytest
 from warpchain.assembly import assemble
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 from warpchain.model.stacks import stacks_of_drives
 
 
@@ -46,7 +47,7 @@ def error_of(drives, variant):
     with pytest.raises(DriveError) as alone:
         assemble(drives[variant])
     with pytest.raises(DriveError) as together:
-        assemble_stacks(stacks_of_drives(drives))
+        assemble_stacks(stacks_of_drives(list(map(single_chain, drives))))
     assert str(together.value) == f"variant {variant}: {alone.value}"
     return str(alone.value)
 

@@ -24,7 +24,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.shared_memory import block_memory
 from warpchain.kernels.gpu.statistics import collect_kernel
 from warpchain.kernels.statistics import BINS
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.channels import CHANNEL_NAMES, PartCounts, drive_frame_width, frame_with_channels
 from warpchain.results.schedule import Schedule, schedules_as_columns
@@ -583,7 +583,7 @@ def shape_of(variants, each):
 def pack_for(variants, schedules, precision):
     """An ensemble whose frames have every channel that its drives have."""
     rows = ChainRows(variants, stacks_of_drives(variants))
-    packed = pack(rows.drives, rows.schedules_by_row(schedules_as_columns(schedules)))
+    packed = pack(rows.models, rows.schedules_by_row(schedules_as_columns(schedules)))
     rows.couple_chains(packed)
     packed = packed.at_precision(precision)
     return replace(packed, frame=frame_with_channels(CHANNEL_NAMES if packed.joint_friction_kinds.any() else ()))
@@ -653,7 +653,7 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
     packed = replace(pack_for(variants, schedules, precision), frame=frame)
     bends = np.flatnonzero(packed.joint_friction_kinds)
-    each = [chain_drive.drive for drive in variants for chain_drive in chain_drives(drive)]
+    each = [chain for drive in variants for chain in Model(drive).chains]
     widths = [drive_frame_width(chain, packed.frame) * 16 for chain in each]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     serial, theirs = stepped(packed, 301, values=sum(widths))

@@ -110,8 +110,6 @@ def test_an_argument_of_another_kind_is_named(function):
         (lambda: modes(CAR, valve="ajar"), "valve = 'ajar': must be 'shut' or 'open'"),
         (lambda: modes(CAR, speed=-3 * 0.003), "speed = -0.009: must be"),
         (lambda: modes(CAR, speed=np.float64(-3 * 0.003)), "speed = -0.009: must be"),
-        (lambda: CAR.tooth(3), "s = 3: must be a whole number from 0, below 3 sprockets"),
-        (lambda: CAR.arm_lever(-1), "a = -1: must be a whole number from 0, below 1 arms"),
         (lambda: run()[0].at([0, 10**6]), r"frames of a trajectory of \d+: index 1000000 is out of bounds"),
         (lambda: ArchiveOptions(numbers=(1, 1)), "numbers: must be different from each other"),
     ],

@@ -15,10 +15,11 @@ from loading import load_script
 from matplotlib.figure import Figure
 
 from warpchain import assemble
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.pack import pack
 from warpchain.errors import WarpchainError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.results.schedule import Schedule
 
 
@@ -226,7 +227,7 @@ def test_one_chain_has_as_many_rollers_and_partners_as_three():
     three, one = chains.chains_in_a_row(None), chains.chain_around_a_star(None)
     assert three.links == one.links == 180
     assert len(three.sprockets) == len(one.sprockets) == 6
-    assemblies = [assemble(part.drive) for part in chain_drives(three)], [assemble(one)]
+    assemblies = [assemble_chain(part) for part in Model(three).chains], [assemble(one)]
     strains = [assembly.strain for of in assemblies for assembly in of]
     assert strains == pytest.approx([1e-3] * 4, abs=1e-4)
     strands = [sum(len(a.strand_links) for a in of) for of in assemblies]

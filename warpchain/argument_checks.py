@@ -97,30 +97,6 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
     return wrap
 
 
-def check_index(parts: str, error: type[Exception]) -> Callable[[CheckedFunction], CheckedFunction]:
-    """Decorator that raises `error` for an index outside the object's attribute `parts`."""
-
-    def wrap(method: Any) -> Any:
-        """The method with a check of its index."""
-        name = list(inspect.signature(method).parameters)[1]
-
-        @wraps(method)
-        def call(self: Any, *args: Any, **named: Any) -> Any:
-            """Checks the index, then calls the method."""
-            count = len(getattr(self, parts))
-            for index in (*args, *named.values()):
-                whole = type(index) is int or (isinstance(index, Integral) and not isinstance(index, bool))
-                if not (whole and 0 <= index < count):
-                    raise error(
-                        f"{name} = {_SHORT_REPR.repr(index)}: must be a whole number from 0, below {count} {parts}"
-                    )
-            return method(self, *args, **named)
-
-        return call
-
-    return wrap
-
-
 class _UnimportedType(type):
     """An empty class for names that only type checkers import."""
 

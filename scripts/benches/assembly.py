@@ -22,6 +22,7 @@ from warpchain.drive import Drive
 from warpchain.drive.changed_copies import DriveChanges
 from warpchain.engine import pack as packing
 from warpchain.engine import simulation, start_warp, subensemble
+from warpchain.engine.chain_rows import ChainRows
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.study.run.row_drives import adjusted_drives
 from warpchain.study.spec.study_tables import Adjust
@@ -97,19 +98,22 @@ def stage_times(bases: list[Drive], unlike: str, count: int, rounds: int) -> dic
             stacks = stacks_of_drives(drives)
         with note_least_time(times, "steps", count):
             when = run_schedules(drives, stacks)
+        with note_least_time(times, "chains", count):
+            rows = ChainRows(drives, stacks)
         with note_least_time(times, "assembled", count):
-            assemblies = assemble_stacks(stacks)
+            assemblies = assemble_stacks(rows.stacks)
         with (
             note_least_time(times, "packed", count),
             mock.patch.object(packing, "assemble_stacks", return_value=assemblies),
         ):
-            packing.pack(drives, when, stacks)
+            packing.pack(rows.models, when, rows.stacks)
         with note_least_time(times, "layouts", count):
-            layout_faults_of_drives(drives, assemblies, stacks)
+            layout_faults_of_drives(rows.models, assemblies, rows.stacks)
     for drive in drives[:5] * rounds:
         with note_least_time(times, "alone", 1):
             stacks = stacks_of_drives([drive])
-            packing.pack([drive], run_schedules([drive], stacks), stacks)
+            rows = ChainRows([drive], stacks)
+            packing.pack(rows.models, run_schedules([drive], stacks), rows.stacks)
         with note_least_time(times, "assembled alone", 1):
             assemble(drive)
         with note_least_time(times, "fit alone", 1):

@@ -64,8 +64,8 @@ def roller_step_rate(
     """1e6 roller-steps a second, on the CPU of CPU time on one core, compilation and start apart."""
     drives = [drive] * count
     rows = ChainRows(drives, stacks_of_drives(drives))
-    when = endless_schedule(rows.drives[0], metrics)
-    packed = pack(rows.drives, [when] * len(rows.drives), rows.stacks)
+    when = endless_schedule(drives[0], metrics)
+    packed = pack(rows.models, [when] * len(rows.models), rows.stacks)
     if tied:
         rows.couple_chains(packed)
     return count * drive.links * steps / launch_seconds(packed.at_precision(precision), device, steps)[0] / 1e6

@@ -10,7 +10,8 @@ from matplotlib.patches import FancyBboxPatch
 
 FORTH = (
     ("Drive", "warpchain/drive/", "what the file says,\nchecked, in SI units", "chain.stiffness = 5e7"),
-    ("What follows", "warpchain/assembly/", "the chain in its place,\nthe step's limit", "bounds the step"),
+    ("Model", "warpchain/model/", "chains with their parts,\nsizes, stiffnesses, speeds", "model.chain.stiffness"),
+    ("Assembly", "warpchain/assembly/", "the chain in its place,\nthe step's limit", "bounds the step"),
     ("Packed arrays", "warpchain/engine/pack.py", "rows of many drives,\na part each", "chains.stiffness"),
     ("Kernels", "kernels/physics/", "the time loop of\nkernels/cpu/ or gpu/", "link_force: the tension"),
 )
@@ -20,7 +21,9 @@ BACK = (
     ("Outcomes", "warpchain/engine/window_sums.py", "sums of the variants,\nwhy one diverged", "ChainSums.tension_max"),
     ("Sums and frames", "kernels/sums.py", "added at each step,\nwritten at some", "the largest so far"),
 )
-"""Stages: name, place, what there is, and what the links' stiffness comes to there."""
+"""Stages: name, place, what there is, and what the links' stiffness comes to there; those back from the right."""
+LAST = len(FORTH) - 1
+"""Column of the last stage forth, below which the first one back stands."""
 WIDE, HIGH, APART, DOWN = 2.5, 1.35, 3.1, 2.15
 """Size of a box, and distances of their centers [in]."""
 
@@ -31,12 +34,12 @@ def architecture(_: argparse.Namespace) -> Iterator[Line]:
 
     python scripts/figures.py architecture
     """
-    figure = Figure(figsize=(3 * APART + WIDE + 0.2, DOWN + HIGH + 0.2))
+    figure = Figure(figsize=(LAST * APART + WIDE + 0.2, DOWN + HIGH + 0.2))
     axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axis.set(xlim=(-0.1, 3 * APART + WIDE + 0.1), ylim=(-DOWN - 0.1, HIGH + 0.1))
+    axis.set(xlim=(-0.1, LAST * APART + WIDE + 0.1), ylim=(-DOWN - 0.1, HIGH + 0.1))
     axis.axis("off")
     for row, stages in enumerate((FORTH, BACK)):
-        for column, (name, place, what, value) in enumerate(stages):
+        for column, (name, place, what, value) in enumerate(stages, LAST + 1 - len(stages)):
             if not (ROOT / place).exists():
                 raise SystemExit(f"architecture: no {place}")
             x, y = column * APART, -row * DOWN
@@ -47,10 +50,10 @@ def architecture(_: argparse.Namespace) -> Iterator[Line]:
             axis.text(middle, y + 0.91, place, ha="center", va="center", fontsize=8.5, family="monospace")
             axis.text(middle, y + 0.58, what, ha="center", va="center", fontsize=9.5)
             axis.text(middle, y + 0.18, value, ha="center", va="center", fontsize=9, color="#b03030", style="italic")
-            if column < 3:
+            if column < LAST:
                 ends = (x + WIDE + 0.06, x + APART - 0.06)
                 _arrow(axis, *((e, y + 0.5 * HIGH) for e in (ends if row == 0 else ends[::-1])))
-    _arrow(axis, (3 * APART + 0.5 * WIDE, -0.06), (3 * APART + 0.5 * WIDE, HIGH - DOWN + 0.06))
+    _arrow(axis, (LAST * APART + 0.5 * WIDE, -0.06), (LAST * APART + 0.5 * WIDE, HIGH - DOWN + 0.06))
     yield {"architecture": figure}
 
 

@@ -14,6 +14,7 @@ from scipy.signal import find_peaks
 import warpchain
 from warpchain import Drive, Record, assemble, simulate
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.model import Model
 from warpchain.results.outlines import chain_outline, pose_at_start
 from warpchain.results.run import Trajectory
 
@@ -135,9 +136,10 @@ def cage_figure(drive: Drive, runs: list[Trajectory]) -> Figure:
     figure = Figure(figsize=(10.0, 9.0), layout="constrained")
     where, cage, lower = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 1.0))
     for one, color, label in ((drive, "0.5", "before"), (drive_after_move(drive), "tab:orange", "axle 36 mm higher")):
-        pose = pose_at_start(one)
-        where.plot(*(1e3 * chain_outline(one, chain_path(one)).T), color=color, label=label)
-        for s in one.sprockets_on(0):
+        model = Model(one).chain
+        pose = pose_at_start(model)
+        where.plot(*(1e3 * chain_outline(model, chain_path(model)).T), color=color, label=label)
+        for s in model.sprockets_on(0):
             where.plot(*(1e3 * np.array([one.arms[0].pivot, pose.center[s]]).T), "o-", color=color, ms=3)
     where.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
     where.legend(fontsize=8)

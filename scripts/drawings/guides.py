@@ -17,6 +17,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.examples import drive_path
 from warpchain.drive.viscosity import walther_from_slope
 from warpchain.engine.tensioner_bench import PlungerMotion, shake_tensioner
+from warpchain.model import Model
 from warpchain.model.oil import static_force, static_pressure, valve_flow
 from warpchain.results.outlines import DrivePose, guide_arm_tensioner_parts, teeth_parts, turn_points
 from warpchain.results.run import require_channels
@@ -32,7 +33,7 @@ SLOWLY = {"run.duration": DURATION} | dict.fromkeys(RAMPS, 6.0)
 
 def indented_bar_drive(drive: Drive, strand: int, indentation: float) -> Drive:
     """The drive with its bar's face where it presses the strand in by `indentation` [m], both ends alike."""
-    path, (bar,) = chain_path(drive), drive.guides
+    path, (bar,) = chain_path(Model(drive).chain), drive.guides
     t = path.strand_end[strand] - path.strand_start[strand]
     t /= np.hypot(*t)
     n = np.array([-t[1], t[0]])
@@ -95,12 +96,12 @@ def drive_text_of_document(page: str) -> str:
 
 def draw_guides(axes: Any, drive: Drive) -> None:
     """The drive as drawn, rollers' centers over the faces, joints of these, and arms at both stops."""
-    centers = np.array([sprocket.center for sprocket in drive.sprockets])
+    model, centers = Model(drive).chain, np.array([sprocket.center for sprocket in drive.sprockets])
     pose = DrivePose(centers, np.zeros(len(centers)), np.zeros(len(drive.arms)))
-    draw_parts(axes, drive, pose, [*teeth_parts(drive, pose), *guide_arm_tensioner_parts(drive, pose)], 1.0)
+    draw_parts(axes, model, pose, [*teeth_parts(model, pose), *guide_arm_tensioner_parts(model, pose)], 1.0)
     for g in range(len(drive.guides)):
-        profile, a = drive.profile(g), drive.arm_of(g)
-        face, centers = profile.points(5e-4), profile.offset_points(drive.guide_offset(g), 5e-4)
+        profile, a = model.profile(g), model.arm_of(g)
+        face, centers = profile.points(5e-4), profile.offset_points(model.guide_offset(g), 5e-4)
         if a is not None:
             for stop in drive.arms[a].stops_rad:
                 axes.plot(*turn_points(face, drive.arms[a].pivot, stop).T, color="tab:brown", alpha=0.4, linewidth=1.0)

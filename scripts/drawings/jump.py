@@ -14,6 +14,7 @@ from warpchain.assembly.tooth_hold import held_tension_ratio
 from warpchain.drive import Drive
 from warpchain.engine.jump import find_jumps
 from warpchain.fit import fit_links
+from warpchain.model import Model
 
 FORCE, TEETH = 4000.0, 20
 HEIGHTS = (0.25, 0.35, 0.45, 0.6, 0.75, 0.9)
@@ -61,8 +62,8 @@ def jump(asked: argparse.Namespace) -> Iterator[Line]:
         for height in HEIGHTS:
             drive = triangle_drive(height, seat)
             n = float(assemble(drive).path.wrap_angle[2]) * TEETH / math.tau
-            pull = 0.5 * FORCE / math.cos(0.5 * math.atan(height)) * drive.pitch_radius(2)
-            q = held_tension_ratio(drive, 2)
+            pull = 0.5 * FORCE / math.cos(0.5 * math.atan(height)) * Model(drive).chain.pitch_radius(2)
+            q = held_tension_ratio(Model(drive).chain, 2)
             (found,) = find_jumps(drive, directions=("forward",), most=pull * 4.0 * q**n, tolerance=0.05, device="cpu")
             assert found.jumps is not None
             held, jumped = found.holds / pull, found.jumps / pull

@@ -10,7 +10,7 @@ from common.drives import example_drive, study_of_example
 from matplotlib.figure import Figure
 
 from warpchain import Record, simulate
-from warpchain.model.chain_drives import chain_speed
+from warpchain.model import Model
 from warpchain.study.results import Results
 
 COLORS = ("tab:red", "tab:blue", "tab:green")
@@ -18,9 +18,9 @@ COLORS = ("tab:red", "tab:blue", "tab:green")
 
 def tooth_blow(teeth: float) -> float:
     """Force [N] with which a roller strikes a fixed tooth: 2 v sin(pi/z) sqrt(K m)."""
-    drive = example_drive("marine_lever")
-    stiffness = drive.sprocket_stiffness(1)
-    return 2.0 * chain_speed(drive) * math.sin(math.pi / teeth) * math.sqrt(stiffness * drive.chain.mass)
+    model = Model(example_drive("marine_lever")).chain
+    stiffness = model.sprocket_stiffness(1)
+    return 2.0 * model.chain_speed * math.sin(math.pi / teeth) * math.sqrt(stiffness * model.chain.mass)
 
 
 def lever_figure(results: Results, fixed: float) -> Figure:

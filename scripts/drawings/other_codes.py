@@ -16,6 +16,7 @@ from drawings.modes import top_speed
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
+from warpchain.model import Model
 from warpchain.results.run import require_channels
 
 Array = NDArray[np.float64]
@@ -95,7 +96,7 @@ def run_warpchain(drive: Drive) -> CodeResult:
 
 def sprocket_spheres(drive: Drive) -> Iterator[tuple[float, float, float]]:
     """Places on a sprocket and radii [m] of a hub that carries the rollers and of teeth that fill the gaps between."""
-    radius, count, roller = drive.pitch_radius(0), drive.sprockets[0].teeth, drive.chain.roller_radius
+    radius, count, roller = Model(drive).chain.pitch_radius(0), drive.sprockets[0].teeth, drive.chain.roller_radius
     yield 0.0, 0.0, radius - roller
     tooth = 2.0 * radius * math.sin(math.pi / (2 * count)) - roller - CLEARANCE
     for angle in (np.arange(count) + 0.5) * math.tau / count:

@@ -190,7 +190,7 @@ def report(asked: argparse.Namespace) -> Iterator[Line]:
     figures = {
         "report-hubs": hub_force_figure(found),
         "report-guide": guide_load_figure(found, 0),
-        "report-orders": order_cuts_figure(drive, "force on the hub", *cuts),
+        "report-orders": order_cuts_figure(found.model, "force on the hub", *cuts),
     }
     yield ("metric", "value")
     yield from found.metrics().items()

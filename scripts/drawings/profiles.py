@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from warpchain import Drive, Record, simulate
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.tooth_shape import half_gap_outline
+from warpchain.model import Model
 from warpchain.results.nearest_parts import engaged_sprockets, sprocket_normals
 from warpchain.results.outlines import tooth_outline, turn_points
 from warpchain.results.signals import order_spectrum, strand_tension
@@ -94,7 +95,7 @@ def seated_tension_ratios(profile: str) -> tuple[np.ndarray, float]:
     values |= {"contact.sprocket.impact_speed_floor": 0.5, "contact.sprocket.stiffness": 2e9}
     slow = profile_drive(profile, values | {"run.step": 1.5e-6, "run.duration": 1.0})
     trajectory: Any = simulate(slow, record=Record(rate=100.0))[0]
-    phi = slow.tooth(0).pressure_angle(TEETH)
+    phi = Model(slow).chain.tooth(0).pressure_angle(TEETH)
     force, tension = trajectory.sprocket_force[-1], trajectory.tension[-1]
     on = engaged_sprockets(trajectory)[-1] == 0
     loaded = np.flatnonzero(on & (force > 0.005 * force.max()))
@@ -148,7 +149,7 @@ def profiles(asked: argparse.Namespace) -> Iterator[Line]:
     """
     figure, (shape, force, approach, decay) = panel_grid(4, 2, 5.5, 4.0)
     for name, color in zip(PROFILES, COLORS, strict=True):
-        one = profile_drive(name)
+        one = Model(profile_drive(name)).chain
         yield (f"{name}, pressure angle", f"{math.degrees(one.tooth(0).pressure_angle(TEETH)):.1f} deg")
         found, speeds, over = repeated_quantities(name)
         for quantity, values in found.items():
@@ -182,7 +183,7 @@ SHOWN = "iso606, maximum gap"
 
 def climbed_radius(trajectory: Any, rollers: slice) -> Any:
     """Pitches since arrival on the driver, and there the rollers' mean radius over the pitch radius, less one [%]."""
-    off = np.hypot(*np.moveaxis(radial_places(trajectory, 0), -1, 0)) / trajectory.drive.pitch_radius(0) - 1.0
+    off = np.hypot(*np.moveaxis(radial_places(trajectory, 0), -1, 0)) / trajectory.model.pitch_radius(0) - 1.0
     return means_over_pitches(trajectory, 0, 100.0 * off, np.arange(0.5, TEETH / 2 - 0.4, 0.25), rollers)
 
 
@@ -194,7 +195,7 @@ def draw_worn_driver(axes: Axes, trajectory: Any) -> None:
     turn = np.linspace(0.0, 2.0 * math.pi, 60)
     for x, y in rollers[rollers[:, 0] < 60.0]:
         axes.plot(x + radius * np.cos(turn), y + radius * np.sin(turn), color=COLORS[0], linewidth=1.0)
-    circle = 1e3 * trajectory.drive.pitch_radius(0)
+    circle = 1e3 * trajectory.model.pitch_radius(0)
     axes.plot(circle * np.cos(turn), circle * np.sin(turn), ":", color="0.3", linewidth=0.8)
     axes.plot(*np.vstack([rollers, rollers[:1]]).T, color=COLORS[1], linewidth=0.8)
     axes.set(xlim=(-100, 60), ylim=(-95, 95), xlabel="[mm]", title=f"{SHOWN}, {100 * ELONGATIONS[-1]:g} % longer")

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from warpchain import Drive, Record, load_drive, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.drive.viscosity import walther_from_two_points
+from warpchain.model import Model
 from warpchain.results.objectives import add_objectives
 from warpchain.results.units import display_unit_word, quantity_words
 from warpchain.study.analysis.pareto import Goals, goals_of_study, is_non_dominated
@@ -53,7 +54,7 @@ def guide_indentation(results: Results) -> Figure:
 def speed_sweep(results: Results) -> Figure:
     """Vibration of each strand over the crankshaft's speed, with the speeds at which its sixth order excites a mode."""
     drive = example_drive("marine")
-    path, speed = chain_path(drive), results.values("speed")
+    path, speed = chain_path(Model(drive).chain), results.values("speed")
     turns = speed / (2.0 * np.pi)
     travel = turns * drive.sprockets[0].teeth * drive.chain.pitch
     mass = drive.chain.mass / drive.chain.pitch

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from warpchain import Drive
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.model import Model
 from warpchain.results.outlines import chain_outline
 from warpchain.study.results import Results
 
@@ -19,11 +20,12 @@ STRAND, COLORS = "idler->auger", ("tab:blue", "tab:green", "tab:red")
 
 def drawn_path(axes: Any, drive: Drive, color: str, label: str) -> None:
     """The chain's path and its arm."""
-    path, turn = chain_path(drive), np.linspace(0.0, 2.0 * np.pi, 60)
+    model = Model(drive).chain
+    path, turn = chain_path(model), np.linspace(0.0, 2.0 * np.pi, 60)
     for center, radius in zip(path.center, path.radius, strict=True):
         around = center + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         axes.plot(*(1e3 * around).T, color=color, lw=0.6, alpha=0.6)
-    axes.plot(*(1e3 * chain_outline(drive, path)).T, color=color, label=label)
+    axes.plot(*(1e3 * chain_outline(model, path)).T, color=color, label=label)
     axes.plot(*(1e3 * np.array([drive.arms[0].pivot, path.center[1]])).T, "o-", color=color, ms=4)
 
 

@@ -17,6 +17,7 @@ from drawings.modes import top_speed, window_spectrum
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.frequencies import moving_frequency
 from warpchain.modal.campbell import pitch_averaged_campbell
+from warpchain.model import Model
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.signals import strand_tension
 from warpchain.results.strand_passing import strand_displacement
@@ -67,7 +68,7 @@ def strand_size(drive: Drive) -> tuple[float, float]:
 def string_frequency(drive: Drive, tension: float, mode: int = 1) -> float:
     """Frequency of a moving string between the tangent points [Hz], in closed form."""
     length, speed = strand_size(drive)
-    return moving_frequency(drive, length, tension, speed, mode)
+    return moving_frequency(Model(drive).chain, length, tension, speed, mode)
 
 
 def mass_chain_frequency(drive: Drive, tension: float, mode: int) -> float:

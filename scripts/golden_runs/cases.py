@@ -24,6 +24,7 @@ from warpchain.assembly.summary import derive
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.cli import main as command_line
 from warpchain.drive.examples import example_names
+from warpchain.model import Model
 from warpchain.results import fatigue, nearest_parts, objectives, outlines, signals, strand_passing
 
 VOLATILE = ("created", "wall_time", "set", "version", "versions", "digest", "run")
@@ -112,8 +113,8 @@ def setup_quantities(folder: Path) -> dict[str, Any]:
     for name, drive in drives.items():
         found[name] = {"assembly": warpchain.assemble(drive), "derived": derive(drive)}
         found[name]["steps"] = [step_limit(drive), automatic_step(drive)]
-        found[name]["teeth"] = [outlines.tooth_outline(drive, s) for s in range(len(drive.sprockets))]
-        found[name]["guides"] = [outlines.guide_outline(drive, g) for g in range(len(drive.guides))]
+        found[name]["teeth"] = [outlines.tooth_outline(Model(drive).chain, s) for s in range(len(drive.sprockets))]
+        found[name]["guides"] = [outlines.guide_outline(Model(drive).chain, g) for g in range(len(drive.guides))]
         found[name]["file"] = warpchain.dumps_drive(drive)
     found["check"] = {name: command_output("check", name) for name in example_names()}
     fits: dict[str, dict[str, Any]] = {"sag": {"sag": 0.01}, "preload": {"preload": 500.0}, "strain": {"strain": 1e-4}}

@@ -13,6 +13,7 @@ from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
 from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
+from warpchain.model import single_chain
 from warpchain.results.channels import BODY_CHANNELS, CHANNEL_NAMES, DEFAULT_CHANNELS
 
 
@@ -126,7 +127,7 @@ def test_foxglove_draws_the_outlines(run, tmp_path):
         assert twist == pytest.approx(np.exp(1j * trajectory.sprocket_angle[-1, s]), abs=1e-14)
         teeth = teeth @ np.array([[twist.real, twist.imag], [-twist.imag, twist.real]]) + drive.sprockets[s].center
         radius = np.hypot(*circle.T)
-        np.testing.assert_allclose(radius, drive.pitch_radius(s), rtol=1e-14)
+        np.testing.assert_allclose(radius, single_chain(drive).pitch_radius(s), rtol=1e-14)
         # a seated roller plays in its seat arc, whose radius is the roller's and the clearance
         play = drive.contact.sprocket.clearance
         seat = drive.chain.roller_radius + play

@@ -10,6 +10,7 @@ from warpchain import loads_drive
 from warpchain.assembly.layout_checks import layout_advice
 from warpchain.assembly.strength import peak_tension, strength_advice, strength_values
 from warpchain.assembly.summary import derive, report
+from warpchain.model import single_chain
 
 PITCH, ROLLER = 0.05, 0.015
 DROP = PITCH / (2.0 * math.sin(math.pi / 20))
@@ -23,13 +24,13 @@ def with_bar_below(height, start=0.3, end=0.7):
 
 
 def test_equal_sprockets_are_told_nothing():
-    assert layout_advice(two_sprockets()) == ()
-    assert layout_advice(with_bar_below(0.0)) == ()
+    assert layout_advice(single_chain(two_sprockets())) == ()
+    assert layout_advice(single_chain(with_bar_below(0.0))) == ()
 
 
 def test_an_idler_with_few_teeth_in_mesh():
     """The marine tightener turns the chain by 18 degrees: 25 * 18 / 360 = 1.2 teeth."""
-    (line,) = layout_advice(example("marine"))
+    (line,) = layout_advice(single_chain(example("marine")))
     assert line.startswith("sprockets.tightener: 1.2 teeth in mesh (18 degrees), where an idler wants 3")
     assert f"LOOK AT {line}" in report(derive(example("marine")))
 
@@ -56,7 +57,7 @@ VENTED = {"relief": {"pressure": 4e5, "diameter": 2e-3, "stiffness": 2e4, "lift"
 def test_oil_that_is_lost_at_rest_or_jumps(changes, said):
     drive = timing().with_values({f"tensioners.0.{key}": value for key, value in VENTED.items()})
     drive = drive.with_values({f"tensioners.0.{key}": value for key, value in changes.items()})
-    lines = [line for line in layout_advice(drive) if line.startswith("tensioners.")]
+    lines = [line for line in layout_advice(single_chain(drive)) if line.startswith("tensioners.")]
     assert len(lines) == (said is not None)
     assert not lines or lines[0].startswith(f"tensioners.tensioner.{said}")
 
@@ -74,7 +75,7 @@ def test_a_driver_with_a_thin_wrap():
     radius = [PITCH / (2.0 * math.sin(math.pi / z)) for z in (15, 120)]
     wrap = 180.0 - 2.0 * math.degrees(math.asin((radius[1] - radius[0]) / 1.1))
     assert wrap < 90.0
-    (line,) = layout_advice(drive)
+    (line,) = layout_advice(single_chain(drive))
     assert f"sprockets.driver: passes on a moment with {wrap:.0f} degrees of wrap" in line
 
 
@@ -89,14 +90,14 @@ def test_a_driver_with_a_thin_wrap():
     ],
 )
 def test_bars_that_miss_or_dent_their_strand(height, word):
-    found = layout_advice(with_bar_below(height))
+    found = layout_advice(single_chain(with_bar_below(height)))
     assert len(found) == (word is not None)
     if word:
         assert word in found[0] and '"driver->driven"' in found[0]
 
 
 def test_a_bar_past_all_strands_misses():
-    (line,) = layout_advice(with_bar_below(0.0, 2.0, 2.5))
+    (line,) = layout_advice(single_chain(with_bar_below(0.0, 2.0, 2.5)))
     assert "no strand passes over its face" in line
 
 
@@ -104,9 +105,9 @@ def test_tension_against_the_breaking_load_at_speed():
     """The motorcycle pulls 1.6 kN of 17.8; at four times the torque about 6.4, a safety of 2.8. Centrifugal force at
     five times the speed, m v^2 / p = 0.69 * 32^2 N, adds 0.7 kN of the rest."""
     drive = example("motorcycle")
-    assert layout_advice(drive, tensions=[k["working_tension"] for k in derive(drive)["strands"]]) == ()
-    assert layout_advice(drive, tensions=[]) == ()
-    (line,) = layout_advice(drive, tensions=[100.0, 17.8e3 / 5.0])
+    assert layout_advice(single_chain(drive), tensions=[k["working_tension"] for k in derive(drive)["strands"]]) == ()
+    assert layout_advice(single_chain(drive), tensions=[]) == ()
+    (line,) = layout_advice(single_chain(drive), tensions=[100.0, 17.8e3 / 5.0])
     assert "chain: 3.56 kN at work is a safety of 5 against the breaking load of 17.8 kN, where 7 is the least" in line
     heavy = drive.with_values({"sprockets.wheel.load.torque": 4.0 * drive.sprockets[1].load.torque})
     (line,) = [line for line in derive(heavy)["advice"] if "breaking load" in line]
@@ -134,8 +135,8 @@ def test_an_arm_at_the_free_angle_of_its_spring():
     """Two links more leave the chain slack, and the spring of 20 N m/rad holds 0.09 kg against gravity alone: 0.05
     degrees off the 8 of its free angle."""
     held, slack = (loads_drive(SPRUNG).with_values({"chain.links": links}) for links in (92, 94))
-    assert not [line for line in layout_advice(held) if line.startswith("arms")]
-    (line,) = [line for line in layout_advice(slack) if line.startswith("arms")]
+    assert not [line for line in layout_advice(single_chain(held)) if line.startswith("arms")]
+    (line,) = [line for line in layout_advice(single_chain(slack)) if line.startswith("arms")]
     assert line.startswith("arms.tensioner arm: stands at 7.952 degrees, as it would without a chain, its free angle")
 
 
@@ -160,27 +161,30 @@ def test_strength_of_a_chain_at_work_and_at_its_loads_peaks():
             "sprockets.driven.load": {"torque": 50.0, "harmonics": beat, "table": table},
         }
     )
-    radius = drive.pitch_radius(1)
-    assert peak_tension(drive) == pytest.approx(60.0 / radius, rel=1e-12)
-    found = strength_values(drive, [100.0, 2000.0])
+    radius = single_chain(drive).pitch_radius(1)
+    assert peak_tension(single_chain(drive)) == pytest.approx(60.0 / radius, rel=1e-12)
+    found = strength_values(single_chain(drive), [100.0, 2000.0])
     peak = 2000.0 + 60.0 / radius
     assert found["static_safety"] == pytest.approx(28.9e3 / 2000.0)
     assert found["dynamic_safety"] == pytest.approx(28.9e3 / peak)
     assert found["yield_safety"] == pytest.approx(0.7 * 28.9e3 / peak)
     assert found["pressure"] == pytest.approx(2000.0 / (5.72e-3 * 1.48 * 11.68e-3))
     assert found["peak_pressure"] == pytest.approx(found["pressure"] * peak / 2000.0)
-    assert strength_values(two_sprockets(), [100.0]) is None and strength_values(drive, []) is None
+    assert (
+        strength_values(single_chain(two_sprockets()), [100.0]) is None
+        and strength_values(single_chain(drive), []) is None
+    )
 
 
 def test_advice_names_the_first_strength_that_is_too_small():
     """Of 17.8 kN: a harmonic of 2.5 kN makes 4 kN of 1.5, a dynamic safety of 4.45; 13.5 kN of 11, beyond 0.7 of it."""
     drive = example("motorcycle")
-    radius = drive.pitch_radius(1)
+    radius = single_chain(drive).pitch_radius(1)
     beating = drive.with_values({"sprockets.wheel.load.harmonics": ({"order": 1.0, "amplitude": 2500.0 * radius},)})
-    assert strength_advice(drive, [1500.0]) == []
-    (line,) = strength_advice(beating, [1500.0])
+    assert strength_advice(single_chain(drive), [1500.0]) == []
+    (line,) = strength_advice(single_chain(beating), [1500.0])
     assert line.startswith("chain: 4 kN at work with the loads at their peaks is a safety of 4.5 against the breaking")
-    (line,) = strength_advice(beating, [11.0e3])
+    (line,) = strength_advice(single_chain(beating), [11.0e3])
     assert "a safety of 0.92 against the 12.46 kN at which links yield, where 1 is the least" in line
 
 

@@ -14,6 +14,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 from warpchain.model.stacks import stacks_of_drives
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")  # any number that fits, odd ones too
@@ -37,7 +38,9 @@ def check_seats(drive, assembly):
         teeth = drive.sprockets[s].teeth
         assert 0 <= j < teeth
         polar = assembly.sprocket_angle[s] + j * 2 * np.pi / teeth
-        seat = np.add(drive.sprockets[s].center, drive.pitch_radius(s) * np.array([np.cos(polar), np.sin(polar)]))
+        seat = np.add(
+            drive.sprockets[s].center, single_chain(drive).pitch_radius(s) * np.array([np.cos(polar), np.sin(polar)])
+        )
         np.testing.assert_allclose(assembly.position[i], seat, rtol=0, atol=1e-12)
         if seated[i - 1] and assembly.seat_sprocket[i - 1] == s:
             assert (assembly.seat_index[i - 1] + drive.sprockets[s].sign - j) % teeth == 0
@@ -72,16 +75,16 @@ def check_ends(drive, assembly):
             assert np.hypot(*(seat - point)) < 0.65 * drive.chain.pitch
             radius = np.hypot(*(rollers - drive.sprockets[s].center).T)
             if assembly.strain >= 0:
-                assert radius.min() > drive.pitch_radius(s) - 1e-5 * drive.chain.pitch
+                assert radius.min() > single_chain(drive).pitch_radius(s) - 1e-5 * drive.chain.pitch
 
 
 def check_velocities(drive, assembly):
     """Seated rollers turn with their sprockets; no link of a free drive stretches faster than polygon action allows."""
     path = assembly.path
     driver = drive.driver
-    travel = drive.sprockets[driver].prescribed.speed * drive.pitch_radius(driver)
+    travel = drive.sprockets[driver].prescribed.speed * single_chain(drive).pitch_radius(driver)
     for s, sprocket in enumerate(drive.sprockets):
-        assert assembly.sprocket_speed[s] == pytest.approx(sprocket.sign * travel / drive.pitch_radius(s))
+        assert assembly.sprocket_speed[s] == pytest.approx(sprocket.sign * travel / single_chain(drive).pitch_radius(s))
     for i in np.flatnonzero(assembly.seat_sprocket >= 0):
         s = assembly.seat_sprocket[i]
         x, y = assembly.position[i] - drive.sprockets[s].center
@@ -113,7 +116,7 @@ def check(drive, assembly):
 def assembled(sprockets, pick, gravity=(0.0, -9.81)):
     """A drive of these sprockets with one of the numbers of links that fit, and its assembly."""
     try:
-        path = chain_path(drive_of(sprockets, 100))
+        path = chain_path(single_chain(drive_of(sprockets, 100)))
     except DriveError:
         assume(False)
     fitting = path.fitting_links()
@@ -161,7 +164,7 @@ def test_slack_strands_sag_along_gravity(sprockets, direction):
 @given(loops())
 def test_misfit_names_links_that_assemble(sprockets):
     try:
-        path = chain_path(drive_of(sprockets, 100))
+        path = chain_path(single_chain(drive_of(sprockets, 100)))
     except DriveError:
         assume(False)
     fitting = path.fitting_links()
@@ -177,7 +180,7 @@ def test_whole_number_of_pitches():
     """Two equal sprockets, a whole number of pitches apart: a stadium without strain, seats on all tangent points."""
     drive = drive_of([Placed(20, (0.0, 0.0)), Placed(20, (20 * PITCH, 0.0))], 60)
     assembly = assemble(drive)
-    radius = drive.pitch_radius(0)
+    radius = single_chain(drive).pitch_radius(0)
     assert assembly.strain == pytest.approx(0.0, abs=1e-13)
     np.testing.assert_allclose(assembly.sprocket_angle, 0.0, atol=1e-13)
     np.testing.assert_array_equal(assembly.strand_links, [20, 20])
@@ -194,7 +197,7 @@ def test_half_odd_number_of_pitches():
     drive = drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, ((links + 0.5) * PITCH, 0.0))], 61)
     assembly = assemble(drive)
     rise = 0.5 * PITCH * math.tan(0.5 * math.pi / teeth)  # R (1 - cos(pi/z))
-    assert rise == pytest.approx(drive.pitch_radius(0) * (1 - math.cos(math.pi / teeth)))
+    assert rise == pytest.approx(single_chain(drive).pitch_radius(0) * (1 - math.cos(math.pi / teeth)))
     assert assembly.strain == pytest.approx(math.hypot(1.0, rise / (links * PITCH)) - 1.0, rel=1e-6)
     np.testing.assert_array_equal(assembly.strand_links, [links, links])
     assert abs(assembly.sprocket_angle[1]) == pytest.approx(math.pi / teeth)
@@ -205,7 +208,7 @@ def test_half_odd_number_of_pitches():
 def test_slack_without_gravity_bulges_outward(extra):
     for wrap, order in (("ccw", 1), ("cw", -1)):
         sprockets = [Placed(20, (0.0, 0.0), wrap), Placed(16, (0.1, 0.3), wrap), Placed(16, (-0.3, 0.1), wrap)][::order]
-        path = chain_path(drive_of(sprockets, 100))
+        path = chain_path(single_chain(drive_of(sprockets, 100)))
         tight = min(path.fitting_links(), key=lambda links: abs(path.strain(links)))
         drive = drive_of(sprockets, tight + extra, gravity=(0.0, 0.0))
         assembly = assemble(drive)
@@ -245,7 +248,7 @@ def test_short_slack_strand_keeps_its_pitch():
     big, small = Placed(20, (0.0, 0.0)), Placed(10, (0.0, 0.0), "cw")
     gap = math.hypot(big.radius + small.radius, 1.02 * PITCH)
     sprockets = [big, Placed(10, (gap * 0.35, -gap * math.sqrt(1 - 0.35**2)), "cw"), Placed(20, (0.35, 0.05))]
-    path = chain_path(drive_of(sprockets, 100))
+    path = chain_path(single_chain(drive_of(sprockets, 100)))
     assert path.strand_length[0] == pytest.approx(1.02 * PITCH)
     found = 0
     for links in path.fitting_links():
@@ -262,7 +265,7 @@ def test_strand_without_room_for_a_link():
     sprockets = [Placed(20, (0.0, 0.0)), Placed(20, (0.0, 0.0), "cw")]
     gap = math.hypot(2 * sprockets[0].radius, 0.3 * PITCH)
     sprockets = [sprockets[0], Placed(20, (gap, 0.0), "cw"), Placed(20, (0.5 * gap, 0.5))]
-    path = chain_path(drive_of(sprockets, 100))
+    path = chain_path(single_chain(drive_of(sprockets, 100)))
     assert path.strand_length[0] == pytest.approx(0.3 * PITCH)
     with pytest.raises(DriveError, match=r'strand "s0->s1": 0\.00381 m long, which leaves no link'):
         for links in path.fitting_links():
@@ -286,7 +289,7 @@ def test_worn_sprocket_keeps_seats():
 
 def test_driver_has_a_seat_where_the_path_arrives():
     sprockets = [Placed(17, (0.0, 0.0)), Placed(23, (0.33, 0.05)), Placed(19, (0.1, 0.3), speed=12.0)]
-    path = chain_path(drive_of(sprockets, 100))
+    path = chain_path(single_chain(drive_of(sprockets, 100)))
     for links in path.fitting_links():
         assembly = assemble(drive_of(sprockets, links))
         first = np.flatnonzero(assembly.seat_sprocket == 2)[0]
@@ -299,7 +302,7 @@ def test_initial_speeds():
     other = Placed(16, (0.4, 0.0), speed=7.0)
     idler = Placed(12, (0.2, 0.04), "cw")
     sprockets = [driver, other, idler]
-    path = chain_path(drive_of(sprockets, 100))
+    path = chain_path(single_chain(drive_of(sprockets, 100)))
     links = path.fitting_links()[0]
     assembly = assemble(drive_of(sprockets, links))
     travel = 10.0 * (1 + 0.1 + 0.2 * 0.5) * driver.radius
@@ -363,7 +366,7 @@ def test_what_the_initial_state_hangs_on_is_all_that_tells_drives_apart():
             continue
         same = all(np.array_equal(getattr(before, name), getattr(after, name)) for name in ("position", "velocity"))
         same = same and np.array_equal(before.sprocket_angle, after.sprocket_angle)
-        together = assemble_stacks(stacks_of_drives([drive, other, drive]))
+        together = assemble_stacks(stacks_of_drives(list(map(single_chain, [drive, other, drive]))))
         for mine, alone in zip(together, (before, after, before), strict=True):
             assert np.array_equal(mine.position, alone.position), path
             assert np.array_equal(mine.velocity, alone.velocity), path

@@ -17,6 +17,7 @@ from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import running
 from warpchain.assembly.summary import derive, report
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 from warpchain.model.oil import static_force
 
 PITCH, TEETH = 0.05, 20
@@ -84,7 +85,7 @@ def test_an_arm_with_a_spring_stands_where_triangles_put_it():
         return -pull * slope - 2000.0 * (angle - math.radians(8.0))
 
     found = brentq(balance, math.radians(-19.0), math.radians(19.0), xtol=1e-14)
-    path = chain_path(drive)
+    path = chain_path(single_chain(drive))
     assert path.nominal_strain > 1e-4
     assert float(path.arm_angle[0]) == pytest.approx(found, abs=1e-8)
 
@@ -92,7 +93,7 @@ def test_an_arm_with_a_spring_stands_where_triangles_put_it():
 def test_the_path_by_hand_is_the_path():
     drive = armed(stops=[-20.0, 20.0])
     for angle in (-0.1, 0.0, 0.05):
-        path = path_at(drive, [angle])
+        path = path_at(single_chain(drive), [angle])
         wrapped, strands = by_hand(angle)
         assert path.wrapped_pitches == pytest.approx(wrapped, rel=1e-12)
         assert float(path.strand_length.sum()) == pytest.approx(PITCH * strands, rel=1e-12)
@@ -116,7 +117,7 @@ def test_under_a_slack_chain_spring_weight_and_tensioner_hold_an_arm(gravity):
     assembly = assemble(drive)
     assert assembly.strain < 0.0
     assert float(assembly.arm_angle[0]) == pytest.approx(angle, abs=1e-9)
-    still = RestingArm(drive, 0)
+    still = RestingArm(single_chain(drive), 0)
     assert still.extension(drive.tensioners[0], angle) == pytest.approx(rise, abs=1e-15)
     d = 1e-6
     assert still.moment(0.1) == pytest.approx(-(still.energy(0.1 + d) - still.energy(0.1 - d)) / (2 * d), rel=1e-6)
@@ -133,7 +134,7 @@ def test_a_coil_spring_holds_an_arm():
     assembly = assemble(drive)
     assert assembly.strain < 0.0
     assert float(assembly.arm_angle[0]) == pytest.approx(between - drawn, abs=1e-9)
-    still, d = RestingArm(drive, 0), 1e-6
+    still, d = RestingArm(single_chain(drive), 0), 1e-6
     assert still.moment(0.1) == pytest.approx(-(still.energy(0.1 + d) - still.energy(0.1 - d)) / (2 * d), rel=1e-6)
     assert still.stiffness(0.1) == pytest.approx(-(still.moment(0.1 + d) - still.moment(0.1 - d)) / (2 * d), rel=1e-6)
 
@@ -149,11 +150,11 @@ def test_two_arms_of_a_drive_that_is_its_own_mirror_image():
             "arms": [lever(free_angle=8.0, **spring), lever("lower", -1.0, free_angle=-8.0, **spring)],
         }
     )
-    path = chain_path(drive)
+    path = chain_path(single_chain(drive))
     above, below = path.arm_angle.tolist()
     assert above == pytest.approx(-below, abs=1e-10)
     for a in range(2):
-        still, pull = RestingArm(drive, a), chain_moment(drive, path, a)
+        still, pull = RestingArm(single_chain(drive), a), chain_moment(single_chain(drive), path, a)
         assert abs(pull) > 1.0
         assert still.moment(float(path.arm_angle[a])) == pytest.approx(-pull, rel=1e-7)
 
@@ -163,9 +164,9 @@ def test_an_arm_that_nothing_turns_stands_as_drawn():
     spring = {"stiffness": 2000.0, "stops": [-20.0, 20.0], "free_angle": 8.0}
     alone = armed(**spring)
     beside = alone.with_values({"arms": [lever(**spring), lever("idle", -1.0)]})
-    found = chain_path(beside).arm_angle
+    found = chain_path(single_chain(beside)).arm_angle
     assert found[1] == 0.0
-    assert found[0] == pytest.approx(chain_path(alone).arm_angle[0], abs=1e-11)
+    assert found[0] == pytest.approx(chain_path(single_chain(alone)).arm_angle[0], abs=1e-11)
 
 
 def test_links_of_a_slack_guided_strand_are_unstrained():
@@ -182,7 +183,7 @@ def test_links_of_a_slack_guided_strand_are_unstrained():
 def test_derivatives_with_an_arm_are_those_of_the_energy():
     """As of other drives in test_statics.py; the arm beyond its stop, on its tensioner, with weight."""
     drive = timing(**{"run.gravity": [0.0, -9.81], "arms.0.stops": [-4.0, 12.0]})
-    potential, assembly = Potential(drive, 600.0, np.array([0.0, 4.0, 4.0])), assemble(drive)
+    potential, assembly = Potential(single_chain(drive), 600.0, np.array([0.0, 4.0, 4.0])), assemble(drive)
     angles = assembly.sprocket_angle, assembly.arm_angle - 1e-3
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), *angles])
     x += np.random.default_rng(3).normal(size=len(x)) * 1e-5
@@ -198,10 +199,10 @@ def test_derivatives_with_an_arm_are_those_of_the_energy():
 def test_the_tensioner_gives_the_working_tension():
     """T = F l / (h_in - h_out) + m v^2 / p of the strand at the angle at work; 3e-3: four states within a pitch."""
     drive = timing().with_values(BARE)
-    steady = running(drive)
+    steady = running(single_chain(drive))
     angle = float(steady.arm_angle[0])
-    (string,) = [s for s in path_at(drive, [angle]).strings if s and s.touches[0].arc.guide == 0]
-    still, tensioner = RestingArm(drive, 0), drive.tensioners[0]
+    (string,) = [s for s in path_at(single_chain(drive), [angle]).strings if s and s.touches[0].arc.guide == 0]
+    still, tensioner = RestingArm(single_chain(drive), 0), drive.tensioners[0]
     force = static_force(tensioner, still.extension(tensioner, angle))
     cosine, sine = math.cos(angle), math.sin(angle)
     (ax, ay), (px, py), (ux, uy) = tensioner.at, drive.arms[0].pivot, tensioner.unit_direction
@@ -251,7 +252,7 @@ def test_check_tells_arms_and_tensioners():
 
 
 def told(**changes):
-    return layout_faults(timing(**changes))
+    return layout_faults(single_chain(timing(**changes)))
 
 
 def test_findings_of_guides_and_arms():

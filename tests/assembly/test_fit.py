@@ -18,6 +18,7 @@ from warpchain.cli.fit_command import _fit_state_lines
 from warpchain.drive import save_drive
 from warpchain.drive.drive_text import text_with_changes
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 
 TEETH, SPAN = 20, 30
 
@@ -124,7 +125,7 @@ def test_moves_back_to_where_it_was():
 def test_any_sprocket_of_any_loop(sprockets, which, angle, strain):
     """What is found has the strain asked for, to the rounding of centers; what is refused is outside, or jumped."""
     try:
-        fitting = chain_path(drive_of(sprockets, 100)).fitting_links()
+        fitting = chain_path(single_chain(drive_of(sprockets, 100))).fitting_links()
     except DriveError:
         assume(False)
     assume(len(fitting) > 0)
@@ -156,7 +157,7 @@ def test_strand_settles_to_the_sag_asked_for(sag, angle, clearance):
     start = pair(angle=angle).with_values({"contact.sprocket.clearance": clearance})
     drive = fit_position(start, "s1", (math.cos(angle), math.sin(angle)), sag=sag, strand="s0->s1")
     assert settled_sag(drive) == pytest.approx(sag, rel=0.03 if clearance else 0.01)
-    assert strand_sag(drive, assemble(drive), 0) == pytest.approx(sag, rel=1e-6)
+    assert strand_sag(single_chain(drive), assemble(drive), 0) == pytest.approx(sag, rel=1e-6)
 
 
 def test_taut_strand_sags_by_its_weight_over_its_tension():
@@ -339,14 +340,14 @@ def test_drives_moved_together_are_moved_as_if_alone():
         assert (str(found) if isinstance(found, DriveError) else found) == alone
     moved = [drive for drive in together if not isinstance(drive, DriveError)]
     assert 0 < len(moved) < 24
-    assert any(any(chain_path(drive).strings) for drive in moved)
+    assert any(any(chain_path(single_chain(drive)).strings) for drive in moved)
 
 
 def test_paths_drawn_together_are_those_drawn_alone():
     drives = [*scattered(8), pair(0.0001), pair()]
-    paths = paths_as_drawn(drives)
+    paths = paths_as_drawn(list(map(single_chain, drives)))
     for drive, path in zip(drives, paths, strict=True):
-        alone = outcome(lambda: chain_path(drive))  # noqa: B023
+        alone = outcome(lambda: chain_path(single_chain(drive)))  # noqa: B023
         if isinstance(alone, str):
             assert str(path) == alone
         else:

@@ -4,16 +4,16 @@ import chains
 import pytest
 from drives import example
 
-from warpchain import assemble
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
 from warpchain.cli import main
 from warpchain.drive import load_drive, save_drive
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 
 
 def strains(drive):
-    return [assemble(chain.drive).strain for chain in chain_drives(drive)]
+    return [assemble_chain(chain).strain for chain in Model(drive).chains]
 
 
 def test_a_sprocket_moves_until_its_chain_has_a_strain():
@@ -57,8 +57,8 @@ def test_an_arm_of_one_of_the_chains_of_v6_comes_to_its_angle():
     drive = example("v6")
     fitted = fit_angle(drive, "left cam", (0.0, 1.0), {"left arm": -0.5}, travel=0.005)
     assert fitted.sprockets[3].center != drive.sprockets[3].center
-    (left,) = (chain.drive for chain in chain_drives(fitted) if chain.name == "left")
-    assert assemble(left).arm_angle[0] == pytest.approx(-0.5 * 0.017453292519943295, abs=1e-6)
+    (left,) = (chain for chain in Model(fitted).chains if chain.name == "left")
+    assert assemble_chain(left).arm_angle[0] == pytest.approx(-0.5 * 0.017453292519943295, abs=1e-6)
 
 
 def test_what_gears_and_couplings_turn_stays_as_it_is():

@@ -10,12 +10,13 @@ from layouts import PITCH, Placed, drive_of, loops, tangles
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.path import MAX_STRAIN, check_fit
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")  # any number that fits, odd ones too
 
 
 def path_of(sprockets, links=100):
-    return chain_path(drive_of(sprockets, links))
+    return chain_path(single_chain(drive_of(sprockets, links)))
 
 
 def path_or_reject(sprockets):
@@ -144,12 +145,12 @@ def test_tightener_that_misses_the_chain():
 
 def test_misfit_of_a_path_that_crosses_itself():
     drive = drive_of([Placed(20, (0.0, 0.0)), Placed(20, (0.6, 0.0)), Placed(12, (0.3, 0.2), "cw")], 116)
-    path = chain_path(drive)
+    path = chain_path(single_chain(drive))
     assert path.turning == 0.0
     with pytest.raises(
         DriveError, match=r"the path crosses itself, turning 313\.4 degrees around sprocket .s2."
     ) as failure:
-        check_fit(drive, path)
+        check_fit(single_chain(drive), path)
     assert "\n" not in str(failure.value)
 
 
@@ -169,7 +170,7 @@ def test_misfit_names_what_fits():
     for links, strain in ((66, f"{100 * (40 / 46 - 1):+.3f} %"), (15, "too short to go round")):
         drive = drive_of(sprockets, links)
         with pytest.raises(DriveError) as failure:
-            check_fit(drive, chain_path(drive))
+            check_fit(single_chain(drive), chain_path(single_chain(drive)))
         message = str(failure.value)
         assert message.startswith(f"chain.links = {links}: does not fit the path, strain {strain}")
         assert "59 to 62, best 60" in message
@@ -184,6 +185,6 @@ def test_misfit_where_nothing_fits():
     assert path.fitting_links() == (16,)
     sprockets = [Placed(9, (0.0, 0.0)), Placed(9, (3.25 * PITCH, 0.0))]  # 9 + 6.5 pitches
     drive = drive_of(sprockets, 15)
-    assert chain_path(drive).fitting_links() == ()
+    assert chain_path(single_chain(drive)).fitting_links() == ()
     with pytest.raises(DriveError, match="links that fit: none"):
-        check_fit(drive, chain_path(drive))
+        check_fit(single_chain(drive), chain_path(single_chain(drive)))

@@ -12,6 +12,7 @@ from warpchain.assembly.fitting import fit_links
 from warpchain.assembly.guide_fit import fit_indentation
 from warpchain.drive import load_drive, save_drive
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 
 RADIUS, ROLLER = 0.05 / (2.0 * math.sin(math.pi / 20)), 0.015
 CONTACT = {"restitution": 0.3, "stiffness": 1e8, "impact_speed_floor": 0.02}
@@ -50,7 +51,7 @@ def test_rollers_on_the_face_are_a_depth_off_the_tangent(shape, depth):
 def test_the_path_goes_over_the_blade():
     # a strand from tangent to tangent around an arc of radius 0.5 + r: longer by about its turn; it fits other links
     moved = fit_links(fit_indentation(guided("arcs"), "blade", 0.05))
-    path = chain_path(moved)
+    path = chain_path(single_chain(moved))
     (string,) = [string for string in path.strings if string is not None]
     assert string is not None
     assert abs(path.nominal_strain) < 0.02

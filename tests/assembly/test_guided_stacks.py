@@ -18,6 +18,7 @@ from warpchain.engine.body_struct_rows import fill_tensioner_element
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
+from warpchain.model import single_chain
 from warpchain.model.stacks import pick_variants, stacks_of_drives
 from warpchain.results.schedule import Schedule
 
@@ -64,7 +65,7 @@ def assert_same(found, expected):
 
 def test_cars_that_differ_are_assembled_together():
     drives = cars(40)
-    (stack,) = stacks_of_drives(drives)
+    (stack,) = stacks_of_drives(list(map(single_chain, drives)))
     states = assemble_stacks([stack])
     assert len(states.blocks) < 8  # what is seated alike is worked out at once
     for found, drive in zip(states, drives, strict=True):
@@ -124,7 +125,7 @@ def test_cars_in_balance_after_unlike_rounds_are_assembled_together(monkeypatch)
         turns.add(len(rounds))
     assert len(turns) > 1
     rounds.clear()
-    (stack,) = stacks_of_drives(drives)
+    (stack,) = stacks_of_drives(list(map(single_chain, drives)))
     for found, expected in zip(assemble_stacks([stack]), alone, strict=True):
         assert_same(found, expected)
     assert rounds == [4] * max(turns)
@@ -132,7 +133,7 @@ def test_cars_in_balance_after_unlike_rounds_are_assembled_together(monkeypatch)
 
 def test_chains_on_unlike_arcs_are_told_apart():
     drives = [faceted(**{"sprockets.intake cam.center.0": x}) for x in np.linspace(-0.065, -0.059, 8).tolist()]
-    (stack,) = stacks_of_drives(drives)
+    (stack,) = stacks_of_drives(list(map(single_chain, drives)))
     states = assemble_stacks([stack])
     touched = set()
     for found, drive in zip(states, drives, strict=True):
@@ -165,22 +166,22 @@ def test_valves_of_a_stack_have_their_rows_to_the_bit():
     base, tensioner = car(), car().tensioners[0]
     stack = tensioner.model_copy(update={"valve": tensioner.valve.model_copy(update={"seat_angle": angles})})
     rows = np.zeros(len(angles), dtype=dtype_of(structs.Tensioner))
-    fill_tensioner_element(rows, base, stack)
+    fill_tensioner_element(rows, single_chain(base), stack)
     for v in range(len(angles)):
         alone = np.zeros(1, dtype=rows.dtype)
-        fill_tensioner_element(alone, base, pick_variants(stack, v))
+        fill_tensioner_element(alone, single_chain(base), pick_variants(stack, v))
         assert all(rows[name][v] == alone[name][0] for name in ("rest", "leak"))
         assert all(rows["check"][name][v] == alone["check"][name][0] for name in ("seat_width", "seat_growth"))
 
 
 def test_only_what_stands_on_its_stop_or_is_not_touched_is_suspect():
     drives = [*cars(6), *(drive.with_values({"arms.arm.stops": (-8.0, -7.0)}) for drive in cars(3))]
-    (stack,) = stacks_of_drives(drives)
+    (stack,) = stacks_of_drives(list(map(single_chain, drives)))
     states = assemble_stacks([stack])
     for places, state in states.states_by_block(stack.members):
-        told = [bool(layout_faults(drives[v], states[v].path)) for v in places.tolist()]
-        assert has_possible_faults(pick_variants(stack.drive, places), state.path).tolist() == told
-    assert sum(bool(layout_faults(drives[v], states[v].path)) for v in range(9)) == 3
+        told = [bool(layout_faults(single_chain(drives[v]), states[v].path)) for v in places.tolist()]
+        assert has_possible_faults(single_chain(pick_variants(stack.one, places)), state.path).tolist() == told
+    assert sum(bool(layout_faults(single_chain(drives[v]), states[v].path)) for v in range(9)) == 3
 
 
 def test_cars_are_moved_together():
@@ -196,7 +197,7 @@ def test_cars_are_moved_together():
 def test_a_few_are_worked_out_one_by_one(monkeypatch):
     monkeypatch.undo()
     drives = cars(path.FEW - 1)
-    states = assemble_stacks(stacks_of_drives(drives))
+    states = assemble_stacks(stacks_of_drives(list(map(single_chain, drives))))
     assert len(states.blocks) == len(drives)
     assert np.array_equal(states[3].position, assemble(drives[3]).position)
 
@@ -227,7 +228,7 @@ def slack_cars(count, seed=3):
 def test_slack_chains_seated_unlike_are_each_told_apart():
     """Strands that hang are laid for those alone whose rollers sit alike: which of these part is told of the whole."""
     drives = slack_cars(24)
-    states = assemble_stacks(stacks_of_drives(drives))
+    states = assemble_stacks(stacks_of_drives(list(map(single_chain, drives))))
     for found, drive in zip(states, drives, strict=True):
         assert_same(found, assemble(drive))
     assert min(state.strain for state in states) < 0.0 < max(state.strain for state in states)

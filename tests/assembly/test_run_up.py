@@ -11,7 +11,7 @@ from run_ups import bicycle, kart
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.run_up import driver_run_up
 from warpchain.assembly.summary import derive, report
-from warpchain.model.chain_drives import chain_drives, driver_speed
+from warpchain.model import Model, single_chain
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.model.train_speeds import driver_top_speed
 
@@ -41,14 +41,16 @@ def test_what_the_motor_keeps_for_itself_the_chain_does_not_carry():
     found = derive(drive)
     ratio, speed = 42.0 / 16.0, found["driver"]["speed"]
     load, behind = 2.0 + 0.012 * (ratio * speed) ** 2, 11.5 + 4.2e-5
-    links = drive.chain.links * drive.chain.mass * drive.pitch_radius(0) ** 2
+    links = drive.chain.links * drive.chain.mass * single_chain(drive).pitch_radius(0) ** 2
     gained = (88.0 - ratio * load) / (0.05 + ratio**2 * behind + links)
     assert found["driver"] == {
         "name": "driver", "prescribed": False, "start": pytest.approx(20.0 / ratio, rel=1e-12), "speed": speed,
         "acceleration": pytest.approx(gained, rel=1e-9),
     }  # fmt: skip
     slack, tight = sorted(strand["working_tension"] for strand in found["strands"])
-    assert tight - slack == pytest.approx((load + behind * ratio * gained) / drive.pitch_radius(1), rel=1e-2)
+    assert tight - slack == pytest.approx(
+        (load + behind * ratio * gained) / single_chain(drive).pitch_radius(1), rel=1e-2
+    )
     lines = report(found).splitlines()
     assert any(line.startswith('speed: "driver" has 7.619 rad/s at the start and 8.0') for line in lines)
     assert "  none of these has vibration" in lines
@@ -61,9 +63,9 @@ def test_of_a_motors_curve_the_largest_torque_that_is_passed_counts():
     way = found["run_up"]
     assert way["speed"] == pytest.approx(600.0, rel=5e-3)
     own = 0.003 * way["acceleration"]  # of 22 N m, which the engine itself takes
-    centrifugal = drive.chain.mass / drive.chain.pitch * (600.0 * drive.pitch_radius(0)) ** 2
+    centrifugal = drive.chain.mass / drive.chain.pitch * (600.0 * single_chain(drive).pitch_radius(0)) ** 2
     # eleven teeth and the slack strand make 2 %
-    assert way["tension"] == pytest.approx((22.0 - own) / drive.pitch_radius(0) + centrifugal, rel=0.03)
+    assert way["tension"] == pytest.approx((22.0 - own) / single_chain(drive).pitch_radius(0) + centrifugal, rel=0.03)
     assert found["peak"] == way["tension"] > 1.1 * found["working"]
     assert 'the jerk of the motor on "engine", which comes on at once: up to twice as much' in found["left_out"]
 
@@ -74,7 +76,7 @@ def test_a_ramp_asks_for_the_inertia_at_its_steepest():
     drive = two_sprockets(ramp=0.1).with_values({"chain.size": "32B", "chain.stiffness": 5e7, "chain.pitch": 0.05})
     found = derive(drive)["strength"]
     assert found["run_up"]["acceleration"] == pytest.approx(150.0, rel=1e-3)
-    rise = 2.0 * (150.0) / drive.pitch_radius(1)
+    rise = 2.0 * (150.0) / single_chain(drive).pitch_radius(1)
     assert found["run_up"]["tension"] - found["working"] == pytest.approx(rise, rel=0.02)
     assert derive(drive.with_values({"sprockets.driver.prescribed.ramp_time": 0.0}))["strength"]["run_up"] is None
 
@@ -82,9 +84,11 @@ def test_a_ramp_asks_for_the_inertia_at_its_steepest():
 def test_a_run_up_in_a_table_counts_as_far_as_the_run_goes():
     table = {"time": [0.0, 0.1, 0.15, 0.3, 0.4], "speed": [0.0, 5.0, 10.0, 10.0, 50.0]}
     drive = two_sprockets(duration=0.2).with_values({"sprockets.driver.prescribed": {"table": table}})
-    found = driver_run_up(drive)
+    found = driver_run_up(single_chain(drive))
     assert found.acceleration.max() == pytest.approx(100.0) and found.acceleration[-1] == 0.0
-    assert driver_run_up(drive.with_values({"run.duration": 0.35})).acceleration.max() == pytest.approx(400.0)
+    assert driver_run_up(single_chain(drive.with_values({"run.duration": 0.35}))).acceleration.max() == pytest.approx(
+        400.0
+    )
 
 
 def test_chains_behind_ask_for_their_inertia_too():
@@ -98,7 +102,7 @@ def test_chains_behind_ask_for_their_inertia_too():
     found = derive(drive)["chains"]
     ways = [found[name]["strength"]["run_up"] for name in ("first", "second")]
     assert [way["acceleration"] for way in ways] == pytest.approx([150.0, 100.0], rel=1e-3)
-    first, second = (chain.drive for chain in chain_drives(drive))
+    first, second = Model(drive).chains
     rollers = second.chain.links * second.chain.mass * second.pitch_radius(0) ** 2
     asked = 0.5 * 300.0 + (2.0 + rollers + 0.25 * 2.0) * 100.0, 300.0 + 2.0 * 50.0
     pulls = [
@@ -127,18 +131,18 @@ def test_a_motor_is_as_fast_as_the_run_lets_it():
         values["sprockets"][0]["shaft"] = "m"
         return Drive(**values)
 
-    inertia = 7.0 + 60.0 * driven(1.0).pitch_radius(0) ** 2
+    inertia = 7.0 + 60.0 * single_chain(driven(1.0)).pitch_radius(0) ** 2
     for time in (0.1, 10.0, 40.0):
         expected = 100.0 * (1.0 - math.exp(-20.0 * time / (inertia * 100.0)))
-        assert driver_speed(driven(time)) == pytest.approx(expected, rel=1e-4)
+        assert Model(driven(time)).driver_speed == pytest.approx(expected, rel=1e-4)
     # one that rises from 0.1 N m with the speed comes beyond what its first torque would give: exp((T1 / J w1) t)
     rising = {"speed": [0.0, 100.0], "torque": [0.1, 100.1]}
-    assert driver_speed(driven(30.0, rising)) == pytest.approx(0.1 * (math.exp(30.0 / inertia) - 1.0), rel=1e-3)
+    assert Model(driven(30.0, rising)).driver_speed == pytest.approx(0.1 * (math.exp(30.0 / inertia) - 1.0), rel=1e-3)
     # with a dip below the load it comes no farther than the dip
     dip = {"speed": [0.0, 10.0, 20.0, 30.0, 100.0], "torque": [50.0, 50.0, 5.0, 50.0, 0.0]}
     held = driven(100.0, dip).with_values({"sprockets.driven.load": {"torque": 23.0}})
-    assert driver_speed(held) == pytest.approx(16.0, rel=1e-9)
+    assert Model(held).driver_speed == pytest.approx(16.0, rel=1e-9)
     base = driven(10.0)
     drives = [base.with_values({"shafts.m.inertia": inertia}) for inertia in (0.5, 5.0, 50.0)]
     (stack,) = stacks_of_drives(drives)
-    assert np.asarray(driver_top_speed(stack.drive)).tolist() == [driver_speed(one) for one in drives]
+    assert np.asarray(driver_top_speed(single_chain(stack.one))).tolist() == [Model(one).driver_speed for one in drives]

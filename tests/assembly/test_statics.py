@@ -15,7 +15,7 @@ from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _assembled_coordinates, _coordinate_name, _Solver, at_rest, load_moments, running
 from warpchain.assembly.summary import derive, report
-from warpchain.model.chain_drives import driver_speed
+from warpchain.model import Model, single_chain
 
 ISO = {"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "maximum"} | {
     f"contact.sprocket.{key}": None for key in ("clearance", "seat_angle")
@@ -37,7 +37,7 @@ def test_derivatives_are_those_of_the_energy(changes):
     """Central differences at a state that is bent at random: seats, flanks, tips, the bar's face and ends all press.
     Their error is d^2 times a third derivative, which within a gap is force / clearance^2: 1e-4 of the largest."""
     drive = engine().with_values(changes)
-    potential, assembly = Potential(drive, 1000.0, np.array([0.0, 0.0, 3.0, 4.0, 0.0])), assemble(drive)
+    potential, assembly = Potential(single_chain(drive), 1000.0, np.array([0.0, 0.0, 3.0, 4.0, 0.0])), assemble(drive)
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
     x += np.random.default_rng(3).normal(size=len(x)) * 3e-4
     terms = potential.terms(x)
@@ -52,7 +52,12 @@ def test_derivatives_are_those_of_the_energy(changes):
 def test_derivatives_by_angles_of_arms_on_arms(drive):
     """Central differences along what arms carry with them, of a state in which guides and teeth press: as above."""
     assembly = assemble(drive)
-    potential = Potential(drive, 50.0, load_moments(drive, driver_speed(drive)), laid=assembly.sprocket_angle)
+    potential = Potential(
+        single_chain(drive),
+        50.0,
+        load_moments(single_chain(drive), Model(drive).driver_speed),
+        laid=assembly.sprocket_angle,
+    )
     solver, d = _Solver([potential], [assembly]), 1e-6
 
     def at(x):
@@ -79,12 +84,12 @@ def test_tension_rises_by_the_load_over_the_mean_lever():
     """A turn takes z links by, tight ones in and slack ones out: with what they store, 2 pi M =
     z [(T_t - T_s) p + (T_t^2 - T_s^2) / (2 k)]. Four states within a pitch average its ripple: 3e-4."""
     drive = pair(viscous=5.0)
-    steady = running(drive)
+    steady = running(single_chain(drive))
     assert steady.failure is None
     slack, tight = steady.tension
     work = 20 * ((tight - slack) * 0.05 + (tight**2 - slack**2) / (2.0 * 5e7))
     assert work == pytest.approx(2.0 * math.pi * (300.0 + 5.0 * 1.0), rel=3e-4)
-    assert load_moments(drive, 1.0) == pytest.approx([0.0, 305.0])
+    assert load_moments(single_chain(drive), 1.0) == pytest.approx([0.0, 305.0])
     assert steady.centrifugal == pytest.approx(0.2 * 0.05 * (1.0 * 20 / (2 * math.pi)) ** 2)
 
 
@@ -92,7 +97,7 @@ def test_a_slider_bears_on_the_chain_with_its_preload():
     """Along the slide preload less spring equals the pull of both strands less m v^2 / p each; 1 %: strands turn by
     up to half a pitch's rise as the polygon turns, and the mean of products is not that of the means."""
     drive = engine()
-    mount, steady = drive.sprockets[1].mount, running(drive)
+    mount, steady = drive.sprockets[1].mount, running(single_chain(drive))
     path, pull = assemble(drive).path, 0.0
     for strand, away in ((0, -1.0), (1, 1.0)):
         x = path.strand_end[strand] - path.strand_start[strand]
@@ -105,7 +110,7 @@ def test_a_slack_strand_carries_its_weight():
     """Flat catenary at rest, sag f << C: T = m g C^2 / (8 p f) at its lowest; 3 %: links of finite length, slopes at
     the ends."""
     drive = two_sprockets(span=19.98, gravity=-9.81, torque=0.0)
-    steady = at_rest(drive)
+    steady = at_rest(single_chain(drive))
     sag = np.abs(steady.displacement)
     length = 19.98 * 0.05
     for k in (0, 1):
@@ -119,7 +124,7 @@ def test_a_quiet_run_shows_these_tensions(changes):
     drive = pair().with_values(changes)
     (row,) = simulate(drive, record=Record("none"), duration=0.95, window=(0.322, 0.95)).metrics.to_pylist()
     found = np.array([row[f"{name}.tension_mean"] for name in drive.strand_names])
-    steady = running(drive)
+    steady = running(single_chain(drive))
     assert steady.failure is None
     assert steady.tension == pytest.approx(found, abs=0.02 * found.max())
 
@@ -170,15 +175,17 @@ def test_frequencies_of_a_moving_string(ratio):
     rates = eig(np.block([[zero, one], [-stiff, -gyro]]), right=False).imag
     found = np.sort(rates[rates > 0]) / (2 * np.pi)
     for mode in (1, 2):
-        assert moving_frequency(drive, length, tension, v, mode) == pytest.approx(found[mode - 1], rel=1e-3)
-    assert moving_frequency(drive, length, tension, wave) == 0.0
+        assert moving_frequency(single_chain(drive), length, tension, v, mode) == pytest.approx(
+            found[mode - 1], rel=1e-3
+        )
+    assert moving_frequency(single_chain(drive), length, tension, wave) == 0.0
 
 
 def test_at_rest_both_frequencies_agree():
     """Many links: sin(x) = x (1 - x^2 / 6), x = pi / 800: 3e-6."""
     drive = two_sprockets()
-    assert moving_frequency(drive, 400 * 0.05, 500.0, 0.0) == pytest.approx(
-        strand_frequency(drive, 400, 500.0), rel=3e-6
+    assert moving_frequency(single_chain(drive), 400 * 0.05, 500.0, 0.0) == pytest.approx(
+        strand_frequency(single_chain(drive), 400, 500.0), rel=3e-6
     )
 
 
@@ -186,11 +193,11 @@ def test_where_no_equilibrium_is_found_it_says_why_and_what_to_do():
     """A rail that pushes its strand out by 1.4 pitches, which the layout tells of, holds rollers with kN where the
     chain pulls 49 N. A sprocket turned by a tooth has lost its chain."""
     drive = loads_drive(SPRUNG)
-    failure = at_rest(drive).failure
+    failure = at_rest(single_chain(drive)).failure
     assert failure.startswith("at rest no equilibrium was found: after 400 steps ")
     assert 'N are left on a roller of strand "cam->crank"' in failure and "(warpchain fit)" in failure
     still = two_sprockets()
-    assembly, potential = assemble(still), Potential(still, 0.0, np.zeros(2))
+    assembly, potential = assemble(still), Potential(single_chain(still), 0.0, np.zeros(2))
     solver = _Solver([potential], [assembly])
     x = _assembled_coordinates(potential, assembly)
     x[potential.first_arm - 1] += 2.0 * math.pi / 20

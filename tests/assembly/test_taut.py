@@ -11,6 +11,7 @@ from warpchain import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.taut_string import obstacle_arcs, point_end, taut_string
 from warpchain.drive.face_profile import Piece, make_profile
+from warpchain.model import single_chain
 
 
 def face(center, radius, half, upward=1.0):
@@ -97,7 +98,7 @@ def guided(radius=0.5, top=0.24, links=60):
 def test_rollers_stand_on_the_guide():
     """Rollers of the arc at R' = R + R_r; all links of strands strained alike. 1e-9 m: what closing leaves."""
     drive = guided()
-    path = chain_path(drive)
+    path = chain_path(single_chain(drive))
     assembly = assemble(drive)
     strings = [k for k, string in enumerate(path.strings) if string is not None]
     assert strings == [1]
@@ -118,7 +119,7 @@ def test_rollers_stand_on_the_guide():
 def test_path_and_wraps_by_hand():
     """The strand's tangents from sprockets of radius R at distance D to the guide's circle of radius R'."""
     drive = guided()
-    path, radius = chain_path(drive), float(chain_path(drive).radius[0])
+    path, radius = chain_path(single_chain(drive)), float(chain_path(single_chain(drive)).radius[0])
     h, distance = 0.515 - radius, math.hypot(0.5, 0.26)
     straight = math.sqrt(distance**2 - h**2)
     pieces = path.strings[1].pieces

@@ -11,12 +11,14 @@ from parts import gears, shaft
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_paths
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.drive.examples import example_names
 from warpchain.engine.chain_rows import ChainRows
 from warpchain.errors import DriveError
+from warpchain.model import Model, single_chain
 from warpchain.model.stacks import (
     LARGEST_STACK,
     pick_variants,
@@ -55,7 +57,7 @@ def scattered(name, count, seed=1):
 @pytest.mark.parametrize("name", [name for name in ONE_CHAIN if name != "car"])
 def test_each_is_assembled_as_if_alone(name):
     drives = scattered(name, 40)
-    stacks = stacks_of_drives(drives)
+    stacks = stacks_of_drives(list(map(single_chain, drives)))
     assert len(stacks) < len(drives) / 2  # else nothing is shown
     for found, drive in zip(assemble_stacks(stacks), drives, strict=True):
         assert_same(found, assemble(drive))
@@ -72,11 +74,11 @@ def test_with_any_other_number_each_chain_is_assembled_as_if_alone(name):
         value = base.get_value(path)
         with contextlib.suppress(DriveError):  # a size has a pitch of its own; or the chain fits no more
             drive = base.with_values({path: value + 1 if isinstance(value, int) else 1.001 * value})
-            assemble_chains(drive)
+            assemble_chains(Model(drive))
             drives.append(drive)
     rows = ChainRows(drives, stacks_of_drives(drives))
-    for found, drive in zip(assemble_stacks(rows.stacks), rows.drives, strict=True):
-        alone = assemble(drive)
+    for found, model in zip(assemble_stacks(rows.stacks), rows.models, strict=True):
+        alone = assemble_chain(model)
         for of in ("position", "velocity", "sprocket_angle", "sprocket_speed", "shaft_speed", "arm_angle"):
             np.testing.assert_array_equal(getattr(found, of), getattr(alone, of), err_msg=of)
 
@@ -88,16 +90,16 @@ def test_a_chain_that_another_turns_begins_as_fast_as_that_turns_it():
     drives = [base, base.with_values({"sprockets.crank.prescribed.harmonics.0.amplitude": 0.1})]
     rows = ChainRows(drives, stacks_of_drives(drives))
     speeds = [state.sprocket_speed for state in assemble_stacks(rows.stacks)]
-    left = [r for r, chain in enumerate(rows.chains) if chain.name == "left"]
+    left = [r for r, chain in enumerate(rows.models) if chain.name == "left"]
     for r in left:
-        assert np.array_equal(speeds[r], assemble(rows.drives[r]).sprocket_speed)
+        assert np.array_equal(speeds[r], assemble_chain(rows.models[r]).sprocket_speed)
     assert abs(speeds[left[0]][0] / speeds[left[1]][0] - 1.0) > 0.05
 
 
 def test_what_a_chain_does_not_fit_is_refused_beside_one_that_it_fits():
     """A key and a tooth of its own, of a sprocket that otherwise stands alike."""
     base = marine(chain__elongation=1e-3)  # rollers ride 1 mm above their seats
-    low = {"seat_radius": 0.0366, "seat_angle": 100.0, "tip_radius": base.pitch_radius(2) + 1e-4}
+    low = {"seat_radius": 0.0366, "seat_angle": 100.0, "tip_radius": single_chain(base).pitch_radius(2) + 1e-4}
     for values in ({"sprockets.camshaft.key": 0.5}, {"sprockets.camshaft.tooth": low}):
         assert error_of([base, base.with_values(values)], 1)
 
@@ -111,18 +113,18 @@ def test_layouts_without_suspicion_have_no_findings():
         }
         drive = base.with_values(ends | {"sprockets.tightener.center": (random.uniform(-1.0, 2.0), 3.0)})
         try:
-            path = chain_paths(drive)
+            path = chain_paths(single_chain(drive))
         except DriveError:
             continue
         if not any(path.strings):
             paths[drive] = path
     drives = list(paths)
-    suspect = [bool(has_possible_faults(drive, path)[0]) for drive, path in paths.items()]
-    told = [bool(layout_faults(drive, path[0])) for drive, path in paths.items()]
+    suspect = [bool(has_possible_faults(single_chain(drive), path)[0]) for drive, path in paths.items()]
+    told = [bool(layout_faults(single_chain(drive), path[0])) for drive, path in paths.items()]
     assert all(s or not t for s, t in zip(suspect, told, strict=True))
     assert 20 < sum(told) <= sum(suspect) < len(drives) - 20
     drive = stack_of_values(drives)
-    assert has_possible_faults(drive, chain_paths(drive)).tolist() == suspect
+    assert has_possible_faults(single_chain(drive), chain_paths(single_chain(drive))).tolist() == suspect
 
 
 def test_the_first_variant_that_does_not_fit_is_named():
@@ -144,7 +146,7 @@ def test_a_chain_around_a_bar_shares_a_stack_with_one_that_is_not():
         drives.append(base.with_values(shift))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        (stack,) = stacks_of_drives(drives)
+        (stack,) = stacks_of_drives(list(map(single_chain, drives)))
     states = assemble_stacks([stack])
     bent = [any(string is not None for string in state.path.strings) for state in states]
     assert any(bent) and not all(bent)
@@ -156,7 +158,7 @@ def test_a_car_stands_by_its_own_stiffness():
     """The chain's stiffness moves its tensioner's arm; before stacks, variants that differed in it shared one state."""
     base = example("car")
     other = base.with_values({"chain.stiffness": 1.1 * base.chain.stiffness})
-    together = assemble_stacks(stacks_of_drives([base, other]))
+    together = assemble_stacks(stacks_of_drives(list(map(single_chain, [base, other]))))
     assert together[0].arm_angle[0] != together[1].arm_angle[0]
 
 
@@ -174,7 +176,13 @@ def test_zeros_given_values_and_counts_make_kinds():
     changes = [{}, {"chain.damping": 2e5}, {"chain.damping": 0.0}, {"chain.damping_ratio": 0.1}, {"chain.links": 164},
                {"sprockets.camshaft.load.torque": 5.0}, {"sprockets.tightener.teeth": 26}]  # fmt: skip
     drives = [marine().with_values(change) for change in changes]
-    assert sorted(stack.members.tolist() for stack in stacks_of_drives(drives)) == [[0, 1, 5], [2], [3], [4], [6]]
+    assert sorted(stack.members.tolist() for stack in stacks_of_drives(list(map(single_chain, drives)))) == [
+        [0, 1, 5],
+        [2],
+        [3],
+        [4],
+        [6],
+    ]
     assert (
         max(len(stack.members) for stack in stacks_of_drives([drives[0], drives[1]] * LARGEST_STACK)) == LARGEST_STACK
     )
@@ -184,7 +192,7 @@ def test_drives_of_unlike_sprockets_may_each_have_a_phase():
     """Phases part drives with tables alone, which are looked for in drives of a kind."""
     engine = example("engine")
     drives = [of.with_values({"run.phase": 0.1 * k}) for k in range(1, 3) for of in (marine(), engine)]
-    assert [stack.members.tolist() for stack in stacks_of_drives(drives)] == [[0, 2], [1, 3]]
+    assert [stack.members.tolist() for stack in stacks_of_drives(list(map(single_chain, drives)))] == [[0, 2], [1, 3]]
     table = {"sprockets.camshaft.load.table": {"time": [0.0, 1.0], "torque": [0.0, 5.0]}}
     assert len(stacks_of_drives([*drives, *(drive.with_values(table) for drive in drives[::2])])) == 4
 
@@ -194,10 +202,12 @@ def test_a_tail_of_one_is_assembled_as_if_alone():
     base = marine()
     drives = [marine(sprockets__camshaft__center=(0.30, 5.96 + 1e-6 * v)) for v in range(3)]
     stack = stacks_of_drives([*drives, drives[0]] * (LARGEST_STACK // 4) + [drives[1]])[-1]
-    assert len(stack.members) == 1 and stack.drive == drives[1]
+    assert len(stack.members) == 1 and stack.one == drives[1]
     ends = zip(("start", "end"), (base.guides[0].start, base.guides[0].end), strict=True)
     around = base.with_values({f"guides.tight strand.{end}": (x - 0.08, y) for end, (x, y) in ends})
-    for found, drive in zip(assemble_stacks(stacks_of_drives([around, base])), (around, base), strict=True):
+    for found, drive in zip(
+        assemble_stacks(stacks_of_drives(list(map(single_chain, [around, base])))), (around, base), strict=True
+    ):
         assert_same(found, assemble(drive))
 
 
@@ -207,7 +217,7 @@ def test_shafts_of_a_stack_start_at_their_own_speeds(values):
     slow = {"initial_speed": 30.0} if "shafts.pump.initial_speed" in values else {"prescribed": {"speed": 30.0}}
     base = with_parts(shaft("pump", inertia=0.1, **slow))
     drives = [base, base.with_values(values), base]
-    stacks = stacks_of_drives(drives)
+    stacks = stacks_of_drives(list(map(single_chain, drives)))
     assert len(stacks) == 1
     assert [float(found.shaft_speed[0]) for found in assemble_stacks(stacks)] == [30.0, 60.0, 30.0]
 
@@ -218,6 +228,8 @@ def test_drives_with_other_shafts_are_states_of_their_own():
     more = shaft("third", inertia=0.1, initial_speed=5.0)
     ends = ((40, ""), (10, ""), (40, more))
     drives = [with_parts(text + gears("pair", ["in", "pump"], [20, teeth]) + end) for teeth, end in ends]
-    speeds = [found.shaft_speed.tolist() for found in assemble_stacks(stacks_of_drives(drives))]
+    speeds = [
+        found.shaft_speed.tolist() for found in assemble_stacks(stacks_of_drives(list(map(single_chain, drives))))
+    ]
     assert np.abs(speeds[0]).tolist() == [15.0, 30.0] and np.abs(speeds[1]).tolist() == [60.0, 30.0]
     assert np.abs(speeds[2]).tolist() == [15.0, 30.0, 5.0]

@@ -11,7 +11,7 @@ from warpchain import Drive, dumps_drive, loads_drive
 from warpchain.assembly.statics import at_rest
 from warpchain.assembly.summary import derive, report
 from warpchain.fit import fit_position
-from warpchain.model.chain_drives import driver_speed
+from warpchain.model import Model, single_chain
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_work_at_balance_is_what_the_run_comes_to(conveyor):
     found = derive(conveyor)
     tight, slack = (strand["working_tension"] for strand in (found["strands"][1], found["strands"][0]))
     load = 550.0 + 15.0 * found["shafts"][2]["speed"]
-    assert tight - slack == pytest.approx(load / conveyor.pitch_radius(1), rel=5e-3)
+    assert tight - slack == pytest.approx(load / single_chain(conveyor).pitch_radius(1), rel=5e-3)
 
 
 def test_a_motor_too_weak_to_start_is_named(conveyor):
@@ -89,7 +89,7 @@ def triangle(text):
 def test_a_slack_chain_between_couplings_with_play_stands(sag):
     # within its play a coupling would hold nothing: the search for where it stands had no end
     drive = fit_position(example("motorcycle_drivetrain"), "rear", (1.0, 0.0), sag=sag)
-    found, chain = at_rest(drive), drive.chain
+    found, chain = at_rest(single_chain(drive)), drive.chain
     length = math.hypot(*drive.sprockets[1].center)
     assert found.failure is None
     assert found.tension == pytest.approx(9.81 * chain.mass / chain.pitch * length**2 / (8.0 * sag), rel=0.06)
@@ -126,7 +126,9 @@ def test_a_motor_that_nothing_balances_is_named(conveyor):
     motor = {"torque": 150.0, "ramp_time": 0.15}
     constant = conveyor.with_values({"shafts.motor.motor": motor, "shafts.drum.load": None})
     motor = derive(constant)["shafts"][0]
-    inertia = 0.038 + 12.8 / 225.0 + conveyor.links * conveyor.chain.mass * conveyor.pitch_radius(0) ** 2 / 25.0
+    inertia = (
+        0.038 + 12.8 / 225.0 + conveyor.links * conveyor.chain.mass * single_chain(conveyor).pitch_radius(0) ** 2 / 25.0
+    )
     assert motor["speed"] == pytest.approx(150.0 / inertia * (2.0 - 0.075), rel=1e-9)
     (line,) = (line for line in derive(constant)["advice"] if line.startswith("shafts"))
     assert line.startswith(
@@ -164,11 +166,11 @@ def test_a_motor_that_nothing_ties_to_the_chain_drives_no_chain():
     del values["sprockets"][0]["prescribed"]
     values["sprockets"][0]["shaft"] = "flywheel"
     drive = Drive(**values)
-    assert driver_speed(drive) == 10.0 and drive.sprockets[drive.driver].name == "driver"
+    assert Model(drive).driver_speed == 10.0 and drive.sprockets[drive.driver].name == "driver"
     found = derive(drive)
     assert [of["speed"] for of in found["shafts"]] == [None, 10.0]
     # nothing drives it: 40 N m s brake the wheel, the sprocket's 2 kg m^2 and the chain's rollers
-    slower = 400.0 / (22.0 + drive.chain.links * drive.chain.mass * drive.pitch_radius(0) ** 2)
+    slower = 400.0 / (22.0 + drive.chain.links * drive.chain.mass * single_chain(drive).pitch_radius(0) ** 2)
     assert found["driver"]["acceleration"] == pytest.approx(-slower, rel=1e-12)
     line = f'speed: "driver" has 10 rad/s at the start, which counts as work, and slows down by {slower:.4g} rad/s^2'
     assert line in report(found).splitlines()

@@ -10,6 +10,7 @@ from warpchain.assembly.fitting import fit_position, fit_positions
 from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.assembly.timestep import resolve_step, step_limit
 from warpchain.drive.stack_math import has_arrays
+from warpchain.model import single_chain
 from warpchain.model.stacks import pick_variants, stack_arrays, stack_of_values, stacks_of_drives, variant_count
 
 COUNT = 24
@@ -64,8 +65,8 @@ def variants(kind, name="marine", count=COUNT, own=None):
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_is_assembled_as_if_alone(kind):
     drives = variants(kind)
-    (stack,) = stacks_of_drives(drives)
-    assert variant_count(stack.drive) == len(drives) and not has_arrays(stack.drive.chain.links)
+    (stack,) = stacks_of_drives(list(map(single_chain, drives)))
+    assert variant_count(stack.one) == len(drives) and not has_arrays(stack.one.chain.links)
     states = assemble_stacks([stack])
     assert len(states.blocks) == 1
     for found, drive in zip(states, drives, strict=True):
@@ -113,7 +114,7 @@ def test_what_does_not_move_rollers_makes_no_states():
     """Outer links' stiffness and damping alone: one state for all of them."""
     base = example("marine")
     drives = [base.with_values({"chain.outer": {"stiffness": 1e9 + v, "damping": 1.0 + v}}) for v in range(5)]
-    states = assemble_stacks(stacks_of_drives(drives))
+    states = assemble_stacks(stacks_of_drives(list(map(single_chain, drives))))
     assert len(states.blocks) == 1 and states.row.tolist() == [0] * 5
 
 
@@ -124,10 +125,18 @@ def test_numbers_of_worn_links_and_what_is_given_make_kinds():
                {"chain.outer": {"elongation": 0.01}}, {"chain.outer": {"stiffness": 1e9}}, {"chain.play": 0.0},
                {"chain.play": 1e-4}, {"chain.worn_links": []}, {"chain.play": 2e-4}]  # fmt: skip
     drives = [base.with_values(change) for change in changes]
-    assert [stack.members.tolist() for stack in stacks_of_drives(drives)] == [[0, 1], [2], [3], [4], [5], [6, 8], [7]]
+    assert [stack.members.tolist() for stack in stacks_of_drives(drives)] == [
+        [0, 1],
+        [2],
+        [3],
+        [4],
+        [5],
+        [6, 8],
+        [7],
+    ]
     (stack, *_) = stacks_of_drives(drives)
-    assert [column.tolist() for column in stack_arrays(stack.drive)] == [[3, 8], [0.01, 0.0]]
-    assert [pick_variants(stack.drive, v) for v in range(2)] == drives[:2]
+    assert [column.tolist() for column in stack_arrays(stack.one)] == [[3, 8], [0.01, 0.0]]
+    assert [pick_variants(stack.one, v) for v in range(2)] == drives[:2]
 
 
 @pytest.mark.parametrize("kind", [worn, lengthened, played])
@@ -167,7 +176,7 @@ def test_on_guides_each_stands_as_it_stands_alone(kind, monkeypatch):
     """With arms and curved faces."""
     monkeypatch.setattr(path, "FEW", 2)
     drives = variants(small(kind), "car", 12, lambda random, base: {"sprockets.1.center": base.sprockets[1].center})
-    (stack,) = stacks_of_drives(drives)
+    (stack,) = stacks_of_drives(list(map(single_chain, drives)))
     states = assemble_stacks([stack])
     assert len(states.blocks) < 6
     for found, drive in zip(states, drives, strict=True):

@@ -15,6 +15,7 @@ from warpchain import read_archive, simulate
 from warpchain.assembly.summary import derive, report
 from warpchain.cli.json_output import check_values, json_text, run_values
 from warpchain.cli.output_schema import described_values, output_schema
+from warpchain.model import single_chain
 from warpchain.results.run import Record
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -83,7 +84,7 @@ def test_angles_are_radians_where_people_read_degrees():
     drive = example("marine")
     values = derive(drive)
     seats = [sprocket["seat_angle"] for sprocket in values["sprockets"]]
-    assert seats == [drive.seat_angle(s) for s in range(3)] and max(seats) < math.pi
+    assert seats == [single_chain(drive).seat_angle(s) for s in range(3)] and max(seats) < math.pi
     assert f"{math.degrees(seats[0]):.1f} deg" in report(values)
 
 

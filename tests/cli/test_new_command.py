@@ -12,7 +12,7 @@ from warpchain import load_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.json_schema import drive_schema, file_schema, schema_text
-from warpchain.model.chain_drives import driver_speed
+from warpchain.model import Model
 from warpchain.model.power_rating import rated_power
 
 TWO = ["--teeth", 19, 57, "--centers", 0, 0, 1.0, 0]
@@ -54,7 +54,7 @@ def test_comments_say_what_is_an_estimate_and_values_what_was_asked(capsys, tmp_
     text = path.read_text()
     values = tomllib.loads(text)
     assert values["sprockets"][1]["load"]["torque"] == 900
-    assert driver_speed(load_drive(path)) == pytest.approx(300 * math.pi / 30, rel=1e-6)
+    assert Model(load_drive(path)).driver_speed == pytest.approx(300 * math.pi / 30, rel=1e-6)
     for key in ("stiffness", "damping_ratio", "joint", "mass", "inertia", "clearance", "bush_stiffness", "friction"):
         (line,) = [line for line in text.splitlines() if line.startswith(f"{key} = ")]
         assert "# ESTIMATE" in line

@@ -13,6 +13,7 @@ from wrong_values import lines_of, wrong
 from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive
 from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 from warpchain.model.stacks import stacks_of_drives
 
 PITCH = 0.009525
@@ -48,30 +49,30 @@ def test_without_bodies_a_drive_is_written_as_before():
 
 
 def test_who_carries_whom(blade):
-    assert (blade.arm_index("tensioner arm"), blade.arm_index("blade")) == (0, None)
-    assert [blade.arm_of(g) for g in (0, 1)] == [0, None] and blade.guides_of(0) == (0,)
-    assert blade.tensioner_body(0) == 2  # after the sprockets
-    assert [blade.guide_offset(g) for g in (0, 1)] == [blade.chain.roller_radius, 0.004]
+    assert (single_chain(blade).arm_index("tensioner arm"), single_chain(blade).arm_index("blade")) == (0, None)
+    assert [single_chain(blade).arm_of(g) for g in (0, 1)] == [0, None] and single_chain(blade).guides_of(0) == (0,)
+    assert single_chain(blade).tensioner_body(0) == 2  # after the sprockets
+    assert [single_chain(blade).guide_offset(g) for g in (0, 1)] == [blade.chain.roller_radius, 0.004]
     assert [guide.straight for guide in blade.guides] == [False, True]
 
 
 def test_a_bar_with_the_chain_on_its_right_is_one_from_its_end(blade):
-    bar, profile = blade.guides[1].bar, blade.profile(1)
+    bar, profile = blade.guides[1].bar, single_chain(blade).profile(1)
     assert (bar.start, bar.end) == ((0.04, 0.08), (0.055, 0.22)) and profile.reversed
     assert profile.face[0].start == pytest.approx(bar.start) and profile.face[0].end == pytest.approx(bar.end)
     assert profile.end_radius == pytest.approx(0.03)
 
 
 def test_the_ends_of_a_profile_are_a_pitch_round(blade):
-    assert blade.profile(0).end_radius == pytest.approx(PITCH)
+    assert single_chain(blade).profile(0).end_radius == pytest.approx(PITCH)
     other = blade.with_values({"guides.blade.end_radius": 0.02})
-    assert other.profile(0).end_radius == pytest.approx(0.02)
+    assert single_chain(other).profile(0).end_radius == pytest.approx(0.02)
 
 
 def test_arcs_are_in_degrees(values):
     """Where the S of ARCS ends: at the top of its second circle, after two quarters and 0.05 m between."""
     values["guides"][0] = {"name": "blade", "arcs": ARCS}
-    profile = Drive(**values).profile(0)
+    profile = single_chain(Drive(**values)).profile(0)
     assert [piece.curvature for piece in profile.face] == [5.0, 0.0, -5.0]
     assert profile.face[-1].end == pytest.approx((0.4, 0.25))
     assert profile.face_length == pytest.approx(0.05 + 0.2 * math.pi)
@@ -88,15 +89,15 @@ def test_stops_are_as_stiff_as_a_link_but_no_faster(blade):
     """k r^2 of the farthest place of the face, unless a roller of mass m between its links would swing slower."""
     arm, chain = blade.arms[0], blade.chain
     lever = math.dist((-0.045, 0.05), arm.pivot)
-    assert blade.arm_lever(0) == pytest.approx(lever, rel=1e-12)
+    assert single_chain(blade).arm_lever(0) == pytest.approx(lever, rel=1e-12)
     assert arm.inertia / chain.mass > lever**2  # here the lever counts
-    assert blade.stop_stiffness(0) == pytest.approx(chain.stiffness * lever**2, rel=1e-12)
+    assert single_chain(blade).stop_stiffness(0) == pytest.approx(chain.stiffness * lever**2, rel=1e-12)
     light = blade.with_values({"arms.tensioner arm.inertia": 1e-5, "arms.tensioner arm.mass": 1e-4})
-    assert light.stop_stiffness(0) / 1e-5 == pytest.approx(chain.stiffness / chain.mass)
-    critical = 2.0 * math.sqrt(blade.stop_stiffness(0) * arm.inertia)
-    assert blade.stop_damping(0) == pytest.approx(0.5 * critical)
+    assert single_chain(light).stop_stiffness(0) / 1e-5 == pytest.approx(chain.stiffness / chain.mass)
+    critical = 2.0 * math.sqrt(single_chain(blade).stop_stiffness(0) * arm.inertia)
+    assert single_chain(blade).stop_damping(0) == pytest.approx(0.5 * critical)
     own = blade.with_values({"arms.tensioner arm.stop_stiffness": 7.0, "arms.tensioner arm.stop_damping": 0.0})
-    assert (own.stop_stiffness(0), own.stop_damping(0)) == (7.0, 0.0)
+    assert (single_chain(own).stop_stiffness(0), single_chain(own).stop_damping(0)) == (7.0, 0.0)
 
 
 def test_numbers_of_the_published_tensioner(blade):
@@ -307,9 +308,13 @@ def test_a_sprocket_on_an_arm_weighs_on_it():
     """Its mass times its distance squared is the arm's, its inertia is not; the chain reaches as far as it is."""
     drive = Drive(**SWING)
     distance = math.dist((0.189, -0.02), (0.05, -0.11))
-    assert (drive.carrier(1), drive.carrier(0), drive.sprockets_on(0)) == (0, None, (1,))
-    assert drive.arm_lever(0) == drive.center_lever(1) == pytest.approx(distance)
-    assert drive.arm_inertia(0) == pytest.approx(7e-3 + 0.7 * distance**2)
+    assert (single_chain(drive).carrier(1), single_chain(drive).carrier(0), single_chain(drive).sprockets_on(0)) == (
+        0,
+        None,
+        (1,),
+    )
+    assert single_chain(drive).arm_lever(0) == single_chain(drive).center_lever(1) == pytest.approx(distance)
+    assert single_chain(drive).arm_inertia(0) == pytest.approx(7e-3 + 0.7 * distance**2)
     assert loads_drive(dumps_drive(drive)) == drive
 
 
@@ -453,7 +458,7 @@ def test_a_tensioner_pushes_a_sprocket_against_its_strands(values):
     """The cam stands above the crank, which pulls it down: up is right, whichever way the slider is said to run."""
     for slide in ((0.0, 1.0), (0.0, -1.0)):
         drive = Drive(**slider(values, (0.0, 1.0), slide))
-        assert drive.tensioner_body(0) == 1
+        assert single_chain(drive).tensioner_body(0) == 1
         (line,) = errors_of(slider(values, (0.0, -1.0), slide))
         assert line.startswith(f'{PUSHER}.direction = [0.0, -1.0]: pushes "cam" the way its strands pull it, (')
     (line,) = errors_of(slider(values, (1.0, 0.0), (0.0, 1.0)))

@@ -7,8 +7,8 @@ from warpchain.assembly.summary import derive
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives, driver_speed, shaft_speed_ratios
-from warpchain.model.trains import body_speed_ratio, is_free_body, train_inertia
+from warpchain.model import Model
+from warpchain.model.trains import is_free_body, train_inertia
 
 
 def test_a_drive_of_two_chains_reads_back_equal():
@@ -32,16 +32,16 @@ def test_code_for_one_chain_refuses_several_in_one_line():
 
 def test_ratios_multiply_stage_by_stage():
     drive = chains.two_stages(teeth=(20, 30, 18, 36))
-    assert shaft_speed_ratios(drive) == {"mid": 2 / 3}
-    assert body_speed_ratio(drive, 3, 0) == (20 * 18) / (30 * 36)
+    assert Model(drive).shaft_ratios == {"mid": 2 / 3}
+    assert Model(drive).speed_ratio(3, 0) == (20 * 18) / (30 * 36)
 
 
 def test_each_chain_is_a_drive_with_the_inertia_of_its_shafts():
-    first, second = chain_drives(chains.two_stages())
-    assert [s.inertia for s in first.drive.sprockets] == [None, 1.0] and train_inertia(first.drive, 1) == 2.0
-    assert [s.inertia for s in second.drive.sprockets] == [2.0, 2.0]
-    assert second.drive.sprockets[0].prescribed.speed == pytest.approx(10.0 * 20 / 30)
-    assert is_free_body(second.drive, 0) and second.places["sprockets"] == (2, 3)
+    first, second = Model(chains.two_stages()).chains
+    assert [s.inertia for s in first.sprockets] == [None, 1.0] and train_inertia(first, 1) == 2.0
+    assert [s.inertia for s in second.sprockets] == [2.0, 2.0]
+    assert second.sprockets[0].prescribed.speed == pytest.approx(10.0 * 20 / 30)
+    assert is_free_body(second, 0) and second.places["sprockets"] == (2, 3)
 
 
 def error(text):
@@ -204,22 +204,22 @@ def test_a_shaft_gives_what_it_has_to_its_first_sprocket():
     values = {f"sprockets.{name}": None for name in ("a0.prescribed", "b0.load", "b0.inertia")}
     values |= {"shafts.A.prescribed.speed": 10.0, "shafts.B.load.torque": 600.0, "shafts.B.inertia": 2.0}
     on_shafts = on_sprockets.with_values(values)
-    assert (on_shafts.driver, driver_speed(on_shafts)) == (0, 10.0)
+    assert (on_shafts.driver, Model(on_shafts).driver_speed) == (0, 10.0)
     tensions = [
         [strand["working_tension"] for chain in derive(of)["chains"].values() for strand in chain["strands"]]
         for of in (on_shafts, on_sprockets)
     ]
     assert tensions[0] == pytest.approx(tensions[1], rel=1e-9)
     both = on_shafts.with_values({"sprockets.b1.inertia": 3.0})
-    assert [train_inertia(chain.drive, 1) for chain in chain_drives(both)] == [5.0, 5.0]
+    assert [train_inertia(chain, 1) for chain in Model(both).chains] == [5.0, 5.0]
     assert loads_drive(dumps_drive(both)) == both
 
 
 def test_harmonics_count_the_turns_of_shafts_over_chains():
     harmonic = {"order": 2.0, "amplitude": 1.0, "shaft": "mid"}
     drive = chains.two_stages().with_values({"sprockets.out.load.harmonics": [harmonic]})
-    _, second = chain_drives(drive)
-    (found,) = second.drive.sprockets[1].load.harmonics
+    _, second = Model(drive).chains
+    (found,) = second.sprockets[1].load.harmonics
     assert (found.shaft, found.order) == (None, 2.0 * 36 / 18)
 
 

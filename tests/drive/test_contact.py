@@ -12,6 +12,7 @@ from warpchain.assembly.timestep import highest_frequency
 from warpchain.drive import Material
 from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 from warpchain.model.friction_coefficients import (
     FrictionCoefficients,
     guide_friction_coefficients,
@@ -32,41 +33,43 @@ def drive(**changes):
 
 def test_steel_seat_of_a_72b_roller():
     # eq. (20): 1.62e9 N/m at 10 kN, to the three digits stated
-    assert drive().sprocket_stiffness(0) == pytest.approx(1.62e9, rel=0.003)
+    assert single_chain(drive()).sprocket_stiffness(0) == pytest.approx(1.62e9, rel=0.003)
     direct = hertz_stiffness(10e3, 0.063, 0.0362, 0.0366, compliance(STEEL, STEEL))
-    assert drive().sprocket_stiffness(1) == pytest.approx(direct, rel=1e-12)
+    assert single_chain(drive()).sprocket_stiffness(1) == pytest.approx(direct, rel=1e-12)
 
 
 def test_bush_and_tooth_in_series():
     # 1/K = 1/K_tooth + 1/K_bush, given or from materials;
     # the limit of the step, 2 / sqrt((4 k + K) / m + K (z - 1) R^2 / J), follows
-    tooth = drive().sprocket_stiffness(0)
+    tooth = single_chain(drive()).sprocket_stiffness(0)
     both = drive(**{"contact.sprocket.bush_stiffness": 8e8})
     series = 1.0 / (1.0 / tooth + 1.0 / 8e8)
-    assert both.sprocket_stiffness(0) == pytest.approx(series, rel=1e-15)
+    assert single_chain(both).sprocket_stiffness(0) == pytest.approx(series, rel=1e-15)
     turns = [(s, both.sprockets[s]) for s in (1, 2)]  # freely: the fastest of them counts
-    turning = max(series * (of.teeth - 1) * both.pitch_radius(s) ** 2 / of.inertia for s, of in turns)
+    turning = max(series * (of.teeth - 1) * single_chain(both).pitch_radius(s) ** 2 / of.inertia for s, of in turns)
     longest = 2.0 / math.sqrt((4 * 1.5e9 + series) / 6.95 + turning)
     assert 2.0 / highest_frequency(both, damped_links=False) == pytest.approx(longest, rel=1e-12)
-    assert drive(**{"contact.sprocket.bush_stiffness": 1e30}).sprocket_stiffness(0) == pytest.approx(tooth, rel=1e-12)
+    assert single_chain(drive(**{"contact.sprocket.bush_stiffness": 1e30})).sprocket_stiffness(0) == pytest.approx(
+        tooth, rel=1e-12
+    )
 
 
 def test_what_rubs_is_what_is_given():
     given = {"contact.sprocket.friction": 0.06, "contact.guide.friction": 0.1}
     given |= {"guides.bar.contact": {"friction": 0.2, "static_friction": 0.3, "stribeck_speed": 0.05}}
-    assert tooth_friction_coefficients(drive(**given)) == FrictionCoefficients(0.06, 0.06, 1.0)
-    assert guide_friction_coefficients(drive(**given), 0) == FrictionCoefficients(0.2, 0.3, 0.05)
+    assert tooth_friction_coefficients(single_chain(drive(**given))) == FrictionCoefficients(0.06, 0.06, 1.0)
+    assert guide_friction_coefficients(single_chain(drive(**given)), 0) == FrictionCoefficients(0.2, 0.3, 0.05)
     assert (
-        not tooth_friction_coefficients(drive()).has_friction
-        and not guide_friction_coefficients(drive(), 0).has_friction
+        not tooth_friction_coefficients(single_chain(drive())).has_friction
+        and not guide_friction_coefficients(single_chain(drive()), 0).has_friction
     )
 
 
 def test_flat_rubber():
     # eq. (20) with R2 -> infinity: 6.0e5 N/m at 10 kN, to the two digits stated
-    assert drive().guide_stiffness(0) == pytest.approx(6.0e5, rel=0.005)
+    assert single_chain(drive()).guide_stiffness(0) == pytest.approx(6.0e5, rel=0.005)
     far = hertz_stiffness(10e3, 0.063, 0.0362, 1e9, compliance(STEEL, RUBBER))
-    assert drive().guide_stiffness(0) == pytest.approx(far, rel=1e-9)
+    assert single_chain(drive()).guide_stiffness(0) == pytest.approx(far, rel=1e-9)
 
 
 @given(
@@ -90,14 +93,14 @@ def test_exponent_keeps_the_load_at_the_reference_penetration():
 
 def test_given_stiffness_is_used():
     changed = drive(**{"contact.sprocket.stiffness": 2e9, "guides.bar.contact.stiffness": 3e6})
-    assert changed.sprocket_stiffness(0) == 2e9
-    assert changed.guide_stiffness(0) == 3e6
+    assert single_chain(changed).sprocket_stiffness(0) == 2e9
+    assert single_chain(changed).guide_stiffness(0) == 3e6
 
 
 def test_materials_of_one_bar():
     changed = drive(**{"guides.bar.contact.partner": STEEL})
     direct = hertz_stiffness(10e3, 0.063, 0.0362, math.inf, compliance(STEEL, STEEL))
-    assert changed.guide_stiffness(0) == pytest.approx(direct, rel=1e-12)
+    assert single_chain(changed).guide_stiffness(0) == pytest.approx(direct, rel=1e-12)
 
 
 def test_load_where_the_bracket_vanishes_is_the_limit():
@@ -118,7 +121,7 @@ def test_a_load_beyond_the_formula_names_its_key(key):
 def test_a_stiffness_beyond_all_numbers_names_its_key():
     changed = drive(**{"contact.sprocket.exponent": 100.0})
     with pytest.raises(DriveError, match=r"^contact\.sprocket\.reference_load = 10000\.0: must give a stiffness that"):
-        changed.sprocket_stiffness(0)
+        single_chain(changed).sprocket_stiffness(0)
 
 
 @pytest.mark.parametrize(("restitution", "ratio"), [(0.3, 0.68422), (0.5, 0.72524), (0.8, 0.84710), (1.0, 1.0)])

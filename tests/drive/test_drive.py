@@ -14,6 +14,7 @@ from drives import BLADE, MARINE, errors_of, example, put
 from warpchain.drive import Drive, Load, dumps_drive, load_drive, loads_drive, save_drive
 from warpchain.drive.schema import Part
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 from warpchain.model.parts_between_chains import LedSprocket, SprocketShaft
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -32,13 +33,17 @@ def test_marine_file_loads_as_it_stands(marine):
 
 
 def test_derived_geometry(marine):
-    assert marine.pitch_radius(1) == pytest.approx(0.1143 / (2 * math.sin(math.pi / 25)), rel=1e-15)
-    assert marine.seat_angle(1) == pytest.approx(math.radians(138.0), rel=1e-15)
-    assert marine.tip_radius(1) == pytest.approx(marine.pitch_radius(1) + 0.1143 / 2 - 0.0362, rel=1e-15)
+    assert single_chain(marine).pitch_radius(1) == pytest.approx(0.1143 / (2 * math.sin(math.pi / 25)), rel=1e-15)
+    assert single_chain(marine).seat_angle(1) == pytest.approx(math.radians(138.0), rel=1e-15)
+    assert single_chain(marine).tip_radius(1) == pytest.approx(
+        single_chain(marine).pitch_radius(1) + 0.1143 / 2 - 0.0362, rel=1e-15
+    )
     other = marine.with_values({"sprockets.tightener.pitch": 0.115, "contact.sprocket.seat_angle": None})
-    assert other.pitch_radius(1) == pytest.approx(0.115 / (2 * math.sin(math.pi / 25)), rel=1e-15)
-    assert other.seat_angle(0) == pytest.approx(math.radians(140 - 90 / 57), rel=1e-15)
-    assert other.tip_radius(1) - other.pitch_radius(1) == pytest.approx(0.1143 / 2 - 0.0362, rel=1e-12)
+    assert single_chain(other).pitch_radius(1) == pytest.approx(0.115 / (2 * math.sin(math.pi / 25)), rel=1e-15)
+    assert single_chain(other).seat_angle(0) == pytest.approx(math.radians(140 - 90 / 57), rel=1e-15)
+    assert single_chain(other).tip_radius(1) - single_chain(other).pitch_radius(1) == pytest.approx(
+        0.1143 / 2 - 0.0362, rel=1e-12
+    )
 
 
 def test_resolved_mass_and_damping(marine):
@@ -129,7 +134,7 @@ def test_document_has_an_example_that_loads(document, names, pieces):
     drive = loads_drive(text)
     assert all(len(loads_drive(short).sprockets) == 2 for short in shorter)
     assert [sprocket.name for sprocket in drive.sprockets] == names
-    assert [len(drive.profile(g).face) for g in range(len(drive.guides))] == pieces
+    assert [len(single_chain(drive).profile(g).face) for g in range(len(drive.guides))] == pieces
     assert loads_drive(dumps_drive(drive)) == drive
 
 

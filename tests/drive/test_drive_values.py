@@ -11,6 +11,7 @@ from warpchain.drive.changed_copies import DriveChanges
 from warpchain.drive.drive import NUMBER_RULES
 from warpchain.drive.examples import example_names
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 
 SMALL = {"pitch": 1, "links": 4, "roller_mass": 1, "stiffness": 1, "damping": 0, "roller_radius": 0.1}
 SMALL["joint"] = {"friction": 0.1, "pin_radius": 0.05}
@@ -65,7 +66,9 @@ def test_parts_may_be_given_as_tables(marine):
 def test_optional_tables_are_made(marine):
     other = marine.with_values({"sprockets.tightener.load.torque": 5, "guides.0.contact.restitution": 0.9})
     assert other.sprockets[1].load == Load(torque=5.0)
-    assert other.guide_contact(0).restitution == 0.9 and other.guide_contact(0).width == 0.063
+    assert (
+        single_chain(other).guide_contact(0).restitution == 0.9 and single_chain(other).guide_contact(0).width == 0.063
+    )
     assert marine.get_value("sprockets.tightener.load.torque") is None
 
 
@@ -108,7 +111,7 @@ def test_taking_away_brings_the_default_or_an_error(marine):
 
 
 def test_guide_override_of_stiffness_or_materials(marine):
-    stiff = marine.with_values({"guides.0.contact.stiffness": 1e6}).guide_contact(0)
+    stiff = single_chain(marine.with_values({"guides.0.contact.stiffness": 1e6})).guide_contact(0)
     assert (stiff.stiffness, stiff.width, stiff.roller, stiff.restitution) == (1e6, None, None, 0.5)
     common = marine.with_values({"contact.guide.stiffness": 1e6})
     with pytest.raises(DriveError) as caught:

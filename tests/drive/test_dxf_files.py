@@ -16,6 +16,7 @@ from warpchain.drive.biarcs import TOLERANCE
 from warpchain.drive.dxf_files import joined_edges, read_edges, read_face, read_teeth
 from warpchain.drive.tooth_shape import gap_outline, iso606_tooth
 from warpchain.errors import DriveError, WarpchainError
+from warpchain.model import single_chain
 
 ezdxf = pytest.importorskip("ezdxf")
 
@@ -87,7 +88,7 @@ def test_a_guide_of_a_drawing_is_the_guide_of_its_arcs(tmp_path):
     shape = 'points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]\nradius = 0.25\narm = "tensioner arm"'
     (tmp_path / "drive.toml").write_text(BLADE.replace(shape, 'profile = "engine.dxf#blade"\nside = "right"'))
     drive = load_drive(tmp_path / "drive.toml")
-    outline = drive.profile(0).points(0.002, caps=False)
+    outline = single_chain(drive).profile(0).points(0.002, caps=False)
     assert off_the_shape(outline).max() < TOLERANCE + 1.1e-6
     assert loads_drive(dumps_drive(drive)) == drive
 
@@ -180,9 +181,9 @@ def test_a_drive_takes_a_sprockets_teeth_from_its_drawing(tmp_path):
     text = BLADE.replace('name = "crank"\n', 'name = "crank"\ntooth = "crank.dxf"\npitch = 0.009525\n')
     (tmp_path / "drive.toml").write_text(text)
     drive = load_drive(tmp_path / "drive.toml")
-    assert drive.tooth(0).seat_radius == pytest.approx(tooth.seat_radius, abs=1e-8)
-    assert drive.tooth(0).flank_radius == pytest.approx(tooth.flank_radius, rel=1e-6)
-    assert math.isinf(drive.tooth(1).flank_radius) and drive.sprockets[0].pitch == 0.009525
+    assert single_chain(drive).tooth(0).seat_radius == pytest.approx(tooth.seat_radius, abs=1e-8)
+    assert single_chain(drive).tooth(0).flank_radius == pytest.approx(tooth.flank_radius, rel=1e-6)
+    assert math.isinf(single_chain(drive).tooth(1).flank_radius) and drive.sprockets[0].pitch == 0.009525
     assert loads_drive(dumps_drive(drive)) == drive
     with pytest.raises(DriveError, match=r"tooth\.seat_radius = 0\.003: must be at least the radius of the rollers"):
         drive.with_values({"sprockets.crank.tooth.seat_radius": 0.003})
@@ -338,7 +339,7 @@ def test_a_drawing_without_a_unit_needs_a_key(tmp_path, units):
         (tmp_path / "drive.toml").write_text(drawn.replace('.dxf"', f'.dxf"\nprofile_unit = "{unit}"'))
         if said is None:
             drive = load_drive(tmp_path / "drive.toml")
-            assert off_the_shape(drive.profile(0).points(0.002, caps=False)).max() < TOLERANCE + 1.1e-6
+            assert off_the_shape(single_chain(drive).profile(0).points(0.002, caps=False)).max() < TOLERANCE + 1.1e-6
             assert "profile_unit" not in dumps_drive(drive)
         else:
             with pytest.raises(DriveError, match=said):

@@ -15,6 +15,7 @@ from warpchain.assembly.fitting import strand_sag
 from warpchain.assembly.summary import derive
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.drive.examples import drive_path, example_names, is_example
+from warpchain.model import Model, single_chain
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.losses import losses
 
@@ -62,7 +63,7 @@ def test_loads_fits_and_is_checked_without_warnings(name, capsys):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         drive = load(name)
-    assert all(abs(assembly.strain) < 5e-3 for assembly in assemble_chains(drive))
+    assert all(abs(assembly.strain) < 5e-3 for assembly in assemble_chains(Model(drive)))
     assert loads_drive(dumps_drive(drive)) == drive
     values = derive(drive)
     assert values["step"] == pytest.approx(0.6 * values["step_limit"])
@@ -105,7 +106,7 @@ def test_runs_that_can_be_believed(runs, name):
     for chain in chain_trajectories(trajectory).values():
         x = chain.position.astype(float)
         length = np.hypot(*np.moveaxis(np.roll(x, -1, axis=1) - x, -1, 0))
-        assert length == pytest.approx(chain.drive.chain.pitch, rel=5e-3)
+        assert length == pytest.approx(chain.chain.pitch, rel=5e-3)
 
 
 def test_a_gear_change_and_a_coast_down():
@@ -169,7 +170,7 @@ def test_conveyor_balances_its_load():
     moment = 900.0 + 15.0 * 31.4 / 3.0
     assert row["conveyor.moment_mean"] == pytest.approx(moment, rel=0.01)
     pull = row["conveyor->motor.tension_mean"] - row["motor->conveyor.tension_mean"]
-    assert pull * drive.pitch_radius(1) == pytest.approx(moment, rel=0.01)
+    assert pull * single_chain(drive).pitch_radius(1) == pytest.approx(moment, rel=0.01)
 
 
 def test_cars_arm_and_guide_have_half_of_its_friction(runs):
@@ -211,13 +212,13 @@ def test_cars_arm_stands_between_chain_and_tensioner(runs):
 def test_sags_are_as_the_comments_say(name, sag):
     """Centers are rounded to 1e-6 m: dh = 3 C / (16 h) 1e-6 is 1e-5 m at most."""
     drive = load(name)
-    assert strand_sag(drive, assemble_chains(drive)[0], 0) == pytest.approx(sag, abs=1.5e-5)
+    assert strand_sag(single_chain(drive), assemble_chains(Model(drive))[0], 0) == pytest.approx(sag, abs=1.5e-5)
 
 
 def test_engine_fits_and_its_blade_indents_by_a_millimeter():
     drive = load("engine")
-    assert abs(assemble_chains(drive)[0].strain) < 1e-6
-    path, (blade,) = chain_path(drive), drive.guides
+    assert abs(assemble_chains(Model(drive))[0].strain) < 1e-6
+    path, (blade,) = chain_path(single_chain(drive)), drive.guides
     t = path.strand_end[3] - path.strand_start[3]
     t /= np.hypot(*t)
     for point in (blade.start, blade.end):
@@ -241,7 +242,7 @@ def test_engines_tensioner_holds_its_preload():
     assert force == pytest.approx(mount.preload + mount.stiffness * row["tensioner.travel_x_mean"], abs=damped)
     assert force == pytest.approx(mount.preload, rel=0.02)
     assert row["tensioner.travel_max"] < 1.5e-3
-    path, driver = chain_path(drive), drive.sprockets[0]
+    path, driver = chain_path(single_chain(drive)), drive.sprockets[0]
     speed = driver.prescribed.speed * driver.teeth * pitch / (2 * np.pi)
     pull = 0.0
     for strand, away in ((0, -1.0), (1, 1.0)):
@@ -265,10 +266,15 @@ def test_the_derailleurs_cage_swings_with_its_strands():
     run = simulate(script.hit_drive(drive), record=Record(rate=2000.0, channels=("arm_angle", "tension")))[0]
     time, height, level = script.cage_swings(run)
     assert len(time) > 2 and (np.diff(height) < 0.0).all()
-    before, after = (np.degrees(chain_path(one).arm_angle[0]) for one in (drive, script.drive_after_move(drive)))
+    before, after = (
+        np.degrees(chain_path(single_chain(one)).arm_angle[0]) for one in (drive, script.drive_after_move(drive))
+    )
     sag = np.degrees(run.arm_angle[np.searchsorted(run.time, script.BEGIN), 0]) - before
     assert level - sag == pytest.approx(after, abs=0.1)
-    path, pull = chain_path(script.drive_after_move(drive)), np.asarray(run.tension[run.time > time[-1]]).mean()
+    path, pull = (
+        chain_path(single_chain(script.drive_after_move(drive))),
+        np.asarray(run.tension[run.time > time[-1]]).mean(),
+    )
     wave = np.sqrt(pull * drive.chain.pitch / drive.chain.mass)
     lengths = [np.hypot(*(path.strand_end[k] - path.strand_start[k])) for k in (0, 3)]
     swing = np.mean([wave / (2.0 * length) for length in lengths])

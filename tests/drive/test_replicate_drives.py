@@ -9,6 +9,7 @@ from drives import MARINE, two_sprockets
 from warpchain import assemble, dumps_drive, load_drive, loads_drive
 from warpchain.drive.replicates import Replicates, all_copies, copy_phase, numbered_copies
 from warpchain.errors import DriveError, SimulationError
+from warpchain.model import single_chain
 from warpchain.model.start_phase import motion_from_start_phase
 
 TABLE = {"angle": [0.0, 1.0, 3.0, 2.0 * math.pi], "torque": [1.0, 5.0, 2.0, 1.0]}
@@ -70,12 +71,12 @@ def test_what_goes_by_an_angle_turns_on_with_the_shaft():
         "sprockets.driven.load.table": TABLE, "run.phase": 0.25,
     })  # fmt: skip
     sprocket = drive.sprockets[1]
-    turned = motion_from_start_phase(drive, sprocket, sprocket.load)
+    turned = motion_from_start_phase(single_chain(drive), sprocket, sprocket.load)
     own, driver = 0.25 * 2.0 * math.pi / 20, 0.25 * 2.0 * math.pi / 21
     assert [h.phase for h in turned.harmonics] == pytest.approx([0.1 + 3.0 * own, 0.5 * driver], rel=1e-14)
     assert turned.table.angle == pytest.approx(np.array(TABLE["angle"]) - own, rel=1e-14)
     still = drive.with_values({"run.phase": None})
-    assert motion_from_start_phase(still, sprocket, sprocket.load) is sprocket.load
+    assert motion_from_start_phase(single_chain(still), sprocket, sprocket.load) is sprocket.load
 
 
 def test_the_driver_begins_at_the_speed_of_its_harmonics():

@@ -11,6 +11,7 @@ from drives import row, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.drive.tooth_shape import default_seat_angle, iso606_tooth, releasing_seat_angle
+from warpchain.model import single_chain
 from warpchain.results.outlines import tooth_outline
 
 
@@ -42,7 +43,7 @@ def test_catching_teeth_multiply_the_tension_and_warn():
         free = two_sprockets(seat_angle=128.0, duration=0.5, speed=2.0, span=20.002)
     with pytest.warns(UserWarning, match=r'seat_angle = 138: the straight flanks of "driver" \(20 teeth\) catch'):
         catching = two_sprockets(seat_angle=138.0, duration=0.5, speed=2.0, span=20.002)
-    assert (free.catching_sprockets(), catching.catching_sprockets()) == ((), (0, 1))
+    assert (single_chain(free).catching_sprockets(), single_chain(catching).catching_sprockets()) == ((), (0, 1))
     assert row(catching)["tension_mean"] > 3 * row(free)["tension_mean"]
 
 
@@ -93,9 +94,9 @@ def test_seated_chain_tension_falls_by_the_profiles_own_pressure_angle(gap):
     )  # fmt: skip
     trajectory = simulate(drive, record=Record(rate=100.0), window=(0.9, 1.0))[0]
     tension = trajectory.tension[-1]
-    on_driver = np.hypot(*trajectory.position[-1].T) < drive.pitch_radius(0) * 1.02
+    on_driver = np.hypot(*trajectory.position[-1].T) < single_chain(drive).pitch_radius(0) * 1.02
     loaded = on_driver & (trajectory.sprocket_force[-1] > 0.02 * trajectory.sprocket_force[-1].max())
-    phi = drive.tooth(0).pressure_angle(teeth)
+    phi = single_chain(drive).tooth(0).pressure_angle(teeth)
     expected = math.sin(phi) / math.sin(phi + 2 * math.pi / teeth)
     before, after = tension[np.flatnonzero(loaded) - 1], tension[np.flatnonzero(loaded)]
     ratios = np.minimum(before, after) / np.maximum(before, after)
@@ -108,8 +109,8 @@ def test_seated_chain_tension_falls_by_the_profiles_own_pressure_angle(gap):
 def test_drawn_iso606_teeth_are_the_profile(gap):
     # every point drawn is on the seat's circle, on the flank's circle, or at the tip
     drive = iso606(two_sprockets(), gap)
-    tooth, radius = drive.tooth(0), drive.pitch_radius(0)
-    outline = tooth_outline(drive, 0)
+    tooth, radius = single_chain(drive).tooth(0), single_chain(drive).pitch_radius(0)
+    outline = tooth_outline(single_chain(drive), 0)
     local = outline[np.abs(np.arctan2(outline[:, 1], outline[:, 0])) < math.pi / 20 * (1 - 1e-9)]
     half = tooth.seat_angle / 2
     f = [radius, 0] + (tooth.seat_radius + tooth.flank_radius) * np.array([-math.cos(half), math.sin(half)])

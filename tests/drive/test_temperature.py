@@ -18,7 +18,7 @@ from warpchain.drive.viscosity import THICKEST, THINNEST, walther_from_two_point
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
 from warpchain.fit import fit_position
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model, single_chain
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.schedule import Schedule
 
@@ -79,9 +79,10 @@ def test_what_belongs_to_block_wheels_and_chain_grows_with_it():
     block, steel = 1.0 + 23e-6 * 80.0, 1.0 + 1.1e-5 * 80.0
     for of, grown in ((block, lambda d: d.sprockets[1].center), (block, lambda d: d.arms[0].pivot),
                       (block, lambda d: d.guides[0].arcs[0].radius), (block, lambda d: d.tensioners[0].at),
-                      (steel, lambda d: d.chain.pitch), (steel, lambda d: d.pitch_radius(1)),
+                      (steel, lambda d: d.chain.pitch), (steel, lambda d: single_chain(d).pitch_radius(1)),
                       (steel, lambda d: d.chain.pin_radius), (steel, lambda d: d.guides[0].offset),
-                      (steel, lambda d: d.tooth(0).seat_radius), (steel, lambda d: d.tip_radius(2)),
+                      (steel, lambda d: single_chain(d).tooth(0).seat_radius),
+                      (steel, lambda d: single_chain(d).tip_radius(2)),
                       (1.0, lambda d: d.chain.mass), (1.0, lambda d: d.tensioners[0].area)):  # fmt: skip
         np.testing.assert_allclose(grown(hot), np.multiply(of, grown(cold)), rtol=1e-14)  # a few roundings
     assert (
@@ -93,15 +94,19 @@ def test_what_belongs_to_block_wheels_and_chain_grows_with_it():
 
 def test_wheels_of_another_material_keep_the_pitch_and_the_seats_that_they_were_cut_with():
     hot, factor = car(temperature=100.0, **{"expansion.wheels": "aluminum"}), 1.0 + 80.0 * 23e-6
-    assert hot.pitch_radius(1) == pytest.approx(factor * car().pitch_radius(1), rel=1e-14)
-    assert hot.tooth(1).seat_radius == pytest.approx(factor * car().tooth(1).seat_radius, rel=1e-14)
+    assert single_chain(hot).pitch_radius(1) == pytest.approx(factor * single_chain(car()).pitch_radius(1), rel=1e-14)
+    assert single_chain(hot).tooth(1).seat_radius == pytest.approx(
+        factor * single_chain(car()).tooth(1).seat_radius, rel=1e-14
+    )
 
 
 def test_wheels_of_another_material_with_teeth_of_iso_606():
     teeth = {"profile": "iso606", "gap": "minimum", "restitution": 0.3, "impact_speed_floor": 0.02, "stiffness": 1e8}
     drive = two_sprockets().with_values({"contact.sprocket": teeth})
     hot = drive.with_values({"temperature": 120.0, "expansion.wheels": "aluminum"})
-    assert hot.pitch_radius(0) == pytest.approx((1.0 + 23e-4) * drive.pitch_radius(0), rel=1e-14)
+    assert single_chain(hot).pitch_radius(0) == pytest.approx(
+        (1.0 + 23e-4) * single_chain(drive).pitch_radius(0), rel=1e-14
+    )
 
 
 def test_one_material_throughout_leaves_strain_and_angles():
@@ -126,8 +131,8 @@ def test_at_20_degrees_all_bits_are_as_without(name):
     drive = example(name)
     same = drive.with_values({"temperature": 20.0, "expansion.block": "cast iron"})
     assert same.as_read is same and same.expansion.block == MATERIALS["cast iron"]
-    for chain, other in zip(chain_drives(drive), chain_drives(same), strict=True):
-        before, after = packed(chain.drive), packed(other.drive)
+    for chain, other in zip(Model(drive).chains, Model(same).chains, strict=True):
+        before, after = packed(chain), packed(other)
         assert before.keys() == after.keys()
         for key, value in before.items():
             assert value.tobytes() == after[key].tobytes(), key

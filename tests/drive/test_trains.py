@@ -15,7 +15,7 @@ from warpchain.assembly.timestep import moving_bodies
 from warpchain.drive.schema import NAME_TEXT
 from warpchain.drive.shafts import Motor
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_speed, driver_speed
+from warpchain.model import Model, single_chain
 from warpchain.model.trains import bodies_beyond_gear, body_speed_ratio, train_inertia, train_of_body
 
 PARTS = (
@@ -283,10 +283,10 @@ def test_top_speed_is_where_moments_balance():
     found = values()
     found["run"]["duration"] = 10.0
     drive = Drive(**found)
-    assert driver_speed(drive) == pytest.approx(20.0, rel=1e-9)
-    assert chain_speed(drive) == pytest.approx(20.0 * drive.pitch_radius(0), rel=1e-9)
+    assert Model(drive).driver_speed == pytest.approx(20.0, rel=1e-9)
+    assert single_chain(drive).chain_speed == pytest.approx(20.0 * single_chain(drive).pitch_radius(0), rel=1e-9)
     found["shafts"][0]["motor"] = {"torque": 50.0, "power": 500.0}  # 500 W against 5 w^2
-    assert driver_speed(Drive(**found)) == pytest.approx(10.0, rel=1e-9)
+    assert Model(Drive(**found)).driver_speed == pytest.approx(10.0, rel=1e-9)
 
 
 def test_a_coupling_lowers_the_step():
@@ -337,7 +337,7 @@ def grounded():
 def test_the_ground_ties_nothing():
     # speeds, static state and ratios are those without; the step's limit has k / J, and c + dC/dw beside it
     without, drive = Drive(**values()), Drive(**grounded())
-    assert driver_speed(drive) == driver_speed(without)
+    assert Model(drive).driver_speed == Model(without).driver_speed
     assert derive(drive)["couplings"][0] == derive(without)["couplings"][0]
     brake, backstop = derive(drive)["couplings"][1:]
     assert (brake["working_torque"], backstop["working_torque"]) == (0.0, 0.0)
@@ -389,12 +389,12 @@ def test_stacks_of_trains_have_the_bits_of_each():
     drive = Drive(**values())
     drives = [drive.with_values({"shafts.engine.motor.torque": torque}) for torque in (50.0, 60.0, 70.0)]
     (stack,) = stacks_of_drives(drives)
-    assert np.asarray(driver_top_speed(stack.drive)).tolist() == [driver_speed(one) for one in drives]
+    assert np.asarray(driver_top_speed(single_chain(stack.one))).tolist() == [Model(one).driver_speed for one in drives]
 
 
 def test_bearings_rub_where_nothing_leads_and_gears_stand_still():
     drive = example("swing_idler")
-    speed = driver_speed(drive) * drive.sprockets[drive.driver].teeth / drive.get_value("sprockets.idler.teeth")
+    speed = Model(drive).driver_speed * drive.sprockets[drive.driver].teeth / drive.get_value("sprockets.idler.teeth")
     led = {"shafts": [{"name": "S", "prescribed": {"speed": speed}}], "sprockets.idler.shaft": "S"}
     line = (
         r'^sprockets\.idler\.bearing: not on a sprocket that turns with "S", whose prescribed motion nothing disturbs$'

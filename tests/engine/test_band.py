@@ -8,6 +8,7 @@ from warpchain import Record, loads_drive, simulate
 from warpchain.assembly.fitting import fit_position
 from warpchain.engine.pack import pack
 from warpchain.engine.struct_rows import CONTACT_MARGIN
+from warpchain.model import single_chain
 from warpchain.results.schedule import Schedule
 
 MAXIMUM = {"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "maximum"}
@@ -47,19 +48,19 @@ sample_rate = 4000.0
 
 def test_the_band_reaches_from_where_tips_end_as_far_inward():
     drive = two_sprockets().with_values(MAXIMUM)
-    reach = drive.tip_radius(0) + drive.chain.roller_radius - drive.pitch_radius(0)
-    assert drive.engagement(0) == pytest.approx(0.625 * drive.chain.pitch, rel=1e-12)
-    assert drive.engagement(0) == reach
-    assert two_sprockets().engagement(0) == pytest.approx(0.5 * 0.05, rel=1e-12)
+    reach = single_chain(drive).tip_radius(0) + drive.chain.roller_radius - single_chain(drive).pitch_radius(0)
+    assert single_chain(drive).engagement(0) == pytest.approx(0.625 * drive.chain.pitch, rel=1e-12)
+    assert single_chain(drive).engagement(0) == reach
+    assert single_chain(two_sprockets()).engagement(0) == pytest.approx(0.5 * 0.05, rel=1e-12)
     packed = pack([drive], [Schedule(5e-6, 1, 0, 1, 0)]).sprockets[0]
     reach += CONTACT_MARGIN * drive.chain.roller_radius  # and what may touch a tip within a step
-    np.testing.assert_allclose(np.sqrt(packed["far_square"]), drive.pitch_radius(0) + reach, rtol=1e-12)
-    np.testing.assert_allclose(np.sqrt(packed["near_square"]), drive.pitch_radius(0) - reach, rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(packed["far_square"]), single_chain(drive).pitch_radius(0) + reach, rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(packed["near_square"]), single_chain(drive).pitch_radius(0) - reach, rtol=1e-12)
 
 
 def test_a_band_ends_at_the_center():
     drive = two_sprockets(teeth=5, links=50, span=22.5).with_values(MAXIMUM | {"chain.roller_radius": 0.001})
-    assert drive.engagement(0) > 0.7 * drive.pitch_radius(0)
+    assert single_chain(drive).engagement(0) > 0.7 * single_chain(drive).pitch_radius(0)
     assert pack([drive], [Schedule(5e-6, 1, 0, 1, 0)]).sprockets[0]["near_square"] >= 0.0
 
 

@@ -16,6 +16,7 @@ from warpchain.engine.end_states import divergence_causes
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import settle_variants
 from warpchain.engine.simulation import schedules_of
+from warpchain.model import single_chain
 from warpchain.results.judgement import DIVERGENCE_CAUSES
 
 NONE = Record("none")
@@ -72,7 +73,7 @@ def test_the_box_holds_the_settled_chain_and_what_its_slack_lets_it_do(gravity, 
     """All slack, and 5 % of stretch, in one strand of chord C: it reaches off it to the ellipse about its ends."""
     drive = two_sprockets(**STILL, links=links, span=195.0).with_values({"run.gravity": list(gravity)})
     packed = pack([drive], schedules_of([drive], None, None, NONE, None))
-    margin = escape_distance(drive, packed.assemblies[0])
+    margin = escape_distance(single_chain(drive), packed.assemblies[0])
     chord = 195 * PITCH
     spare = 2.0 * chord * (1.05 / (1.0 + min(packed.assemblies[0].strain, 0.0)) - 1.0)
     half = 0.5 * (chord + spare)
@@ -88,7 +89,7 @@ def test_the_box_holds_the_settled_chain_and_what_its_slack_lets_it_do(gravity, 
 
 def test_short_drives_keep_their_ten_pitches():
     drive = two_sprockets()
-    assert escape_distance(drive, assemble(drive)) == ESCAPE_PITCHES * PITCH
+    assert escape_distance(single_chain(drive), assemble(drive)) == ESCAPE_PITCHES * PITCH
 
 
 def moved(drives, change):

@@ -13,7 +13,7 @@ from raw import stepped
 from warpchain import Record, dumps_drive, loads_drive, simulate
 from warpchain.assembly.summary import derive
 from warpchain.assembly.timestep import step_limit
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.schedule import Schedule
 
@@ -181,7 +181,7 @@ def test_a_chain_is_a_drive_of_its_own_with_its_trajectory():
     drive = chains.cushed_stages(duration=2e-3)
     run = simulate(drive, device="cpu")[0]
     first, second = chain_trajectories(run).values()
-    assert [shaft.name for shaft in first.drive.shafts] == ["mid", "pump", "mid out"]
+    assert [shaft.name for shaft in first.parts.shafts] == ["mid", "pump", "mid out"]
     np.testing.assert_array_equal(first.shaft_speed[:, 2], second.sprocket_speed[:, 0])
     np.testing.assert_array_equal(first.coupling_twist, run.coupling_twist)
-    assert [chain.places["couplings"] for chain in chain_drives(drive)] == [(0,), ()]
+    assert [chain.places["couplings"] for chain in Model(drive).chains] == [(0,), ()]

@@ -10,7 +10,7 @@ from warpchain import Record, assemble, read_archive, simulate
 from warpchain.assembly.arm_balance import chain_path, path_tension
 from warpchain.assembly.path import path_at
 from warpchain.drive import Drive
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model, single_chain
 from warpchain.results.outlines import guide_arm_tensioner_parts, pose_at_frame
 from warpchain.view.rerun import view
 
@@ -21,7 +21,7 @@ def blade(**changed):
 
 def length(drive, angles):
     """Of the line of the chain with arms at angles [m]."""
-    path = path_at(drive, angles)
+    path = path_at(single_chain(drive), angles)
     strands = np.linalg.norm(path.strand_end - path.strand_start, axis=1)
     along = [
         free if string is None else sum(piece.length for piece in string.pieces)
@@ -33,8 +33,8 @@ def length(drive, angles):
 def test_the_chain_moves_no_arm_from_its_balance():
     # virtual work: T dL / d angle of each arm, its lower one with it, is its spring's moment; without weight
     drive = blade(**{"run.gravity": [0.0, 0.0]})
-    path, d = chain_path(drive), 1e-5
-    angles, pull = path.arm_angle.tolist(), path_tension(drive, path)
+    path, d = chain_path(single_chain(drive)), 1e-5
+    angles, pull = path.arm_angle.tolist(), path_tension(single_chain(drive), path)
     for a, arm in enumerate(drive.arms):
         up, down = ([*angles[:a], angles[a] + x, *angles[a + 1 :]] for x in (d, -d))
         slope = (length(drive, up) - length(drive, down)) / (2.0 * d)
@@ -81,15 +81,19 @@ def test_archive_and_pictures_hold_the_joint(tmp_path):
     c, s = math.cos(upper), math.sin(upper)
     joint = UPPER["pivot"] + np.array([[c, -s], [s, c]]) @ drawn
     lines = [
-        part.points for part in guide_arm_tensioner_parts(drive, pose_at_frame(back, last)) if part.name == "lower"
+        part.points
+        for part in guide_arm_tensioner_parts(single_chain(drive), pose_at_frame(back, last))
+        if part.name == "lower"
     ]
     assert lines[0][0] == pytest.approx(joint, abs=1e-9)
     # the faces of both segments are where the rollers that press on them are
     for line in (
-        part.points for part in guide_arm_tensioner_parts(drive, pose_at_frame(back, last)) if part.kind == "guide"
+        part.points
+        for part in guide_arm_tensioner_parts(single_chain(drive), pose_at_frame(back, last))
+        if part.kind == "guide"
     ):
         gaps = np.linalg.norm(np.asarray(back.position[last])[:, None] - line[None], axis=2)
-        assert gaps.min() < 1.2 * drive.chain.roller_radius + drive.guide_offset(0)
+        assert gaps.min() < 1.2 * drive.chain.roller_radius + single_chain(drive).guide_offset(0)
     view(run, save=tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").stat().st_size > 10_000
 
@@ -133,7 +137,7 @@ def test_a_row_of_arms_is_of_one_chain():
     drive = example("v6")
     more = LOWER | {"name": "more", "arm": "left arm", "pivot": [-0.09, 0.2], "center": [-0.1, 0.22]}
     wider = drive.with_values({"arms": [*(arm.model_dump(exclude_none=True) for arm in drive.arms), more]})
-    chains = {chain.name: [arm.name for arm in chain.drive.arms] for chain in chain_drives(wider)}
+    chains = {chain.name: [arm.name for arm in chain.arms] for chain in Model(wider).chains}
     assert chains["left"] == ["left arm", "more"] and "more" not in chains["primary"]
     guide = next(guide for guide in drive.guides if guide.arm == "right arm")
     found = wider.model_dump(exclude_none=True)

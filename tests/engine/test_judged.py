@@ -17,6 +17,7 @@ from warpchain.engine.pack import pack
 from warpchain.engine.settling import largest_net_forces
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import LayoutWarning, SuspectWarning
+from warpchain.model import single_chain
 from warpchain.results.objectives import add_objectives
 
 NONE = Record("none")
@@ -103,7 +104,7 @@ def test_a_chain_off_a_sprocket_is_seen_by_its_rollers():
         rows = off[0:2].copy()
         off[0:2] = rows + outward * (near[:, None] * away / np.hypot(*away.T)[:, None]).T
         engine = CpuEngine(packed, 1)
-        shares = engaged_fractions(engine, drives)
+        shares = engaged_fractions(engine, list(map(single_chain, drives)))
         engine.close()
         off[0:2] = rows
         assert (shares[:2] >= 1.0).all() and shares[2, 0] >= 1.0
@@ -118,7 +119,7 @@ def engaged_alone(drive):
 
 def engaged_together(drives):
     engine = CpuEngine(pack(drives, schedules_of(drives, None, None, NONE, None)), 1)
-    shares = engaged_fractions(engine, drives)
+    shares = engaged_fractions(engine, list(map(single_chain, drives)))
     engine.close()
     return shares
 

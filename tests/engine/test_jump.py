@@ -17,6 +17,7 @@ from warpchain.drive.reversed_drive import reversed_drive
 from warpchain.engine.jump import find_jumps, jump_in_metrics
 from warpchain.errors import DriveError, SimulationError
 from warpchain.fit import fit_links
+from warpchain.model import single_chain
 
 FORCE, HEIGHT = 4000.0, 0.6
 SLOPE = -math.tan(0.5 * math.atan(HEIGHT))
@@ -74,7 +75,7 @@ def test_a_tooth_holds_the_ratio_at_which_its_force_balances_two_links():
     theta, half = math.radians(59.0), math.pi / 17
     columns = [[math.cos(theta), -math.sin(half)], [math.sin(theta), math.cos(half)]]
     _, behind = np.linalg.solve(columns, [math.sin(half), math.cos(half)])
-    assert held_tension_ratio(drive, 0) == pytest.approx(1.0 / behind, rel=1e-12)
+    assert held_tension_ratio(single_chain(drive), 0) == pytest.approx(1.0 / behind, rel=1e-12)
 
 
 @pytest.mark.long
@@ -82,11 +83,11 @@ def test_few_teeth_jump_at_the_ratio_that_they_hold(triangle):
     """Forward the slack strand has the tensioner's T, and M = R T (q^n - 1), n from the whole number of teeth below the
     wrap's to the one above; in reverse it is the tight one, M = R T (1 - q^-n), which n hardly changes.
     """
-    q, wrap = held_tension_ratio(triangle, 2), float(assemble(triangle).path.wrap_angle[2])
+    q, wrap = held_tension_ratio(single_chain(triangle), 2), float(assemble(triangle).path.wrap_angle[2])
     n, radius, tension = (
         wrap * 20 / math.tau,
-        triangle.pitch_radius(2),
-        float(statics.running(triangle).tension[1]),
+        single_chain(triangle).pitch_radius(2),
+        float(statics.running(single_chain(triangle)).tension[1]),
     )
     assert tension == pytest.approx(0.5 * FORCE / math.cos(0.5 * math.atan(HEIGHT)), rel=0.02)  # the chain's polygon
     told = []
@@ -110,7 +111,7 @@ def test_on_fixed_centers_a_chain_jumps_where_its_slack_lets_it_over_the_tips():
     motion = {"speed": 5.0, "ramp": 0.2, "load_ramp": 0.3, "torque": 1000.0, "duration": 1.0, "step": 2e-5}
     drive = two_sprockets(links=60, span=19.9, mass=0.2, inertia=0.5, damping=500.0, **motion)
     (found,) = find_jumps(drive, "wear", directions=("forward",), tolerance=0.05, device="cpu")
-    radius, top = drive.pitch_radius(1), top_radius(drive, 1)
+    radius, top = single_chain(drive).pitch_radius(1), top_radius(single_chain(drive), 1)
     wear = (math.pi * (top - radius) - 2 * 0.1 * 0.05) / (60 * 0.05 - math.pi * radius)
     assert found.estimate == pytest.approx(wear, rel=0.2)  # rollers beside the wrap are on teeth, too
     assert found.jumps == pytest.approx(wear, rel=0.25)  # likewise, in a chain that vibrates

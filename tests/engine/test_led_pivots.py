@@ -10,6 +10,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 from warpchain import Record, load_drive, read_archive, simulate, write_archive
 from warpchain.drive.examples import drive_path
+from warpchain.model import single_chain
 from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.housing import housing_loads
 from warpchain.results.outlines import guide_arm_tensioner_parts, pose_at_frame
@@ -203,7 +204,9 @@ def test_a_carried_sprocket_goes_with_the_pivot_and_stands_in_pictures(tmp_path)
     assert table.largest_displacement == pytest.approx(0.05 * math.hypot(max(map(abs, table.x)), max(table.y)))
     last = len(time) - 1
     (line,) = [
-        part.points for part in guide_arm_tensioner_parts(drive, pose_at_frame(back, last)) if part.kind == "arm"
+        part.points
+        for part in guide_arm_tensioner_parts(single_chain(drive), pose_at_frame(back, last))
+        if part.kind == "arm"
     ]
     assert line[1] == pytest.approx(np.asarray(back.sprocket_center[last, 1]), abs=1e-9)
     view(run, save=tmp_path / "a.rrd")
@@ -223,9 +226,9 @@ def test_a_center_goes_along_a_table_and_starts_with_its_speed():
         assert (run.sprocket_center[:, 1, 0] == drive.sprockets[1].center[0]).all()
         assert abs(row["energy_residual_relative"]) < 1e-4
         seated = np.hypot(*(run.position - run.sprocket_center[:, None, 1]).transpose(2, 0, 1))
-        assert np.abs(seated.min(axis=1) - drive.pitch_radius(1)).max() < 3e-4
+        assert np.abs(seated.min(axis=1) - single_chain(drive).pitch_radius(1)).max() < 3e-4
         arm = run.position[0] - run.sprocket_center[0, 1]
-        on = np.hypot(*arm.T) < drive.pitch_radius(1) + 1e-3
+        on = np.hypot(*arm.T) < single_chain(drive).pitch_radius(1) + 1e-3
         # as settling has moved rollers by micrometres since velocities were given
         assert run.velocity[0, on, 1] - run.sprocket_speed[0, 1] * arm[on, 0] == pytest.approx(0.2, abs=1e-2)
 

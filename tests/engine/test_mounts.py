@@ -11,6 +11,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import automatic_step, step_limit
 from warpchain.kernels.physics.mount import FREE
+from warpchain.model import single_chain
 
 WHEEL = {"mass": 5.0, "radius": 0.1, "phase": 0.3}
 ELASTIC = {"kind": "elastic", "stiffness": [2e7, 3e7], "damping": [2e3, 1e3], "preload": [5e3, 0.0]}
@@ -149,10 +150,12 @@ def test_prescribed_center_moves_as_told_and_takes_the_chain_along():
         np.testing.assert_allclose(trajectory.sprocket_center[:, 1, 1], along, atol=1e-15)
         np.testing.assert_allclose(trajectory.sprocket_center[:, 1, 0], drive.sprockets[1].center[0], atol=1e-15)
         seated = np.hypot(*(trajectory.position - trajectory.sprocket_center[:, None, 1]).transpose(2, 0, 1))
-        assert np.abs(seated.min(axis=1) - drive.pitch_radius(1)).max() < 3e-4  # the chain stays in its gaps
+        assert (
+            np.abs(seated.min(axis=1) - single_chain(drive).pitch_radius(1)).max() < 3e-4
+        )  # the chain stays in its gaps
         rate = 2 * np.pi * 30.0 * 1e-3 * np.cos(0.4)
         arm = trajectory.position[0] - trajectory.sprocket_center[0, 1]
-        on = np.hypot(*arm.T) < drive.pitch_radius(1) + 1e-3
+        on = np.hypot(*arm.T) < single_chain(drive).pitch_radius(1) + 1e-3
         spin = trajectory.sprocket_speed[0, 1] * np.stack([-arm[on, 1], arm[on, 0]], axis=1)
         # settling has moved rollers by micrometres since velocities were given
         np.testing.assert_allclose(trajectory.velocity[0, on] - spin, [[0.0, rate]] * int(on.sum()), atol=1e-2)
@@ -184,14 +187,16 @@ def test_tensioner_holds_its_preload_while_the_chain_lengthens():
     result = simulate(drives, record=Record(rate=100.0), window=(0.8, 1.0))
     for v, drive in enumerate(drives):
         last, center = result[v], result[v].sprocket_center[-1, 1]
-        beside = np.hypot(*(last.position[-1] - center).T) < drive.pitch_radius(1) + 0.6 * drive.chain.pitch
+        beside = (
+            np.hypot(*(last.position[-1] - center).T) < single_chain(drive).pitch_radius(1) + 0.6 * drive.chain.pitch
+        )
         inside = np.flatnonzero(beside)
         first, after = inside.min(), inside.max()
         assert len(inside) == after - first + 1
         link = np.roll(last.position[-1], -1, axis=0) - last.position[-1]
         pull = last.tension[-1][:, None] * link / np.hypot(*link.T)[:, None]
         np.testing.assert_allclose((pull[after] - pull[first - 1])[1], -3e3, rtol=0.02)
-        path = chain_path(drive.with_values({"sprockets.idler.center": center.tolist()}))
+        path = chain_path(single_chain(drive.with_values({"sprockets.idler.center": center.tolist()})))
         a, b = (path.strand_end[k] - path.strand_start[k] for k in (0, 1))
         fall = b[1] / np.hypot(*b) - a[1] / np.hypot(*a)
         row = result.metrics.to_pylist()[v]

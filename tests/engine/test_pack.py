@@ -8,6 +8,7 @@ from drives import LARGE, ONE_CHAIN, but, example, numbers, two_sprockets
 from warpchain import Record
 from warpchain.assembly.stack_assembly import layout_faults_of_drives
 from warpchain.drive.changed_copies import DriveChanges
+from warpchain.engine.chain_rows import ChainRows
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError
@@ -116,7 +117,8 @@ def test_every_number_of_an_example_may_vary_in_a_batch(name):
             with contextlib.suppress(DriveError):  # a bush's stiffness allows one exponent, a size its own chain
                 drives.append(changes.changed_drive({path: near}))
         stacks = stacks_of_drives(drives)
-        packed = pack(drives, schedules_of(drives, None, None, Record("none"), None, stacks), stacks)
-        layout_faults_of_drives(drives, packed.assemblies, stacks)
-        stiffness = [drive.sprocket_stiffness(s) for drive in drives for s in range(len(drive.sprockets))]
+        rows = ChainRows(drives, stacks)
+        packed = pack(rows.models, schedules_of(drives, None, None, Record("none"), None, stacks), rows.stacks)
+        layout_faults_of_drives(rows.models, packed.assemblies, rows.stacks)
+        stiffness = [model.sprocket_stiffness(s) for model in rows.models for s in range(len(model.sprockets))]
         assert packed.sprockets["law"]["stiffness"].tolist() == stiffness, path

@@ -349,7 +349,7 @@ def test_shares_have_alike_work_and_variants_of_all_lengths():
         assert part.drives == [drives[v] for v in part.numbers]
         assert sorted(v for stack in part.stacks for v in stack.members.tolist()) == list(range(len(part.drives)))
         for stack in part.stacks:
-            assert {stack.drive.links} == {part.drives[v].links for v in stack.members}
+            assert {stack.one.links} == {part.drives[v].links for v in stack.members}
         steps = [of.steps for of, drive in zip(part.schedules, part.drives, strict=True) if drive.links == 60]
         assert 0.95 < np.mean(steps) / 600.0 < 1.05
     assert sum(len(part.stacks) for part in parts) == 7  # kinds of 50 stay together

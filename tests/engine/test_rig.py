@@ -15,7 +15,7 @@ from warpchain.engine.body_struct_rows import fill_tensioner_row
 from warpchain.engine.tensioner_bench import SAMPLES_PER_CYCLE, PlungerMotion, shake_tensioner
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.structs import Tensioner, Valve
-from warpchain.model import oil
+from warpchain.model import oil, single_chain
 
 ELSEWHERE = ("body", "home", "rest", "stop_stiffness", "stop_damping", "bottom", "direction", "point")
 ELSEWHERE += ("check", "relief", "vent", "supply_table")
@@ -28,7 +28,7 @@ def drive():
 
 def filled(drive, t):
     row = np.zeros(1, dtype=Tensioner.numpy_dtype())[0]
-    fill_tensioner_row(row, drive, t, TableList())
+    fill_tensioner_row(row, single_chain(drive), t, TableList())
     return row
 
 

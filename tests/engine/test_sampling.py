@@ -7,7 +7,7 @@ from loading import load_script
 from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.simulation import longest_sample_interval, sample_interval
 from warpchain.kernels.sums import MERGE_EVERY
-from warpchain.model.chain_drives import chain_speed
+from warpchain.model import single_chain
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.schedule import LOOK_EVERY
 
@@ -44,8 +44,8 @@ def test_looks_are_further_apart_where_sixteen_of_them_are_in_a_pitch_all_the_sa
     """64 steps h are at most a sixteenth of the time p / v in which the chain moves on by a pitch, v = omega R."""
     assert int(MERGE_EVERY) == LOOK_EVERY
     drive = two_sprockets(speed=20.0)
-    most = drive.chain.pitch / (16 * 64 * chain_speed(drive))
-    assert chain_speed(drive) == pytest.approx(20.0 * drive.pitch_radius(0), rel=1e-12)
+    most = drive.chain.pitch / (16 * 64 * single_chain(drive).chain_speed)
+    assert single_chain(drive).chain_speed == pytest.approx(20.0 * single_chain(drive).pitch_radius(0), rel=1e-12)
     assert [int(longest_sample_interval(drive, step)) for step in (0.999 * most, 1.001 * most)] == [64, 32]
     assert int(longest_sample_interval(two_sprockets(speed=0.0), 1e-5)) == 32  # of which nobody knows how it will move
 
@@ -53,7 +53,7 @@ def test_looks_are_further_apart_where_sixteen_of_them_are_in_a_pitch_all_the_sa
 def test_looks_of_many_variants_are_found_together():
     drives = [two_sprockets(speed=speed) for speed in (5.0, 20.0, 80.0, 320.0, 1280.0)]
     (stack,) = stacks_of_drives(drives)
-    together = longest_sample_interval(stack.drive, 1e-5)
+    together = longest_sample_interval(stack.one, 1e-5)
     assert together.tolist() == [int(longest_sample_interval(drive, 1e-5)) for drive in drives]
     assert set(together.tolist()) == {32, 64}
 

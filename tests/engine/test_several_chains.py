@@ -173,12 +173,12 @@ def test_only_where_a_chain_is_slack_does_settling_go_by_rounding():
     """
     drive = example("v6")
     rows = ChainRows([drive], stacks_of_drives([drive]))
-    first, second = (pack(rows.drives, [Schedule(1e-6, 1, 0, 1, 0)] * 4, rows.stacks) for _ in range(2))
+    first, second = (pack(rows.models, [Schedule(1e-6, 1, 0, 1, 0)] * 4, rows.stacks) for _ in range(2))
     second.rollers *= 1.0 + 1e-16 * np.random.default_rng(1).standard_normal(len(second.rollers))
     for packed in (first, second):
         rows.couple_chains(packed)
         found = settle_variants(
-            packed, rows.drives, "cpu", 1, 100_000, lambda futures, _: [f.result() for f in futures] or True
+            packed, rows.models, "cpu", 1, 100_000, lambda futures, _: [f.result() for f in futures] or True
         )
         assert (found["residual"] < SETTLE_TOLERANCE).all()
     apart = [np.abs(one - other).max() for one, other in zip(rollers_of(first), rollers_of(second), strict=True)]
@@ -196,7 +196,7 @@ def test_channels_of_a_chain_are_parts_of_the_drives():
     first, second = chain_trajectories(whole).values()
     np.testing.assert_array_equal(whole.position, np.concatenate([first.position, second.position], axis=1))
     np.testing.assert_array_equal(whole.sprocket_speed[:, 2:], second.sprocket_speed)
-    assert first.drive.chain.links == 66 and second.drive.chain.links == 68
+    assert first.parts.links == 66 and second.parts.links == 68
 
 
 def test_copies_by_phase_turn_all_chains():

@@ -14,6 +14,7 @@ from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _Solver, at_rest, load_moments
 from warpchain.modal.small_motion import drive_motion
+from warpchain.model import single_chain
 from warpchain.results.outlines import arm_outline
 from warpchain.view.rerun import view
 
@@ -104,16 +105,16 @@ def swing(**values):
 def test_the_spring_s_moment_is_twice_the_tension_times_sine_and_lever():
     # 2 T sin(beta / 2), along the bisector of the two strands: towards the sprocket's center from mid-wrap; weightless
     drive = swing(**{"run.gravity": [0.0, 0.0]})
-    path, arm = chain_path(drive), drive.arms[0]
+    path, arm = chain_path(single_chain(drive)), drive.arms[0]
     middle = path.arrival_angle[1] + drive.sprockets[1].sign * 0.5 * path.wrap_angle[1]
-    force = -2.0 * path_tension(drive, path) * math.sin(0.5 * path.wrap_angle[1])
+    force = -2.0 * path_tension(single_chain(drive), path) * math.sin(0.5 * path.wrap_angle[1])
     angle = float(path.arm_angle[0])
     x, y = path.center[1] - arm.pivot
     moment = force * (x * math.sin(middle) - y * math.cos(middle))
     spring = arm.stiffness * (angle - arm.free_angle_rad)
-    assert path_tension(drive, path) > 50.0
+    assert path_tension(single_chain(drive), path) > 50.0
     assert moment == pytest.approx(spring, rel=1e-9)
-    assert RestingArm(drive, 0).moment(angle) == pytest.approx(-moment, rel=1e-9)
+    assert RestingArm(single_chain(drive), 0).moment(angle) == pytest.approx(-moment, rel=1e-9)
     c, s = math.cos(angle), math.sin(angle)
     lever = np.subtract(drive.sprockets[1].center, arm.pivot)
     assert path.center[1] == pytest.approx(arm.pivot + np.array([[c, -s], [s, c]]) @ lever, rel=1e-12)
@@ -122,7 +123,7 @@ def test_the_spring_s_moment_is_twice_the_tension_times_sine_and_lever():
 def test_statics_settling_and_assembly_agree():
     # to 0.6 degrees: settling holds the sprockets, statics lets them turn and takes the mean over a pitch
     drive = swing()
-    steady, laid = at_rest(drive), assemble(drive)
+    steady, laid = at_rest(single_chain(drive)), assemble(drive)
     assert steady.failure is None
     run = simulate(drive.with_values({"run.duration": 1e-4, "sprockets.gearbox.prescribed.speed": 0.0}),
                    record=Record(rate=1e5))  # fmt: skip
@@ -130,7 +131,7 @@ def test_statics_settling_and_assembly_agree():
     assert run[0].sprocket_center[0, 1] == pytest.approx(steady.center[1], abs=2e-3)
     assert laid.arm_angle[0] == pytest.approx(steady.arm_angle[0], abs=1e-2)
     assert run[0].arm_moment[0, 0] == pytest.approx(
-        -RestingArm(drive, 0).moment(float(run[0].arm_angle[0, 0])), rel=0.02
+        -RestingArm(single_chain(drive), 0).moment(float(run[0].arm_angle[0, 0])), rel=0.02
     )
 
 
@@ -138,12 +139,12 @@ def test_derivatives_by_an_arm_that_carries_a_sprocket():
     # gradient and Hessian by the arm's angle, its sprocket's center on the circle; and the kernels' stiffness about it
     drive = swing()
     (found,) = drive_motion(drive).parts
-    potential = Potential(drive, 0.0, load_moments(drive, 0.0), hanging=True)
+    potential = Potential(single_chain(drive), 0.0, load_moments(single_chain(drive), 0.0), hanging=True)
     angles = found.state.bodies[0, :, 2]
     x = np.concatenate([found.state.position[0].ravel(), found.state.bodies[0, :3, :2].ravel(), angles])
     solver = _Solver([potential], [assemble(drive)])
     solver._move_levers(x)
-    reach, d = drive.arm_lever(0), 1e-7
+    reach, d = single_chain(drive).arm_lever(0), 1e-7
 
     def moved(by):
         other = x.copy()
@@ -178,7 +179,7 @@ def slide(pivot=None):
     }
     base = swing(**at_once, **bare).with_values({"arms": []})
     raised = lambda y: base.with_values({"sprockets.idler.center": [0.189, y]})  # noqa: E731
-    height = brentq(lambda y: path_at(raised(y), []).nominal_strain + 2e-4, -0.06, 0.0)
+    height = brentq(lambda y: path_at(single_chain(raised(y)), []).nominal_strain + 2e-4, -0.06, 0.0)
     stiffness = 2e4
     if pivot is None:
         mount = {"kind": "slider", "direction": [0.0, 1.0], "stiffness": stiffness, "damping": 0.0}
@@ -206,12 +207,12 @@ def test_a_published_derailleur_stands_as_published():
     # its 120 links put the cage where it is drawn, to 0.1 degrees: places are given to 0.01 mm, over a lever of 0.1 m,
     # and the tension is what a spring of 5 N m gives by both jockeys' bisectors, less the weight
     drive = example("derailleur").with_values({"sprockets.cog.load": None})
-    path = chain_path(drive)
+    path = chain_path(single_chain(drive))
     assert abs(np.degrees(path.arm_angle[0])) < 0.1
     moment = 0.0
     for s in (1, 2):
         middle = path.arrival_angle[s] + drive.sprockets[s].sign * 0.5 * path.wrap_angle[s]
-        force = -2.0 * path_tension(drive, path) * math.sin(0.5 * path.wrap_angle[s])
+        force = -2.0 * path_tension(single_chain(drive), path) * math.sin(0.5 * path.wrap_angle[s])
         x, y = path.center[s] - drive.arms[0].pivot
         moment += force * (x * math.sin(middle) - y * math.cos(middle))
         moment -= 9.81 * drive.sprockets[s].mass * x
@@ -264,7 +265,7 @@ def test_archive_and_playback_hold_the_arm_and_its_sprocket(tmp_path):
     cosine, sine = np.cos(angle), np.sin(angle)
     turned = drive.arms[0].pivot + np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
     assert center == pytest.approx(turned, abs=1e-12)
-    (line,) = arm_outline(drive, 0)
+    (line,) = arm_outline(single_chain(drive), 0)
     assert line.tolist() == [list(drive.arms[0].pivot), list(drive.sprockets[1].center)]
     view(run, save=tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").stat().st_size > 10_000

@@ -9,7 +9,7 @@ from drives import STARTING, assert_alone_as_in_a_crowd, example, periods, ran, 
 from parts import coupling, gears, shaft
 
 from warpchain import Drive, Record, dumps_drive, simulate
-from warpchain.model.chain_drives import driver_speed
+from warpchain.model import Model
 
 
 def test_two_inertias_swing_on_a_coupling(device):
@@ -231,7 +231,7 @@ def test_a_drive_coasts_down(device):
     del values["sprockets"][0]["prescribed"]
     values["sprockets"][0]["shaft"] = "flywheel"
     drive = Drive(**values)
-    assert driver_speed(drive) == 10.0
+    assert Model(drive).driver_speed == 10.0
     run, row = ran(drive, rate=2e3)
     speed = np.asarray(run[0].shaft_speed[:, 0], float)
     assert speed[0] == pytest.approx(10.0, rel=1e-6) and speed[-1] < 8.0

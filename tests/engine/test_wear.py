@@ -17,6 +17,7 @@ from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.summary import derive, report
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.errors import DriveError
+from warpchain.model import single_chain
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")
 
@@ -44,7 +45,7 @@ def worn(sprockets, pick, elongation, links):
     """A drive with a worn chain that fits: common elongation, and links (index, elongation) of their own."""
     values = {"chain.elongation": elongation, "chain.links": 100}
     drive = drive_of(sprockets, 100).with_values(values)
-    fitting = chain_path(drive).fitting_links()
+    fitting = chain_path(single_chain(drive)).fitting_links()
     count = fitting[round(pick * (len(fitting) - 1))]
     table = [{"link": i % count, "elongation": e} for i, e in links]
     return drive.with_values({"chain.links": count, "chain.worn_links": table})
@@ -81,9 +82,9 @@ def test_a_worn_chain_stands_off_its_seats_without_force():
     assembly = assemble(drive)
     for s in range(3):
         arm = assembly.position[assembly.seat_sprocket == s] - drive.sprockets[s].center
-        np.testing.assert_allclose(np.hypot(*arm.T), 1.02 * drive.pitch_radius(s), rtol=1e-12)
+        np.testing.assert_allclose(np.hypot(*arm.T), 1.02 * single_chain(drive).pitch_radius(s), rtol=1e-12)
     small = worn(PLACED, 0.5, 0.0, []).with_values({"sprockets.s1.pitch": PITCH / 1.01})
-    assert small.riding_radius(1) == pytest.approx(1.01 * small.pitch_radius(1), rel=1e-12)
+    assert single_chain(small).riding_radius(1) == pytest.approx(1.01 * single_chain(small).pitch_radius(1), rel=1e-12)
     arc = strand_of_link(assemble(small)) < 0
     np.testing.assert_allclose(link_lengths(assemble(small))[arc], PITCH, rtol=1e-12)
 
@@ -91,7 +92,9 @@ def test_a_worn_chain_stands_off_its_seats_without_force():
 @given(st.floats(0.0, 1.0), st.floats(1e-4, 0.03), st.floats(0.0, 0.01))
 def test_outer_links_span_more_than_a_tooth_and_inner_ones_less(pick, outer, elongation):
     # all rollers of an arc at one radius, every link of it at its own length: the chain starts without force on arcs
-    fitting = chain_path(drive_of(PLACED, 100).with_values({"chain.outer": {"elongation": outer}})).fitting_links()
+    fitting = chain_path(
+        single_chain(drive_of(PLACED, 100).with_values({"chain.outer": {"elongation": outer}}))
+    ).fitting_links()
     even = [links for links in fitting if links % 2 == 0]
     count = even[round(pick * (len(even) - 1))]
     values = {"chain.outer": {"elongation": outer}, "chain.elongation": elongation, "chain.links": count}
@@ -108,10 +111,12 @@ def test_outer_links_span_more_than_a_tooth_and_inner_ones_less(pick, outer, elo
     for s, sprocket in enumerate(drive.sprockets):
         held = np.flatnonzero(assembly.seat_sprocket == s)
         arm = assembly.position[held] - sprocket.center
-        np.testing.assert_allclose(np.hypot(*arm.T), drive.riding_radius(s), rtol=1e-12)
+        np.testing.assert_allclose(np.hypot(*arm.T), single_chain(drive).riding_radius(s), rtol=1e-12)
         seat = assembly.sprocket_angle[s] + assembly.seat_index[held] * 2 * math.pi / sprocket.teeth
         off = np.angle(np.exp(1j * (np.arctan2(arm[:, 1], arm[:, 0]) - seat)))
-        np.testing.assert_allclose(off, sprocket.sign * drive.riding_lean(s) * np.where(held % 2, 1, -1), atol=1e-12)
+        np.testing.assert_allclose(
+            off, sprocket.sign * single_chain(drive).riding_lean(s) * np.where(held % 2, 1, -1), atol=1e-12
+        )
 
 
 def test_worn_outer_links_settle():
@@ -150,7 +155,7 @@ def climbed(elongation, links=(), outer=None):
     run = simulate(drive, record=Record(rate=1000.0))
     arm = run[0].position[0] - run[0].sprocket_center[0, 0]
     radius, angle = np.hypot(*arm.T), np.arctan2(arm[:, 1], arm[:, 0])
-    return (radius / drive.pitch_radius(0) - 1)[np.abs(angle) > 0.6 * math.pi], run.metrics.to_pylist()[0]
+    return (radius / single_chain(drive).pitch_radius(0) - 1)[np.abs(angle) > 0.6 * math.pi], run.metrics.to_pylist()[0]
 
 
 @pytest.mark.parametrize("elongation", [0.01, 0.02])
@@ -185,7 +190,7 @@ def test_energy_balance_of_a_worn_chain():
 
 def test_a_chain_that_would_ride_over_the_tips_is_refused():
     drive = two_sprockets().with_values({"chain.elongation": 0.09})
-    limit = drive.tip_radius(0) * 2 * math.sin(math.pi / 20)
+    limit = single_chain(drive).tip_radius(0) * 2 * math.sin(math.pi / 20)
     with pytest.raises(DriveError, match=r'^sprocket "driver": links of 0\.0545 m would ride over its tips') as caught:
         assemble(drive)
     assert str(caught.value).endswith(f"allowed are links of at most {limit:.6g} m")

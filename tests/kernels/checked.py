@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
+from warpchain.model import Model
+
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 STEPS = 96
 """Enough for the window, samples, statistics, looks for divergence, and more than one course of prescribed motion."""
@@ -143,13 +145,12 @@ def ensemble_of(drives, **more):
     """Drives packed for `SAMPLED_STEPS` steps, and how many values their frames take; not one more is there."""
     from blocks import pack_for
 
-    from warpchain.model.chain_drives import chain_drives
     from warpchain.results.channels import drive_frame_width
     from warpchain.results.schedule import Schedule
 
     schedules = [Schedule(drive.run.step, STEPS, 11, STEPS - 5, 8) for drive in drives]
     packed = replace(pack_for(drives, schedules, "float64"), **more)
-    chains = [chain_drive.drive for drive in drives for chain_drive in chain_drives(drive)]
+    chains = [chain for drive in drives for chain in Model(drive).chains]
     widths = [drive_frame_width(chain, packed.frame) * (STEPS // 8 + 1) for chain in chains]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     return packed, sum(widths)

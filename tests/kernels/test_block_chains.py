@@ -27,14 +27,14 @@ from warpchain import load_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import first_places
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.results.channels import drive_frame_width
 from warpchain.results.schedule import Schedule
 
 
 def run(packed, variants, kind, blocks, order):
     """State, sums and frames of variants on blocks, by name; launches of so many steps."""
-    chains_of = [chain_drive.drive for drive in variants for chain_drive in chain_drives(drive)]
+    chains_of = [chain for drive in variants for chain in Model(drive).chains]
     widths = [drive_frame_width(chain, packed.frame) * 16 for chain in chains_of]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
@@ -82,7 +82,7 @@ def test_a_variant_alone_is_the_same_in_a_crowd(fibers, drives, many, precision,
         for variants in ([first, second, first], [second])
     )
     whole = ensemble([first, second, first], precision)
-    n = len(chain_drives(second))
+    n = len(Model(second).chains)
     middle = whole.variant_range(n, 2 * n)
     for name, sort in (("rollers", "roller"), ("bodies", "body"), ("chain", "variant"), ("strand", "sprocket")):
         begin, end = (
@@ -119,8 +119,8 @@ def test_the_shaft_of_light_stages_answers_for_both_its_chains():
     """Over a roller's mass by 2 sum(n (R + b)^2) / J, of n rollers on each of its two sprockets."""
     drive = light_stages()[0]
     packed, squares = ensemble([drive], "float64"), 0.0
-    for part, assembly, s in zip(chain_drives(drive), packed.assemblies, (1, 0), strict=True):
-        reach = part.drive.pitch_radius(s) + part.drive.engagement(s)
+    for part, assembly, s in zip(Model(drive).chains, packed.assemblies, (1, 0), strict=True):
+        reach = part.pitch_radius(s) + part.engagement(s)
         squares += (assembly.seat_sprocket == s).sum() * reach**2
     found = packed.sprockets["law"]["answer"][1:3] / packed.chains["mass"]
     assert found == pytest.approx([2.0 * squares / 2e-3] * 2, rel=1e-12)

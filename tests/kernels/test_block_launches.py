@@ -51,6 +51,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kinds import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.relaxation import Settling
+from warpchain.model import single_chain
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.results.schedule import Schedule
 
@@ -142,7 +143,7 @@ def settled(drive, threads, parts, steps=(20_000,), **more):
     packed = settling_ensemble(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     if drive.arms:
         damp_arm_contacts(packed)
-        lighten_arms(packed, stacks_of_drives([drive]))
+        lighten_arms(packed, stacks_of_drives([single_chain(drive)]))
     serial, start = raw.settling(packed, 0.7 * step_limit(drive, held=bool(drive.arms)), 1e-3, sum(steps))
     ensemble, state = upload_ensemble(packed, "cpu", blocks=True), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")

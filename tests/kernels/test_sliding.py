@@ -7,6 +7,7 @@ from drives import assert_same_frames, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.engine.struct_rows import tooth_effective_mass
+from warpchain.model import single_chain
 
 LINKS, PITCH, MASS, WEIGHT, RADIUS, CONTACT = 10, 0.05, 0.5, 9.81, 0.015, 1e6
 
@@ -117,7 +118,7 @@ def test_friction_power_of_a_guide_bar_is_the_tension_it_takes_times_the_chain_s
     before, after = (tension[(seen[:, None]) & upper & (x > a) & (x < b)].mean() for a, b in ((1.15, 1.3), (0.2, 0.35)))
     power = values["bar.friction"] / (window[1] - window[0])
     assert power > 4.0 and values["bar.missed"] == 0
-    assert (after - before) * 1.5 * drive.pitch_radius(0) == pytest.approx(power, rel=0.03)
+    assert (after - before) * 1.5 * single_chain(drive).pitch_radius(0) == pytest.approx(power, rel=0.03)
 
 
 def arc_ratio(mu):
@@ -133,7 +134,7 @@ def arc_ratio(mu):
     phi = np.pi / 2 - half_seat - np.pi / teeth
     tension = trajectory.tension[-20:].mean(axis=0)
     force = trajectory.sprocket_force[-20:].mean(axis=0)
-    on_driver = np.hypot(*trajectory.position[-1].T) < drive.pitch_radius(0) * 1.02
+    on_driver = np.hypot(*trajectory.position[-1].T) < single_chain(drive).pitch_radius(0) * 1.02
     loaded = np.flatnonzero(on_driver & (force > 0.02 * force.max()))
     before, after = tension[loaded - 1], tension[loaded]
     low, high = np.minimum(before, after), np.maximum(before, after)
@@ -162,12 +163,14 @@ def test_all_teeth_at_once_reverse_no_sliding(inertia, mounted):
         values |= {"sprockets.driven.mount": springs, "sprockets.driven.mass": 0.2}
         values |= {"sprockets.driven.balance_wheel": {"mass": 0.1, "radius": 0.05, "phase": 0.3}}
     drive = two_sprockets().with_values(values)
-    effective_mass, rng = tooth_effective_mass(drive, 1), np.random.default_rng(1)
+    effective_mass, rng = tooth_effective_mass(single_chain(drive), 1), np.random.default_rng(1)
     wheel, mass = (0.1 * 0.05, 0.3) if mounted else (0.0, np.inf)
     whole = inertia + (0.1 * 0.05**2 if mounted else 0.0)
     for _ in range(50):
         place, along, heading = rng.uniform(0, 2 * np.pi, (3, 20))
-        arm = (drive.pitch_radius(1) + drive.engagement(1)) * np.array([np.cos(place), np.sin(place)])
+        arm = (single_chain(drive).pitch_radius(1) + single_chain(drive).engagement(1)) * np.array(
+            [np.cos(place), np.sin(place)]
+        )
         t = np.array([np.cos(along), np.sin(along)])
         rows = np.column_stack([*t, arm[0] * t[1] - arm[1] * t[0]])  # sliding speed of (vx, vy, omega)
         if mounted:
@@ -177,5 +180,5 @@ def test_all_teeth_at_once_reverse_no_sliding(inertia, mounted):
             mobility = np.outer(rows[:, 2], rows[:, 2]) / whole
         most = np.linalg.eigvalsh(np.eye(20) / drive.chain.mass + mobility).max()
         assert effective_mass * most <= 1 + 1e-9
-    driver = tooth_effective_mass(drive, 0)
+    driver = tooth_effective_mass(single_chain(drive), 0)
     assert driver == pytest.approx(drive.chain.mass, rel=1e-15)  # which is led: nothing gives way

@@ -15,6 +15,7 @@ from warpchain.modal.mode_page import modes_page
 from warpchain.modal.mode_recording import write_mode_recording
 from warpchain.modal.small_motion import drive_motion
 from warpchain.modal.tensioner_modes import tensioner_elements
+from warpchain.model import single_chain
 from warpchain.model.oil import static_force, static_pressure
 
 AREA = 0.25 * np.pi * 0.016**2
@@ -106,7 +107,7 @@ def cubic(drive, result):
     spring = tensioner.spring_stiffness
     stiff = ARM["stiffness"] + spring * h**2 - static_force(tensioner, x) * bent + weight
     drag = ARM["damping"] + SPRING["spring"]["damping"] * h**2
-    own = np.poly1d([drive.arm_inertia(0), drag, stiff])
+    own = np.poly1d([single_chain(drive).arm_inertia(0), drag, stiff])
     dragged = 1.0 + tensioner.drag_flow / tensioner.area
     return (own * np.poly1d([gap, oil]) + np.poly1d([h**2 * oil * gap * dragged, 0.0])).roots
 
@@ -144,7 +145,9 @@ def test_oil_shows_in_the_table():
     assert result.stored[k, 0] > 0.95
     assert result.lost[k, 0] > 0.5
     share = result.participation[k, result.parts.index("pusher")]
-    assert share == pytest.approx(0.5 * drive.tensioner_lever(0) ** 2 / drive.arm_inertia(0), rel=1e-6)
+    assert share == pytest.approx(
+        0.5 * single_chain(drive).tensioner_lever(0) ** 2 / single_chain(drive).arm_inertia(0), rel=1e-6
+    )
     assert tensioner_elements(part).force[0] == pytest.approx(static_force(tensioner, part.extension[0]), rel=1e-9)
     assert "check valve shut" in result.standing[1]
 
@@ -163,7 +166,7 @@ def test_an_arm_on_its_stop():
     drive = apart([], gravity=0.0, free_angle=30.0, stops=[-5.0, 5.0])
     result = modes(drive, 60)
     k = of(result, "lever")
-    stiff = ARM["stiffness"] + drive.stop_stiffness(0)
+    stiff = ARM["stiffness"] + single_chain(drive).stop_stiffness(0)
     assert 2 * np.pi * result.frequency[k] == pytest.approx(np.sqrt(stiff / 2.0), rel=1e-3)
     assert "on its upper stop" in result.standing[0]
 
@@ -192,7 +195,7 @@ def test_a_sprocket_on_a_slider_with_a_tensioner():
 def pressed(push):
     """Two sprockets of 60 teeth, an arm pressed from below on the lower strand's middle, its pivot level with it."""
     base = two_sprockets(teeth=60, links=180, span=60.1, torque=0.0, inertia=200.0, stiffness=1e7)
-    level, radius = -base.pitch_radius(0), 4.0
+    level, radius = -single_chain(base).pitch_radius(0), 4.0
     middle = 0.5 * 60.1 * 0.05
     return base.with_values(
         {
@@ -253,7 +256,7 @@ def test_pictures_page_and_arrays_have_arms(car, tmp_path):
     result = lowest_modes(found, 26)
     k = of(result, "arm")
     assert result.damping_ratio[k] > 0.05
-    out, back = (carried_part_lines(car, mode_swing(result, k, phase)[0][2]) for phase in (0.0, np.pi))
+    out, back = (carried_part_lines(single_chain(car), mode_swing(result, k, phase)[0][2]) for phase in (0.0, np.pi))
     assert len(out) == 5  # three lines of the arm, its blade, the plunger
     assert all(np.abs(one - other).max() > 1e-4 for one, other in zip(out, back, strict=True))
     one = result.select_modes(np.array([k]))

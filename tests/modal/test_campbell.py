@@ -13,6 +13,7 @@ from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figur
 from warpchain.modal.mode_page import modes_page
 from warpchain.modal.mode_recording import write_mode_recording
 from warpchain.modal.small_motion import drive_motion
+from warpchain.model import single_chain
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def test_strands_of_a_running_chain_swing_as_travelling_strings(taut):
     drive = taut.drive
     assert np.isfinite(taut.frequency).all()
     for result, speed in zip(taut.modes, taut.speed, strict=True):
-        v = speed * drive.pitch_radius(0)
+        v = speed * single_chain(drive).pitch_radius(0)
         tension = result.tension[50:70].mean()  # a link far from both sprockets
         c = np.sqrt(tension * drive.chain.pitch / drive.chain.mass)
         length = 60.1 * drive.chain.pitch

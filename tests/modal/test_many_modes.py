@@ -9,6 +9,7 @@ from warpchain.assembly import assemble, statics
 from warpchain.engine import process_pool
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.modal.eigenmodes import Modes
+from warpchain.model import single_chain
 
 
 @pytest.fixture
@@ -64,7 +65,7 @@ def test_the_search_for_rest_ends_at_rounding(name, monkeypatch):
     drive, steps = example(name), []
     solve = statics._Solver._solve
     monkeypatch.setattr(statics._Solver, "_solve", lambda *given: steps.append(1) or solve(*given))
-    potentials, found = statics.equilibrium([drive], [0.0], [assemble(drive)])
+    potentials, found = statics.equilibrium([single_chain(drive)], [0.0], [assemble(drive)])
     solver = statics._Solver(potentials, [assemble(drive)])
     all_steps = len(steps)
     assert solver.settle(found[0], statics._FINEST)[1] < 1e-10

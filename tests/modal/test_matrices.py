@@ -18,6 +18,7 @@ from warpchain.modal.matrices import (
     travel_matrix,
 )
 from warpchain.modal.small_motion import drive_motion, oil_conductances, standing_chains
+from warpchain.model import single_chain
 from warpchain.model.oil import static_pressure
 
 MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0
@@ -196,7 +197,7 @@ def test_structure_changes_nothing_for_arms_and_oil():
         k = plain(at, probe, base, at.displaced_states, steps)
         c = plain(at, probe, base, at.moving_states, np.full(at.coordinate_count, MOST_VELOCITY_STEP))
         assert np.abs(found.stiffness.toarray() - k).max() < 1e-6 * np.abs(k).max()
-        c += leakage_matrix(probe, at, oil_conductances(drive, "shut")).toarray()
+        c += leakage_matrix(probe, at, oil_conductances(single_chain(drive), "shut")).toarray()
         assert np.abs(found.damping.toarray() - c).max() < 1e-6 * np.abs(c).max()
         arm, oil = at.oil_start - 1, at.oil_start
         assert at.coordinate_count == oil + 1

@@ -11,7 +11,7 @@ from parts import coupling, gears, part, shaft
 from warpchain import Drive, dumps_drive, loads_drive
 from warpchain.modal.eigenmodes import modes
 from warpchain.modal.mode_page import state_remarks
-from warpchain.model.chain_drives import driver_speed
+from warpchain.model import Model, single_chain
 
 SOFT = shaft("a", inertia=0.5) + coupling("soft", ["driven", "a"], 1e3)
 MANY = 100
@@ -72,7 +72,7 @@ def test_a_soft_coupling_behind_the_driven_sprocket():
     # coupling soft beside that: both springs in series, 1.5 % of k; teeth that give too are within a tenth of that
     drive = rest(SOFT)
     found = modes(drive, count=MANY)
-    strand = drive.chain.stiffness * drive.pitch_radius(1) ** 2 / 20.0
+    strand = drive.chain.stiffness * single_chain(drive).pitch_radius(1) ** 2 / 20.0
     omega = math.sqrt(1.0 / (1.0 / 1e3 + 1.0 / strand) / 0.5)
     k = found.names.index("a 1")
     assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=2e-3)
@@ -84,8 +84,8 @@ def test_a_motor_holds_the_driver_of_a_running_conveyor():
     # which stands beside the drum's swing; the drum, 12 kg m^2, hangs on the coupling and the tight strand in series,
     # k R^2 / n = 3.2e5 N m/rad beside 2.5e4; chain, driven sprocket and what the driver gives are within 3 %
     drive = example("conveyor")
-    found = modes(drive, count=8, speed=driver_speed(drive))
-    strand = drive.chain.stiffness * drive.pitch_radius(1) ** 2 / 39.0
+    found = modes(drive, count=8, speed=Model(drive).driver_speed)
+    strand = drive.chain.stiffness * single_chain(drive).pitch_radius(1) ** 2 / 39.0
     omega = math.sqrt(1.0 / (1.0 / 2.5e4 + 1.0 / strand) / 12.0)
     k = found.names.index("drum 1")
     assert abs(found.eigenvalue[k]) == pytest.approx(omega, rel=0.03)

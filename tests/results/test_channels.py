@@ -67,7 +67,7 @@ def test_the_recipe_of_a_channel(tmp_path):
 
 def test_a_trajectory_holds_every_channel():
     names = [field.name for field in dataclasses.fields(Trajectory)]
-    assert names == ["drive", "time", *CHANNEL_NAMES, "window"]
+    assert names == ["drive", "time", *CHANNEL_NAMES, "window", "chain"]
     for channel in CHANNELS:
         held = Trajectory(two_sprockets(), np.zeros(1), **{channel.name: np.zeros((1, 1))}).channels()
         assert list(held) == [channel.name]

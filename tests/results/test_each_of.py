@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from drives import example
 
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.results import step_resolution
 from warpchain.results.metric_formulas import number_of_each_drive
@@ -27,7 +27,7 @@ def spread(name):
     base, paths = example(name), VALUES[name]
     values = [{path: base.get_value(path) * by for path, by in zip(paths, row, strict=False)} for row in FACTORS]
     drives = [base.with_values(each) for each in values]
-    return [[chain_drives(drive)[c].drive for drive in drives] for c in range(len(chain_drives(base)))]
+    return [list(chains) for chains in zip(*(Model(drive).chains for drive in drives), strict=True)]
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -7,6 +7,7 @@ from drives import with_bar as bar_drive
 
 from warpchain import Trajectory
 from warpchain.drive.face_profile import Piece, make_profile
+from warpchain.model import single_chain
 from warpchain.results.guide_load import face_coordinates, face_tangents, guide_loads, recorded_guide_contacts
 from warpchain.results.losses import friction_power
 
@@ -61,7 +62,7 @@ def test_friction_power_of_a_bar_is_that_of_its_rollers():
 
 
 def test_places_on_straight_face_and_rounded_ends():
-    face = with_bar().profile(0)
+    face = single_chain(with_bar()).profile(0)
     t, n, start = np.array([0.8, 0.6]), np.array([-0.6, 0.8]), np.array(BAR["start"])
     along = np.array([0.0, 0.1, 0.5])
     place, height = face_coordinates(face, start + along[:, None] * t + 0.02 * n)
@@ -123,7 +124,7 @@ def test_a_chain_that_slides_around_a_curved_guide():
     arc = {"name": "blade", "arcs": ({"center": (0.0, 0.0), "radius": 0.4, "from": 90.0, "to": 30.0},), "side": "left"}
     contact = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8}
     drive = two_sprockets().with_values({"contact.guide": contact, "guides": (arc,)})
-    out, frames = 0.4 + drive.guide_offset(0), 2000
+    out, frames = 0.4 + single_chain(drive).guide_offset(0), 2000
     time = np.arange(frames) * (PITCH / SPEED) / 100.0
     way = np.mod(PITCH * (np.arange(60) + 0.005) + SPEED * time[:, None], 60 * PITCH)  # 3 m: 7.2 radians around
     angle = np.radians(90.0) + 0.5 - way / out

@@ -1,5 +1,7 @@
 """The table of metrics of many variants at once: each row is what the variant has alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -8,6 +10,7 @@ from drives import two_sprockets
 from warpchain.drive import Drive
 from warpchain.kernels import relaxation, structs
 from warpchain.kernels.statistics import BATCHES
+from warpchain.model import single_chain
 from warpchain.results import metrics
 from warpchain.results.metric_columns import variants_by_columns
 from warpchain.results.metrics import VariantEnds, _arrow_column, energy_balance, metric_blocks, metrics_table
@@ -64,6 +67,7 @@ def table_of(chosen: list[int]) -> pa.Table:
     steps = np.array([101, 101, 70, 101, 101, 80, 101, 101])[chosen]
     mine = [every[v] for v in chosen]
     ended = VariantEnds(mine, schedules, steps, np.array(chosen) == 2, settled[chosen])
+    chains = replace(ended, drives=list(map(single_chain, mine)))
 
     def stacked(numbers: np.ndarray) -> dict[str, np.ndarray]:
         each = [sums_of(mine[n], chosen[n]) for n in numbers]
@@ -78,7 +82,7 @@ def table_of(chosen: list[int]) -> pa.Table:
         return {**stacked, "batches": batched, "parts": batched, "tension": tension}
 
     return metrics_table(
-        ended, metric_blocks(ended, lambda variants: [(ended.select_variants(variants), stacked(variants))])
+        ended, metric_blocks(ended, lambda variants: [(chains.select_variants(variants), stacked(variants))])
     )
 
 
@@ -127,7 +131,7 @@ def test_sums_over_many_partners_go_as_for_one():
     sums = {name: np.zeros((50, *([13] * (name != "chain"))), STRUCTS[name].numpy_dtype()) for name in STRUCTS}
     sums["contact"]["dissipated"] = random.normal(size=(50, 13))
     mine = {name: rows if name in ("chain", "contact") else rows[:, :2] for name, rows in sums.items()}
-    found = energy_balance(drive, mine)
+    found = energy_balance(single_chain(drive), mine)
     assert found.dissipated.tolist() == [row["dissipated"].sum() for row in sums["contact"]]
 
 

@@ -8,6 +8,7 @@ from drives import STARTING, two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.errors import SimulationError
+from warpchain.model import single_chain
 from warpchain.results.fatigue import Woehler
 from warpchain.results.metric_columns import unit_of_metric
 from warpchain.results.metric_formulas import column_of
@@ -67,12 +68,12 @@ def test_transmission_error_of_a_known_rotation():
 
 def test_impulse_of_a_half_sine_and_of_a_plateau():
     """A half sine of height H and half period T gives 2 H T / pi; a steady force F over the window gives F * 2 T."""
-    half = math.pi * math.sqrt(DRIVE.chain.mass / DRIVE.sprocket_stiffness(0))
+    half = math.pi * math.sqrt(DRIVE.chain.mass / single_chain(DRIVE).sprocket_stiffness(0))
     time = np.arange(0, 4000) * half / 200.0
     rollers = DRIVE.chain.links
     position = np.full((len(time), rollers, 2), 50.0)
     force = np.zeros((len(time), rollers))
-    radius, touch = DRIVE.pitch_radius(0), time - time[1000]
+    radius, touch = single_chain(DRIVE).pitch_radius(0), time - time[1000]
     for roller, height in ((3, 4e3), (7, 1e3)):
         position[900:3000, roller] = (-radius, 0.0)
         force[:, roller] = np.where((touch >= 0) & (touch <= half), height * np.sin(np.pi * touch / half), 0.0)

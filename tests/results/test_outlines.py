@@ -9,6 +9,7 @@ from layouts import winding
 
 import warpchain
 from warpchain import simulate
+from warpchain.model import single_chain
 from warpchain.results.nearest_parts import contact_force_vectors, engaged_sprockets
 from warpchain.results.outlines import arm_outline, guide_outline, tensioner_outline, tooth_outline, turn_points
 from warpchain.results.strand_passing import strand_displacement
@@ -17,14 +18,14 @@ from warpchain.results.strand_passing import strand_displacement
 @pytest.mark.parametrize("s", [0, 1])
 def test_teeth_hold_a_roller_in_every_seat_and_end_at_the_tip(s):
     drive = example("marine")
-    outline = tooth_outline(drive, s)
+    outline = tooth_outline(single_chain(drive), s)
     np.testing.assert_array_equal(outline[0], outline[-1])
     radius = np.hypot(*outline.T)
-    assert radius.max() == pytest.approx(drive.tip_radius(s), rel=1e-12)
+    assert radius.max() == pytest.approx(single_chain(drive).tip_radius(s), rel=1e-12)
     seat_radius = drive.chain.roller_radius + drive.contact.sprocket.clearance
     for j in range(drive.sprockets[s].teeth):
         angle = 2 * math.pi * j / drive.sprockets[s].teeth
-        seat = drive.pitch_radius(s) * np.array([math.cos(angle), math.sin(angle)])
+        seat = single_chain(drive).pitch_radius(s) * np.array([math.cos(angle), math.sin(angle)])
         # nothing of the outline is inside a roller that sits there; the arc touches the seat's circle
         assert np.hypot(*(outline - seat).T).min() == pytest.approx(seat_radius, rel=1e-9)
     angles = np.unwrap(np.arctan2(outline[:, 1], outline[:, 0]))
@@ -33,7 +34,7 @@ def test_teeth_hold_a_roller_in_every_seat_and_end_at_the_tip(s):
 
 def test_guide_outline_is_the_face_with_tangent_ends():
     drive = example("marine")
-    outline, guide = guide_outline(drive, 0), drive.guides[0]
+    outline, guide = guide_outline(single_chain(drive), 0), drive.guides[0]
     for point in (guide.start, guide.end):
         assert np.hypot(*(outline - point).T).min() < 1e-12
     steps = np.diff(outline, axis=0)
@@ -85,11 +86,11 @@ def test_arrows_carry_the_recorded_forces_and_push_rollers_out_of_the_teeth():
 def test_arms_and_tensioners_are_drawn_where_they_are():
     """Lines from the pivot to both ends of the guide and to the pad; a plunger that ends where it touches."""
     drive = timing()
-    pad, ends = drive.tensioners[0].at, drive.profile(0).face
-    lines = arm_outline(drive, 0)
+    pad, ends = drive.tensioners[0].at, single_chain(drive).profile(0).face
+    lines = arm_outline(single_chain(drive), 0)
     assert [tuple(line[0]) for line in lines] == [drive.arms[0].pivot] * 3
     assert [tuple(line[1]) for line in lines] == [ends[0].start, ends[-1].end, pad]
-    housing, plunger = tensioner_outline(drive, 0)
+    housing, plunger = tensioner_outline(single_chain(drive), 0)
     along = np.array(drive.tensioners[0].direction) / np.hypot(*drive.tensioners[0].direction)
     assert ((plunger - pad) @ along).max() == pytest.approx(0.0, abs=1e-15)
     width = np.ptp((plunger - pad) @ np.array([-along[1], along[0]]))

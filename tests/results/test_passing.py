@@ -8,6 +8,7 @@ from warpchain import Trajectory, dumps_drive, loads_drive
 from warpchain.assembly.tooth_hold import top_radius
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
+from warpchain.model import single_chain
 from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.joint_wear import elongation_rate, joint_wear
 from warpchain.results.losses import friction_power, joint_turn_rates
@@ -23,7 +24,7 @@ def in_seats(drive, lift=0.0, s=0, force=0.0, turn=0.0):
     """One frame with a roller `lift` [m] above each seat of a sprocket that is turned by `turn`, pressed by `force`."""
     teeth, count = drive.sprockets[s].teeth, drive.chain.links
     angle = turn + 2.0 * np.pi * np.arange(teeth) / teeth
-    place = (drive.pitch_radius(s) + lift) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    place = (single_chain(drive).pitch_radius(s) + lift) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     centers = np.array([sprocket.center for sprocket in drive.sprockets])[None]
     position = np.full((1, count, 2), 1e3)
     position[0, :teeth] = place + centers[0, s]
@@ -52,14 +53,16 @@ def test_margin_to_tooth_jump():
     # no clearance and straight flanks at 50 degrees from the radius: the roller leaves them where its center is R_r
     # from the tip along their normal; lifted by h above its seat it has h less to climb
     drive = two_sprockets(clearance=1e-9, seat_angle=100.0)
-    r, half = drive.pitch_radius(0), np.radians(50.0)
+    r, half = single_chain(drive).pitch_radius(0), np.radians(50.0)
     along = np.array([np.sin(half), np.cos(half)])
     start = np.array([r, 0.0]) + 0.015 * np.array([-np.cos(half), np.sin(half)])
-    b, c = start @ along, start @ start - drive.tip_radius(0) ** 2
+    b, c = start @ along, start @ start - single_chain(drive).tip_radius(0) ** 2
     length = -b + np.sqrt(b * b - c)  # |start + length along| = tip radius
     assert np.arctan2(*(start + length * along)[::-1]) < np.pi / 20  # before the middle of the tooth: not pointed
     top = np.hypot(*([r, 0.0] + length * along))  # offset by R_r, the flank passes through the seat's center
-    assert top_radius(drive, 0) == pytest.approx(top, abs=2e-9)  # the clearance, and the outline's bisection
+    assert top_radius(single_chain(drive), 0) == pytest.approx(
+        top, abs=2e-9
+    )  # the clearance, and the outline's bisection
     for lift in (0.0, 1e-3, top - r):
         found = tooth_jump_margin(in_seats(drive, lift), 0)
         assert found.height == pytest.approx(top - r, abs=1e-9)
@@ -81,11 +84,11 @@ def test_the_roller_that_is_nearest_to_jumping_is_told():
 def test_curved_flanks_lean_back_from_the_seat_to_the_tip():
     own = {"profile": "iso606", "gap": "minimum", "clearance": None, "seat_angle": None}
     drive = two_sprockets().with_values({f"contact.sprocket.{key}": value for key, value in own.items()})
-    tooth, r = drive.tooth(0), drive.pitch_radius(0)
+    tooth, r = single_chain(drive).tooth(0), single_chain(drive).pitch_radius(0)
     half = 0.5 * tooth.seat_angle
     # the flank is an arc about the point that is seat and flank radius from the seat's center along the arc's end
     center = np.array([r, 0.0]) + (tooth.seat_radius + tooth.flank_radius) * np.array([-np.cos(half), np.sin(half)])
-    top = top_radius(drive, 0)
+    top = top_radius(single_chain(drive), 0)
     turn = np.linspace(-0.5, 0.5, 200001)
     roller = center + (tooth.flank_radius + 0.015) * np.stack([np.cos(half + turn), -np.sin(half + turn)], axis=1)
     tip = center + tooth.flank_radius * np.stack([np.cos(half + turn), -np.sin(half + turn)], axis=1)
@@ -149,7 +152,7 @@ def test_joints_of_a_rhombus_that_folds():
     np.testing.assert_allclose(wear.loaded, slid * 500.0, rtol=1e-9)
     np.testing.assert_allclose(wear.work, 0.125 * slid * 500.0, rtol=1e-9)
     # depth k L / A each joint, of a pitch each
-    rate = elongation_rate(trajectory.drive, wear, 2e-16, 5e-5)
+    rate = elongation_rate(single_chain(trajectory.drive), wear, 2e-16, 5e-5)
     assert rate == pytest.approx(2e-16 * slid * 500.0 / 5e-5 / 0.05 / 0.05, rel=1e-9)
 
 

@@ -7,6 +7,7 @@ import pytest
 from drives import example, two_sprockets
 
 from warpchain import simulate
+from warpchain.model import single_chain
 from warpchain.results.judgement import has_table_change
 from warpchain.results.ripple import slowest_ripple_periods
 
@@ -50,20 +51,20 @@ VALVES = {
 )
 def test_periods_of_the_slowest_ripple(changes, periods):
     drive = two_sprockets().with_values(changes)
-    assert slowest_ripple_periods(drive, np.array([4.0, 3.0]), 0.5) == pytest.approx(periods)
+    assert slowest_ripple_periods(single_chain(drive), np.array([4.0, 3.0]), 0.5) == pytest.approx(periods)
 
 
 def test_a_drive_whose_ripple_was_asked_for_can_still_be_changed():
     load = {"sprockets.driven.load.table": {"angle": ANGLES, "torque": [*FOUR[:-1], FOUR[0]]}, "valves": (VALVES,)}
     drive = two_sprockets().with_values(load)
-    assert slowest_ripple_periods(drive, np.array([4.0, 3.0]), 0.5) > 0.0
+    assert slowest_ripple_periods(single_chain(drive), np.array([4.0, 3.0]), 0.5) > 0.0
     assert drive.with_values({"run.phase": 0.1, "valves.valves.phase": 1.0}).valves[0].slowest_order == 4.0
 
 
 def test_shafts_and_their_motors_count():
     drive = example("conveyor").with_values({"shafts.drum.load.harmonics": ({"order": 1.0, "amplitude": 5.0},)})
     ratio = drive.sprockets[0].teeth / drive.sprockets[1].teeth
-    assert slowest_ripple_periods(drive, np.array([4.0, 4.0 * ratio]), 0.5) == pytest.approx(4.0 * ratio)
+    assert slowest_ripple_periods(single_chain(drive), np.array([4.0, 4.0 * ratio]), 0.5) == pytest.approx(4.0 * ratio)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import pytest
 from drives import example, two_sprockets
 
 from warpchain import Trajectory, simulate
+from warpchain.model import single_chain
 from warpchain.results import signals
 from warpchain.results.signals import (
     amplitude_spectrum,
@@ -115,7 +116,9 @@ def test_the_last_round_is_as_many_teeth_as_links():
 def test_the_link_at_mid_strand_is_the_one_there():
     drive = two_sprockets(duration=0.02, step=1e-5)
     trajectory = simulate(drive)[0]
-    middle = np.array([0.5, -drive.pitch_radius(0)])  # turning counter-clockwise, the driver lets go below
+    middle = np.array(
+        [0.5, -single_chain(drive).pitch_radius(0)]
+    )  # turning counter-clockwise, the driver lets go below
     link, displacement = passing_link(trajectory, 0)
     frame = np.arange(len(link))
     a, b = trajectory.position[frame, link], trajectory.position[frame, (link + 1) % 60]

@@ -10,6 +10,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.fitting import nearest_links
 from warpchain.errors import StudyError, WarpchainError
+from warpchain.model import single_chain
 from warpchain.study.run.row_drives import adjusted_drives
 from warpchain.study.spec.study_tables import Adjust
 
@@ -59,7 +60,7 @@ def test_marine_tightener_takes_other_wheels(teeth):
     ],
 )
 def test_number_of_links_is_the_nearest_for_the_wanted_strain(span, odd, strain, links):
-    assert nearest_links(chain_path(pair(span * PITCH)), strain, odd)[0] == links
+    assert nearest_links(chain_path(single_chain(pair(span * PITCH))), strain, odd)[0] == links
 
 
 def test_what_cannot_be_reached_is_told_with_what_can():

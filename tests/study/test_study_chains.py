@@ -7,10 +7,11 @@ import pytest
 from command import refused, run
 from parts import part
 
-from warpchain import Limits, Record, assemble, run_study, simulate
+from warpchain import Limits, Record, run_study, simulate
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.drive import load_drive, save_drive
 from warpchain.errors import StudyError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.study.optimize import open_study
 from warpchain.study.report.rerun_scatters import view_study
 from warpchain.study.results import export_table, read_results
@@ -98,11 +99,11 @@ def test_a_chain_is_adjusted_and_its_variants_play(tmp_path):
     assert len({row["adjusted_links"] for row in rows}) == 3
     made = adjusted_drives([drive_of_row(study, base, row) for row in rows], study.adjust, rows)
     for (drive, _), row in zip(made, rows, strict=True):
-        first, second = chain_drives(drive)
-        assert first.drive.chain.links == base.chains[0].links
-        assert second.drive.chain.links == row["adjusted_links"]
-        strain = 4000.0 / (second.drive.chain.mean_stiffness * second.drive.chain.pitch)
-        assert assemble(second.drive).strain == pytest.approx(strain, abs=1e-7)
+        first, second = Model(drive).chains
+        assert first.chain.links == base.chains[0].links
+        assert second.chain.links == row["adjusted_links"]
+        strain = 4000.0 / (second.chain.mean_stiffness * second.chain.pitch)
+        assert assemble_chain(second).strain == pytest.approx(strain, abs=1e-7)
     results = read_results(outcome.table)
     view_study(results, recorded_trajectories(results, tmp_path / "out", [0]), save=tmp_path / "study.rrd")
     assert (tmp_path / "study.rrd").stat().st_size > 10_000
@@ -154,10 +155,10 @@ def test_two_chains_are_adjusted_one_after_the_other(tmp_path):
     made = open_study(source).drives([{name: row[name] for name in ("teeth", "pull")} for row in rows])
     base = load_drive(tmp_path / "two.toml")
     for drive, row in zip(made, rows, strict=True):
-        first, second = (chain.drive for chain in chain_drives(drive))
+        first, second = Model(drive).chains
         wanted = row["pull"] / (first.chain.mean_stiffness * first.chain.pitch)
-        assert assemble(first).strain == pytest.approx(wanted, abs=1e-9)
-        assert assemble(second).strain == pytest.approx(4e-4, abs=1e-9)
+        assert assemble_chain(first).strain == pytest.approx(wanted, abs=1e-9)
+        assert assemble_chain(second).strain == pytest.approx(4e-4, abs=1e-9)
         assert (first.chain.links, second.chain.links) == (base.chains[0].links, row["second.adjusted_links"])
         travel, end = row["first.adjusted_travel"], row["second.adjusted_travel"]
         steps = {"crank": (0.0, 0.0), "mid in": (travel, 0.0), "mid out": (travel, 0.0)}

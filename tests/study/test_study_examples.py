@@ -9,6 +9,7 @@ from drives import example
 
 import warpchain.study
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.model import single_chain
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"
 NAMES = (
@@ -48,7 +49,7 @@ def test_the_bar_stands_where_the_study_says(indentation):
     given = {"indentation": indentation}
     changes = {each["path"]: eval(each["expression"], given) for each in values["factors"] if "path" in each}
     moved = drive.with_values(changes)
-    path = chain_path(drive)  # which a bar so deep would bend
+    path = chain_path(single_chain(drive))  # which a bar so deep would bend
     start, along = path.strand_start[2], path.strand_end[2] - path.strand_start[2]
     normal = np.array([-along[1], along[0]]) / np.hypot(*along)
     for end in (moved.guides[0].start, moved.guides[0].end):
@@ -71,7 +72,10 @@ def test_the_cars_blade_keeps_its_middle_and_its_length():
     here = drawn.tensioners[0].at
     lever = float(np.hypot(*np.subtract(here, drawn.arms[0].pivot)))
     same, flat = bench.drives([{"preload": 40.0, "lever": lever, "radius": r} for r in (0.25, 0.4)])
-    faces = [drive.profile([guide.name for guide in drive.guides].index("blade")) for drive in (drawn, same, flat)]
+    faces = [
+        single_chain(drive).profile([guide.name for guide in drive.guides].index("blade"))
+        for drive in (drawn, same, flat)
+    ]
     middles = [face.at(0.5 * face.face_length)[0] for face in faces]
     np.testing.assert_allclose(middles[1:], [middles[0]] * 2, atol=2e-6)
     for face in faces:

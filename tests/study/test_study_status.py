@@ -14,6 +14,7 @@ from study_helpers import STUDY, tiny_drive, write_study
 
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.errors import StudyError
+from warpchain.model import single_chain
 from warpchain.study.analysis import main_effects
 from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.report import study_report_html
@@ -140,7 +141,7 @@ WRAPS = WRAPS.replace("range = [0.0, 1.0]\npoints = {points}\n", "")
 
 def test_a_row_whose_strands_cross_is_suspect_and_says_so(tmp_path):
     crossed = tiny_drive().with_values({"sprockets.s1.wrap": "cw"})
-    links = next(n for n in chain_path(crossed).fitting_links() if n % 2 == 0)
+    links = next(n for n in chain_path(single_chain(crossed)).fitting_links() if n % 2 == 0)
     (tmp_path / "rows.csv").write_text(f"wrap,links\nccw,44\ncw,{links}\n")
     outcome = run_study(write_study(tmp_path, text=WRAPS), tmp_path / "out", workers=1)
     assert outcome.counts == {"ok": 1, "suspect": 1, "diverged": 0, "infeasible": 0}

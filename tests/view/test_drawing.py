@@ -14,10 +14,10 @@ from command import run as command
 from drives import example
 from waiting import wait_for
 
-from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.drive.examples import drive_path, example_names
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model, single_chain
 from warpchain.view.figures.drive_figure import TRAVEL_STYLE, drive_figure
 
 
@@ -30,8 +30,8 @@ def test_radii_wraps_links_and_travel_are_in_the_picture(name):
     """Radii p / (2 sin(pi/z)) and wraps as of the path, to the digits that are shown; links add up with the seated."""
     drive = example(name)
     words = words_of(drive_figure(drive))
-    for chain in chain_drives(drive):
-        path, whole = chain_path(chain.drive), chain.drive
+    for whole in Model(drive).chains:
+        path = chain_path(whole)
         for s, sprocket in enumerate(whole.sprockets):
             told = [w for w in words if w.startswith(f"{sprocket.teeth} teeth, r ")]
             shown = [re.fullmatch(r"\d+ teeth, r ([\d.]+) (m|mm)\nwrap ([\d.]+)\N{DEGREE SIGN}", w) for w in told]
@@ -41,7 +41,7 @@ def test_radii_wraps_links_and_travel_are_in_the_picture(name):
                 and float(match[3]) == pytest.approx(math.degrees(path.wrap_angle[s]), abs=0.051)
                 for match in shown
             ), sprocket.name
-        for links in assemble(whole).strand_links:
+        for links in assemble_chain(whole).strand_links:
             assert f"{links} links" in words
         for arm, angle in zip(whole.arms, path.arm_angle, strict=True):
             (told,) = [w for w in words if w.startswith(f"{arm.name} at ")]
@@ -55,7 +55,7 @@ def test_arms_are_drawn_on_their_stops():
     drive = example("car")
     (axis,) = drive_figure(drive).axes
     dashed = [line.get_xydata() for line in axis.lines if line.get_linewidth() == TRAVEL_STYLE["lw"]]
-    pivot, end = 1e3 * np.array(drive.arms[0].pivot), 1e3 * np.array(drive.profile(0).face[0].start)
+    pivot, end = 1e3 * np.array(drive.arms[0].pivot), 1e3 * np.array(single_chain(drive).profile(0).face[0].start)
     for stop in np.radians(drive.arms[0].stops):
         c, s = math.cos(stop), math.sin(stop)
         there = pivot + np.array([[c, -s], [s, c]]) @ (end - pivot)

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import RestingArm, chain_path
 from warpchain.drive.examples import example_names
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model, single_chain
 from warpchain.results.guide_load import face_coordinates, rollers_in_guide_frame
 from warpchain.results.outlines import (
     chain_outline,
@@ -32,28 +32,28 @@ def moved():
     return simulate(example("car").with_values(nearer), record=Record(rate=2000.0))[0]
 
 
-def heights(drive, points, arm):
+def heights(model, points, arm):
     """(G, P) heights of points over the faces of guides [m], nan beyond their ends, with the arms at these angles."""
     found = []
-    for g in range(len(drive.guides)):
-        a = drive.arm_of(g)
-        pivot = np.zeros(2) if a is None else np.asarray(drive.arms[a].pivot)
+    for g in range(len(model.guides)):
+        a = model.arm_of(g)
+        pivot = np.zeros(2) if a is None else np.asarray(model.arms[a].pivot)
         c, s = np.cos(0.0 if a is None else arm[a]), np.sin(0.0 if a is None else arm[a])
-        found.append(face_coordinates(drive.profile(g), (points - pivot) @ np.array([[c, -s], [s, c]]) + pivot)[1])
+        found.append(face_coordinates(model.profile(g), (points - pivot) @ np.array([[c, -s], [s, c]]) + pivot)[1])
     return np.array(found)
 
 
-def rides(drive):
+def rides(model):
     """Asserts that the drawn chain touches every pitch circle and is on no guide's wrong side."""
-    path = chain_path(drive)
-    line, pose = chain_outline(drive, path), pose_at_start(drive, path)
+    path = chain_path(model)
+    line, pose = chain_outline(model, path), pose_at_start(model, path)
     assert (line[0] == line[-1]).all()
     assert np.hypot(*np.diff(line, axis=0).T).max() < 1.01 * path.strand_length.max()
     for s, center in enumerate(pose.center):
         assert np.hypot(*(line - center).T).min() == pytest.approx(path.radius[s], rel=1e-9)
-    for g, over in enumerate(heights(drive, line, pose.arm)):
+    for g, over in enumerate(heights(model, line, pose.arm)):
         touched = any(touch.arc.guide == g for string in path.strings if string for touch in string.touches)
-        lowest = np.nanmin(over) - drive.guide_offset(g) if np.isfinite(over).any() else 0.0
+        lowest = np.nanmin(over) - model.guide_offset(g) if np.isfinite(over).any() else 0.0
         assert lowest == pytest.approx(0.0, abs=1e-9) if touched else lowest > -1e-9
 
 
@@ -61,8 +61,8 @@ def rides(drive):
 def test_the_drawn_chain_rides_on_sprockets_and_guides(name):
     """The line touches every pitch circle, and is never lower over a face than rollers on it are; where the chain bends
     around one it is on it. Its points lie on the path: to round-off."""
-    for chain in chain_drives(example(name)):
-        rides(chain.drive)
+    for chain in Model(example(name)).chains:
+        rides(chain)
 
 
 def test_the_car_is_drawn_with_its_blade_against_the_chain(moved):
@@ -70,10 +70,10 @@ def test_the_car_is_drawn_with_its_blade_against_the_chain(moved):
     At angle 0, as drawn, the blade stands 5.9 mm off."""
     drive, pose = moved.drive, pose_at_frame(moved, -1)
     assert abs(pose.arm[0]) > 0.01
-    lowest = np.nanmin(heights(drive, moved.position[-1], pose.arm), axis=1)
-    offset = [drive.guide_offset(g) for g in range(len(drive.guides))]
+    lowest = np.nanmin(heights(single_chain(drive), moved.position[-1], pose.arm), axis=1)
+    offset = [single_chain(drive).guide_offset(g) for g in range(len(drive.guides))]
     assert lowest == pytest.approx(offset, rel=0.01)
-    (blade,) = (part.points for part in guide_arm_tensioner_parts(drive, pose) if part.name == "blade")
+    (blade,) = (part.points for part in guide_arm_tensioner_parts(single_chain(drive), pose) if part.name == "blade")
     places, angle = rollers_in_guide_frame(
         moved, 0, np.full(len(blade), len(moved.time) - 1), np.zeros(len(blade), int)
     )
@@ -87,14 +87,17 @@ def test_plungers_are_drawn_where_they_push(moved):
     drive = moved.drive
     drawn = {
         part.name: part.points
-        for part in guide_arm_tensioner_parts(drive, pose_at_start(drive))
+        for part in guide_arm_tensioner_parts(single_chain(drive), pose_at_start(single_chain(drive)))
         if part.kind == "plunger"
     }
-    still = RestingArm(drive, 0).extension(drive.tensioners[0], chain_path(drive).arm_angle[0])
+    still = RestingArm(single_chain(drive), 0).extension(
+        drive.tensioners[0], chain_path(single_chain(drive)).arm_angle[0]
+    )
     tensioner = drive.tensioners[0]
     for points, extension in (
         (drawn["tensioner"], still),
-        (next(p.points for p in guide_arm_tensioner_parts(drive, pose_at_frame(moved, 3)) if p.kind == "plunger"),
+        (next(p.points for p in guide_arm_tensioner_parts(moved.model, pose_at_frame(moved, 3))
+              if p.kind == "plunger"),
          moved.tensioner_extension[3, 0]),
     ):  # fmt: skip
         reach = ((points - tensioner.at) @ np.asarray(tensioner.unit_direction)).max()
@@ -103,16 +106,16 @@ def test_plungers_are_drawn_where_they_push(moved):
 
 def test_bodies_of_which_nothing_was_recorded_are_where_the_run_began(moved):
     bare = dataclasses.replace(moved, arm_angle=None, sprocket_angle=None, sprocket_center=None)
-    for own, start in zip(pose_at_frame(bare, 2), pose_at_start(moved.drive), strict=True):
+    for own, start in zip(pose_at_frame(bare, 2), pose_at_start(single_chain(moved.drive)), strict=True):
         assert (own == start).all()
 
 
 @pytest.mark.parametrize("name", ["car", "marine"])
 def test_the_figure_has_every_part_at_its_place(name):
     drive = example(name)
-    pose = pose_at_start(drive)
+    pose = pose_at_start(single_chain(drive))
     (axis,) = drive_figure(drive).axes
-    parts = [*teeth_parts(drive, pose, 4), *guide_arm_tensioner_parts(drive, pose)]
+    parts = [*teeth_parts(single_chain(drive), pose, 4), *guide_arm_tensioner_parts(single_chain(drive), pose)]
     scale = 1e3 if "[mm]" in axis.get_xlabel() else 1.0
     drawn = [line.get_xydata() for line in axis.lines] + [patch.get_xy() for patch in axis.patches]
     for part in parts:

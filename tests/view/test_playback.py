@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from warpchain import Record, Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
+from warpchain.model import single_chain
 from warpchain.results.signals import peak_frames, peaks_over_time
 from warpchain.results.tension_colors import tension_colors
 from warpchain.view.palette import (
@@ -282,7 +283,7 @@ def test_each_sprocket_and_guide_bar_has_its_own_contact_force():
     center = np.tile([s.center for s in drive.sprockets], (2, 1, 1))
     force, guide = np.zeros((2, 162)), np.zeros((2, 162))
     for s in range(3):
-        position[:, 10 * s : 10 * s + 2] = center[0, s] + [drive.pitch_radius(s), 0.0]
+        position[:, 10 * s : 10 * s + 2] = center[0, s] + [single_chain(drive).pitch_radius(s), 0.0]
         force[:, 10 * s : 10 * s + 2] = [[100.0 * (s + 1), 50.0], [0.0, 70.0 * (s + 1)]]
     position[:, 40] = np.mean([drive.guides[0].start, drive.guides[0].end], axis=0)
     guide[:, 40] = 30.0, 0.0

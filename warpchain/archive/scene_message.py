@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpchain.archive.archive_format import body_frame_name, message_class, varint_bytes
 from warpchain.archive.chunk_layout import FrameContent
 from warpchain.drive import Drive
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import ChainModel, Model
 from warpchain.results.outlines import guide_outline, tooth_outline
 
 DRIVE_FRAME = "drive"
@@ -39,28 +39,28 @@ def scene_update_bytes(content: FrameContent, drive: Drive) -> bytes:
 
     Each is in the coordinate frame of its body where frames hold its pose, else in the drive's.
     """
-    entities = [entity for chain in chain_drives(drive) for entity in _chain_entities(content, chain.drive)]
+    entities = [entity for chain in Model(drive).chains for entity in _chain_entities(content, chain)]
     return b"".join(_field_bytes(2, entity) for entity in entities)
 
 
-def _chain_entities(content: FrameContent, drive: Drive) -> list[bytes]:
+def _chain_entities(content: FrameContent, model: ChainModel) -> list[bytes]:
     """Serialized Foxglove entities of a chain's sprockets and guides."""
     entities = []
     turn = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         center = np.zeros(2) if content.has_sprocket_poses else np.asarray(sprocket.center, dtype=float)
         frame = body_frame_name(content.variant, sprocket.name) if content.has_sprocket_poses else DRIVE_FRAME
-        teeth, pitch = tooth_outline(drive, s)[:-1] + center, circle * drive.pitch_radius(s) + center
-        facts = {"teeth": str(sprocket.teeth), "pitch_radius": repr(drive.pitch_radius(s))}
+        teeth, pitch = tooth_outline(model, s)[:-1] + center, circle * model.pitch_radius(s) + center
+        facts = {"teeth": str(sprocket.teeth), "pitch_radius": repr(model.pitch_radius(s))}
         lines = [_line_bytes("LINE_LOOP", teeth, TEETH_COLOR), _line_bytes("LINE_LOOP", pitch, PITCH_COLOR)]
         entities.append(_entity_bytes(frame, f"sprocket/{sprocket.name}", facts, lines))
-    for g, guide in enumerate(drive.guides):
-        outline, frame = guide_outline(drive, g), DRIVE_FRAME
+    for g, guide in enumerate(model.guides):
+        outline, frame = guide_outline(model, g), DRIVE_FRAME
         if guide.arm in content.turning_bodies[len(content.sprockets) :] and content.has_sprocket_poses:
             assert guide.arm is not None
             frame = body_frame_name(content.variant, guide.arm)
-            outline = outline - np.asarray(next(arm.pivot for arm in drive.arms if arm.name == guide.arm))
+            outline = outline - np.asarray(next(arm.pivot for arm in model.arms if arm.name == guide.arm))
         entities.append(
             _entity_bytes(frame, f"guide/{guide.name}", {}, [_line_bytes("LINE_STRIP", outline, GUIDE_COLOR)])
         )

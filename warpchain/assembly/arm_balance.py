@@ -40,8 +40,9 @@ from warpchain.model.mounts import moving_mass
 from warpchain.model.oil import bottom_place, static_force
 
 if TYPE_CHECKING:
-    from warpchain.drive import Arm, Drive
+    from warpchain.drive import Arm
     from warpchain.drive.tensioners import Tensioner
+    from warpchain.model import ChainModel
 
 FARTHEST = math.radians(90.0)
 """No arm is sought farther from where it is drawn, or from its stops [rad]."""
@@ -65,24 +66,24 @@ _LEAST_CHANGE = 1e-7  # rad; of smaller steps round-off spoils the slope
 _STILL = 1e-11  # rad
 
 
-def path_tension(drive: Drive, path: ChainPath | PathValues, beyond: Any = 0.0) -> Any:
+def path_tension(model: ChainModel, path: ChainPath | PathValues, beyond: Any = 0.0) -> Any:
     """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
     strain = minimum(path.nominal_strain, MAX_STRAIN) + beyond
-    return drive.chain.mean_stiffness * path.pitch * maximum(strain, 0.0)
+    return model.chain.mean_stiffness * path.pitch * maximum(strain, 0.0)
 
 
 class RestingTensioner:
     """The push of a tensioner at rest: spring and oil, which never pull, and the bottom of its chamber.
 
     Args:
-        drive: one, or a stack, whose forces are (V,).
+        model: one, or a stack, whose forces are (V,).
         tensioner: of it.
     """
 
-    def __init__(self, drive: Drive, tensioner: Tensioner) -> None:
+    def __init__(self, model: ChainModel, tensioner: Tensioner) -> None:
         self.at, self.unit_direction = tensioner.at, tensioner.unit_direction
         self.push, self.spring = static_force(tensioner), tensioner.spring_stiffness  # the push at the drawing [N]
-        self.bottom, self.stop = bottom_place(tensioner), drive.chain.stiffness
+        self.bottom, self.stop = bottom_place(tensioner), model.chain.stiffness
 
     def force(self, x: Any) -> Any:
         """Force along its direction at an extension [m], [N]."""
@@ -146,18 +147,18 @@ class RestingArm:
     """The moments on an arm at rest without the chain's: springs, weight, stops and tensioners.
 
     Args:
-        drive: one, or a stack, of which `moment` gives those of all variants (V,).
+        model: one, or a stack, of which `moment` gives those of all variants (V,).
         a: the arm's index.
     """
 
-    def __init__(self, drive: Drive, a: int) -> None:
-        arm = drive.arms[a]
+    def __init__(self, model: ChainModel, a: int) -> None:
+        arm = model.arms[a]
         self.arm = arm
-        self.gravity = drive.run.gravity
-        carried = [drive.sprockets[s] for s in drive.sprockets_on(a)]
+        self.gravity = model.run.gravity
+        carried = [model.sprockets[s] for s in model.sprockets_on(a)]
         self.weights = [(arm.mass, arm.center), *((moving_mass(s), s.center) for s in carried)]  # as drawn
-        self.tensioners = [RestingTensioner(drive, t) for t in drive.tensioners if t.on == arm.name]
-        self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
+        self.tensioners = [RestingTensioner(model, t) for t in model.tensioners if t.on == arm.name]
+        self.stop = 0.0 if arm.stops is None else model.stop_stiffness(a)
         self.coil = None if arm.spring is None else RestingCoil(arm)
 
     def moment(self, angle: Any) -> Any:
@@ -236,15 +237,15 @@ class RestingArm:
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 
 
-def is_unloaded_arm(drive: Drive, a: int, angle: float) -> bool:
+def is_unloaded_arm(model: ChainModel, a: int, angle: float) -> bool:
     """Whether an arm stands at an angle [rad], within `OFF`, at which it would stand without a chain."""
-    still = RestingArm(drive, a)
+    still = RestingArm(model, a)
     return abs(still.moment(angle)) <= OFF * abs(still.stiffness(angle))
 
 
-def stop_name(drive: Drive, a: int, angle: float) -> str | None:
+def stop_name(model: ChainModel, a: int, angle: float) -> str | None:
     """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
-    lower, upper = has_reached_stops(drive.arms[a], angle)
+    lower, upper = has_reached_stops(model.arms[a], angle)
     return "lower" if lower else "upper" if upper else None
 
 
@@ -255,18 +256,18 @@ def has_reached_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
 
 
 def chain_moment(
-    drive: Drive, path: ChainPath | PathValues, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
+    model: ChainModel, path: ChainPath | PathValues, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
 ) -> Any:
     """Moment of the chain on arm a and the arms on it about its pivot, as drawn or at `pivot` [m], [N m]."""
-    pivot = drive.arms[a].pivot if pivot is None else pivot
+    pivot = model.arms[a].pivot if pivot is None else pivot
     levers = 0.0
-    for arm in (a, *drive.arms_on(a)):
-        levers = levers + ordered_sum(string.levers(drive.guides_of(arm), pivot) for string in path.strings if string)
-        levers = levers + ordered_sum(_strand_pull_lever(drive, path, s, pivot) for s in drive.sprockets_on(arm))
-    return path_tension(drive, path, beyond) * levers
+    for arm in (a, *model.arms_on(a)):
+        levers = levers + ordered_sum(string.levers(model.guides_of(arm), pivot) for string in path.strings if string)
+        levers = levers + ordered_sum(_strand_pull_lever(model, path, s, pivot) for s in model.sprockets_on(arm))
+    return path_tension(model, path, beyond) * levers
 
 
-def _strand_pull_lever(drive: Drive, path: ChainPath | PathValues, s: int, pivot: tuple[Any, Any]) -> Any:
+def _strand_pull_lever(model: ChainModel, path: ChainPath | PathValues, s: int, pivot: tuple[Any, Any]) -> Any:
     """Lever about a pivot of the sum of the unit pulls of sprocket s' strands [m]."""
     px, py = pivot
     if isinstance(path, PathValues):
@@ -274,22 +275,22 @@ def _strand_pull_lever(drive: Drive, path: ChainPath | PathValues, s: int, pivot
     else:
         (x, y), (ax, ay), (bx, by) = path.center[s], path.strand_end[s - 1], path.strand_start[s]
     turned = (x - px) * (bx - ax) + (y - py) * (by - ay)
-    return drive.sprockets[s].sign * turned / drive.riding_radius(s)
+    return model.sprockets[s].sign * turned / model.riding_radius(s)
 
 
 class ArmBalance:
     """The arms of a drive in balance (a) with its chain.
 
     Args:
-        drive: with arms, or a stack of such.
+        model: with arms, or a stack of such.
 
     Raises:
         DriveError, UnlikeVariants: as `PathPlan`.
     """
 
-    def __init__(self, drive: Drive) -> None:
-        self.plan = PathPlan(drive)
-        self.still = [RestingArm(drive, a) for a in range(len(drive.arms))]
+    def __init__(self, model: ChainModel) -> None:
+        self.plan = PathPlan(model)
+        self.still = [RestingArm(model, a) for a in range(len(model.arms))]
         self.slopes: dict[int, Any] = {}  # of the moments by the angles, as last found [N m/rad]
 
     def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
@@ -318,11 +319,11 @@ class ArmBalance:
 
     def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
         """The angle of arm a [rad] at which (a) holds, with the others where they are."""
-        drive = self.plan.drive
+        model = self.plan.model
 
         def moment(angle: Any) -> Any:
             course = self.plan.path_values([*angles[:a], angle, *angles[a + 1 :]])
-            return self._own(angles, a, angle) + chain_moment(drive, course, a, beyond, self._pivot(angles, a))
+            return self._own(angles, a, angle) + chain_moment(model, course, a, beyond, self._pivot(angles, a))
 
         quick = _secant_root(moment, angles[a], self.slopes.get(a))
         if quick is not None:
@@ -334,20 +335,20 @@ class ArmBalance:
 
     def _pivot(self, angles: Sequence[Any], a: int) -> tuple[Any, Any]:
         """Pivot of arm a with the arms at angles (A,) [m]."""
-        drive = self.plan.drive
-        return place_on_arm(drive, drive.parent(a), drive.arms[a].pivot, angles)
+        model = self.plan.model
+        return place_on_arm(model, model.parent(a), model.arms[a].pivot, angles)
 
     def _own(self, angles: Sequence[Any], a: int, angle: Any) -> Any:
         """Moment on arm a at an angle, without the chain's, with the weight of arms on it [N m]."""
-        drive, (gx, gy) = self.plan.drive, self.plan.drive.run.gravity
-        if drive.parent(a) is None and not drive.arms_on(a):
+        model, (gx, gy) = self.plan.model, self.plan.model.run.gravity
+        if model.parent(a) is None and not model.arms_on(a):
             return self.still[a].moment(angle)
         found = self.still[a].joint(angle)
         turned = [*angles[:a], angle, *angles[a + 1 :]]
         px, py = self._pivot(angles, a)
-        for arm in (a, *drive.arms_on(a)):
+        for arm in (a, *model.arms_on(a)):
             for mass, place in self.still[arm].weights:
-                x, y = place_on_arm(drive, arm, place, turned)
+                x, y = place_on_arm(model, arm, place, turned)
                 found = found + mass * ((x - px) * gy - (y - py) * gx)
         return found
 
@@ -425,20 +426,20 @@ def _newton_change(here: Any, slope: Any) -> Any:
     return maximum(-_LONGEST, minimum(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
 
 
-def chain_path(drive: Drive) -> ChainPath:
+def chain_path(model: ChainModel) -> ChainPath:
     """The path of the drive's chain; its number of links need not fit (see `check_fit`). Arms stand in balance.
 
     Raises:
         DriveError: as `path_at`; or an arm that finds no balance.
     """
-    return chain_paths(drive)[0]
+    return chain_paths(model)[0]
 
 
-def chain_paths(drive: Drive) -> ChainPath:
+def chain_paths(model: ChainModel) -> ChainPath:
     """`chain_path` of a stack, with its first axis.
 
     Raises:
         DriveError: as `chain_path`, of the first such variant.
         UnlikeVariants: a stack of which some go around other arcs of guides.
     """
-    return ArmBalance(drive).path() if drive.arms else PathPlan(drive).path(())
+    return ArmBalance(model).path() if model.arms else PathPlan(model).path(())

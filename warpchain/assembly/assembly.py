@@ -53,6 +53,7 @@ from warpchain.drive.stack_math import (
     with_last_axis,
 )
 from warpchain.errors import DriveError
+from warpchain.model import ChainModel, Model
 from warpchain.model.mounts import initial_velocity
 from warpchain.model.parts_between_chains import LedSprocket
 from warpchain.model.stacks import pick_variants, variants_of_either
@@ -120,7 +121,7 @@ class Assembly:
 
 @check_arguments(DriveError)
 def assemble(drive: Drive) -> Assembly:
-    """The drive's initial state, before settling.
+    """The initial state of a drive of one chain, before settling.
 
     Sprockets at fixed speed have their own initial speed; free sprockets and the strands move along the path at the
     driver's pitch-circle speed.
@@ -129,21 +130,26 @@ def assemble(drive: Drive) -> Assembly:
         DriveError: where the path cannot be drawn or the number of links does not fit it; one line that names the
             sprockets, or the numbers of links that fit.
     """
-    return assemble_stack(drive)[0]
+    return assemble_chain(Model(drive).chain)
 
 
-def assemble_stack(drive: Drive) -> Assembly:
+def assemble_chain(model: ChainModel) -> Assembly:
+    """The initial state of one chain, as of `assemble`."""
+    return assemble_stack(model)[0]
+
+
+def assemble_stack(model: ChainModel) -> Assembly:
     """The initial states of a stack (`warpchain.model.stacks`), as one with a first axis: `assemble` of each.
 
     Raises:
         DriveError: as `assemble`, of the first such variant.
         UnlikeVariants: a stack of which some go around other arcs of guides.
     """
-    path, seating, loop = _seated_stack(drive)
-    count, variants = drive.chain.links, len(path.radius)
-    angle, first_seat = _sprocket_angles(drive, table_of_columns(seating.first_angle, variants))
-    speed, shaft_speed = _starting_speeds(drive, path, variants)
-    _check_keys(drive, angle)
+    path, seating, loop = _seated_stack(model)
+    count, variants = model.chain.links, len(path.radius)
+    angle, first_seat = _sprocket_angles(model, table_of_columns(seating.first_angle, variants))
+    speed, shaft_speed = _starting_speeds(model, path, variants)
+    _check_keys(model, angle)
     position, velocity = np.empty((variants, count, 2)), np.empty((variants, count, 2))
     seat_sprocket = np.full((variants, count), -1, dtype=np.int32)
     seat_index = np.full((variants, count), -1, dtype=np.int32)
@@ -152,9 +158,9 @@ def assemble_stack(drive: Drive) -> Assembly:
     )
     strain = np.atleast_1d(seating.strain)
     for alike in _seat_patterns(seats, links):
-        at = _RollerPlacement(drive, path, alike, count)
+        at = _RollerPlacement(model, path, alike, count)
         like = 0 if isinstance(alike, slice) else alike[0]
-        for s, sprocket in enumerate(drive.sprockets):
+        for s, sprocket in enumerate(model.sprockets):
             rollers = slice(first[like, s], last[like, s] + 1)
             seat = sprocket.sign * np.arange(seats[like, s]) + first_seat[alike, s, None]
             at.seat(s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
@@ -203,10 +209,10 @@ class _RollerPlacement:
         position, velocity: (K, N, 2) of these.
     """
 
-    def __init__(self, drive: Drive, path: ChainPath, alike: Alike, count: int) -> None:
-        self.drive, self.path, self.alike = drive, path, alike
+    def __init__(self, model: ChainModel, path: ChainPath, alike: Alike, count: int) -> None:
+        self.model, self.path, self.alike = model, path, alike
         self.radius, self.turning = path.radius[alike], np.asarray(path.turning)[alike]
-        lengths = drive.chain.pulled_lengths
+        lengths = model.chain.pulled_lengths
         self.lengths = lengths[None] if lengths.ndim == 1 else lengths[alike]  # (1, N) or (K, N)
         self.position, self.velocity = (np.empty((len(self.radius), count, 2)) for _ in range(2))
 
@@ -216,12 +222,12 @@ class _RollerPlacement:
 
     def seat(self, s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]) -> None:
         """Places the rollers that sit on sprocket s, each on its seat (K, rollers)."""
-        sprocket = self.drive.sprockets[s]
+        sprocket = self.model.sprockets[s]
         forth = np.where(np.arange(rollers.start, rollers.stop) % 2, 1.0, -1.0)
-        lean = self._own(sprocket.sign * self.drive.riding_lean(s)) * forth
+        lean = self._own(sprocket.sign * self.model.riding_lean(s)) * forth
         polar = angle[:, None] + seat * (2.0 * math.pi / sprocket.teeth) + lean
         radius = self.radius[:, s, None]
-        center, velocity = self.path.center[self.alike, s], initial_velocity(sprocket, self.drive.pivot_table(s))
+        center, velocity = self.path.center[self.alike, s], initial_velocity(sprocket, self.model.pivot_table(s))
         across, up = radius * np.cos(polar), radius * np.sin(polar)
         self.position[:, rollers, 0] = center[:, 0, None] + across
         self.position[:, rollers, 1] = center[:, 1, None] + up
@@ -233,7 +239,7 @@ class _RollerPlacement:
         begin, end, links = span
         rollers = slice(begin + 1, begin + links)
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1)
-        position, velocity, gravity = self.position, self.velocity, self.drive.run.gravity
+        position, velocity, gravity = self.position, self.velocity, self.model.run.gravity
         if string:
             around = _GuidedStrand(string, natural)
             pull = np.concatenate([np.broadcast_to(self._own(part), (len(position), 1)) for part in gravity], axis=1)
@@ -257,49 +263,49 @@ class _RollerPlacement:
             position[:, rollers, axis] = position[:, begin, axis, None] + place
 
 
-def assembled_strains(drive: Drive) -> tuple[ChainPath, Array]:
+def assembled_strains(model: ChainModel) -> tuple[ChainPath, Array]:
     """The paths of a stack and the strains (V,) of the assembled chains, without placing their rollers.
 
     Raises:
         DriveError, UnlikeVariants: as `assemble_stack`.
     """
-    path, seating, _ = _seated_stack(drive)
+    path, seating, _ = _seated_stack(model)
     return path, np.atleast_1d(seating.strain)
 
 
-def assembled_path(drive: Drive) -> ChainPath:
+def assembled_path(model: ChainModel) -> ChainPath:
     """The path of the assembled chain: `chain_path`, but with arms where the chain on its seats holds them.
 
     Raises:
         DriveError: as `assemble`, where there are arms; else as `chain_path`.
     """
-    return _seated_stack(drive)[0][0] if drive.arms else chain_path(drive)
+    return _seated_stack(model)[0][0] if model.arms else chain_path(model)
 
 
-def _seated_stack(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
+def _seated_stack(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
     """Paths, seats and sprockets of a stack; arms in balance with the strain of the chain on its seats."""
-    if drive.arms:
-        return _seated_stack_with_arms(drive)
-    path = chain_paths(drive)
-    check_fit(drive, path)
-    loop = Loop(drive, path)
-    return path, seat_chain(drive, path, loop), loop
+    if model.arms:
+        return _seated_stack_with_arms(model)
+    path = chain_paths(model)
+    check_fit(model, path)
+    loop = Loop(model, path)
+    return path, seat_chain(model, path, loop), loop
 
 
-def _seated_stack_with_arms(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
+def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
     """Paths, seats and sprockets of a stack with arms.
 
     Sought is the strain b in excess of the path's nominal one: with the arms in balance at b, the chain on its seats
     has a strain that is g(b) in excess. g changes slowly and smoothly with b, so that secants find b = g(b) in three
     steps, each of which begins where the last one ended.
     """
-    balance, beyond = ArmBalance(drive), 0.0
+    balance, beyond = ArmBalance(model), 0.0
     path = balance.path()
-    check_fit(drive, path)
-    loop, known, last = Loop(drive, path), None, False  # last: this turn, or one before
+    check_fit(model, path)
+    loop, known, last = Loop(model, path), None, False  # last: this turn, or one before
     kept: tuple[Any, ChainPath, Seating] | None = None  # what is found of some, while others go on
     for turn in range(_BALANCES):
-        seating = seat_chain(drive, path, loop, where(last, _FINE, _ROUGH))
+        seating = seat_chain(model, path, loop, where(last, _FINE, _ROUGH))
         if kept is not None:
             found, before, seated = kept
             path = variants_of_either(found, before, path)
@@ -383,16 +389,16 @@ def _rows_of_variants(values: Array, count: int, axes: int = 2) -> Array:
     return np.array(np.broadcast_to(values, (count, *values.shape[values.ndim - axes :])))
 
 
-def _sprocket_angles(drive: Drive, first_angle: Array) -> tuple[Array, NDArray[np.int64]]:
+def _sprocket_angles(model: ChainModel, first_angle: Array) -> tuple[Array, NDArray[np.int64]]:
     """Sprocket angles (V, S) within half a pitch angle of zero, and the seat that then holds each first roller."""
-    pitch_angle = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in drive.sprockets])
+    pitch_angle = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in model.sprockets])
     seat = np.ceil(first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
     return first_angle - seat * pitch_angle, seat
 
 
-def _check_keys(drive: Drive, angle: Array) -> None:
+def _check_keys(model: ChainModel, angle: Array) -> None:
     """Raises a DriveError for sprockets whose key needs another angle than that at which their chain seats."""
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         if sprocket.key is not None:
             pitch = 360.0 / sprocket.teeth
             seated = np.degrees(angle[:, s])
@@ -405,33 +411,33 @@ def _check_keys(drive: Drive, angle: Array) -> None:
                 )
 
 
-def _starting_speeds(drive: Drive, path: ChainPath, variants: int) -> tuple[Array, Array]:
+def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple[Array, Array]:
     """Initial angular velocities (V, S) of sprockets and (V, H) of shafts [rad/s].
 
     Prescribed or given ones hold for all of their train, then at the driver's pitch-circle speed for the sprockets that
     the chain turns, then over couplings for what is not known yet.
     """
-    count = len(drive.sprockets)
+    count = len(model.sprockets)
     known: dict[int, Any] = {}
-    parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
+    parts: list[Sprocket | Shaft] = [*model.sprockets, *model.shafts]
     for b, part in enumerate(parts):
         if part.prescribed is not None:
-            known[b] = body_turning_sign(drive, b) * _prescribed_speed(drive, part)
-    for b, shaft in enumerate(drive.shafts, count):
+            known[b] = body_turning_sign(model, b) * _prescribed_speed(model, part)
+    for b, shaft in enumerate(model.shafts, count):
         if shaft.initial_speed is not None:
-            known[b] = body_turning_sign(drive, b) * shaft.initial_speed
-    tied, before = body_ties(drive), -1
+            known[b] = body_turning_sign(model, b) * shaft.initial_speed
+    tied, before = body_ties(model), -1
     while len(known) > before:
         before = len(known)
         _spread_speeds(known, [tie for tie in tied if tie.kind != "couplings"])
-        first = next((s for s in (drive.driver, *range(count)) if s in known), None)
+        first = next((s for s in (model.driver, *range(count)) if s in known), None)
         if first is not None and len(known) == before:
-            travel = drive.sprockets[first].sign * known[first] * path.radius[:, first]
-            for s, sprocket in enumerate(drive.sprockets):
+            travel = model.sprockets[first].sign * known[first] * path.radius[:, first]
+            for s, sprocket in enumerate(model.sprockets):
                 known.setdefault(s, sprocket.sign * (travel / path.radius[:, s]))
         if len(known) == before:
             _spread_speeds(known, tied)
-    speeds = [known.get(b, 0.0) for b in range(count + len(drive.shafts))]
+    speeds = [known.get(b, 0.0) for b in range(count + len(model.shafts))]
     shafts = speeds[count:]
     return table_of_columns(speeds[:count], variants), table_of_columns(shafts, variants) if shafts else np.empty(
         (variants, 0)
@@ -447,12 +453,12 @@ def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
             known[tie.a] = known[tie.b] / float(tie.ratio)
 
 
-def _prescribed_speed(drive: Drive, turned: Sprocket | Shaft) -> Any:
+def _prescribed_speed(model: ChainModel, turned: Sprocket | Shaft) -> Any:
     """Forward speed at t = 0 [rad/s], of a stack's variants (V,): zero if it is ramped up, else with its harmonics."""
     motion = turned.prescribed
     if motion is None or is_true_somewhere(motion.ramp_time > 0.0):
         return 0.0
-    motion = turned.driver if isinstance(turned, LedSprocket) else motion_from_start_phase(drive, turned, motion)
+    motion = turned.driver if isinstance(turned, LedSprocket) else motion_from_start_phase(model, turned, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
     speed = speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
     return speed * turned.start_ratio if isinstance(turned, LedSprocket) else speed

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import MAX_STRAIN
-from warpchain.drive import Drive
 from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
 from warpchain.drive.stack_math import power
-from warpchain.model.chain_drives import chain_speed
+from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads
 
 ESCAPE_PITCHES = 10.0
@@ -26,7 +25,7 @@ LEAST = 1e-6
 """Least working tension, over what stretches a link by its own length."""
 
 
-def escape_distance(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
+def escape_distance(model: ChainModel, assembly: Assembly) -> NDArray[np.float64]:
     """The farthest that a roller can go from its place with its chain still on its sprockets [m]; of a stack (V,).
 
     A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
@@ -37,7 +36,7 @@ def escape_distance(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
     chords = np.hypot(chord[..., 0], chord[..., 1])
     spare = chords.sum(axis=-1) * ((1.0 + MAX_STRAIN) / (1.0 + np.minimum(assembly.strain, 0.0)) - 1.0)
     off = 0.5 * np.sqrt(spare * (2.0 * chords.max(axis=-1) + spare))
-    return np.maximum(ESCAPE_PITCHES * drive.chain.pitch, off)
+    return np.maximum(ESCAPE_PITCHES * model.chain.pitch, off)
 
 
 def _largest_load_moment(load: Load, speed: float) -> float:
@@ -46,15 +45,15 @@ def _largest_load_moment(load: Load, speed: float) -> float:
     return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
 
 
-def _tension_with_loads(drive: Drive, tension: Any, speed: Any) -> Any:
+def _tension_with_loads(model: ChainModel, tension: Any, speed: Any) -> Any:
     """`tension` with the pulls of loads and mounts' preloads at a speed of the chain [N]."""
-    for s, sprocket in enumerate(drive.sprockets):
-        radius = drive.pitch_radius(s)
+    for s, sprocket in enumerate(model.sprockets):
+        radius = model.pitch_radius(s)
         if sprocket.load is not None:
             tension = tension + _largest_load_moment(sprocket.load, speed / radius) / radius
-        for b, load in free_body_loads(drive) if drive.shafts else ():
-            if b >= len(drive.sprockets) and nearest_sprocket(drive, b) == s:
-                beside = body_speed_ratio(drive, b, s)
+        for b, load in free_body_loads(model) if model.shafts else ():
+            if b >= len(model.sprockets) and nearest_sprocket(model, b) == s:
+                beside = body_speed_ratio(model, b, s)
                 tension = tension + beside * _largest_load_moment(load, beside * speed / radius) / radius
         if isinstance(sprocket.mount, ElasticMount | SliderMount):
             preload = sprocket.mount.preload
@@ -62,16 +61,16 @@ def _tension_with_loads(drive: Drive, tension: Any, speed: Any) -> Any:
     return tension
 
 
-def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
+def tension_scale(model: ChainModel, assembly: Assembly) -> NDArray[np.float64]:
     """A tenth of the sum of the pulls of loads, preloads and the chain's speed [N], positive.
 
     Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
 
     Args:
-        drive: one, or a stack, and
+        model: one, or a stack, and
         assembly: its states, (V, ...) of a stack.
     """
-    chain, speed = drive.chain, chain_speed(drive)
+    chain, speed = model.chain, model.chain_speed
     assembled = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
     tension = assembled + chain.mass / chain.pitch * power(speed, 2)
-    return SHARE * np.maximum(_tension_with_loads(drive, tension, speed), LEAST * chain.stiffness * chain.pitch)
+    return SHARE * np.maximum(_tension_with_loads(model, tension, speed), LEAST * chain.stiffness * chain.pitch)

@@ -8,34 +8,30 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.assembly import Assembly, assemble_chain
 from warpchain.assembly.path import ChainPath
-from warpchain.drive import Drive
 from warpchain.drive.parts_by_chain import shaft_of_sprocket
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives
-from warpchain.model.parts_by_chain import ChainDrive
+from warpchain.model import ChainModel, Model
 
 
-def assemble_chains(drive: Drive) -> list[Assembly]:
+def assemble_chains(model: Model) -> list[Assembly]:
     """The initial state of each chain.
 
     Raises:
         DriveError: a chain that does not fit, or chains of one plane that cross.
     """
-    if not drive.chains:
-        return [assemble(drive)]
     found = []
-    for chain in chain_drives(drive):
+    for chain in model.chains:
         try:
-            found.append(assemble(chain.drive))
+            found.append(assemble_chain(chain))
         except DriveError as error:
-            raise DriveError(f'chain "{chain.name}": {error}') from None
-    check_planes(drive, [assembly.path for assembly in found])
+            raise DriveError(f'chain "{chain.name}": {error}' if chain.name else str(error)) from None
+    check_planes(model, [assembly.path for assembly in found])
     return found
 
 
-def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
+def check_planes(model: Model, paths: Sequence[ChainPath]) -> None:
     """Raises a DriveError that names two chains that cross in one plane, and where.
 
     Chains with sprockets on one shaft are in planes of their own, whether they name them or not.
@@ -43,7 +39,7 @@ def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
     Args:
         paths: of the chains, in their order.
     """
-    chains = chain_drives(drive)
+    drive, chains = model.drive, model.chains
     shafts = [{shaft_of_sprocket(drive.sprockets[s]) for s in chain.places["sprockets"]} for chain in chains]
     for i, k in combinations(range(len(chains)), 2):
         one, other = drive.chains[i], drive.chains[k]
@@ -58,10 +54,10 @@ def check_planes(drive: Drive, paths: Sequence[ChainPath]) -> None:
             )
 
 
-def chain_outline(chain: ChainDrive, path: ChainPath) -> NDArray[np.float64]:
+def chain_outline(chain: ChainModel, path: ChainPath) -> NDArray[np.float64]:
     """Corners (K, 2) of a chain's loop [m]: ends of strands, and points of the arcs between, 5 degrees apart."""
-    points, count = [], len(chain.drive.sprockets)
-    for s, sprocket in enumerate(chain.drive.sprockets):
+    points, count = [], len(chain.sprockets)
+    for s, sprocket in enumerate(chain.sprockets):
         center, sign = np.array(sprocket.center), sprocket.sign
         begin, end = (np.asarray(of, dtype=float) for of in (path.strand_end[(s - 1) % count], path.strand_start[s]))
         first, last = (np.arctan2(*(at - center)[::-1]) for at in (begin, end))

@@ -11,7 +11,7 @@ C / (n p) - 1, is to first order
 It falls as h grows: every sag has one strain. Measured on settled strands, end rollers give way by 0.8 to 1.1 c.
 A preload T0, at assembly, has the strain T0 / (k p).
 
-Of several chains each is fitted as a drive of its own; a sprocket takes along those that are on its shaft.
+Each chain is fitted by itself; a sprocket takes along those that are on its shaft.
 
 Where arms carry guides the strain follows from what pushes them. The number of links is then the one that leaves the
 least strain with the arms in balance, or with which an arm stands nearest to a wanted angle; and a sprocket can be
@@ -22,25 +22,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warpchain.argument_checks import FiniteNumber, check_arguments
 from warpchain.assembly.arm_balance import chain_path, is_unloaded_arm, stop_name
-from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.assembly import Assembly, assemble_chain
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, PathPlan, allowed_results, path_at
 from warpchain.assembly.place_search import PlacementGoal, PlaceSearch, run_searches
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.changed_copies import drive_with_numbers
 from warpchain.drive.thermal import expansion_factor
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives
-from warpchain.model.parts_by_chain import ChainDrive
+from warpchain.model import Model
 from warpchain.model.stacks import stacks_of_drives
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 _DIGITS = 10  # centers are rounded to 1e-10 m, which files can show
 _ANGLE = 0.01  # strain that a radian of an arm counts as, in what a search may miss
@@ -80,7 +81,7 @@ def fit_position(
         DriveError: unknown names, values that are not allowed, or no such place: the message has the range that can be
             reached.
     """
-    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit_line(direction)
+    own, line = fitted_chain(drive, sprocket=sprocket), _unit_line(direction)
     goal = _strain_goal(own, strain, preload, sag, strand)
     return _only_result(
         _drives_at_places([drive], [PlaceSearch(own, _sprocket_index(own, sprocket), line, goal, travel)])
@@ -102,7 +103,7 @@ def fit_positions(
     Raises:
         DriveError: as `fit_position`, of the sprocket's name, the direction and the strains.
     """
-    line, chains = _unit_line(direction), [fitted_chain(drive, sprocket=sprocket).drive for drive in drives]
+    line, chains = _unit_line(direction), [fitted_chain(drive, sprocket=sprocket) for drive in drives]
     return _drives_at_places(
         drives,
         [
@@ -132,7 +133,7 @@ def fit_angle(
     Raises:
         DriveError: as `fit_position`; an angle beyond the arm's stops.
     """
-    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit_line(direction)
+    own, line = fitted_chain(drive, sprocket=sprocket), _unit_line(direction)
     search = PlaceSearch(own, _sprocket_index(own, sprocket), line, _angle_goal(own, angle), travel)
     return _only_result(_drives_at_places([drive], [search]))
 
@@ -161,20 +162,20 @@ def fit_wrap(
     Raises:
         DriveError: as `fit_position`; a wrap that is not above 0 and below 360.
     """
-    own, line = fitted_chain(drive, sprocket=sprocket).drive, _unit_line(direction)
+    own, line = fitted_chain(drive, sprocket=sprocket), _unit_line(direction)
     index = _sprocket_index(own, sprocket)
     goal = _wrap_goal(own, wrap, index if around is None else _sprocket_index(own, around))
     return _only_result(_drives_at_places([drive], [PlaceSearch(own, index, line, goal, travel)]))
 
 
-def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> ChainDrive:
+def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> ChainModel:
     """The chain that is fitted: that of a name, or of a sprocket; of one chain, that.
 
     Raises:
         DriveError: a name that there is not, or none where there are several chains.
     """
-    chains = chain_drives(drive)
-    names = [chain_drive.name for chain_drive in chains] if drive.chains else []
+    chains = Model(drive).chains
+    names = [model.name for model in chains if model.name]
     if chain is None and sprocket is not None and names:
         chain = drive.sprockets[_sprocket_index(drive, sprocket)].chain
     if chain is None and names:
@@ -182,14 +183,14 @@ def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = 
     if chain is not None and chain not in names:
         known = f"allowed are {', '.join(names)}" if names else "the drive has one, without a name"
         raise DriveError(f'chain "{chain}": no such name; {known}')
-    return next(chain_drive for chain_drive in chains if chain_drive.name == (chain or ""))
+    return next(model for model in chains if model.name == (chain or ""))
 
 
-def links_place(drive: Drive, chain_drive: ChainDrive) -> tuple[str | int, ...]:
+def links_place(drive: Drive, model: ChainModel) -> tuple[str | int, ...]:
     """Key path of the number of links of one of a drive's chains."""
-    if not drive.chains:
+    if not model.name:
         return "chain", "links"
-    return "chains", [chain.name for chain in drive.chains].index(chain_drive.name), "links"
+    return "chains", [chain.name for chain in drive.chains].index(model.name), "links"
 
 
 def _drives_at_places(drives: Sequence[Drive], searches: Sequence[PlaceSearch]) -> list[Drive | DriveError]:
@@ -200,7 +201,7 @@ def _drives_at_places(drives: Sequence[Drive], searches: Sequence[PlaceSearch]) 
             found.append(DriveError(search.failure()))
             continue
         x, y = (round(part / expansion_factor(drive, "block"), _DIGITS) for part in search.center(place))
-        mine = search.drive.sprockets[search.index]
+        mine = search.model.sprockets[search.index]
         shaft = {of.name for of in drive.sprockets if of.shaft is not None and of.shaft == mine.shaft}
         together = [s for s, of in enumerate(drive.sprockets) if of.name in {mine.name, *shaft}]
         values: dict[tuple[str | int, ...], float] = {}
@@ -237,25 +238,25 @@ def fit_links(
         DriveError: no such number gives a strain within 0.05, or none assembles; an arm with a wanted angle stands on a
             stop or presses on nothing with all of them; an unknown arm or chain.
     """
-    chain_drive = fitted_chain(drive, chain)
-    place = f"chains.{chain_drive.name}.links" if drive.chains else "chain.links"
-    return drive.with_values({place: _best_links(chain_drive.drive, odd, angle, place)})
+    model = fitted_chain(drive, chain)
+    place = f"chains.{model.name}.links" if model.name else "chain.links"
+    return drive.with_values({place: _best_links(model, odd, angle, place)})
 
 
-def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, place: str) -> int:
+def _best_links(model: ChainModel, odd: bool, angle: Mapping[str, float] | None, place: str) -> int:
     """The number of links for a chain; see `fit_links`."""
-    wanted = _wanted_angles(drive, angle or {})
-    asked = [a for a, arm in enumerate(drive.arms) if arm.name in (angle or {})]
-    path, found = path_at(drive, wanted), []
+    wanted = _wanted_angles(model, angle or {})
+    asked = [a for a, arm in enumerate(model.arms) if arm.name in (angle or {})]
+    path, found = path_at(model, wanted), []
     for links in nearest_links(path, 0.0, odd):
         if abs(path.strain(links)) > MAX_STRAIN:
             continue
         try:
-            assembly = assemble(_drive_with_links(drive, links))
+            assembly = assemble_chain(_model_with_links(model, links))
         except DriveError:
             continue
         off = [abs(assembly.arm_angle[a] - wanted[a]) for a in asked]
-        idle = any(_is_idle(drive, assembly, a, wanted[a]) for a in asked or range(len(drive.arms)))
+        idle = any(_is_idle(model, assembly, a, wanted[a]) for a in asked or range(len(model.arms)))
         spoiled = idle or (not asked and abs(assembly.strain) > ELONGATION_AT_BREAKING_LOAD)
         found.append((spoiled, float(sum(off)) if off else abs(assembly.strain), links, assembly))
         if not wanted:
@@ -263,7 +264,7 @@ def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, plac
     if found:
         spoiled, _, links, assembly = min(found, key=lambda one: one[:3])
         if spoiled and angle:
-            raise DriveError(_missed_angles_text(drive, angle, links, assembly, place))
+            raise DriveError(_missed_angles_text(model, angle, links, assembly, place))
         return links
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch
     around = range(max(3, math.floor(exact) - 1), math.ceil(exact) + 2)
@@ -275,22 +276,24 @@ def _best_links(drive: Drive, odd: bool, angle: Mapping[str, float] | None, plac
     )
 
 
-def _is_idle(drive: Drive, assembly: Assembly, a: int, wanted: float) -> bool:
+def _is_idle(model: ChainModel, assembly: Assembly, a: int, wanted: float) -> bool:
     """Whether an arm stands on a stop or at its free angle [rad], other than where it is wanted."""
     angle = float(assembly.arm_angle[a])
-    idle = stop_name(drive, a, angle) is not None or is_unloaded_arm(drive, a, angle)
+    idle = stop_name(model, a, angle) is not None or is_unloaded_arm(model, a, angle)
     return idle and abs(angle - wanted) > _THERE
 
 
-def _missed_angles_text(drive: Drive, wanted: Mapping[str, float], links: int, assembly: Assembly, place: str) -> str:
+def _missed_angles_text(
+    model: ChainModel, wanted: Mapping[str, float], links: int, assembly: Assembly, place: str
+) -> str:
     """The message that no number of links has the arms at the wanted angles [degrees]."""
     states = []
-    for a in map(drive.arm_index, wanted):
+    for a in map(model.arm_index, wanted):
         assert a is not None  # as `_wanted_angles` has checked
         reached = float(assembly.arm_angle[a])
-        stop = stop_name(drive, a, reached)
+        stop = stop_name(model, a, reached)
         where = f"on its {stop} stop" if stop else "where it presses on nothing"
-        states.append(f'"{drive.arms[a].name}" stands at {math.degrees(reached):.4g}, {where}')
+        states.append(f'"{model.arms[a].name}" stands at {math.degrees(reached):.4g}, {where}')
     asked = " and ".join(f'{angle:g} degrees of arm "{name}"' for name, angle in wanted.items())
     return (
         f"{place}: no number of links gives {asked}: with {links} {' and '.join(states)}; move a sprocket (--sprocket "
@@ -298,26 +301,26 @@ def _missed_angles_text(drive: Drive, wanted: Mapping[str, float], links: int, a
     )
 
 
-def paths_as_drawn(drives: Sequence[Drive]) -> list[ChainPath | DriveError]:
+def paths_as_drawn(models: Sequence[ChainModel]) -> list[ChainPath | DriveError]:
     """The paths of chains with arms as drawn, or on the nearest stop; or the error where there is none."""
-    found: list[ChainPath | None] = [None] * len(drives)
-    for stack in stacks_of_drives(drives):
+    found: list[ChainPath | None] = [None] * len(models)
+    for stack in stacks_of_drives(models):
         members = stack.members.tolist()
-        for places, path in allowed_results(stack.drive, len(members), _stack_paths_as_drawn):
+        for places, path in allowed_results(stack.one, len(members), _stack_paths_as_drawn):
             for row, v in enumerate(places.tolist()):
                 found[members[v]] = path[row]
-    return [_path_or_refusal(drive) if path is None else path for drive, path in zip(drives, found, strict=True)]
+    return [_path_or_refusal(model) if path is None else path for model, path in zip(models, found, strict=True)]
 
 
-def _stack_paths_as_drawn(drive: Drive) -> ChainPath:
+def _stack_paths_as_drawn(model: ChainModel) -> ChainPath:
     """The paths of a stack's chains with arms as drawn."""
-    return PathPlan(drive).path(_wanted_angles(drive, {}))
+    return PathPlan(model).path(_wanted_angles(model, {}))
 
 
-def _path_or_refusal(drive: Drive) -> ChainPath | DriveError:
+def _path_or_refusal(model: ChainModel) -> ChainPath | DriveError:
     """A drive's path, or the error where it cannot be drawn."""
     try:
-        return _stack_paths_as_drawn(drive)[0]
+        return _stack_paths_as_drawn(model)[0]
     except DriveError as error:
         return error
 
@@ -340,26 +343,26 @@ def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int
     return sorted(around, key=lambda links: (abs(path.strain(links) - strain), links))
 
 
-def strand_sag(drive: Drive, assembly: Assembly, strand: int) -> float:
+def strand_sag(model: ChainModel, assembly: Assembly, strand: int) -> float:
     """Sag of a strand at rest from its chord to its middle [m], the h of eq. (a); 0 where gravity does not act across.
 
     Args:
-        drive: the drive.
+        model: of the chain.
         assembly: its assembly.
         strand: strand k leaves sprocket k.
     """
     first = int(assembly.strand_first[strand])
     last = (first + int(assembly.strand_links[strand])) % len(assembly.position)
     x, y = (assembly.position[last] - assembly.position[first]).tolist()
-    return _sag_at_strain(drive, (x, y), assembly.strain)
+    return _sag_at_strain(model, (x, y), assembly.strain)
 
 
 # ----------------------------------------------------------------------------------------------------------- what
 
 
-def _sprocket_index(drive: Drive, name: str) -> int:
+def _sprocket_index(of: Drive | ChainModel, name: str) -> int:
     """Index of the sprocket of a name; a DriveError that lists the names if there is none."""
-    names = [sprocket.name for sprocket in drive.sprockets]
+    names = [sprocket.name for sprocket in of.sprockets]
     if name not in names:
         raise DriveError(f'sprocket "{name}": no such name; allowed are {", ".join(names)}')
     return names.index(name)
@@ -374,22 +377,22 @@ def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
     return x, y
 
 
-def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
+def _wanted_angles(model: ChainModel, wanted: Mapping[str, float]) -> list[float]:
     """Angles of all arms [rad]: those wanted by name [degrees], the others as drawn or on the nearest stop."""
     for name, angle in wanted.items():
-        a = drive.arm_index(name)
+        a = model.arm_index(name)
         if a is None:
-            known = ", ".join(arm.name for arm in drive.arms) or "none"
+            known = ", ".join(arm.name for arm in model.arms) or "none"
             raise DriveError(f'arm "{name}": no such name; allowed are {known}')
-        low, high = drive.arms[a].stops or (-360.0, 360.0)
+        low, high = model.arms[a].stops or (-360.0, 360.0)
         if not low <= angle <= high:
             raise DriveError(f"angle = {angle:g}: must be from {low:g} to {high:g} degrees, the stops of arms.{name}")
-    angles = [math.radians(wanted.get(arm.name, 0.0)) for arm in drive.arms]
-    return [min(max(angle, arm.stops_rad[0]), arm.stops_rad[1]) for angle, arm in zip(angles, drive.arms, strict=True)]
+    angles = [math.radians(wanted.get(arm.name, 0.0)) for arm in model.arms]
+    return [min(max(angle, arm.stops_rad[0]), arm.stops_rad[1]) for angle, arm in zip(angles, model.arms, strict=True)]
 
 
 def _strain_goal(
-    drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None
+    model: ChainModel, strain: float | None, preload: float | None, sag: float | None, strand: str | None
 ) -> PlacementGoal:
     """The goal of a search for a strain, a preload or a sag."""
     given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
@@ -397,7 +400,7 @@ def _strain_goal(
         raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
     if strand is not None and sag is None:
         raise DriveError("strand: only together with sag")
-    tension = drive.chain.mean_stiffness * drive.chain.pitch
+    tension = model.chain.mean_stiffness * model.chain.pitch
     if strain is not None:
         if not abs(strain) <= MAX_STRAIN:
             raise DriveError(f"strain = {strain:g}: must be within {MAX_STRAIN:g}")
@@ -416,34 +419,34 @@ def _strain_goal(
     assert sag is not None
     if not (math.isfinite(sag) and sag > 0.0):
         raise DriveError(f"sag = {sag:g}: must be a finite number above 0")
-    names = drive.strand_names
+    names = model.strand_names
     if strand is not None and strand not in names:
         raise DriveError(f'strand "{strand}": no such name; allowed are {", ".join(names)}')
-    path = chain_path(drive)
+    path = chain_path(model)
     straight = [string is None for string in path.strings]
     k = int(np.argmax(np.where(straight, path.strand_length, 0.0))) if strand is None else names.index(strand)
     if not straight[k]:
         raise DriveError(f'strand "{names[k]}": lies on a guide, so that it has no sag')
     x, y = (path.strand_end[k] - path.strand_start[k]).tolist()
-    if _gravity_across(drive, (x, y)) <= 0.0:
+    if _gravity_across(model, (x, y)) <= 0.0:
         raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
     text = f'sag {sag:g} m of strand "{names[k]}"'
     return PlacementGoal(
         text,
         " m",
-        lambda reached: reached.strain - _strain_at_sag(drive, reached.chord, sag),
-        lambda reached: _sag_at_strain(drive, reached.chord, reached.strain),
+        lambda reached: reached.strain - _strain_at_sag(model, reached.chord, sag),
+        lambda reached: _sag_at_strain(model, reached.chord, reached.strain),
         k,
         sags=True,
     )
 
 
-def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> PlacementGoal:
+def _angle_goal(model: ChainModel, angle: Mapping[str, float]) -> PlacementGoal:
     """The goal of a search for an arm's angle."""
     if len(angle) != 1:
         raise DriveError("angle: one arm at a time")
     ((name, degrees),) = angle.items()
-    angles, a = _wanted_angles(drive, angle), drive.arm_index(name)
+    angles, a = _wanted_angles(model, angle), model.arm_index(name)
     assert a is not None  # as `_wanted_angles` has checked
     text = f'{degrees:g} degrees of arm "{name}"'
     return PlacementGoal(
@@ -455,11 +458,11 @@ def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> PlacementGoal:
     )
 
 
-def _wrap_goal(drive: Drive, degrees: float, s: int) -> PlacementGoal:
+def _wrap_goal(model: ChainModel, degrees: float, s: int) -> PlacementGoal:
     if not 0.0 < degrees < 360.0:
         raise DriveError(f"wrap = {degrees:g}: must be above 0 and below 360 degrees")
     return PlacementGoal(
-        f'{degrees:g} degrees of wrap around "{drive.sprockets[s].name}"',
+        f'{degrees:g} degrees of wrap around "{model.sprockets[s].name}"',
         " degrees",
         lambda reached: _ANGLE * (reached.wrap - math.radians(degrees)),
         lambda reached: math.degrees(reached.wrap),
@@ -467,36 +470,36 @@ def _wrap_goal(drive: Drive, degrees: float, s: int) -> PlacementGoal:
     )
 
 
-def _gravity_across(drive: Drive, chord: tuple[float, float]) -> float:
+def _gravity_across(model: ChainModel, chord: tuple[float, float]) -> float:
     """Gravity across a chord [m/s^2]; 0 for a strand that hangs upright."""
-    (x, y), (gx, gy) = chord, drive.run.gravity
+    (x, y), (gx, gy) = chord, model.run.gravity
     part = abs(x * gy - y * gx) / math.hypot(x, y)
     return part if part > _UPRIGHT * math.hypot(gx, gy) else 0.0
 
 
-def _sag_coefficients(drive: Drive, chord: tuple[float, float]) -> tuple[float, float, float]:
+def _sag_coefficients(model: ChainModel, chord: tuple[float, float]) -> tuple[float, float, float]:
     """A, B and D of eq. (a) as strain = A / h - B h^2 + D."""
     square = chord[0] * chord[0] + chord[1] * chord[1]
-    weight = drive.chain.mass / drive.chain.pitch * _gravity_across(drive, chord)
-    given_way = 2.0 * (drive.contact.sprocket.clearance or 0.0) / math.sqrt(square)
-    return weight * square / (8.0 * drive.chain.mean_stiffness * drive.chain.pitch), 8.0 / (3.0 * square), given_way
+    weight = model.chain.mass / model.chain.pitch * _gravity_across(model, chord)
+    given_way = 2.0 * (model.contact.sprocket.clearance or 0.0) / math.sqrt(square)
+    return weight * square / (8.0 * model.chain.mean_stiffness * model.chain.pitch), 8.0 / (3.0 * square), given_way
 
 
-def _strain_at_sag(drive: Drive, chord: tuple[float, float], sag: float) -> float:
+def _strain_at_sag(model: ChainModel, chord: tuple[float, float], sag: float) -> float:
     """The strain at a sag, eq. (a)."""
-    elastic, geometric, given_way = _sag_coefficients(drive, chord)
+    elastic, geometric, given_way = _sag_coefficients(model, chord)
     return elastic / sag - geometric * sag * sag + given_way
 
 
-def _sag_at_strain(drive: Drive, chord: tuple[float, float], strain: float) -> float:
+def _sag_at_strain(model: ChainModel, chord: tuple[float, float], strain: float) -> float:
     """The sag at a strain, eq. (a): the one positive root of B h^3 + (strain - D) h - A."""
-    elastic, geometric, given_way = _sag_coefficients(drive, chord)
+    elastic, geometric, given_way = _sag_coefficients(model, chord)
     if elastic == 0.0:
         return 0.0
     roots = np.roots([geometric, 0.0, strain - given_way, -elastic])
     return float(roots[np.isreal(roots)].real.max())
 
 
-def _drive_with_links(drive: Drive, links: int) -> Drive:
-    """The drive with another number of links."""
-    return drive.model_copy(update={"chain": drive.chain.model_copy(update={"links": links})})
+def _model_with_links(model: ChainModel, links: int) -> ChainModel:
+    """The chain with another number of links."""
+    return replace(model, chain=model.chain.model_copy(update={"links": links}))

@@ -14,23 +14,23 @@ from warpchain.drive.body_ties import body_names
 from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Shaft
 from warpchain.drive.sprocket import Sprocket
-from warpchain.model.chain_drives import chain_driver_ratios, chain_drives, shafts_of_own_chain
+from warpchain.model import ChainModel, Model, chains_of
 from warpchain.model.trains import body_speed_ratio
 
 
-def strand_frequency(drive: Drive, links: int, tension: float) -> float:
+def strand_frequency(model: ChainModel, links: int, tension: float) -> float:
     """First transverse frequency of a strand of `links` links at rest, its ends fixed [Hz], 0 without tension; (b)."""
     if tension <= 0.0 or links < 2:
         return 0.0
-    rate = math.sqrt(tension / (drive.chain.mass * drive.chain.pitch))
+    rate = math.sqrt(tension / (model.chain.mass * model.chain.pitch))
     return rate / math.pi * math.sin(math.pi / (2.0 * links))
 
 
-def moving_frequency(drive: Drive, length: float, tension: float, speed: float, mode: int = 1) -> float:
+def moving_frequency(model: ChainModel, length: float, tension: float, speed: float, mode: int = 1) -> float:
     """Transverse frequency of a strand that travels, its ends fixed [Hz]; (a).
 
     Args:
-        drive: the drive.
+        model: of the chain.
         length: L of the strand [m].
         tension: T, centrifugal part included [N].
         speed: v of the chain [m/s].
@@ -39,7 +39,7 @@ def moving_frequency(drive: Drive, length: float, tension: float, speed: float, 
     Returns:
         f_n; 0 where the tension is no more than the centrifugal part, so that waves do not outrun the chain.
     """
-    square = max(tension, 0.0) * drive.chain.pitch / drive.chain.mass
+    square = max(tension, 0.0) * model.chain.pitch / model.chain.mass
     if square <= speed * speed:
         return 0.0
     wave = math.sqrt(square)
@@ -60,76 +60,80 @@ class Order:
 
 def tooth_orders(drive: Drive) -> dict[str, float]:
     """Orders of the driver's revolution with which teeth pass, by the name of the chain; "" where there is one."""
+    model = Model(drive)
     return {
-        chain.name: ratio * chain.drive.sprockets[chain.drive.driver].teeth
-        for chain, ratio in zip(chain_drives(drive), chain_driver_ratios(drive), strict=True)
+        chain.name: ratio * chain.sprockets[chain.driver].teeth
+        for chain, ratio in zip(model.chains, model.driver_ratios, strict=True)
     }
 
 
-def excitation_orders(drive: Drive) -> tuple[Order, ...]:
+def excitation_orders(of: Drive | ChainModel) -> tuple[Order, ...]:
     """The excitation orders of a drive, ascending; causes of one order are named together.
 
     Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket, of
     each shaft and of the chain, teeth of gears, harmonics and tables of prescribed motions and loads, valves, balance
     wheels.
     """
-    return _merged_orders([*_orders_of_chains(drive, _passing_orders), *_orders_of_chains(drive, _driven_orders)])
+    return _merged_orders([*_orders_of_chains(of, _passing_orders), *_orders_of_chains(of, _driven_orders)])
 
 
-def excited_orders(drive: Drive) -> tuple[Order, ...]:
+def excited_orders(of: Drive | ChainModel) -> tuple[Order, ...]:
     """The orders that harmonics, tables of prescribed motions and loads, and valves excite alone, ascending."""
-    return _merged_orders(_orders_of_chains(drive, _driven_orders))
+    return _merged_orders(_orders_of_chains(of, _driven_orders))
 
 
-def _orders_of_chains(drive: Drive, part: Callable[[Drive, str], list[tuple[float, str]]]) -> list[tuple[float, str]]:
+def _orders_of_chains(
+    of: Drive | ChainModel, part: Callable[[ChainModel, str], list[tuple[float, str]]]
+) -> list[tuple[float, str]]:
     """Orders of the driver's revolution, from those of each chain's own driver by `part`."""
+    ratios = [1.0] if isinstance(of, ChainModel) else Model(of).driver_ratios
     return [
         (ratio * order, cause)
-        for chain, ratio in zip(chain_drives(drive), chain_driver_ratios(drive), strict=True)
-        for order, cause in part(chain.drive, f" of {chain.name}" if chain.name else "")
+        for chain, ratio in zip(chains_of(of), ratios, strict=True)
+        for order, cause in part(chain, f" of {chain.name}" if chain.name else "")
     ]
 
 
-def _passing_orders(drive: Drive, named: str) -> list[tuple[float, str]]:
+def _passing_orders(model: ChainModel, named: str) -> list[tuple[float, str]]:
     """Orders of teeth that pass, and of bodies and chains that go around."""
-    driver = drive.sprockets[drive.driver]
+    driver = model.sprockets[model.driver]
     found = [(float(driver.teeth), f"tooth passing{named}"), (2.0 * driver.teeth, f"twice tooth passing{named}")]
-    lengths = np.asarray(drive.chain.link_lengths)
+    lengths = np.asarray(model.chain.link_lengths)
     even = len(lengths) % 2 == 0
-    if drive.chain.outer is not None or (even and abs(lengths[0::2].mean() / lengths[1::2].mean() - 1.0) > SAME):
+    if model.chain.outer is not None or (even and abs(lengths[0::2].mean() / lengths[1::2].mean() - 1.0) > SAME):
         found.append((0.5 * driver.teeth, f"links of two kinds{named}"))
-    found.append((driver.teeth / drive.chain.links, f"revolution of the chain{named.removeprefix(' of')}"))
-    for sprocket in drive.sprockets:
+    found.append((driver.teeth / model.chain.links, f"revolution of the chain{named.removeprefix(' of')}"))
+    for sprocket in model.sprockets:
         turns = driver.teeth / sprocket.teeth
         wheel = " and its balance wheel" if sprocket.balance_wheel is not None else ""
         found.append((turns, f"revolution of {sprocket.name}{wheel}"))
-    for b, shaft in enumerate(shafts_of_own_chain(drive), len(drive.sprockets)):
-        found.append((body_speed_ratio(drive, b, drive.driver), f"revolution of {shaft.name}"))
-    for gear in drive.gears:
-        first = body_names(drive).index(gear.between[0])
-        found.append((gear.teeth[0] * body_speed_ratio(drive, first, drive.driver), f"teeth of {gear.name}"))
+    for b, shaft in enumerate(model.own_shafts, len(model.sprockets)):
+        found.append((body_speed_ratio(model, b, model.driver), f"revolution of {shaft.name}"))
+    for gear in model.gears:
+        first = body_names(model).index(gear.between[0])
+        found.append((gear.teeth[0] * body_speed_ratio(model, first, model.driver), f"teeth of {gear.name}"))
     return found
 
 
-def _driven_orders(drive: Drive, _: str) -> list[tuple[float, str]]:
+def _driven_orders(model: ChainModel, _: str) -> list[tuple[float, str]]:
     """Orders of the driver's revolution of harmonics, periodic tables and valves."""
     found = []
-    parts: list[Sprocket | Shaft] = [*drive.sprockets, *drive.shafts]
+    parts: list[Sprocket | Shaft] = [*model.sprockets, *model.shafts]
     for s, turned in enumerate(parts):
-        turns = body_speed_ratio(drive, s, drive.driver)
+        turns = body_speed_ratio(model, s, model.driver)
         motor = getattr(turned, "motor", None)
         for cause, word in ((turned.prescribed, "motion"), (turned.load, "load"), (motor, "motor")):
             if cause is None:
                 continue
             for harmonic in getattr(cause, "harmonics", ()):
                 if harmonic.amplitude != 0.0:
-                    own = harmonic.order / shaft_ratio(drive, s, harmonic.shaft)
+                    own = harmonic.order / shaft_ratio(model, s, harmonic.shaft)
                     found.append((own * turns, f"{word} of {turned.name}"))
             if isinstance(cause.table, Table) and cause.table.angle is not None:
-                own = 1.0 / (cause.table.revolutions * shaft_ratio(drive, s, cause.table.shaft))
+                own = 1.0 / (cause.table.revolutions * shaft_ratio(model, s, cause.table.shaft))
                 found.append((own * turns, f"{word} table of {turned.name}"))
-    for valves in drive.valves:
-        turns = body_speed_ratio(drive, body_names(drive).index(valves.on), drive.driver)
+    for valves in model.valves:
+        turns = body_speed_ratio(model, body_names(model).index(valves.on), model.driver)
         found.append((valves.slowest_order * turns, f"valves {valves.name}"))
     return found
 

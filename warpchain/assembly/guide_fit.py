@@ -12,6 +12,7 @@ d < 0 is how far it stays away. Moved by (d' - d) n it has d'.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,12 +21,13 @@ from warpchain.argument_checks import check_arguments
 from warpchain.assembly.fitting import paths_as_drawn
 from warpchain.drive.thermal import expansion_factor
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 _SPACING = 2e-5  # between the points at which (a) is looked for [m]: 1e-10 m of an arc's top, of a radius of 0.5 m
 _DIGITS = 10
@@ -54,7 +56,7 @@ def fit_indentation(drive: Drive, guide: str, indentation: float) -> Drive:
         raise DriveError(f'guide "{guide}": no such name; allowed are {", ".join(names) or "none"}')
     if drive.guides[names.index(guide)].profile is not None:
         raise DriveError(f"guides.{guide}.profile: is measured; only start and end, points or arcs can be moved")
-    own = next(chain.drive for chain in chain_drives(drive) if guide in [one.name for one in chain.drive.guides])
+    own = next(model for model in Model(drive).chains if guide in [one.name for one in model.guides])
     depth, normal, length = _indentation(own, [one.name for one in own.guides].index(guide))
     if not abs(indentation) <= 0.5 * length:
         raise DriveError(f"indentation = {indentation:g}: must be within {0.5 * length:.4g} m, half of the strand")
@@ -62,12 +64,12 @@ def fit_indentation(drive: Drive, guide: str, indentation: float) -> Drive:
     return drive.with_values(_moved_values(drive, names.index(guide), way))
 
 
-def _indentation(drive: Drive, g: int) -> tuple[float, NDArray[np.float64], float]:
+def _indentation(model: ChainModel, g: int) -> tuple[float, NDArray[np.float64], float]:
     """d of (a) of guide g [m], n, and the length of its strand [m]."""
-    (path,) = paths_as_drawn([drive.model_copy(update={"guides": ()})])
+    (path,) = paths_as_drawn([replace(model, guides=())])
     if isinstance(path, DriveError):
         raise path
-    profile = drive.profile(g)
+    profile = model.profile(g)
     points = profile.points(_SPACING, caps=False)
     middle = points[len(points) // 2]
     begin, along = path.strand_start, path.strand_end - path.strand_start
@@ -77,7 +79,7 @@ def _indentation(drive: Drive, g: int) -> tuple[float, NDArray[np.float64], floa
     normal = np.array([-along[k, 1], along[k, 0]]) / length
     heading = points[-1] - points[0]
     normal = normal * math.copysign(1.0, float(normal @ [-heading[1], heading[0]]))  # the chain is on the left
-    return float(((points - begin[k]) @ normal).max()) + drive.guide_offset(g), normal, length
+    return float(((points - begin[k]) @ normal).max()) + model.guide_offset(g), normal, length
 
 
 def _moved_values(drive: Drive, g: int, way: NDArray[np.float64]) -> dict[str, object]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 OWN = 0.25
 """A guide's own strand is no farther behind its face than this share of the strand's length."""
@@ -50,23 +50,23 @@ def turned_profile(profile: Profile, pivot: Point, angle: float) -> Profile:
     return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))
 
 
-def profile_at(drive: Drive, g: int, arm_angle: Sequence[float]) -> Profile:
+def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile:
     """The face of guide g with its arm at its angle [rad]."""
-    arm, profile = drive.arm_of(g), drive.profile(g)
+    arm, profile = model.arm_of(g), model.profile(g)
     while arm is not None:
-        profile, arm = turned_profile(profile, drive.arms[arm].pivot, float(arm_angle[arm])), drive.parent(arm)
+        profile, arm = turned_profile(profile, model.arms[arm].pivot, float(arm_angle[arm])), model.parent(arm)
     return profile
 
 
-def own_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool] | None:
+def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool] | None:
     """The strand on which guide g lies and whether it travels along the face's pieces; None for no strand.
 
     Args:
-        drive: the drive.
+        model: of the chain.
         g: the guide, as drawn.
         strands: ends of the straight strands [m].
     """
-    found = nearest_strand(drive, g, strands)
+    found = nearest_strand(model, g, strands)
     if found is None:
         return None
     k, along, height = found
@@ -74,12 +74,12 @@ def own_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool
     return None if shared_value(-height > OWN * quick_hypot(sx - ex, sy - ey)) else (k, along)
 
 
-def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
+def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
     """The strand nearest to guide g, whether it travels along the face's pieces, and its mean height [m].
 
     Heights are over where rollers would ride, negative behind the face; None where no strand runs along it.
     """
-    profile, offset = drive.profile(g), drive.guide_offset(g)
+    profile, offset = model.profile(g), model.guide_offset(g)
     feet = [profile.at(profile.face_length * i / (_PLACES - 1)) for i in range(_PLACES)]
     rides = [(x - offset * math.sin(h), y + offset * math.cos(h)) for (x, y), h in feet]
     fx, fy = rides[-1][0] - rides[0][0], rides[-1][1] - rides[0][1]
@@ -147,53 +147,53 @@ class PlacedGuide:
         return run
 
 
-def strand_obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[PlacedGuide, ...]:
+def strand_obstacles(model: ChainModel, strands: Sequence[Line]) -> tuple[PlacedGuide, ...]:
     """The guides that strands may have to go around; mostly none.
 
     Args:
-        drive: one, or a stack whose guides are the same.
+        model: one, or a stack whose guides are the same.
         strands: ends of the straight strands [m].
 
     Raises:
         UnlikeVariants: where these are not the same of a stack.
     """
     found: list[PlacedGuide] = []
-    for g, guide in enumerate(drive.guides):
-        own = own_strand(drive, g, strands)
+    for g, guide in enumerate(model.guides):
+        own = own_strand(model, g, strands)
         if own is None:
             continue
         k, along = own
-        run, arm = obstacle_arcs(drive.profile(g), drive.guide_offset(g), g, along), drive.arm_of(g)
+        run, arm = obstacle_arcs(model.profile(g), model.guide_offset(g), g, along), model.arm_of(g)
         if guide.straight and arm is None:
             cut = cut_depth(run, strands[k])
-            if not shared_value((0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)):
+            if not shared_value((0.5 * model.chain.roller_radius < cut) & (cut <= model.chain.pitch)):
                 continue
-        found.append(PlacedGuide(k, run, arm, arm_pivots(drive, arm)))
+        found.append(PlacedGuide(k, run, arm, arm_pivots(model, arm)))
     return tuple(found)
 
 
-def has_obstructed_strand(drive: Drive, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+def has_obstructed_strand(model: ChainModel, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether any strand may have to go around a guide, of each variant of a stack (V,).
 
     Args:
-        drive: the stack, of straight bars on the ground.
+        model: the stack, of straight bars on the ground.
         start, end: of the straight strands (V, S, 2) [m].
     """
     found = np.zeros(len(start), dtype=bool)
-    for g in range(len(drive.guides)):
-        cut = _cut_depths(drive, g, start, end)
-        found |= (0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)
+    for g in range(len(model.guides)):
+        cut = _cut_depths(model, g, start, end)
+        found |= (0.5 * model.chain.roller_radius < cut) & (cut <= model.chain.pitch)
     return found
 
 
-def _cut_depths(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cut_depths(model: ChainModel, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
     """(V,) depth to which its own straight strand cuts into a straight bar on the ground [m].
 
     Negative infinity where no strand is its own. Of a strand along u, the arcs over the bar's ends have the places
     nearest to being cut at c + (R + offset) n: n is square to u over the end that the strand runs towards, seen from
     the bar, else square to the bar.
     """
-    bar, offset = drive.guides[g].bar, drive.guide_offset(g)
+    bar, offset = model.guides[g].bar, model.guide_offset(g)
     first, last = np.atleast_2d(array_of_columns(bar.start)), np.atleast_2d(array_of_columns(bar.end))
     face = last - first
     size = np.hypot(face[:, 0], face[:, 1])
@@ -250,19 +250,19 @@ def _turned_arc(arc: Arc, pivot: Point, angle: Any) -> Arc:
     return replace(arc, center=rotated_place(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
 
 
-def arm_pivots(drive: Drive, arm: int | None) -> tuple[tuple[int, Point], ...]:
+def arm_pivots(model: ChainModel, arm: int | None) -> tuple[tuple[int, Point], ...]:
     """An arm, if any, and the arm that carries it, each with its pivot as drawn [m]."""
     found: list[tuple[int, Point]] = []
     while arm is not None:
-        found.append((arm, drive.arms[arm].pivot))
-        arm = drive.parent(arm)
+        found.append((arm, model.arms[arm].pivot))
+        arm = model.parent(arm)
     return tuple(found)
 
 
-def place_on_arm(drive: Drive, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
+def place_on_arm(model: ChainModel, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
     """A place of an arm as drawn, moved with the arms to angles (A,), each from the arm that carries it [m]."""
     found: tuple[Any, Any] = place
-    for a, pivot in arm_pivots(drive, arm):
+    for a, pivot in arm_pivots(model, arm):
         found = rotated_place(pivot, found, arm_angle[a])
     return found
 

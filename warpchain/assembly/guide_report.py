@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from warpchain.assembly.assembly import Assembly
     from warpchain.assembly.path import ChainPath
     from warpchain.assembly.statics import Steady
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 
-def guide_touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) -> dict[str, Any] | None:
+def guide_touch(model: ChainModel, path: ChainPath, g: int, pull: Sequence[float]) -> dict[str, Any] | None:
     """Where the chain lies on guide g and how it loads it; None where its path is not bent there.
 
     The load over the length is T / R', R' the radius of the rollers' centers, the largest of its arcs; the force is
@@ -35,7 +35,7 @@ def guide_touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) ->
             (ax, ay), (bx, by) = unit_vector(own[0].arrive), unit_vector(own[-1].leave)
             tension = max(float(pull[k]), 0.0)
             return {
-                "strand": drive.strand_names[k],
+                "strand": model.strand_names[k],
                 "places": [min(ends), max(ends)],
                 "wrap": sum(touch.wrap for touch in own),
                 "load": tension / min(touch.arc.radius for touch in own),
@@ -44,10 +44,10 @@ def guide_touch(drive: Drive, path: ChainPath, g: int, pull: Sequence[float]) ->
     return None
 
 
-def arm_report(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
+def arm_report(model: ChainModel, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
     """Angles of the arms [rad], as drawn 0, and on which stop they stand at work (else at assembly)."""
     found = []
-    for a, arm in enumerate(drive.arms):
+    for a, arm in enumerate(model.arms):
         angles = _values_at_states(assembly, resting, running, lambda angles, a=a: angles[a])
         last = float(assembly.arm_angle[a] if running.failure else running.arm_angle[a])
         found.append(
@@ -55,24 +55,24 @@ def arm_report(drive: Drive, assembly: Assembly, resting: Steady, running: Stead
                 "name": arm.name,
                 **dict(zip(("angle", "standing_angle", "working_angle"), angles, strict=True)),
                 "stops": None if arm.stops is None else [math.radians(stop) for stop in arm.stops],
-                "on_stop": stop_name(drive, a, last),
+                "on_stop": stop_name(model, a, last),
             }
         )
     return found
 
 
-def tensioner_report(drive: Drive, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
+def tensioner_report(model: ChainModel, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
     """Extensions [m], static pressure [Pa] and forces [N] of the tensioners; a slider's at its steady center."""
     found = []
-    for tensioner in drive.tensioners:
-        a = drive.arm_index(tensioner.on)
+    for tensioner in model.tensioners:
+        a = model.arm_index(tensioner.on)
         if a is None:
-            s, (ux, uy) = drive.tensioner_body(drive.tensioners.index(tensioner)), tensioner.unit_direction
-            home = drive.sprockets[s].center
+            s, (ux, uy) = model.tensioner_body(model.tensioners.index(tensioner)), tensioner.unit_direction
+            home = model.sprockets[s].center
             places = [None if state.failure else state.center[s] - home for state in (resting, running)]
             reach = [0.0, *(None if place is None else float(place @ (ux, uy)) for place in places)]
         else:
-            still = RestingArm(drive, a)
+            still = RestingArm(model, a)
             reach = _values_at_states(
                 assembly,
                 resting,

@@ -14,10 +14,10 @@ from warpchain.assembly.arm_balance import chain_path, has_reached_stops, is_unl
 from warpchain.assembly.guide_obstacles import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.strength import HardestPull, strength_advice
-from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.stack_math import array_of_columns, with_last_axis
 from warpchain.drive.tensioners import Tensioner
+from warpchain.model import ChainModel
 from warpchain.model.oil import filled_tensioner, filling_time, outlet_flows, static_pressure
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ Point = tuple[float, float]
 Strand = tuple[Point, Point]
 
 
-def layout_faults(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
+def layout_faults(model: ChainModel, path: ChainPath | None = None) -> tuple[str, ...]:
     """Faults of a drive's layout, a line each: what, where, by how much, what to change.
 
     Args:
@@ -37,23 +37,23 @@ def layout_faults(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...
     Raises:
         DriveError: a path that cannot be drawn.
     """
-    path = chain_path(drive) if path is None else path
+    path = chain_path(model) if path is None else path
     strands = _strand_ends(path)
     found = [
-        _crossing_fault(drive, path, k, m, place)
+        _crossing_fault(model, path, k, m, place)
         for k, m in combinations(range(len(strands)), 2)
         if (place := strand_crossing(strands[k], strands[m])) is not None
     ]
-    for g, guide in enumerate(drive.guides):
+    for g, guide in enumerate(model.guides):
         if guide.straight and guide.arm is None:
-            found += _bar_faults(drive, guide, strands)
+            found += _bar_faults(model, guide, strands)
         else:
-            found += _face_faults(drive, path, g, strands)
-    found += [line for a in range(len(drive.arms)) if (line := _stop_fault(drive, path, a)) is not None]
+            found += _face_faults(model, path, g, strands)
+    found += [line for a in range(len(model.arms)) if (line := _stop_fault(model, path, a)) is not None]
     return tuple(found)
 
 
-def has_possible_faults(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
+def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]:
     """(V,) variants of a stack whose `layout_faults` may find something, by their paths."""
     start, end = path.strand_start, path.strand_end
     found = np.zeros(len(start), dtype=bool)
@@ -64,20 +64,20 @@ def has_possible_faults(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
         with np.errstate(divide="ignore", invalid="ignore"):
             here, there = cross(apart, chord[:, m]) / turn, cross(apart, chord[:, k]) / turn
         found |= (here > 0.0) & (here < 1.0) & (there > 0.0) & (there < 1.0)
-    for g, guide in enumerate(drive.guides):
+    for g, guide in enumerate(model.guides):
         if guide.straight and guide.arm is None:
-            found |= _bar_suspects(drive, g, start, end)
+            found |= _bar_suspects(model, g, start, end)
         else:
-            found |= ~_is_touching_guide(drive, path, g)
-    for a, arm in enumerate(drive.arms):
+            found |= ~_is_touching_guide(model, path, g)
+    for a, arm in enumerate(model.arms):
         lower, upper = has_reached_stops(arm, path.arm_angle[:, a])
         found |= lower | upper
     return found
 
 
-def _is_touching_guide(drive: Drive, path: ChainPath, g: int) -> Any:
+def _is_touching_guide(model: ChainModel, path: ChainPath, g: int) -> Any:
     """Whether a chain touches guide g between its rounded ends; of a stack's variants, (V,)."""
-    length, found = drive.profile(g).face_length, False
+    length, found = model.profile(g).face_length, False
     for first, last in (touch.places for touch in _guide_touches(path, g)):
         found = found | ((last > 0.0) & (first < length))
     return np.asarray(found)
@@ -88,9 +88,9 @@ def _guide_touches(path: ChainPath, g: int) -> list[GuideTouch]:
     return [touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g]
 
 
-def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _bar_suspects(model: ChainModel, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(V,) variants of which `_bar_faults` may find something of a bar."""
-    bar, chain = drive.guides[g].bar, drive.chain
+    bar, chain = model.guides[g].bar, model.chain
     a, face = array_of_columns(bar.start), array_of_columns(bar.end) - array_of_columns(bar.start)
     length = np.atleast_1d(np.hypot(face[..., 0], face[..., 1]))[:, None]
     a, t = np.atleast_2d(a)[:, None], np.atleast_2d(face)[:, None] / length[..., None]
@@ -112,17 +112,17 @@ def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray
     return np.asarray(cuts.any(axis=1) | (deep[own] & (front[own] <= 0.0)))
 
 
-def _face_faults(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
+def _face_faults(model: ChainModel, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
     """Faults of a curved or carried guide."""
-    if _is_touching_guide(drive, path, g):
+    if _is_touching_guide(model, path, g):
         return []
-    guide, touches = drive.guides[g], _guide_touches(path, g)
-    hollow = sum(piece.curvature * piece.length for piece in drive.profile(g).face) > 0.0
-    nearest = nearest_strand(drive, g, strands)
+    guide, touches = model.guides[g], _guide_touches(path, g)
+    hollow = sum(piece.curvature * piece.length for piece in model.profile(g).face) > 0.0
+    nearest = nearest_strand(model, g, strands)
     if hollow and nearest is not None and (touches or nearest[2] < 0.0):
         other = "left" if guide.side == "right" else "right"
         return [
-            f'guides.{guide.name}: its face is turned away from strand "{drive.strand_names[nearest[0]]}": the chain '
+            f'guides.{guide.name}: its face is turned away from strand "{model.strand_names[nearest[0]]}": the chain '
             f'rides on the {guide.side or "left"} of its line; set side = "{other}", or run the line the other way'
         ]
     if nearest is None:
@@ -130,16 +130,16 @@ def _face_faults(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -
     k, _, height = nearest
     if not touches and abs(height) > OWN * math.dist(*strands[k]):
         return [
-            f'guides.{guide.name}: no strand passes it: the nearest, "{drive.strand_names[k]}", is {abs(height):.4g} m '
+            f'guides.{guide.name}: no strand passes it: the nearest, "{model.strand_names[k]}", is {abs(height):.4g} m '
             f"{'off' if height > 0.0 else 'behind'} its face; move it, or look at side"
         ]
     return []
 
 
-def _stop_fault(drive: Drive, path: ChainPath, a: int) -> str | None:
+def _stop_fault(model: ChainModel, path: ChainPath, a: int) -> str | None:
     """The fault of an arm that rests on a stop."""
-    angle, arm = float(path.arm_angle[a]), drive.arms[a]
-    stop = stop_name(drive, a, angle)
+    angle, arm = float(path.arm_angle[a]), model.arms[a]
+    stop = stop_name(model, a, angle)
     if stop is None or arm.stops is None:
         return None
     return (
@@ -169,24 +169,24 @@ def strand_crossing(one: Strand, other: Strand) -> Point | None:
     return ax + here * ux, ay + here * uy
 
 
-def _crossing_fault(drive: Drive, path: ChainPath, k: int, m: int, place: Point) -> str:
+def _crossing_fault(model: ChainModel, path: ChainPath, k: int, m: int, place: Point) -> str:
     """The fault of two strands that cross."""
-    ends = dict.fromkeys(s % len(drive.sprockets) for s in (k, k + 1, m, m + 1))
+    ends = dict.fromkeys(s % len(model.sprockets) for s in (k, k + 1, m, m + 1))
     most = max(ends, key=lambda s: float(path.wrap_angle[s]))
-    names = drive.strand_names
+    names = model.strand_names
     return (
         f'strands "{names[k]}" and "{names[m]}" cross at ({place[0]:.4g}, {place[1]:.4g}) m; no chain runs through '
-        f'itself: look at wrap and center of "{drive.sprockets[most].name}", around which it turns '
+        f'itself: look at wrap and center of "{model.sprockets[most].name}", around which it turns '
         f"{math.degrees(path.wrap_angle[most]):.0f} degrees, or at the order of the sprockets"
     )
 
 
-def _bar_faults(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
+def _bar_faults(model: ChainModel, guide: Guide, strands: list[Strand]) -> list[str]:
     """Faults of a guide-bar."""
     (ax, ay), (bx, by), _ = guide.bar
     length = math.hypot(bx - ax, by - ay)
     tx, ty = (bx - ax) / length, (by - ay) / length
-    radius, pitch = drive.chain.roller_radius, drive.chain.pitch
+    radius, pitch = model.chain.roller_radius, model.chain.pitch
     lines: list[str] = []
     nearest, own = math.inf, ""
     for k, ((sx, sy), (ex, ey)) in enumerate(strands):
@@ -201,7 +201,7 @@ def _bar_faults(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
             share = begin + (end - begin) * ends[0] / (ends[0] - ends[1])
             x, y = sx + share * (ex - sx), sy + share * (ey - sy)
             lines.append(
-                f"{_guide_fault_text(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m "
+                f"{_guide_fault_text(model, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m "
                 f"in front of it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the "
                 "strand, or shorten it (start, end)"
             )
@@ -213,13 +213,13 @@ def _bar_faults(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
                 continue
             away = f"move start and end back by {depth:.4g} m, or swap them if the chain rides on the other side"
             size = f"by {depth:.4g} m, {depth / pitch:.2g} pitches, out of its straight line"
-            own = f"{_guide_fault_text(drive, guide, 'dents', k)} {size}: {away}"
+            own = f"{_guide_fault_text(model, guide, 'dents', k)} {size}: {away}"
     return [*lines, own] if own else lines
 
 
-def _guide_fault_text(drive: Drive, guide: Guide, does: str, k: int) -> str:
+def _guide_fault_text(model: ChainModel, guide: Guide, does: str, k: int) -> str:
     """The beginning of a fault of a guide and a strand."""
-    return f'guides.{guide.name}: its face {does} strand "{drive.strand_names[k]}"'
+    return f'guides.{guide.name}: its face {does} strand "{model.strand_names[k]}"'
 
 
 def _shares_within(first: float, last: float, length: float) -> tuple[float, float]:
@@ -239,7 +239,7 @@ NEAR = 0.5
 
 
 def layout_advice(
-    drive: Drive,
+    model: ChainModel,
     path: ChainPath | None = None,
     tensions: Sequence[float] = (),
     working: ChainPath | None = None,
@@ -256,22 +256,22 @@ def layout_advice(
     Raises:
         DriveError: a path that cannot be drawn.
     """
-    path = chain_path(drive) if path is None else path
-    shoes = _shoe_advice(drive, path if working is None else working)
+    path = chain_path(model) if path is None else path
+    shoes = _shoe_advice(model, path if working is None else working)
     return (
-        *_wrap_advice(drive, path),
-        *_bar_advice(drive, path),
+        *_wrap_advice(model, path),
+        *_bar_advice(model, path),
         *shoes,
-        *idle_arm_advice(drive, path),
-        *(line for tensioner in drive.tensioners if tensioner.hydraulic for line in _oil_advice(drive, tensioner)),
-        *strength_advice(drive, tensions, run_up),
+        *idle_arm_advice(model, path),
+        *(line for tensioner in model.tensioners if tensioner.hydraulic for line in _oil_advice(model, tensioner)),
+        *strength_advice(model, tensions, run_up),
     )
 
 
-def _wrap_advice(drive: Drive, path: ChainPath) -> list[str]:
+def _wrap_advice(model: ChainModel, path: ChainPath) -> list[str]:
     """Advice on small angles of wrap and few teeth in mesh."""
     lines = []
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         wrap = math.degrees(float(path.wrap_angle[s]))
         mesh = sprocket.teeth * wrap / 360.0
         if sprocket.prescribed is not None or sprocket.load is not None or sprocket.shaft is not None:
@@ -288,11 +288,11 @@ def _wrap_advice(drive: Drive, path: ChainPath) -> list[str]:
     return lines
 
 
-def _bar_advice(drive: Drive, path: ChainPath) -> list[str]:
+def _bar_advice(model: ChainModel, path: ChainPath) -> list[str]:
     """Advice on straight bars that strands miss."""
     lines = []
-    radius, pitch = drive.chain.roller_radius, drive.chain.pitch
-    for guide in drive.guides:
+    radius, pitch = model.chain.roller_radius, model.chain.pitch
+    for guide in model.guides:
         if guide.start is None or guide.end is None or guide.arm is not None:
             continue
         (ax, ay), (bx, by) = guide.start, guide.end
@@ -311,7 +311,7 @@ def _bar_advice(drive: Drive, path: ChainPath) -> list[str]:
             lines.append(f"guides.{guide.name}: misses the chain: no strand passes over its face; move start and end")
             continue
         gap, k = nearest
-        named = f'strand "{drive.strand_names[k]}"'
+        named = f'strand "{model.strand_names[k]}"'
         if gap > NEAR * pitch:
             lines.append(
                 f"guides.{guide.name}: misses the chain: its face stands {1e3 * gap:.3g} mm, {gap / pitch:.2g} "
@@ -325,39 +325,39 @@ def _bar_advice(drive: Drive, path: ChainPath) -> list[str]:
     return lines
 
 
-def _shoe_advice(drive: Drive, path: ChainPath) -> list[str]:
+def _shoe_advice(model: ChainModel, path: ChainPath) -> list[str]:
     """Advice on curved and carried guides."""
     lines = []
     strands = _strand_ends(path)
-    for g, guide in enumerate(drive.guides):
+    for g, guide in enumerate(model.guides):
         if guide.straight and guide.arm is None:
             continue
-        length = 1e3 * drive.profile(g).face_length
+        length = 1e3 * model.profile(g).face_length
         places = [1e3 * place for touch in _guide_touches(path, g) for place in touch.places]
         if places and (min(places) < 0.0 or max(places) > length):
             ends = " and ".join(["its start"] * (min(places) < 0.0) + ["its end"] * (max(places) > length))
             lines.append(
                 f"guides.{guide.name}: the chain runs off {ends}: it lies on {min(places):.1f} to {max(places):.1f} mm "
                 f"of a face of {length:.1f} mm, so on a rounded end of "
-                f"{1e3 * (guide.end_radius or drive.chain.pitch):.3g} mm radius, which bears hard: lengthen the face, "
+                f"{1e3 * (guide.end_radius or model.chain.pitch):.3g} mm radius, which bears hard: lengthen the face, "
                 "or move or turn it"
             )
-        elif not places and not _face_faults(drive, path, g, strands):
-            nearest = nearest_strand(drive, g, strands)
+        elif not places and not _face_faults(model, path, g, strands):
+            nearest = nearest_strand(model, g, strands)
             assert nearest is not None  # else that would be a fault
             lines.append(
-                f'guides.{guide.name}: never touches the chain: strand "{drive.strand_names[nearest[0]]}" passes '
+                f'guides.{guide.name}: never touches the chain: strand "{model.strand_names[nearest[0]]}" passes '
                 f"{1e3 * nearest[2]:.3g} mm off its face in the mean; move it toward the strand unless it is there to "
                 "catch swings"
             )
     return lines
 
 
-def strain_advice(drive: Drive, strain: float) -> list[str]:
+def strain_advice(model: ChainModel, strain: float) -> list[str]:
     """A line on a chain that its assembly stretches beyond its breaking load; at most one."""
     if strain <= ELONGATION_AT_BREAKING_LOAD:
         return []
-    preload = drive.chain.mean_stiffness * drive.chain.pitch * strain
+    preload = model.chain.mean_stiffness * model.chain.pitch * strain
     return [
         f"chain: strain {100.0 * strain:+.2f} % at assembly, a preload of {preload:.4g} N, where chains break at about "
         f"{100.0 * ELONGATION_AT_BREAKING_LOAD:g} %: take more links, or move a sprocket (warpchain fit)"
@@ -368,7 +368,7 @@ MOST_VENTED = 0.5
 """Largest share of the pressure at rest, above the ambient one, that a vent may take."""
 
 
-def _oil_advice(drive: Drive, tensioner: Tensioner) -> list[str]:
+def _oil_advice(model: ChainModel, tensioner: Tensioner) -> list[str]:
     """Advice on relief valve, vent, supply and filling of a tensioner."""
     oil, relief, lines, name = tensioner.oil, tensioner.relief, [], f"tensioners.{tensioner.name}"
     assert oil is not None
@@ -386,10 +386,10 @@ def _oil_advice(drive: Drive, tensioner: Tensioner) -> list[str]:
             f"{1e-5 * shut:.4g} to {1e-5 * rest:.4g} bar: take a smaller diameter, or a wider check valve"
         )
     time = filling_time(tensioner)
-    if tensioner.is_drained and time > drive.run.duration:
+    if tensioner.is_drained and time > model.run.duration:
         takes = f"takes {time:.3g} s or more to fill it" if math.isfinite(time) else "does not open the check valve"
         lines.append(
-            f"{name}.chamber.drained: oil does not carry the plunger within the run of {drive.run.duration:g} s: the "
+            f"{name}.chamber.drained: oil does not carry the plunger within the run of {model.run.duration:g} s: the "
             f"supply {takes}; raise it, or run longer"
         )
     table = oil.supply_table
@@ -403,12 +403,12 @@ def _oil_advice(drive: Drive, tensioner: Tensioner) -> list[str]:
     return lines
 
 
-def idle_arm_advice(drive: Drive, path: ChainPath) -> list[str]:
+def idle_arm_advice(model: ChainModel, path: ChainPath) -> list[str]:
     """Advice on arms that stand where they would without a chain."""
     return [
         f"arms.{arm.name}: stands at {math.degrees(angle):.4g} degrees, as it would without a chain"
         f"{', its free angle' if arm.stiffness > 0.0 else ''}: it presses on nothing; take fewer links, or let its "
         "spring (free_angle, stiffness) or a tensioner press it further into the chain"
-        for a, (arm, angle) in enumerate(zip(drive.arms, path.arm_angle.tolist(), strict=True))
-        if stop_name(drive, a, angle) is None and is_unloaded_arm(drive, a, angle)
+        for a, (arm, angle) in enumerate(zip(model.arms, path.arm_angle.tolist(), strict=True))
+        if stop_name(model, a, angle) is None and is_unloaded_arm(model, a, angle)
     ]

@@ -45,7 +45,7 @@ from warpchain.model.mounts import initial_place
 from warpchain.model.stacks import pick_variants, variant_count
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 MAX_STRAIN = 0.05
 """Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
@@ -136,48 +136,48 @@ class ChainPath:
         return tuple(links for links in range(fewest, most + 1) if abs(self.strain(links)) <= MAX_STRAIN)
 
 
-def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
+def path_at(model: ChainModel, arm_angle: Sequence[float]) -> ChainPath:
     """The path of the drive's chain with its arms at angles (A,) [rad]; its number of links need not fit.
 
     Raises:
         DriveError: where pitch circles overlap, a sprocket is not wrapped or is wrapped by a chain that meets itself,
             or a strand passes through another sprocket; the message names the sprockets.
     """
-    return PathPlan(drive).path(arm_angle)[0]
+    return PathPlan(model).path(arm_angle)[0]
 
 
 def results_in_parts(
-    drive: Drive, count: int, worked_out: Callable[[Drive], Found]
+    model: ChainModel, count: int, worked_out: Callable[[ChainModel], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
     """Results for a stack of `count`, in parts: the numbers of variants (K,), and their result.
 
     Variants that are `UnlikeVariants` are parts of their own.
     """
     try:
-        return [(np.arange(count), worked_out(drive))]
+        return [(np.arange(count), worked_out(model))]
     except UnlikeVariants as parted:
         way = parted.way
     assert len(way) == count  # or variants would be lost
     found = []
     for value in np.unique(way):
         mine = np.flatnonzero(way == value)
-        parts = results_in_parts(pick_variants(drive, mine), len(mine), worked_out)
+        parts = results_in_parts(pick_variants(model, mine), len(mine), worked_out)
         found += [(mine[places], part) for places, part in parts]
     return found
 
 
 def allowed_results(
-    drive: Drive, count: int, worked_out: Callable[[Drive], Found]
+    model: ChainModel, count: int, worked_out: Callable[[ChainModel], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
     """Results for a stack as by `results_in_parts`, without the variants that are refused."""
     try:
-        return results_in_parts(drive, count, worked_out)
+        return results_in_parts(model, count, worked_out)
     except DriveError:
         if count == 1:
             return []
     found = []
     for half in np.array_split(np.arange(count), 2):
-        parts = allowed_results(pick_variants(drive, half), len(half), worked_out)
+        parts = allowed_results(pick_variants(model, half), len(half), worked_out)
         found += [(half[places], part) for places, part in parts]
     return found
 
@@ -203,24 +203,24 @@ class PathPlan:
     """The part of a drive's path that its arms' angles do not change: pitch circles, tangents and guides as drawn.
 
     Args:
-        drive: one, or a stack.
+        model: one, or a stack.
 
     Raises:
         DriveError: where pitch circles overlap; of the first such variant.
         UnlikeVariants: a stack whose variants go around guides in unlike ways; a small one with such guides.
     """
 
-    def __init__(self, drive: Drive) -> None:
-        sprockets = drive.sprockets
-        self.drive, self.variants = drive, variant_count(drive)
-        pitch = np.atleast_2d(drive.chain.pulled_lengths).mean(axis=-1)
+    def __init__(self, model: ChainModel) -> None:
+        sprockets = model.sprockets
+        self.model, self.variants = model, variant_count(model)
+        pitch = np.atleast_2d(model.chain.pulled_lengths).mean(axis=-1)
         self.pitch = pitch if len(pitch) > 1 else float(pitch[0])
         self.center = [initial_place(sprocket) for sprocket in sprockets]
-        self.carrier = [drive.carrier(s) for s in range(len(sprockets))]
-        self.radius = [drive.riding_radius(s) for s in range(len(sprockets))]
+        self.carrier = [model.carrier(s) for s in range(len(sprockets))]
+        self.radius = [model.riding_radius(s) for s in range(len(sprockets))]
         self.sign = [float(sprocket.sign) for sprocket in sprockets]
         self.teeth = [float(sprocket.teeth) for sprocket in sprockets]
-        _check_tips(drive, self.radius)
+        _check_tips(model, self.radius)
         self.lines = self._lines(self.center)
         self.placed = self._obstacles()
         self.ends = self._circles(self.center)
@@ -228,7 +228,7 @@ class PathPlan:
 
     def _lines(self, center: Sequence[Pair]) -> list[_StraightStrand]:
         """Common tangents of pitch circles about centers [m]."""
-        _check_apart(self.drive, center, self.radius)
+        _check_apart(self.model, center, self.radius)
         arms = [w * r for w, r in zip(self.sign, self.radius, strict=True)]
         return [
             _common_tangent(one, other, arm, following)
@@ -247,7 +247,7 @@ class PathPlan:
             return self
         at = copy(self)
         at.center = [
-            place if a is None else place_on_arm(self.drive, a, place, arm_angle)
+            place if a is None else place_on_arm(self.model, a, place, arm_angle)
             for place, a in zip(self.center, self.carrier, strict=True)
         ]
         at.lines, at.ends = at._lines(at.center), at._circles(at.center)
@@ -255,19 +255,19 @@ class PathPlan:
 
     def _obstacles(self) -> tuple[PlacedGuide, ...]:
         """The guides that strands may have to go around."""
-        drive = self.drive
-        if not drive.guides:
+        model = self.model
+        if not model.guides:
             return ()
-        bars = all(guide.straight and guide.arm is None for guide in drive.guides)
+        bars = all(guide.straight and guide.arm is None for guide in model.guides)
         if self.variants > 1 and bars:
             start, end = (self._points([getattr(line, name) for line in self.lines]) for name in ("start", "end"))
-            which = has_obstructed_strand(drive, start, end)
+            which = has_obstructed_strand(model, start, end)
             if not which.any():
                 return ()
             raise UnlikeVariants(np.where(which, np.arange(1, self.variants + 1), 0))
         if 1 < self.variants < FEW:
             raise UnlikeVariants(np.arange(self.variants))
-        return strand_obstacles(drive, [(line.start, line.end) for line in self.lines])
+        return strand_obstacles(model, [(line.start, line.end) for line in self.lines])
 
     def path_values(self, arm_angle: Sequence[Any]) -> PathValues:
         """The chain's path with the arms at angles (A,) [rad], each a number or those of a stack (V,), as values.
@@ -297,10 +297,10 @@ class PathPlan:
                 length[k] = string.chain_length(self.pitch)
         turned = zip(sign, leaving, arriving, strict=True)
         wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in turned]
-        _check_wraps(self.drive, wrap, [2.0 * math.pi / z for z in self.teeth])
+        _check_wraps(self.model, wrap, [2.0 * math.pi / z for z in self.teeth])
         _check_clear(self, start, length, [k for k in strands if strings[k] is None])
         wrapped = numpy_sum([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
-        strain = _nominal_strain(self.drive.chain.links, wrapped, numpy_sum(length) / self.pitch)
+        strain = _nominal_strain(self.model.chain.links, wrapped, numpy_sum(length) / self.pitch)
         return PathValues(
             self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met)
         )
@@ -343,7 +343,7 @@ class PathPlan:
             return None
         if k not in self.known:
             following = (k + 1) % len(self.ends)
-            string = _taut_string(self.drive, self.ends[k], self.ends[following], runs)
+            string = _taut_string(self.model, self.ends[k], self.ends[following], runs)
             moved = self.carrier[k] is not None or self.carrier[following] is not None
             if moved or any(placed.strand == k and placed.arm is not None for placed in self.placed):
                 return string
@@ -351,16 +351,16 @@ class PathPlan:
         return self.known[k]
 
 
-def _taut_string(drive: Drive, first: Arc, last: Arc, runs: tuple[Run, ...]) -> TautString | None:
+def _taut_string(model: ChainModel, first: Arc, last: Arc, runs: tuple[Run, ...]) -> TautString | None:
     """The taut string of a strand; None where it touches nothing."""
     try:
         string = taut_string(first, last, runs)
     except TautError as error:
-        raise DriveError(f"guides.{drive.guides[error.guide].name}: {error}") from None
+        raise DriveError(f"guides.{model.guides[error.guide].name}: {error}") from None
     return string if string.touches else None
 
 
-def check_fit(drive: Drive, path: ChainPath) -> None:
+def check_fit(model: ChainModel, path: ChainPath) -> None:
     """Raises a DriveError where the number of links does not fit the path, of the first such variant of a stack.
 
     The nominal strain is then beyond `MAX_STRAIN`; the message names numbers of links that fit, with their strains.
@@ -382,10 +382,10 @@ def check_fit(drive: Drive, path: ChainPath) -> None:
         most = int(np.argmax(path.wrap_angle))
         crossing = (
             f"; the path crosses itself, turning {math.degrees(path.wrap_angle[most]):.4g} degrees around sprocket "
-            f'"{drive.sprockets[most].name}": look at its center and wrap'
+            f'"{model.sprockets[most].name}": look at its center and wrap'
         )
     raise DriveError(
-        f"chain.links = {drive.chain.links}: does not fit the path, strain {_percent_text(path.nominal_strain)}, "
+        f"chain.links = {model.chain.links}: does not fit the path, strain {_percent_text(path.nominal_strain)}, "
         f"allowed is {-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %; links that fit: {span} "
         f"(strain by links: {nearest}){crossing}"
     )
@@ -444,29 +444,29 @@ def _first_variant(condition: Any) -> int | None:
     return int(np.argmax(condition)) if is_true_somewhere(condition) else None
 
 
-def _check_tips(drive: Drive, radius: Sequence[Any]) -> None:
+def _check_tips(model: ChainModel, radius: Sequence[Any]) -> None:
     """Raises a DriveError where links are so long that rollers ride over a sprocket's tips."""
-    for s, sprocket in enumerate(drive.sprockets):
-        tips = drive.tip_radius(s)
+    for s, sprocket in enumerate(model.sprockets):
+        tips = model.tip_radius(s)
         v = _first_variant(radius[s] > tips)
         if v is not None:
             tip = _variant_number(tips, v)
             limit = 2.0 * tip * math.sin(math.pi / sprocket.teeth)
-            link, at = _variant_number(drive.chain.worn_pitch, v), _variant_number(radius[s], v)
+            link, at = _variant_number(model.chain.worn_pitch, v), _variant_number(radius[s], v)
             raise DriveError(
                 f'sprocket "{sprocket.name}": links of {link:.6g} m would ride over its '
                 f"tips, at {at:.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
             )
 
 
-def _check_apart(drive: Drive, center: Sequence[Pair], radius: Sequence[Any]) -> None:
+def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Any]) -> None:
     """Raises a DriveError where pitch circles overlap."""
     for a, b in combinations(range(len(center)), 2):
         dx, dy = center[b][0] - center[a][0], center[b][1] - center[a][1]
         square, reach = dx * dx + dy * dy, radius[a] + radius[b]
         v = _first_variant(square <= reach * reach)
         if v is not None:
-            first, second = drive.sprockets[a].name, drive.sprockets[b].name
+            first, second = model.sprockets[a].name, model.sprockets[b].name
             raise DriveError(
                 f'sprockets "{first}" and "{second}": pitch circles overlap, no tangent joins them; their centers are '
                 f"{math.sqrt(_variant_number(square, v)):.6g} m apart, allowed is more than the sum of pitch radii, "
@@ -474,9 +474,9 @@ def _check_apart(drive: Drive, center: Sequence[Pair], radius: Sequence[Any]) ->
             )
 
 
-def _check_wraps(drive: Drive, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
+def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
     """Raises a DriveError where a sprocket is wrapped by no angle, or by more than a turn less a pitch."""
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         v = _first_variant((wrap[s] < _NO_WRAP) | (wrap[s] > 2.0 * math.pi - pitch_angle[s]))
         if v is not None:
             degrees = math.degrees(_variant_number(wrap[s], v))
@@ -490,7 +490,7 @@ def _check_wraps(drive: Drive, wrap: Sequence[Any], pitch_angle: Sequence[float]
 
 def _check_clear(plan: PathPlan, start: Sequence[Pair], length: Sequence[Any], free: Sequence[int]) -> None:
     """Checks the strands that go around no guides."""
-    drive, count = plan.drive, len(plan.lines)
+    model, count = plan.model, len(plan.lines)
     for k, s in product(free, range(count)):
         if s in (k, (k + 1) % count):
             continue
@@ -500,6 +500,6 @@ def _check_clear(plan: PathPlan, start: Sequence[Pair], length: Sequence[Any], f
         gx, gy = dx - along * ux, dy - along * uy
         if is_true_somewhere(gx * gx + gy * gy < radius * radius):
             raise DriveError(
-                f'strand "{drive.strand_names[k]}": passes through the pitch circle of sprocket '
-                f'"{drive.sprockets[s].name}"; allowed is a path clear of the other sprockets'
+                f'strand "{model.strand_names[k]}": passes through the pitch circle of sprocket '
+                f'"{model.sprockets[s].name}"; allowed is a path clear of the other sprockets'
             )

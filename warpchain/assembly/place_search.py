@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from warpchain.assembly.path import MAX_STRAIN, ChainPath, allowed_results
 from warpchain.model.stacks import pick_variants, stacks_of_drives
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 _PLACES = 4000  # most places tried along the line
 _ENOUGH = 1e-10  # strain that the secant method may miss
@@ -82,7 +82,7 @@ class PlaceSearch:
     """Search for the nearest place along a line.
 
     Args:
-        drive: its chain need not fit as it stands.
+        model: its chain need not fit as it stands.
         index: of the sprocket to move.
         line: unit vector (2,).
         goal: what is wanted.
@@ -90,15 +90,15 @@ class PlaceSearch:
     """
 
     def __init__(
-        self, drive: Drive, index: int, line: tuple[float, float], goal: PlacementGoal, travel: float | None = None
+        self, model: ChainModel, index: int, line: tuple[float, float], goal: PlacementGoal, travel: float | None = None
     ) -> None:
-        self.drive, self.index, self.line, self.goal, self.travel = drive, index, line, goal, travel
-        self.origin = drive.sprockets[index].center
-        others = [s.center for i, s in enumerate(drive.sprockets) if i != index]
+        self.model, self.index, self.line, self.goal, self.travel = model, index, line, goal, travel
+        self.origin = model.sprockets[index].center
+        others = [s.center for i, s in enumerate(model.sprockets) if i != index]
         nearest = min(math.dist(self.origin, center) for center in others)
-        around = nearest + 0.5 * drive.chain.links * drive.chain.pitch  # beyond it no chain of that length goes round
+        around = nearest + 0.5 * model.chain.links * model.chain.pitch  # beyond it no chain of that length goes round
         self.reach = around if travel is None else travel
-        self.step = max(0.25 * drive.chain.pitch, 2.0 * self.reach / _PLACES)
+        self.step = max(0.25 * model.chain.pitch, 2.0 * self.reach / _PLACES)
         self.seen: list[tuple[float, ReachedState]] = []
         self.jumped = False  # over what is wanted, where rollers find other seats
 
@@ -144,7 +144,7 @@ class PlaceSearch:
         """The place nearby where the assembly has the wanted strain; None where there is none."""
         exact = yield from self._secant_place(place)
         half = self.step / 32.0
-        while exact is None and half <= 2.0 * self.drive.chain.pitch:
+        while exact is None and half <= 2.0 * self.model.chain.pitch:
             low, high = place - half, place + half
             below, above = (yield from self._assembled_excess(low)), (yield from self._assembled_excess(high))
             if below * above <= 0.0:
@@ -157,7 +157,7 @@ class PlaceSearch:
 
     def _secant_place(self, place: float) -> Steps:
         """The place nearby by the secant method; None where it does not come to one, as at a jump."""
-        first, step = place, 1e-5 * self.drive.chain.pitch
+        first, step = place, 1e-5 * self.model.chain.pitch
         before = yield from self._assembled_excess(place)
         for _ in range(_SECANTS):
             if abs(before) <= _ENOUGH:
@@ -166,17 +166,17 @@ class PlaceSearch:
             if not math.isfinite(after - before) or after == before:
                 return None
             place, step, before = place + step, -after * step / (after - before), after
-            if abs(place + step - first) > 2.0 * self.drive.chain.pitch:
+            if abs(place + step - first) > 2.0 * self.model.chain.pitch:
                 return None
         return None
 
     def failure(self) -> str:
         """The message when nothing was found: what can be reached, and where."""
-        name, direction = self.drive.sprockets[self.index].name, [round(x, 6) for x in self.line]
+        name, direction = self.model.sprockets[self.index].name, [round(x, 6) for x in self.line]
         within = "" if self.travel is None else f" within {self.travel:g} m"
         text = f'sprocket "{name}": no place along {direction}{within} gives {self.goal.text}'
         if not self.seen:
-            links, size = self.drive.chain.links, 100.0 * MAX_STRAIN
+            links, size = self.model.chain.links, 100.0 * MAX_STRAIN
             return f"{text}; nowhere on the line does a chain of {links} links fit within {size:g} % strain"
         places = [place for place, _ in self.seen]
         values = [self.goal.amount(reached) for _, reached in self.seen]
@@ -234,9 +234,9 @@ def run_searches(searches: Sequence[PlaceSearch]) -> list[float | None]:
         Places along their lines [m]; None for those that find none.
     """
     found: list[float | None] = [None] * len(searches)
-    for stack in stacks_of_drives([search.drive for search in searches]):
+    for stack in stacks_of_drives([search.model for search in searches]):
         members = stack.members.tolist()
-        for v, place in zip(members, _StackSearch(stack.drive, [searches[v] for v in members]).run(), strict=True):
+        for v, place in zip(members, _StackSearch(stack.one, [searches[v] for v in members]).run(), strict=True):
             found[v] = place
     return found
 
@@ -244,8 +244,8 @@ def run_searches(searches: Sequence[PlaceSearch]) -> list[float | None]:
 class _StackSearch:
     """Searches of the variants of a stack, run together."""
 
-    def __init__(self, drive: Drive, searches: Sequence[PlaceSearch]) -> None:
-        self.drive, self.searches = drive, searches
+    def __init__(self, model: ChainModel, searches: Sequence[PlaceSearch]) -> None:
+        self.model, self.searches = model, searches
 
     def run(self) -> list[float | None]:
         """The places found, None for a search without one."""
@@ -270,27 +270,27 @@ class _StackSearch:
         """States of some variants with their sprockets at places."""
         goals = [self.searches[v].goal for v in rows]
         centers = [self.searches[v].center(place) for v, place in zip(rows, places, strict=True)]
-        drive, center = self.drive, centers[0]
+        model, center = self.model, centers[0]
         if len(rows) < len(self.searches):
-            drive = pick_variants(drive, np.array(rows))
+            model = pick_variants(model, np.array(rows))
         if len(rows) > 1:
             center = tuple(np.array(centers).T)  # of a stack
         answers = [NOWHERE] * len(rows)
-        moved = _drive_with_center(drive, self.searches[0].index, center)
+        moved = _drive_with_center(model, self.searches[0].index, center)
         for members, states in allowed_results(moved, len(rows), _evaluation(goals, assembled)):
             for v, reached in zip(members.tolist(), states.of([goals[v] for v in members.tolist()]), strict=True):
                 answers[v] = reached
         return answers
 
 
-def _drive_with_center(drive: Drive, index: int, center: tuple[float, float]) -> Drive:
+def _drive_with_center(model: ChainModel, index: int, center: tuple[float, float]) -> ChainModel:
     """The drive, or stack, with a sprocket's center elsewhere, unchecked."""
-    sprockets = list(drive.sprockets)
+    sprockets = list(model.sprockets)
     sprockets[index] = sprockets[index].model_copy(update={"center": center})
-    return drive.model_copy(update={"sprockets": tuple(sprockets)})
+    return replace(model, sprockets=tuple(sprockets))
 
 
-def _evaluation(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[Drive], _States]:
+def _evaluation(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[ChainModel], _States]:
     """The function that evaluates a stack: its paths, or its chains assembled as far as it matters."""
     if not assembled:
         return _path_states
@@ -317,15 +317,15 @@ class _States:
         ]
 
 
-def _path_states(drive: Drive) -> _States:
+def _path_states(model: ChainModel) -> _States:
     """States of a stack by its paths alone."""
-    path = chain_paths(drive)
+    path = chain_paths(model)
     return _straight_states(path, path.nominal_strain)  # type: ignore[arg-type]  # (V,)
 
 
-def _seat_states(drive: Drive) -> _States:
+def _seat_states(model: ChainModel) -> _States:
     """States of a stack with its chains on their seats, without rollers of strands."""
-    return _straight_states(*assembled_strains(drive))
+    return _straight_states(*assembled_strains(model))
 
 
 def _straight_states(path: ChainPath, strain: Array) -> _States:
@@ -333,9 +333,9 @@ def _straight_states(path: ChainPath, strain: Array) -> _States:
     return _States(strain, path.strand_end - path.strand_start, path.arm_angle, path.wrap_angle)
 
 
-def _placed_states(drive: Drive) -> _States:
+def _placed_states(model: ChainModel) -> _States:
     """States of a stack with its chains assembled."""
-    state = assemble_stack(drive)
+    state = assemble_stack(model)
     wrap = state.path.wrap_angle
     return _States(state.strain, strand_chords(state), state.arm_angle, wrap)  # type: ignore[arg-type]  # (V,)
 

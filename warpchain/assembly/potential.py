@@ -22,7 +22,7 @@ from warpchain.model.trains import body_turning_sign, coupling_rest_angle, is_he
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ class Potential:
     (S + H), arms' angles (A), absolute ones, and the pivots of arms on arms, x and y of each.
 
     Args:
-        drive: the drive.
+        model: of the chain.
         frequency: f, links a second [Hz].
         moments: (S + H,) load moments M_s, against forward rotation [N m].
         hanging: whether balance wheels hang where they are; else their weight turns nothing in the mean.
@@ -147,44 +147,44 @@ class Potential:
 
     def __init__(
         self,
-        drive: Drive,
+        model: ChainModel,
         frequency: float,
         moments: Array,
         hanging: bool = False,
         laid: Array | None = None,
         held: Sequence[bool] | None = None,
     ) -> None:
-        chain, sprockets = drive.chain, drive.sprockets
-        self.drive, self.rollers, self.sprockets = drive, chain.links, len(sprockets)
-        self.turning = self.sprockets + len(drive.shafts)
-        self.arms = [RestingArm(drive, a) for a in range(len(drive.arms))]
+        chain, sprockets = model.chain, model.sprockets
+        self.model, self.rollers, self.sprockets = model, chain.links, len(sprockets)
+        self.turning = self.sprockets + len(model.shafts)
+        self.arms = [RestingArm(model, a) for a in range(len(model.arms))]
         self.first_arm = 2 * self.rollers + 2 * self.sprockets + self.turning
-        self.hung = [(a, p) for a in range(len(self.arms)) if (p := drive.parent(a)) is not None]
+        self.hung = [(a, p) for a in range(len(self.arms)) if (p := model.parent(a)) is not None]
         self.first_pivot = self.first_arm + len(self.arms)
         self.size = self.first_pivot + 2 * len(self.hung)
-        self.gravity = np.asarray(drive.run.gravity, dtype=float)
+        self.gravity = np.asarray(model.run.gravity, dtype=float)
         self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
         self.stiffness, self.play = self._stiffness_and_play()
         self.lengths = chain.link_lengths
-        self.teeth = [drive.tooth(s) for s in range(self.sprockets)]
-        self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
-        self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
-        self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
+        self.teeth = [model.tooth(s) for s in range(self.sprockets)]
+        self.radius = np.array([model.pitch_radius(s) for s in range(self.sprockets)])
+        self.tooth_stiffness = [model.sprocket_stiffness(s) for s in range(self.sprockets)]
+        self.guide_stiffness = [model.guide_stiffness(g) for g in range(len(model.guides))]
         self.carried = self._carried_places()
-        near = [nearest_sprocket(drive, b) for b in range(self.turning)]
-        self.held = held or [near[b] is None or is_held_body(drive, b) for b in range(self.turning)]
+        near = [nearest_sprocket(model, b) for b in range(self.turning)]
+        self.held = held or [near[b] is None or is_held_body(model, b) for b in range(self.turning)]
         self.lever = self.radius[[s or 0 for s in near]]
-        geared = [] if laid is None else [float(first_coupling_ratio(coupling) or 1) for coupling in drive.couplings]
-        self.couplings = [(*coupling_rest_angle(drive, c, ratio, laid), ratio) for c, ratio in enumerate(geared)]
-        self.moments = np.array([body_turning_sign(drive, b) for b in range(self.turning)]) * moments
+        geared = [] if laid is None else [float(first_coupling_ratio(coupling) or 1) for coupling in model.couplings]
+        self.couplings = [(*coupling_rest_angle(model, c, ratio, laid), ratio) for c, ratio in enumerate(geared)]
+        self.moments = np.array([body_turning_sign(model, b) for b in range(self.turning)]) * moments
         self.moments[np.array(self.held)] = 0.0
         self.pulled = False  # whether links with play are taken to be pulled, all of them
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
-        self.home, self.spring, self.pull = _mount_values(drive, self.gravity)
+        self.home, self.spring, self.pull = _mount_values(model, self.gravity)
         self.tensioners = [
-            (s, RestingTensioner(drive, tensioner))
-            for t, tensioner in enumerate(drive.tensioners)
-            if (s := drive.tensioner_body(t)) < self.sprockets
+            (s, RestingTensioner(model, tensioner))
+            for t, tensioner in enumerate(model.tensioners)
+            if (s := model.tensioner_body(t)) < self.sprockets
         ]
         self.wheels = np.zeros((self.turning, 2))  # the arms q of balance wheels at angle 0 [kg m]
         for s, sprocket in enumerate(sprockets):
@@ -194,7 +194,7 @@ class Potential:
 
     def _stiffness_and_play(self) -> tuple[Array, Array]:
         """(N,) stiffnesses [N/m] and plays [m] of the links."""
-        chain = self.drive.chain
+        chain = self.model.chain
         stiffness = np.full(chain.links, chain.stiffness)
         if chain.varied_links:
             stiffness[0::2] = chain.outer_stiffness
@@ -211,7 +211,7 @@ class Potential:
         found = [CarriedPlace(pivot[a], p, pivot[a], False) for a, p in self.hung]
         on = dict(self.hung)
         for s in range(self.sprockets):
-            if (a := self.drive.carrier(s)) is not None:
+            if (a := self.model.carrier(s)) is not None:
                 center = 2 * (self.rollers + s)
                 found.append(CarriedPlace(center, a, center, False))
                 found += [CarriedPlace(center, on[a], pivot[a], True)] if a in on else []
@@ -219,7 +219,7 @@ class Potential:
 
     def pivots(self, x: Array) -> Array:
         """(A, 2) of the arms [m]."""
-        found = np.array([arm.pivot for arm in self.drive.arms], dtype=np.float64)
+        found = np.array([arm.pivot for arm in self.model.arms], dtype=np.float64)
         for k, (a, _) in enumerate(self.hung):
             found[a] = x[self.first_pivot + 2 * k :][:2]
         return found
@@ -233,13 +233,13 @@ class Potential:
 
     def move_carried(self, x: Array) -> None:
         """Moves pivots of arms on arms, and centers of sprockets on arms, to where the arms' angles put them."""
-        arms, centers = self.drive.arms, self.split(x)[1]
+        arms, centers = self.model.arms, self.split(x)[1]
         for k, (own, p) in enumerate(self.hung):
             place = rotated_place(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
             x[self.first_pivot + 2 * k :][:2] = place
         pivots, hung = self.pivots(x), dict(self.hung)
-        for s, sprocket in enumerate(self.drive.sprockets):
-            if (a := self.drive.carrier(s)) is not None:
+        for s, sprocket in enumerate(self.model.sprockets):
+            if (a := self.model.carrier(s)) is not None:
                 centers[s] = rotated_place(arms[a].pivot, sprocket.center, float(x[self.first_arm + a]))
                 centers[s] += pivots[a] - arms[a].pivot if a in hung else 0.0
 
@@ -268,7 +268,7 @@ class Potential:
         self._add_links(x, terms)
         for s in range(self.sprockets):
             self._add_teeth(x, s, terms)
-        for g in range(len(self.drive.guides)):
+        for g in range(len(self.model.guides)):
             self._add_guide(x, g, terms)
         self._add_constant_forces(x, terms)
         self._add_couplings(x, terms)
@@ -308,7 +308,7 @@ class Potential:
 
         Freewheels are locked; what is between the ground and a body is open: a brake off, a backstop overrun.
         """
-        angles, couplings = self.split(x)[2], self.drive.couplings
+        angles, couplings = self.split(x)[2], self.model.couplings
         twist = np.array(
             [angles[a] - ratio * angles[b] - rest if a >= 0 else 0.0 for a, b, rest, ratio in self.couplings]
         )
@@ -319,7 +319,7 @@ class Potential:
     def _add_couplings(self, x: Array, terms: EnergyTerms) -> None:
         """Adds the couplings, whose springs do nothing within their play."""
         moments = self.torques(x)[1]
-        for (a, b, _, ratio), coupling, moment in zip(self.couplings, self.drive.couplings, moments, strict=False):
+        for (a, b, _, ratio), coupling, moment in zip(self.couplings, self.model.couplings, moments, strict=False):
             if a < 0:
                 continue
             pair = np.array([1.0, -ratio])
@@ -353,10 +353,10 @@ class Potential:
         tooth, radius, stiffness = self.teeth[s], float(self.radius[s]), self.softness * self.tooth_stiffness[s]
         rho = r - centers[s]
         distance = np.hypot(rho[:, 0], rho[:, 1])
-        roller_radius, pitch = self.drive.chain.roller_radius, self.drive.chain.pitch
+        roller_radius, pitch = self.model.chain.roller_radius, self.model.chain.pitch
         near = np.flatnonzero((distance < tooth.tip_radius + roller_radius) & (distance > radius - pitch))
         rho = rho[near]
-        angle = 2.0 * math.pi / self.drive.sprockets[s].teeth
+        angle = 2.0 * math.pi / self.model.sprockets[s].teeth
         polar = angles[s] + angle * np.rint((np.arctan2(rho[:, 1], rho[:, 0]) - angles[s]) / angle)
         e = np.stack([np.cos(polar), np.sin(polar)], axis=1)
         xi = np.einsum("ij,ij->i", rho, e) - radius
@@ -367,7 +367,7 @@ class Potential:
             return
         near, rho, e, pen, bend = near[hit], rho[hit], e[hit], pen[hit], bend[hit]
         normal = along[hit, None] * e + across[hit, None] * np.stack([-e[:, 1], e[:, 0]], axis=1)
-        force, block = _add_contact_energy(terms, pen, normal, bend, stiffness, self.drive.contact.sprocket.exponent)
+        force, block = _add_contact_energy(terms, pen, normal, bend, stiffness, self.model.contact.sprocket.exponent)
         base, center = 2 * self.rollers, np.full(len(near), 2 * (self.rollers + s))
         angle_at = np.full(len(near), base + 2 * self.sprockets + s)
         at = np.stack([2 * near, 2 * near + 1, center, center + 1, angle_at], axis=1)
@@ -375,7 +375,7 @@ class Potential:
 
     def _tooth_penetration(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
         """Penetration [m], normal outward and counter-clockwise, curvature of the penetration [1/m]."""
-        tooth, roller_radius = self.teeth[s], self.drive.chain.roller_radius
+        tooth, roller_radius = self.teeth[s], self.model.chain.roller_radius
         cosine, sine = math.cos(0.5 * tooth.seat_angle), math.sin(0.5 * tooth.seat_angle)
         clearance = tooth.seat_radius - roller_radius
         side, off = np.where(eta >= 0.0, 1.0, -1.0), np.abs(eta)
@@ -400,10 +400,10 @@ class Potential:
     def _add_guide(self, x: Array, g: int, terms: EnergyTerms) -> None:
         """Adds the rollers on a guide, piece by piece, `warpchain.drive.face_profile` (a)."""
         r, _, _ = self.split(x)
-        arm, pivots = self.drive.arm_of(g), self.pivots(x)
+        arm, pivots = self.model.arm_of(g), self.pivots(x)
         hung = [a for a, _ in self.hung]
-        offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
-        for piece in profile_at(self.drive, g, self.arm_angles(x).tolist()).pieces:
+        offset, law = self.model.guide_offset(g), self.model.guide_contact(g)
+        for piece in profile_at(self.model, g, self.arm_angles(x).tolist()).pieces:
             (u, w, s, height, root), k = piece.heights(r), piece.curvature
             pen = offset - height
             hit = np.flatnonzero((pen > 0.0) & (pen < 1.5 * offset) & (s >= 0.0) & (s < piece.length))
@@ -427,7 +427,7 @@ class Potential:
         """Adds weight, centrifugal forces, loads and mounts."""
         r, centers, angles = self.split(x)
         n, s = 2 * self.rollers, 2 * self.sprockets
-        weight = self.drive.chain.mass * self.gravity
+        weight = self.model.chain.mass * self.gravity
         terms.energy += float(-np.sum(r @ weight) + self.moments @ angles)
         terms.gradient[:n] -= np.tile(weight, self.rollers)
         terms.gradient[n + s : self.first_arm] += self.moments
@@ -444,7 +444,7 @@ class Potential:
         terms.add_blocks(np.arange(n + s, self.first_arm)[:, None], (q @ self.gravity).reshape(-1, 1, 1))
         for of, tensioner in self.tensioners:
             way, place = np.asarray(tensioner.unit_direction), n + 2 * of + np.arange(2)
-            extension = float((centers[of] - self.drive.sprockets[of].center) @ way)
+            extension = float((centers[of] - self.model.sprockets[of].center) @ way)
             terms.energy += tensioner.energy(extension)
             terms.gradient[place] -= tensioner.force(extension) * way
             terms.add_blocks(place[None], tensioner.stiffness(extension) * np.outer(way, way)[None])
@@ -465,15 +465,15 @@ def _add_contact_energy(
     return force, _along_across(normal, exponent * force / pen, force * bend)
 
 
-def _mount_values(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
+def _mount_values(model: ChainModel, gravity: Array) -> tuple[Array, Array, Array]:
     """Mean places (S, 2) [m], springs along x and y (S, 2) [N/m], steady forces (S, 2) [N] of the centers.
 
     A slider's spring stands for both axes, since it moves along its line only.
     """
-    count = len(drive.sprockets)
-    home = np.array([sprocket.center for sprocket in drive.sprockets], dtype=float)
+    count = len(model.sprockets)
+    home = np.array([sprocket.center for sprocket in model.sprockets], dtype=float)
     spring, pull = np.zeros((count, 2)), np.zeros((count, 2))
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         mount = sprocket.mount
         if isinstance(mount, PrescribedMount) and mount.direction is not None:
             home[s] += mount.offset * unit_direction(mount.direction)

@@ -11,9 +11,9 @@ import numpy as np
 from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.statics import Steady
-from warpchain.drive import Drive
 from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.sprocket import Sprocket
+from warpchain.model import ChainModel
 from warpchain.model.power_rating import (
     LEFT_OUT,
     LUBRICATION,
@@ -39,29 +39,29 @@ def passes_moment(sprocket: Sprocket) -> bool:
     return sprocket.prescribed is not None or sprocket.load is not None or sprocket.shaft is not None
 
 
-def smallest_driven(drive: Drive) -> int:
+def smallest_driven(model: ChainModel) -> int:
     """The sprocket with the fewest teeth of those that pass on a moment; the driver is one of them."""
-    passing = (s for s, sprocket in enumerate(drive.sprockets) if s == drive.driver or passes_moment(sprocket))
-    return min(passing, key=lambda s: drive.sprockets[s].teeth)
+    passing = (s for s, sprocket in enumerate(model.sprockets) if s == model.driver or passes_moment(sprocket))
+    return min(passing, key=lambda s: model.sprockets[s].teeth)
 
 
-def rating_values(drive: Drive, strands: Strands, speed: float) -> dict[str, Any] | None:
+def rating_values(model: ChainModel, strands: Strands, speed: float) -> dict[str, Any] | None:
     """Rated power, life and lubrication by name, in SI units; None of a size without a rating and of a chain at rest.
 
     Args:
         strands: each with its "working_tension" [N].
         speed: mean speed of the chain at work [m/s].
     """
-    chain, small = drive.chain, smallest_driven(drive)
+    chain, small = model.chain, smallest_driven(model)
     standard = size_rating(chain.size)
     if standard is None or chain.size is None or speed == 0.0:
         return None
     tensions = [strand["working_tension"] for strand in strands]
-    teeth, power = drive.sprockets[small].teeth, (max(tensions) - min(tensions)) * abs(speed)
+    teeth, power = model.sprockets[small].teeth, (max(tensions) - min(tensions)) * abs(speed)
     turning = math.tau * abs(speed) / (chain.pitch * teeth)
     rated = rated_power(chain.size, teeth, turning)
-    limit = elongation_limit(max(sprocket.teeth for sprocket in drive.sprockets))
-    worn = wear_rate(drive, tensions, speed)
+    limit = elongation_limit(max(sprocket.teeth for sprocket in model.sprockets))
+    worn = wear_rate(model, tensions, speed)
     return {
         "standard": standard.standard,
         "power": power,
@@ -79,28 +79,28 @@ def rating_values(drive: Drive, strands: Strands, speed: float) -> dict[str, Any
     }
 
 
-def wear_rate(drive: Drive, tensions: Sequence[float], speed: float) -> float:
+def wear_rate(model: ChainModel, tensions: Sequence[float], speed: float) -> float:
     """Elongation of a chain with a size by wear of its joints [1/s], (a)."""
-    chain = drive.chain
+    chain = model.chain
     assert chain.pin_radius is not None and chain.joint_area is not None  # a size has both
     turned = sum(
-        math.tau / sprocket.teeth * (tensions[s - 1] + tensions[s]) for s, sprocket in enumerate(drive.sprockets)
+        math.tau / sprocket.teeth * (tensions[s - 1] + tensions[s]) for s, sprocket in enumerate(model.sprockets)
     )
     circuits = abs(speed) / (chain.links * chain.pitch)
     return circuits * WEAR_COEFFICIENT / (chain.joint_area * chain.pitch) * chain.pin_radius * max(turned, 0.0)
 
 
-def resting_sag(drive: Drive, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
+def resting_sag(model: ChainModel, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
     """Sag at rest of the strand that is slackest at work; None on guides, without gravity or a state at rest."""
     k = min(range(len(strands)), key=lambda k: float(strands[k]["working_tension"]))
-    if resting.failure or assembly.path.strings[k] is not None or not any(drive.run.gravity):
+    if resting.failure or assembly.path.strings[k] is not None or not any(model.run.gravity):
         return None
     hangs, length = abs(float(resting.displacement[k])), float(strands[k]["length"])
     moved = 4.0 / math.sqrt(3.0) * hangs  # (d)
     return {"strand": strands[k]["name"], "sag": hangs, "length": length, "movement": moved, "slack": moved / length}
 
 
-def critical_speeds(drive: Drive, path: ChainPath, strands: Strands, speed: float) -> dict[str, dict[str, Any]]:
+def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed: float) -> dict[str, dict[str, Any]]:
     """Frequencies of strands and sprockets, and the driver's speeds at which teeth, and the driver's revolutions, have
     them; of strands those of the one whose speed is nearest to that at work.
 
@@ -113,7 +113,7 @@ def critical_speeds(drive: Drive, path: ChainPath, strands: Strands, speed: floa
         "transverse", "longitudinal" and "torsional", each with "strand" ("" for all), "frequency" [Hz], that of the
         transverse one at the speed of the teeth, "teeth_speed" and "revolution_speed" [rad/s]; without what has none.
     """
-    chain, teeth = drive.chain, drive.sprockets[drive.driver].teeth
+    chain, teeth = model.chain, model.sprockets[model.driver].teeth
 
     def critical(strand: str, frequency: float, revolution: float) -> dict[str, Any]:
         return {
@@ -139,7 +139,7 @@ def critical_speeds(drive: Drive, path: ChainPath, strands: Strands, speed: floa
         for name, of in (("transverse", across), ("longitudinal", along))
         if of
     }
-    turning = torsional_frequency(drive, path, strands)
+    turning = torsional_frequency(model, path, strands)
     return found if turning is None else found | {"torsional": critical("", turning, math.tau * turning)}
 
 
@@ -148,26 +148,26 @@ def _swinging_speed(pull: float, length: float, period: float) -> float:
     return math.sqrt(0.5 * (math.sqrt(pull * pull + (pull * period / length) ** 2) - pull))
 
 
-def torsional_frequency(drive: Drive, path: ChainPath, strands: Strands) -> float | None:
+def torsional_frequency(model: ChainModel, path: ChainPath, strands: Strands) -> float | None:
     """Lowest frequency [Hz] at which sprockets turn against each other on the pulled strands; None where none does.
 
     Args:
         path, strands: as of `critical_speeds`.
     """
-    count, (gx, gy) = len(drive.sprockets), drive.run.gravity
+    count, (gx, gy) = len(model.sprockets), model.run.gravity
     masses = np.zeros(count)
-    for b in range(count + len(drive.shafts)):
-        s = nearest_sprocket(drive, b)
+    for b in range(count + len(model.shafts)):
+        s = nearest_sprocket(model, b)
         if s is not None:
-            inertia = inertia_behind_body(drive, b) if is_free_body(drive, b) else math.inf
-            masses[s] += inertia * (body_speed_ratio(drive, b, s) / drive.pitch_radius(s)) ** 2
+            inertia = inertia_behind_body(model, b) if is_free_body(model, b) else math.inf
+            masses[s] += inertia * (body_speed_ratio(model, b, s) / model.pitch_radius(s)) ** 2
     stiffness = np.zeros((count, count))
     for k, strand in enumerate(strands):
         pull = strand["working_tension"] - strand["centrifugal_tension"]
         if pull > 0.0:
             x, y = path.strand_end[k] - path.strand_start[k]
-            weight = drive.chain.mass / drive.chain.pitch * (gx * y - gy * x)  # w L
-            give = strand["links"] / drive.chain.mean_stiffness + weight**2 * math.hypot(x, y) / (12.0 * pull**3)
+            weight = model.chain.mass / model.chain.pitch * (gx * y - gy * x)  # w L
+            give = strand["links"] / model.chain.mean_stiffness + weight**2 * math.hypot(x, y) / (12.0 * pull**3)
             ends, spring = [k, (k + 1) % count], 1.0 / give
             stiffness[np.ix_(ends, ends)] += spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
     free = np.flatnonzero(np.isfinite(masses) & (masses > 0.0))

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.statics import load_moments
 from warpchain.drive.body_ties import body_names, driving_body, nearest_sprocket, part_of_body
-from warpchain.model.chain_drives import driver_speed
 from warpchain.model.train_speeds import SPEED_STEPS, lumped_drive, speed_steps
 from warpchain.model.trains import body_speed_ratio, free_body_loads, inertia_behind_body, is_free_body, is_held_body
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 Array = NDArray[np.float64]
 
@@ -38,29 +37,29 @@ class RunUp(NamedTuple):
         return float(self.speed[k]), float(self.acceleration[k])
 
 
-def driver_run_up(drive: Drive) -> RunUp:
+def driver_run_up(model: ChainModel) -> RunUp:
     """The run-up of a chain's driver: that of a motion's ramp or table over time, else as motors and loads have it."""
-    b = driving_body(drive)
-    motion, top = part_of_body(drive, b).prescribed, driver_speed(drive)
+    b = driving_body(model)
+    motion, top = part_of_body(model, b).prescribed, model.driver_speed
     if motion is None:
-        return _free_run_up(drive)
+        return _free_run_up(model)
     table = motion.table
     speed, acceleration = [], []
     if motion.ramp_time > 0.0:
         u = np.linspace(0.0, 1.0, SPEED_STEPS + 1)
         speed, acceleration = [top * u**2 * (3.0 - 2.0 * u)], [6.0 * top * u * (1.0 - u) / motion.ramp_time]
     elif table is not None and table.time is not None:
-        ratio, time = body_speed_ratio(drive, drive.driver, b), np.array(table.over)
+        ratio, time = body_speed_ratio(model, model.driver, b), np.array(table.over)
         slope = ratio * np.diff(table.values) / np.diff(time)
-        slope = slope[time[:-1] < drive.run.duration]
+        slope = slope[time[:-1] < model.run.duration]
         rows = ratio * np.array(table.values)
         speed, acceleration = [rows[: len(slope)], rows[1 : len(slope) + 1]], [slope, slope]
     return RunUp(np.concatenate([*speed, [top]]), np.concatenate([*acceleration, [0.0]]))
 
 
-def _free_run_up(drive: Drive) -> RunUp:
+def _free_run_up(model: ChainModel) -> RunUp:
     """The run-up of a drive in which nothing is prescribed."""
-    one, top = lumped_drive(drive), driver_speed(drive)
+    one, top = lumped_drive(model), model.driver_speed
     grid = speed_steps(one.start, top)
     least, most = one.net_moment_bounds(grid)
     at_work = float(one.net_moment(top))
@@ -70,56 +69,56 @@ def _free_run_up(drive: Drive) -> RunUp:
     return RunUp(np.concatenate([grid, grid, [top]]), moments / float(one.inertia))
 
 
-def run_up_moments(drive: Drive, of: RunUp) -> Array:
+def run_up_moments(model: ChainModel, of: RunUp) -> Array:
     """(S + H, K) mean moments of loads and inertias on sprockets and shafts against forward rotation, (a) [N m].
 
     Args:
         beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `SprocketShaft`.
     """
-    found = load_moments(drive, of.speed)
+    found = load_moments(model, of.speed)
     for b in range(len(found)):
-        if is_free_body(drive, b) and nearest_sprocket(drive, b) is not None:
-            found[b] += inertia_behind_body(drive, b) * body_speed_ratio(drive, b, drive.driver) * of.acceleration
+        if is_free_body(model, b) and nearest_sprocket(model, b) is not None:
+            found[b] += inertia_behind_body(model, b) * body_speed_ratio(model, b, model.driver) * of.acceleration
     return found
 
 
-def tension_rises(drive: Drive, moments: Array) -> Array:
+def tension_rises(model: ChainModel, moments: Array) -> Array:
     """(S, K) tension of the strand behind each sprocket above that behind the driver [N]."""
-    count = len(drive.sprockets)
+    count = len(model.sprockets)
     found = np.zeros((count, moments.shape[1]))
     asked = np.zeros_like(found)
     for b in range(len(moments)):
-        s = nearest_sprocket(drive, b)
-        if s is not None and not is_held_body(drive, s):
-            asked[s] += (1.0 if b == s else body_speed_ratio(drive, b, s)) * moments[b] / drive.pitch_radius(s)
+        s = nearest_sprocket(model, b)
+        if s is not None and not is_held_body(model, s):
+            asked[s] += (1.0 if b == s else body_speed_ratio(model, b, s)) * moments[b] / model.pitch_radius(s)
     for turn in range(1, count):
-        s = (drive.driver + turn) % count
+        s = (model.driver + turn) % count
         found[s] = found[s - 1] + asked[s]
     return found
 
 
-def hardest_place(drive: Drive, of: RunUp, moments: Array) -> int:
+def hardest_place(model: ChainModel, of: RunUp, moments: Array) -> int:
     """Index of the run-up's place at which the chain is pulled hardest; -1, that at work, where none is harder."""
-    rise = tension_rises(drive, moments)
-    chain_speed = of.speed * drive.pitch_radius(drive.driver)
-    pull = np.ptp(rise, axis=0) + drive.chain.mass / drive.chain.pitch * chain_speed**2
+    rise = tension_rises(model, moments)
+    chain_speed = of.speed * model.pitch_radius(model.driver)
+    pull = np.ptp(rise, axis=0) + model.chain.mass / model.chain.pitch * chain_speed**2
     k = int(pull.argmax())
     return k if pull[k] > (1.0 + _BALANCED) * pull[-1] else -1
 
 
-def missing_effects(drive: Drive) -> Iterator[str]:
+def missing_effects(model: ChainModel) -> Iterator[str]:
     """Names of effects that the run-up's largest pull does not contain."""
     yield "vibration"
-    b = driving_body(drive)
-    names = body_names(drive)
-    motion = part_of_body(drive, b).prescribed
+    b = driving_body(model)
+    names = body_names(model)
+    motion = part_of_body(model, b).prescribed
     if motion is not None and (motion.harmonics or (motion.table is not None and motion.table.angle is not None)):
         yield f'the ups and downs of "{names[b]}", which is led'
-    for other, load in free_body_loads(drive):
-        s = nearest_sprocket(drive, other)
-        if (s is None or is_held_body(drive, s)) and (load.harmonics or load.table is not None):
+    for other, load in free_body_loads(model):
+        s = nearest_sprocket(model, other)
+        if (s is None or is_held_body(model, s)) and (load.harmonics or load.table is not None):
             yield f'the ups and downs of the load on "{names[other]}", which drives'
-    for coupling in drive.couplings:
+    for coupling in model.couplings:
         if coupling.ratios is not None and len({ratio for ratio in coupling.ratios.ratio if ratio}) > 1:
             yield f'the other ratios of "{coupling.name}" than its first'
         if coupling.clutch is not None:
@@ -128,13 +127,13 @@ def missing_effects(drive: Drive) -> Iterator[str]:
             yield f'that "{coupling.name}" may be overrun'
     if motion is not None:
         return
-    one, shafts = lumped_drive(drive), list(enumerate(drive.shafts, len(drive.sprockets)))
-    for h, shaft in ((h, shaft) for h, shaft in shafts if nearest_sprocket(drive, h) is not None):
+    one, shafts = lumped_drive(model), list(enumerate(model.shafts, len(model.sprockets)))
+    for h, shaft in ((h, shaft) for h, shaft in shafts if nearest_sprocket(model, h) is not None):
         if shaft.motor is not None and shaft.motor.ramp_time <= 0.0:
             yield f'the jerk of the motor on "{shaft.name}", which comes on at once: up to twice as much'
         if shaft.initial_speed is None:
             continue
-        with_driver = float(one.start) * body_speed_ratio(drive, h, drive.driver)
+        with_driver = float(one.start) * body_speed_ratio(model, h, model.driver)
         if abs(shaft.initial_speed - with_driver) > 1e-3 * max(shaft.initial_speed, with_driver):
             yield (
                 f'how "{shaft.name}", which begins with {shaft.initial_speed:.4g} rad/s, comes to the '

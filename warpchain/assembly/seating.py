@@ -64,7 +64,7 @@ from warpchain.model.mounts import initial_place
 from warpchain.model.stacks import pick_variants
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 _TIE = 1e-6  # pitches: a roller half a pitch from an arc counts as seated, whatever the round-off
 _SPARE = 0.05  # pitch angles beyond the half one before a seat is given back
@@ -130,11 +130,11 @@ class Seating:
         return [first + seats - 1 for first, seats in zip(self.first, self.seats, strict=True)]
 
 
-def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: Number = 0.0) -> Seating:
+def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, near: Number = 0.0) -> Seating:
     """Seats the chains of a stack, each of which fits its path.
 
     Args:
-        drive: one, or a stack.
+        model: one, or a stack.
         path: its path or paths, with the first axis of a stack.
         loop: of the drive; of one with arms what it has found for another path is where the search begins.
         near: what a further laying of links on guides may change, if more than round-off [pitches].
@@ -144,9 +144,9 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: Nu
             placement closes the chain; the message names where, of the first such variant.
         UnlikeVariants: a stack whose chains lie on guides with unlike arcs, or links.
     """
-    loop = loop or Loop(drive, path)
+    loop = loop or Loop(model, path)
     loop.use_path(path)
-    seating = loop.start_seating(loop.counted_seating(drive, path))
+    seating = loop.start_seating(loop.counted_seating(model, path))
     part, mine, todo = loop, seating, np.arange(len(path.radius))
     for turn in range(_ROUNDS + 1):
         part.solve_closure(mine, near)
@@ -176,26 +176,26 @@ class Loop:
         members: (V,) which variants of the stack they are, `whole` many in all.
     """
 
-    def __init__(self, drive: Drive, path: ChainPath) -> None:
+    def __init__(self, model: ChainModel, path: ChainPath) -> None:
         self.variants = self.whole = len(path.radius)
         self.members: Places = np.arange(self.whole)
-        self.size = len(drive.sprockets)
-        self.driver = drive.driver
-        self.names = [sprocket.name for sprocket in drive.sprockets]
-        self.teeth = [sprocket.teeth for sprocket in drive.sprockets]
+        self.size = len(model.sprockets)
+        self.driver = model.driver
+        self.names = [sprocket.name for sprocket in model.sprockets]
+        self.teeth = [sprocket.teeth for sprocket in model.sprockets]
         self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
-        self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]
-        self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
+        self.step = [sprocket.sign * angle for sprocket, angle in zip(model.sprockets, self.pitch_angle, strict=True)]
+        self.lean = [sprocket.sign * model.riding_lean(s) for s, sprocket in enumerate(model.sprockets)]
         self.leans = any(map(is_true_somewhere, self.lean))
-        self.guides = [guide.name for guide in drive.guides]
-        self.x, self.y = map(list, zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True))
-        self.rides = any(drive.carrier(s) is not None for s in range(self.size))
+        self.guides = [guide.name for guide in model.guides]
+        self.x, self.y = map(list, zip(*(initial_place(sprocket) for sprocket in model.sprockets), strict=True))
+        self.rides = any(model.carrier(s) is not None for s in range(self.size))
         self.radius = columns_of_table(path.radius)
         (self.pitch,) = columns_of_table(np.asarray(path.pitch)[:, None])
-        self.links = np.atleast_2d(drive.chain.pulled_lengths)
+        self.links = np.atleast_2d(model.chain.pulled_lengths)
         reach = np.cumsum(np.tile(self.links, 2), axis=1)
         self.reach = np.concatenate([np.zeros((len(reach), 1)), reach], axis=1)
-        self.remembers = bool(drive.arms)
+        self.remembers = bool(model.arms)
         self.counted: Seating | None = None
         self.solved: Seating | None = None
         self.chords: list[Number] = [0.0] * self.size  # what links on a string measure beyond its chain length [m]
@@ -244,14 +244,14 @@ class Loop:
         self.chords = list(map(put, self.chords, part.chords))
         self.scales = {k: put(self.scales.get(k, scale), scale) for k, scale in part.scales.items()}
 
-    def counted_seating(self, drive: Drive, path: ChainPath) -> Seating:
+    def counted_seating(self, model: ChainModel, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
         arrival, wrap, length = (
             columns_of_table(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length)
         )
         (strain,) = columns_of_table(np.asarray(path.nominal_strain)[:, None])
         link = self.pitch * (1.0 + strain)
-        position: Any = 0.0 - (0.0 if drive.run.phase is None else drive.run.phase)
+        position: Any = 0.0 - (0.0 if model.run.phase is None else model.run.phase)
         if self.variants > 1:
             position = np.broadcast_to(position, self.variants)
         begin = ceil(position - 0.5 - _TIE)
@@ -267,7 +267,7 @@ class Loop:
             previous = floor(position + 0.5 + _TIE)
             seats[s] = previous - first + 1
             position = position + length[s] / link
-        links[self.driver - 1] = drive.chain.links + begin - previous
+        links[self.driver - 1] = model.chain.links + begin - previous
         self._check_counts(seats, links, path)
         return Seating(angles, seats, links, strain)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly, assemble_stack
 from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.path import results_in_parts
-from warpchain.drive import Drive
 from warpchain.drive.body_ties import body_ties, has_trains
 from warpchain.errors import DriveError
+from warpchain.model import ChainModel
 from warpchain.model.stacks import (
     Stack,
     first_refusal,
@@ -89,18 +89,18 @@ def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> A
     known: dict[Hashable, int] = {}
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks:
-        drive, which = _stack_of_layouts(stack.drive, len(stack.members))
-        size = variant_count(drive)
-        key = _layout_key(drive) if size == 1 else None
+        model, which = _stack_of_layouts(stack.one, len(stack.members))
+        size = variant_count(model)
+        key = _layout_key(model) if size == 1 else None
         if key is not None and key in known:
             block[stack.members] = known[key]
             continue
         try:
-            found = results_in_parts(drive, size, assemble_stack)
+            found = results_in_parts(model, size, assemble_stack)
         except DriveError:
             refused.append(
                 first_refused_variant(
-                    stack, lambda drive: results_in_parts(drive, variant_count(drive), assemble_stack)
+                    stack, lambda model: results_in_parts(model, variant_count(model), assemble_stack)
                 )
             )
             continue
@@ -117,26 +117,25 @@ def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> A
     return Assemblies(tuple(blocks), block, row)
 
 
-def _stack_of_layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
+def _stack_of_layouts(model: ChainModel, count: int) -> tuple[ChainModel, Places]:
     """The layouts of a stack's variants as a stack, each once, and which of them each variant has (V,).
 
     A layout is all of a drive that its initial state depends on.
     """
     if count == 1:
-        return drive, np.zeros(1, dtype=np.int64)
-    one, own = pick_variants(drive, 0), _layout_values(drive)
-    layout = one.model_copy(
-        update={
-            "chain": one.chain.model_copy(update=own["chain"]),
-            "sprockets": tuple(
-                sprocket.model_copy(update=of) for sprocket, of in zip(one.sprockets, own["sprockets"], strict=True)
-            ),
-            "shafts": tuple(shaft.model_copy(update=of) for shaft, of in zip(one.shafts, own["shafts"], strict=True)),
-            "guides": drive.guides,
-            "arms": drive.arms,
-            "tensioners": drive.tensioners,
-            "run": one.run.model_copy(update=own["run"]),
-        }
+        return model, np.zeros(1, dtype=np.int64)
+    one, own = pick_variants(model, 0), _layout_values(model)
+    layout = replace(
+        one,
+        chain=one.chain.model_copy(update=own["chain"]),
+        sprockets=tuple(
+            sprocket.model_copy(update=of) for sprocket, of in zip(one.sprockets, own["sprockets"], strict=True)
+        ),
+        shafts=tuple(shaft.model_copy(update=of) for shaft, of in zip(one.shafts, own["shafts"], strict=True)),
+        guides=model.guides,
+        arms=model.arms,
+        tensioners=model.tensioners,
+        run=one.run.model_copy(update=own["run"]),
     )
     columns = list(stack_arrays(layout))
     if not columns:
@@ -148,56 +147,56 @@ def _stack_of_layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
     return pick_variants(layout, first), which.ravel().astype(np.int64)
 
 
-def _layout_key(drive: Drive) -> Hashable:
+def _layout_key(model: ChainModel) -> Hashable:
     """The layout of one drive as a hashable key; with arms, what pulls and pushes them counts."""
-    own = _layout_values(drive)
+    own = _layout_values(model)
     values = [value for of in (own["chain"], *own["sprockets"], *own["shafts"], own["run"]) for value in of.values()]
-    tied = tuple(body_ties(drive)) if has_trains(drive) else ()
-    return (*values, tied, drive.driver, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
+    tied = tuple(body_ties(model)) if has_trains(model) else ()
+    return (*values, tied, model.driver, model.guides, model.arms, model.tensioners, model.contact.sprocket)
 
 
-def _layout_values(drive: Drive) -> dict[str, Any]:
+def _layout_values(model: ChainModel) -> dict[str, Any]:
     """Values of a drive's chain, sprockets, shafts and run that its layout depends on, by name."""
 
     def fields_of(part: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
 
     lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius"
-    if drive.arms:
+    if model.arms:
         lengths = (*lengths, *PULLING_CHAIN_KEYS)
-    outer = drive.chain.outer
+    outer = model.chain.outer
     if outer is not None:
-        outer = outer.model_copy(update={"damping": None} if drive.arms else {"damping": None, "stiffness": None})
-    beside = LAYOUT_FREE_KEYS if drive.arms else LAYOUT_FREE_KEYS | WEIGHT_KEYS
+        outer = outer.model_copy(update={"damping": None} if model.arms else {"damping": None, "stiffness": None})
+    beside = LAYOUT_FREE_KEYS if model.arms else LAYOUT_FREE_KEYS | WEIGHT_KEYS
     return {
-        "chain": fields_of(drive.chain, *lengths) | {"outer": outer},
+        "chain": fields_of(model.chain, *lengths) | {"outer": outer},
         "sprockets": [
-            fields_of(of, *(name for name in type(of).model_fields if name not in beside)) for of in drive.sprockets
+            fields_of(of, *(name for name in type(of).model_fields if name not in beside)) for of in model.sprockets
         ],
-        "shafts": [fields_of(shaft, "name", "prescribed", "initial_speed") for shaft in drive.shafts],
-        "run": fields_of(drive.run, "gravity", "phase"),
+        "shafts": [fields_of(shaft, "name", "prescribed", "initial_speed") for shaft in model.shafts],
+        "run": fields_of(model.run, "gravity", "phase"),
     }
 
 
 def layout_faults_of_drives(
-    drives: Sequence[Drive], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
+    models: Sequence[ChainModel], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
 ) -> list[tuple[str, ...]]:
     """Faults of each drive's layout, a line each; drives with one state and one set of guides are checked once.
 
     Args:
-        drives: the drives.
+        models: of the chains.
         assemblies: their initial states.
         stacks: the drives sorted into stacks, where they are.
     """
-    found: list[tuple[str, ...]] = [()] * len(drives)
+    found: list[tuple[str, ...]] = [()] * len(models)
     known: dict[tuple[int, ...], tuple[str, ...]] = {}
-    for stack in stacks_of_drives(drives) if stacks is None else stacks:
+    for stack in stacks_of_drives(models) if stacks is None else stacks:
         for places, assembly in assemblies.states_by_block(stack.members):
             members = stack.members[places]
-            for v in members[has_possible_faults(pick_variants(stack.drive, places), assembly.path)].tolist():
-                key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, drives[v].guides))
+            for v in members[has_possible_faults(pick_variants(stack.one, places), assembly.path)].tolist():
+                key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, models[v].guides))
                 if key not in known:
-                    known[key] = layout_faults(drives[v], assemblies[v].path)
+                    known[key] = layout_faults(models[v], assemblies[v].path)
                 found[v] = known[key]
     return found
 

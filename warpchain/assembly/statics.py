@@ -11,21 +11,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.assembly import Assembly, assemble_chain
 from warpchain.assembly.potential import EnergyTerms, Map, Potential, stacked_terms
 from warpchain.assembly.table_cells import shaft_ratio, table_cells
 from warpchain.drive.body_ties import body_names, rigid_ratios
 from warpchain.drive.schema import HUGE
 from warpchain.drive.sprocket import ElasticMount, SliderMount
 from warpchain.errors import SimulationError
-from warpchain.model.chain_drives import driver_speed
 from warpchain.model.mounts import unit_direction
 from warpchain.model.parts_between_chains import LedSprocket, SprocketShaft
 from warpchain.model.trains import body_speed_ratio, free_body_loads, is_free_body, is_held_body, turns_per_roller
@@ -33,7 +32,7 @@ from warpchain.model.trains import body_speed_ratio, free_body_loads, is_free_bo
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 Array = NDArray[np.float64]
 
@@ -81,29 +80,29 @@ class Steady:
     failure: str | None
 
 
-def load_moments(drive: Drive, speed: float | Array) -> Array:
+def load_moments(model: ChainModel, speed: float | Array) -> Array:
     """(S + H, ...) mean load moments against forward rotation [N m] of sprockets and shafts, at the driver's angular
     speed (...) [rad/s], less those of motors beside the one that drives.
 
     Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on what is prescribed.
     """
-    found = np.zeros((len(drive.sprockets) + len(drive.shafts), *np.shape(speed)))
-    for b, load in free_body_loads(drive):
-        own: Any = speed * body_speed_ratio(drive, b, drive.driver)
-        if b < len(drive.sprockets):
-            own = speed * drive.sprockets[drive.driver].teeth / drive.sprockets[b].teeth
+    found = np.zeros((len(model.sprockets) + len(model.shafts), *np.shape(speed)))
+    for b, load in free_body_loads(model):
+        own: Any = speed * body_speed_ratio(model, b, model.driver)
+        if b < len(model.sprockets):
+            own = speed * model.sprockets[model.driver].teeth / model.sprockets[b].teeth
         found[b] = load.steady_moment(own)
         if load.table is not None:
-            cells = table_cells(load.table, shaft_ratio(drive, b, load.table.shaft))
+            cells = table_cells(load.table, shaft_ratio(model, b, load.table.shaft))
             found[b] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
-    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
-        if shaft.motor is not None and is_free_body(drive, b):
-            found[b] -= shaft.motor.at(speed * body_speed_ratio(drive, b, drive.driver))
+    for b, shaft in enumerate(model.shafts, len(model.sprockets)):
+        if shaft.motor is not None and is_free_body(model, b):
+            found[b] -= shaft.motor.at(speed * body_speed_ratio(model, b, model.driver))
     return found
 
 
 def running(
-    drive: Drive, assembly: Assembly | None = None, speed: float | None = None, moments: Array | None = None
+    model: ChainModel, assembly: Assembly | None = None, speed: float | None = None, moments: Array | None = None
 ) -> Steady:
     """The drive at its driver's top speed, all loads on; takes some tenths of a second.
 
@@ -115,20 +114,20 @@ def running(
     Raises:
         DriveError: a chain that does not fit.
     """
-    driver, top = drive.sprockets[drive.driver], driver_speed(drive)
+    driver, top = model.sprockets[model.driver], model.driver_speed
     frequency = top * driver.teeth / math.tau
-    assembly = assembly or assemble(drive)
-    for sprocket in drive.sprockets:
+    assembly = assembly or assemble_chain(model)
+    for sprocket in model.sprockets:
         own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
         if abs(own - frequency) > _SAME * frequency:
             words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
-            return _unknown_state(drive, assembly, frequency, words)
+            return _unknown_state(model, assembly, frequency, words)
     speed = top if speed is None else speed
-    moments = load_moments(drive, speed) if moments is None else moments
-    return _steady_state(drive, assembly, passing_rate(drive, speed), moments)
+    moments = load_moments(model, speed) if moments is None else moments
+    return _steady_state(model, assembly, passing_rate(model, speed), moments)
 
 
-def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
+def at_rest(model: ChainModel, assembly: Assembly | None = None) -> Steady:
     """The drive at rest without loads, its chain seated: what is left of the preload at assembly.
 
     Couplings stand in the middle of their play, as at the start of a run: within it nothing but the weight of the chain
@@ -137,26 +136,26 @@ def at_rest(drive: Drive, assembly: Assembly | None = None) -> Steady:
     Raises:
         DriveError: a chain that does not fit.
     """
-    assembly = assembly or assemble(drive)
-    if any(coupling.lash for coupling in drive.couplings):
-        tight = tuple(coupling.model_copy(update={"lash": 0.0}) for coupling in drive.couplings)
-        drive = drive.model_copy(update={"couplings": tight})
-    return _steady_state(drive, assembly, 0.0, np.zeros(len(drive.sprockets) + len(drive.shafts)))
+    assembly = assembly or assemble_chain(model)
+    if any(coupling.lash for coupling in model.couplings):
+        tight = tuple(coupling.model_copy(update={"lash": 0.0}) for coupling in model.couplings)
+        model = replace(model, couplings=tight)
+    return _steady_state(model, assembly, 0.0, np.zeros(len(model.sprockets) + len(model.shafts)))
 
 
-def _unknown_state(drive: Drive, assembly: Assembly, frequency: float, failure: str) -> Steady:
+def _unknown_state(model: ChainModel, assembly: Assembly, frequency: float, failure: str) -> Steady:
     """The state of a drive whose equilibrium was not found."""
-    nothing = np.full(len(drive.sprockets), math.nan)
-    centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
-    slack = np.full(len(drive.couplings), math.nan)
+    nothing = np.full(len(model.sprockets), math.nan)
+    centrifugal = model.chain.mass * model.chain.pitch * frequency**2
+    slack = np.full(len(model.couplings), math.nan)
     return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, slack, slack, failure)
 
 
-def _steady_state(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, moments: Array) -> Steady:
     """The steady state, averaged over a tooth pitch."""
-    if drive.chain.links > MOST:
-        return _unknown_state(drive, assembly, frequency, f"not sought for a chain of more than {MOST} links")
-    potential = Potential(drive, frequency, moments, laid=assembly.sprocket_angle)
+    if model.chain.links > MOST:
+        return _unknown_state(model, assembly, frequency, f"not sought for a chain of more than {MOST} links")
+    potential = Potential(model, frequency, moments, laid=assembly.sprocket_angle)
     solver, x = _Solver([potential], [assembly]), _assembled_coordinates(potential, assembly)
     means: list[tuple[Array, ...]] = []
     failure = None
@@ -174,7 +173,7 @@ def _steady_state(drive: Drive, assembly: Assembly, frequency: float, moments: A
             break
     tension, *others = (np.asarray(np.mean(values, axis=0)) for values in zip(*means, strict=True))
     displacement, center, arm_angle, twist, torque = others
-    centrifugal = potential.push * drive.chain.pitch
+    centrifugal = potential.push * model.chain.pitch
     return Steady(tension, centrifugal, displacement, center, arm_angle, twist, torque, failure)
 
 
@@ -183,15 +182,15 @@ def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:
     arms = np.array(assembly.arm_angle)
     for a, p in potential.hung:
         arms[a] += assembly.arm_angle[p]
-    angles = assembly.sprocket_angle, np.zeros(len(potential.drive.shafts)), arms
+    angles = assembly.sprocket_angle, np.zeros(len(potential.model.shafts)), arms
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), *angles, np.zeros(2 * len(potential.hung))])
     potential.move_carried(x)
     return x
 
 
-def passing_rate(drive: Drive, speed: float) -> float:
+def passing_rate(model: ChainModel, speed: float) -> float:
     """Rollers that pass a point in a second, the tooth frequency [Hz], at the driver's angular speed [rad/s]."""
-    return speed * drive.sprockets[drive.driver].teeth / math.tau
+    return speed * model.sprockets[model.driver].teeth / math.tau
 
 
 Joined = Sequence[Sequence[tuple[int, int]]]
@@ -199,7 +198,7 @@ Joined = Sequence[Sequence[tuple[int, int]]]
 
 
 def equilibrium(
-    drives: Sequence[Drive],
+    models: Sequence[ChainModel],
     speeds: Sequence[float],
     assemblies: Sequence[Assembly],
     near: Sequence[Array] | None = None,
@@ -209,7 +208,7 @@ def equilibrium(
     least.
 
     Args:
-        drives: each chain as a drive of its own.
+        models: each chain as a drive of its own.
         speeds: of their drivers [rad/s], at which loads are taken and the chains run.
         assemblies: of the drives.
         near: where the chains stand at a speed nearby.
@@ -219,14 +218,14 @@ def equilibrium(
         SimulationError: a chain that does not stay on its sprockets, or that comes to no rest; one line.
     """
     potentials = []
-    for drive, speed, assembly in zip(drives, speeds, assemblies, strict=True):
+    for model, speed, assembly in zip(models, speeds, assemblies, strict=True):
         if not abs(speed) <= HUGE:
             raise SimulationError(f"speed = {speed:g}: must be within {HUGE:g} rad/s of 0")
-        moments, laid = load_moments(drive, speed), assembly.sprocket_angle
+        moments, laid = load_moments(model, speed), assembly.sprocket_angle
         if shafts:  # the sprockets that they are have the loads
-            moments[[b for b, of in enumerate(drive.shafts, len(laid)) if isinstance(of, SprocketShaft)]] = 0.0
-        held = _held_angles(drive) if shafts else None
-        potentials.append(Potential(drive, passing_rate(drive, speed), moments, hanging=True, laid=laid, held=held))
+            moments[[b for b, of in enumerate(model.shafts, len(laid)) if isinstance(of, SprocketShaft)]] = 0.0
+        held = _held_angles(model) if shafts else None
+        potentials.append(Potential(model, passing_rate(model, speed), moments, hanging=True, laid=laid, held=held))
         if (potentials[-1].push >= 0.1 * potentials[-1].stiffness).any():
             raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
     solver = _Solver(potentials, assemblies, shafts)
@@ -252,11 +251,11 @@ def equilibrium(
     return potentials, solver.split(found)
 
 
-def _held_angles(drive: Drive) -> list[bool]:
+def _held_angles(model: ChainModel) -> list[bool]:
     """Whether angles of one of several chains are held: prescribed, or in the train of what drives all."""
-    led = any(isinstance(sprocket, LedSprocket) for sprocket in drive.sprockets)
-    bodies = range(len(drive.sprockets) + len(drive.shafts))
-    return [not is_free_body(drive, b) or (not led and is_held_body(drive, b)) for b in bodies]
+    led = any(isinstance(sprocket, LedSprocket) for sprocket in model.sprockets)
+    bodies = range(len(model.sprockets) + len(model.shafts))
+    return [not is_free_body(model, b) or (not led and is_held_body(model, b)) for b in bodies]
 
 
 def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
@@ -268,16 +267,16 @@ def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
     r, centers, angles = potential.split(x)
     before = r.copy()
     r += part * (np.roll(r, -1, axis=0) - r)
-    for s, sprocket in enumerate(potential.drive.sprockets):
+    for s, sprocket in enumerate(potential.model.sprockets):
         turn = part * sprocket.sign * 2.0 * math.pi / sprocket.teeth
         angles[s] += turn
         arm = before - centers[s]
-        on = np.abs(np.hypot(arm[:, 0], arm[:, 1]) - potential.radius[s]) < _ON * potential.drive.chain.pitch
+        on = np.abs(np.hypot(arm[:, 0], arm[:, 1]) - potential.radius[s]) < _ON * potential.model.chain.pitch
         cosine, sine = math.cos(turn), math.sin(turn)
         r[on] = centers[s] + arm[on] @ np.array([[cosine, sine], [-sine, cosine]])
-    if potential.drive.shafts:
+    if potential.model.shafts:
         angles[potential.sprockets :] += (
-            part * math.tau * np.array(turns_per_roller(potential.drive)[potential.sprockets :])
+            part * math.tau * np.array(turns_per_roller(potential.model)[potential.sprockets :])
         )
     return x
 
@@ -312,8 +311,8 @@ class _Solver:
         self.ends = np.cumsum([0, *(potential.size for potential in parts)]).tolist()
         self.maps, self.count = _free_coordinates_of_chains(parts, shafts)
         self.force = max(_largest_force(*of) for of in zip(parts, assemblies, strict=True))
-        self.stiffest = max(4.0 * of.drive.chain.stiffness + max(of.tooth_stiffness) for of in parts)
-        self.pitch = min(of.drive.chain.pitch for of in parts)
+        self.stiffest = max(4.0 * of.model.chain.stiffness + max(of.tooth_stiffness) for of in parts)
+        self.pitch = min(of.model.chain.pitch for of in parts)
 
     def split(self, x: Array) -> list[Array]:
         """The chains' own parts of x, as views."""
@@ -389,7 +388,7 @@ class _Solver:
             slipped = _slipped_sprocket(potential, assembly, own)
             if slipped is not None:
                 return (
-                    f'the chain does not stay on the teeth of "{potential.drive.sprockets[slipped].name}": take more '
+                    f'the chain does not stay on the teeth of "{potential.model.sprockets[slipped].name}": take more '
                     "preload or wrap (warpchain fit), or less load"
                 )
         if residual <= _ACCURACY:
@@ -422,7 +421,7 @@ class _Solver:
 
 def _largest_force(potential: Potential, assembly: Assembly) -> float:
     """Largest force at work on a chain and on what moves with it [N]."""
-    chain = potential.drive.chain
+    chain = potential.model.chain
     return max(
         chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
         float(np.max(np.abs(potential.moments) / potential.lever)),
@@ -436,27 +435,27 @@ def _largest_force(potential: Potential, assembly: Assembly) -> float:
 
 def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
     """Name of the part of the drive to which coordinate i belongs."""
-    drive, rollers, sprockets = potential.drive, potential.rollers, potential.sprockets
+    model, rollers, sprockets = potential.model, potential.rollers, potential.sprockets
     if i >= potential.first_pivot:
         i = potential.first_arm + potential.hung[(i - potential.first_pivot) // 2][0]
     if i >= potential.first_arm:
-        return f'arm "{drive.arms[i - potential.first_arm].name}"'
+        return f'arm "{model.arms[i - potential.first_arm].name}"'
     if i >= 2 * rollers:
         within = i - 2 * rollers
         b = within // 2 if within < 2 * sprockets else within - 2 * sprockets
-        return f'{"sprocket" if b < sprockets else "shaft"} "{body_names(drive)[b]}"'
+        return f'{"sprocket" if b < sprockets else "shaft"} "{body_names(model)[b]}"'
     roller = i // 2
     s = int(assembly.seat_sprocket[roller])
     if s >= 0:
-        return f'a roller on "{drive.sprockets[s].name}"'
+        return f'a roller on "{model.sprockets[s].name}"'
     before = (roller - assembly.strand_first) % rollers
-    return f'a roller of strand "{drive.strand_names[int(before.argmin())]}"'
+    return f'a roller of strand "{model.strand_names[int(before.argmin())]}"'
 
 
 def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int | None:
     """The sprocket whose teeth, on which it was assembled, the chain has left at the middle of the wrapped arc."""
     r, centers, angles = potential.split(x)
-    for s, sprocket in enumerate(potential.drive.sprockets):
+    for s, sprocket in enumerate(potential.model.sprockets):
         rollers = np.flatnonzero(assembly.seat_sprocket == s)
         middle = rollers[len(rollers) // 2]
         arm = r[middle] - centers[s]
@@ -510,10 +509,10 @@ def _free_coordinates(potential: Potential) -> tuple[NDArray[np.int64], Array, i
     n, s = 2 * potential.rollers, potential.sprockets
     column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n
     column[:n], weight[:n] = np.arange(n), 1.0
-    tied, begun = rigid_ratios(potential.drive), dict[int, tuple[int, int]]()
+    tied, begun = rigid_ratios(potential.model), dict[int, tuple[int, int]]()
     for b in range(potential.turning):
         x, y, angle = n + 2 * b, n + 2 * b + 1, n + 2 * s + b
-        mount = potential.drive.sprockets[b].mount if b < s else None
+        mount = potential.model.sprockets[b].mount if b < s else None
         if isinstance(mount, ElasticMount):
             column[x], column[y], weight[x : y + 1] = count, count + 1, 1.0
             count += 2
@@ -526,6 +525,6 @@ def _free_coordinates(potential: Potential) -> tuple[NDArray[np.int64], Array, i
             weight[angle] = float(tied.ratio[b] / tied.ratio[first]) / float(potential.lever[first])
             count += first == b
     for a in range(len(potential.arms)):
-        column[potential.first_arm + a], weight[potential.first_arm + a] = count, 1.0 / potential.drive.arm_lever(a)
+        column[potential.first_arm + a], weight[potential.first_arm + a] = count, 1.0 / potential.model.arm_lever(a)
         count += 1
     return column, weight, count

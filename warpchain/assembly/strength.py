@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from warpchain.assembly.run_up import missing_effects
-from warpchain.drive import Drive
 from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.sprocket import Load
+from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads, is_held_body
 
 LEAST_STATIC, LEAST_DYNAMIC = 7.0, 5.0
@@ -27,14 +27,14 @@ def _peak_moment(load: Load) -> float:
     return found
 
 
-def peak_tension(drive: Drive) -> float:
+def peak_tension(model: ChainModel) -> float:
     """Tension that the loads add at their peaks, all at once [N]."""
     found = 0.0
-    for b, load in free_body_loads(drive):
-        s = nearest_sprocket(drive, b)
-        if s is not None and not is_held_body(drive, s):
-            beside = 1.0 if b == s else abs(body_speed_ratio(drive, b, s))
-            found += beside * _peak_moment(load) / drive.pitch_radius(s)
+    for b, load in free_body_loads(model):
+        s = nearest_sprocket(model, b)
+        if s is not None and not is_held_body(model, s):
+            beside = 1.0 if b == s else abs(body_speed_ratio(model, b, s))
+            found += beside * _peak_moment(load) / model.pitch_radius(s)
     return found
 
 
@@ -47,7 +47,7 @@ class HardestPull(NamedTuple):
 
 
 def strength_values(
-    drive: Drive, tensions: Sequence[float], run_up: HardestPull | None = None
+    model: ChainModel, tensions: Sequence[float], run_up: HardestPull | None = None
 ) -> dict[str, Any] | None:
     """Safeties and pressure by name, in SI units; None without a breaking load or a tension.
 
@@ -55,16 +55,16 @@ def strength_values(
         tensions: of the strands at work [N].
         run_up: where the chain pulls harder on the way there.
     """
-    load, area = drive.chain.breaking_load, drive.chain.joint_area
+    load, area = model.chain.breaking_load, model.chain.joint_area
     if load is None or not len(tensions) or max(tensions) <= 0.0:
         return None
     largest = float(max(tensions))
-    peak = (largest if run_up is None else max(largest, run_up.tension)) + peak_tension(drive)
+    peak = (largest if run_up is None else max(largest, run_up.tension)) + peak_tension(model)
     return {
         "working": largest,
         "run_up": None if run_up is None or run_up.tension <= largest else run_up._asdict(),
         "peak": peak,
-        "left_out": list(missing_effects(drive)),
+        "left_out": list(missing_effects(model)),
         "static_safety": load / largest,
         "dynamic_safety": load / peak,
         "yield_load": YIELD * load,
@@ -75,9 +75,9 @@ def strength_values(
     }
 
 
-def strength_advice(drive: Drive, tensions: Sequence[float], run_up: HardestPull | None = None) -> list[str]:
+def strength_advice(model: ChainModel, tensions: Sequence[float], run_up: HardestPull | None = None) -> list[str]:
     """A line on the first of yield, static and dynamic safety that is too small; at most one."""
-    found, load = strength_values(drive, tensions, run_up), drive.chain.breaking_load
+    found, load = strength_values(model, tensions, run_up), model.chain.breaking_load
     if found is None or load is None:
         return []
     for name, of, least in (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import guide_report, run_up, statics, train_report
-from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout_checks import layout_advice, layout_faults, strain_advice
@@ -32,13 +32,7 @@ from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, expansion_factor
 from warpchain.drive.viscosity import REFERENCE
-from warpchain.model.chain_drives import (
-    chain_driver_ratios,
-    chain_drives,
-    driver_speed,
-    shaft_speed_ratios,
-    shafts_of_own_chain,
-)
+from warpchain.model import ChainModel, Model
 from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.model.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
 
@@ -49,7 +43,7 @@ __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
 
 def working_tensions(
-    drive: Drive, preload: float, links: list[int], speed: float | None = None, moments: NDArray[Any] | None = None
+    model: ChainModel, preload: float, links: list[int], speed: float | None = None, moments: NDArray[Any] | None = None
 ) -> list[float]:
     """A quick estimate (milliseconds) of each strand's working tension [N], from moments and centrifugal force.
 
@@ -59,18 +53,18 @@ def working_tensions(
     keeps the mean elongation of the strands that of the preload, unless that would make the slackest one push.
     Centrifugal force adds (m / p) v^2 throughout.
     """
-    speed = driver_speed(drive) if speed is None else speed
-    moments = statics.load_moments(drive, speed) if moments is None else moments
-    rise = run_up.tension_rises(drive, moments[:, None])[:, 0].tolist()
+    speed = model.driver_speed if speed is None else speed
+    moments = statics.load_moments(model, speed) if moments is None else moments
+    rise = run_up.tension_rises(model, moments[:, None])[:, 0].tolist()
     mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
     offset = max(preload - mean, -min(rise))
-    push = drive.chain.mass / drive.chain.pitch * (speed * drive.pitch_radius(drive.driver)) ** 2
+    push = model.chain.mass / model.chain.pitch * (speed * model.pitch_radius(model.driver)) ** 2
     return [tension + offset + push for tension in rise]
 
 
-def _links_and_joints(drive: Drive) -> dict[str, Any]:
+def _links_and_joints(model: ChainModel) -> dict[str, Any]:
     """Values of joints, outer links and play; of those that are set."""
-    chain = drive.chain
+    chain = model.chain
     found: dict[str, Any] = {}
     if chain.joint is not None:
         found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius}
@@ -97,75 +91,84 @@ def derive(drive: Drive) -> dict[str, Any]:
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
     """
-    found = _derive_several(drive) if drive.chains else _derive_alone(drive, run_up.driver_run_up(drive))
-    return found | _temperature_values(drive)
+    model = Model(drive)
+    chains, begins = model.loaded_chains, model.driver_ratios
+    home = next(r for r, chain in enumerate(chains) if drive.driver in chain.places["sprockets"])
+    assemblies, passed = assemble_chains(model), run_up.driver_run_up(chains[home])
+    step = _step_values(drive)
+    own, advice = {}, _step_advice(step) if len(chains) == 1 else []
+    for chain, assembly, begin in zip(chains, assemblies, begins, strict=True):
+        own[chain.name] = _derive_chain(chain, assembly, passed.times(begin / begins[home]), advice)
+    whole = {"valves": train_report.valve_report(model)} if drive.valves else {}
+    whole |= step | _temperature_values(drive)
+    if len(chains) == 1:
+        return own[""] | whole
+    return {"chains": {name: found | step for name, found in own.items()}, "shafts": _shaft_values(model), **whole}
 
 
-def _derive_alone(drive: Drive, passed: RunUp) -> dict[str, Any]:
-    """`derive` of one chain, with its driver's run-up.
+def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_advice: list[str]) -> dict[str, Any]:
+    """`derive` of one chain, with its driver's run-up; without what is the whole drive's.
 
     Args:
-        beyond: as of `run_up.run_up_moments`.
+        step_advice: lines on the step.
     """
-    assembly = assemble(drive)
-    path, count = assembly.path, len(drive.sprockets)
-    preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
-    driver, speed = drive.sprockets[drive.driver], driver_speed(drive)
-    moments = run_up.run_up_moments(drive, passed)
-    resting, running = statics.at_rest(drive, assembly), statics.running(drive, assembly, speed, moments[:, -1])
-    strands = _strand_values(drive, assembly, preload, resting, running, moments[:, -1])
-    hardest = _hardest_pull(drive, assembly, preload, passed, moments)
-    working = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else path
-    mean_speed = drive.chain.pitch * speed * driver.teeth / math.tau
-    rated, hung = rating_values(drive, strands, mean_speed), resting_sag(drive, assembly, strands, resting)
+    path, count = assembly.path, len(model.sprockets)
+    preload = max(0.0, model.chain.mean_stiffness * path.pitch * assembly.strain)
+    driver, speed = model.sprockets[model.driver], model.driver_speed
+    moments = run_up.run_up_moments(model, passed)
+    resting, running = statics.at_rest(model, assembly), statics.running(model, assembly, speed, moments[:, -1])
+    strands = _strand_values(model, assembly, preload, resting, running, moments[:, -1])
+    hardest = _hardest_pull(model, assembly, preload, passed, moments)
+    working = path_at(model, running.arm_angle.tolist()) if model.arms and not running.failure else path
+    mean_speed = model.chain.pitch * speed * driver.teeth / math.tau
+    rated, hung = rating_values(model, strands, mean_speed), resting_sag(model, assembly, strands, resting)
     return {
-        "links": drive.chain.links,
-        "pitch": drive.chain.pitch,
-        "elongation": path.pitch / drive.chain.pitch - 1.0,
-        "roller_mass": drive.chain.mass,
-        "size": drive.chain.size,
-        "breaking_load": drive.chain.breaking_load,
-        "driver": _driver_values(drive, passed),
-        "strength": strength_values(drive, [strand["working_tension"] for strand in strands], hardest),
-        "stiffness": drive.chain.stiffness,
-        "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
-        **_links_and_joints(drive),
-        "chain_speed": speed * drive.pitch_radius(drive.driver),
+        "links": model.chain.links,
+        "pitch": model.chain.pitch,
+        "elongation": path.pitch / model.chain.pitch - 1.0,
+        "roller_mass": model.chain.mass,
+        "size": model.chain.size,
+        "breaking_load": model.chain.breaking_load,
+        "driver": _driver_values(model, passed),
+        "strength": strength_values(model, [strand["working_tension"] for strand in strands], hardest),
+        "stiffness": model.chain.stiffness,
+        "stiffness_is_estimate": model.chain.stiffness_is_estimate,
+        **_links_and_joints(model),
+        "chain_speed": speed * model.pitch_radius(model.driver),
         "mean_chain_speed": mean_speed,
         "rating": rated,
         "sag": hung,
-        "critical_speeds": critical_speeds(drive, path, strands, speed),
+        "critical_speeds": critical_speeds(model, path, strands, speed),
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        **_fault_and_advice_lines(drive, assembly, strands, working, hardest, rating_advice(rated, hung)),
+        **_fault_and_advice_lines(model, assembly, strands, working, hardest, rating_advice(rated, hung) + step_advice),
         "sprockets": [
             {
-                "name": drive.sprockets[s].name,
-                "teeth": drive.sprockets[s].teeth,
-                "pitch_radius": drive.pitch_radius(s),
+                "name": model.sprockets[s].name,
+                "teeth": model.sprockets[s].teeth,
+                "pitch_radius": model.pitch_radius(s),
                 "riding_radius": float(path.radius[s]),
-                "tip_radius": drive.tip_radius(s),
-                "seat_angle": drive.seat_angle(s),
+                "tip_radius": model.tip_radius(s),
+                "seat_angle": model.seat_angle(s),
                 "wrap": float(path.wrap_angle[s]),
-                "contact_stiffness": drive.sprocket_stiffness(s),
-                "catches": s in drive.catching_sprockets(),
+                "contact_stiffness": model.sprocket_stiffness(s),
+                "catches": s in model.catching_sprockets(),
             }
             for s in range(count)
         ],
         "standing_preload": float(np.average([k["standing_tension"] for k in strands], weights=assembly.strand_links)),
         "strands": strands,
         "tensions_estimated": resting.failure or running.failure,
-        "law": drive.contact.sprocket.law,
-        "rebound": contact_rebound(drive.contact.sprocket),
-        "friction": tooth_friction_coefficients(drive).dynamic,
-        "guides": _guide_values(drive, working, strands, running),
-        "arms": guide_report.arm_report(drive, assembly, resting, running),
-        "tensioners": guide_report.tensioner_report(drive, assembly, resting, running),
-        **({"shafts": train_report.shaft_report(drive)} if shafts_of_own_chain(drive) else {}),
-        **({"gears": train_report.gear_report(drive)} if drive.gears else {}),
-        **({"couplings": train_report.coupling_report(drive, running)} if drive.couplings else {}),
-        **({"valves": train_report.valve_report(drive)} if drive.valves else {}),
+        "law": model.contact.sprocket.law,
+        "rebound": contact_rebound(model.contact.sprocket),
+        "friction": tooth_friction_coefficients(model).dynamic,
+        "guides": _guide_values(model, working, strands, running),
+        "arms": guide_report.arm_report(model, assembly, resting, running),
+        "tensioners": guide_report.tensioner_report(model, assembly, resting, running),
+        **({"shafts": train_report.shaft_report(model)} if model.own_shafts else {}),
+        **({"gears": train_report.gear_report(model)} if model.gears else {}),
+        **({"couplings": train_report.coupling_report(model, running)} if model.couplings else {}),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -173,22 +176,21 @@ def _derive_alone(drive: Drive, passed: RunUp) -> dict[str, Any]:
                 "mass": moving_mass(sprocket),
                 "frequencies": list(mount_frequencies(sprocket)),
                 "working_travel": None if running.failure else (running.center[s] - sprocket.center).tolist(),
-                "wheel_force": wheel_force(sprocket, speed * drive.pitch_radius(drive.driver) / drive.pitch_radius(s)),
+                "wheel_force": wheel_force(sprocket, speed * model.pitch_radius(model.driver) / model.pitch_radius(s)),
             }
-            for s, sprocket in enumerate(drive.sprockets)
+            for s, sprocket in enumerate(model.sprockets)
             if has_active_mount(sprocket)
         ],
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
-        **_step_values(drive),
     }
 
 
-def _driver_values(drive: Drive, passed: RunUp) -> dict[str, Any]:
+def _driver_values(model: ChainModel, passed: RunUp) -> dict[str, Any]:
     """The driver at the start and at work."""
     speed, acceleration = passed.at(-1)
-    prescribed = part_of_body(drive, driving_body(drive)).prescribed is not None
+    prescribed = part_of_body(model, driving_body(model)).prescribed is not None
     return {
-        "name": drive.sprockets[drive.driver].name,
+        "name": model.sprockets[model.driver].name,
         "prescribed": prescribed,
         "start": passed.at(0)[0],
         "speed": speed,
@@ -197,16 +199,16 @@ def _driver_values(drive: Drive, passed: RunUp) -> dict[str, Any]:
 
 
 def _hardest_pull(
-    drive: Drive, assembly: Assembly, preload: float, passed: RunUp, moments: NDArray[Any]
+    model: ChainModel, assembly: Assembly, preload: float, passed: RunUp, moments: NDArray[Any]
 ) -> HardestPull | None:
     """Where on its way to work the chain is pulled harder than at work; None where nowhere."""
-    k = run_up.hardest_place(drive, passed, moments)
+    k = run_up.hardest_place(model, passed, moments)
     if k < 0:
         return None
     speed, acceleration = passed.at(k)
-    found = statics.running(drive, assembly, speed, moments[:, k])
+    found = statics.running(model, assembly, speed, moments[:, k])
     links = [int(n) for n in assembly.strand_links]
-    tensions = working_tensions(drive, preload, links, speed, moments[:, k]) if found.failure else found.tension
+    tensions = working_tensions(model, preload, links, speed, moments[:, k]) if found.failure else found.tension
     return HardestPull(float(max(tensions)), speed, acceleration)
 
 
@@ -229,88 +231,75 @@ def _step_values(drive: Drive) -> dict[str, Any]:
     }
 
 
-def _derive_several(drive: Drive) -> dict[str, Any]:
-    """`derive` of several chains."""
-    ratios = shaft_speed_ratios(drive)
-    shafts = [
+def _shaft_values(model: Model) -> list[dict[str, Any]]:
+    """The shafts of a drive of several chains: their sprockets, and their speeds [rad/s] and ratios to the driver."""
+    ratios, speed = model.shaft_ratios, model.driver_speed
+    return [
         {
             "name": shaft.name,
-            "sprockets": [s.name for s in drive.sprockets if s.shaft == shaft.name],
+            "sprockets": [s.name for s in model.drive.sprockets if s.shaft == shaft.name],
             "ratio": ratios[shaft.name],
-            "speed": ratios[shaft.name] * driver_speed(drive),
+            "speed": ratios[shaft.name] * speed,
         }
-        for shaft in drive.shafts
+        for shaft in model.drive.shafts
     ]
-    step = _step_values(drive)
-    assemble_chains(drive)
-    own, chains, begins = {}, chain_drives(drive, loaded=True), chain_driver_ratios(drive)
-    home = next(r for r, chain in enumerate(chains) if drive.driver in chain.places["sprockets"])
-    passed = run_up.driver_run_up(chains[home].drive)
-    for chain, begin in zip(chains, begins, strict=True):
-        automatic = chain.drive.run.model_copy(update={"step": "auto"})
-        one = chain.drive.model_copy(update={"run": automatic})
-        own[chain.name] = _derive_alone(one, passed.times(begin / begins[home])) | step
-        own[chain.name].pop("valves", None)  # below, by the speed of the whole drive's driver
-    valves = {"valves": train_report.valve_report(drive)} if drive.valves else {}
-    return {"chains": own, "shafts": shafts, **valves, **step}
 
 
 def _guide_values(
-    drive: Drive, path: ChainPath, strands: list[dict[str, Any]], running: Steady
+    model: ChainModel, path: ChainPath, strands: list[dict[str, Any]], running: Steady
 ) -> list[dict[str, Any]]:
     """Contact of rollers with each guide-bar, and where the chain lies on it at work."""
     pull = [strand["working_tension"] - running.centrifugal for strand in strands]
     return [
         {
             "name": guide.name,
-            "contact_stiffness": drive.guide_stiffness(g),
-            "law": drive.guide_contact(g).law,
-            "rebound": contact_rebound(drive.guide_contact(g)),
-            "friction": guide_friction_coefficients(drive, g).dynamic,
-            "face_length": drive.profile(g).face_length,
-            "touch": guide_report.guide_touch(drive, path, g, pull),
+            "contact_stiffness": model.guide_stiffness(g),
+            "law": model.guide_contact(g).law,
+            "rebound": contact_rebound(model.guide_contact(g)),
+            "friction": guide_friction_coefficients(model, g).dynamic,
+            "face_length": model.profile(g).face_length,
+            "touch": guide_report.guide_touch(model, path, g, pull),
         }
-        for g, guide in enumerate(drive.guides)
+        for g, guide in enumerate(model.guides)
     ]
 
 
 def _fault_and_advice_lines(
-    drive: Drive,
+    model: ChainModel,
     assembly: Assembly,
     strands: list[dict[str, Any]],
     working: ChainPath,
     hardest: HardestPull | None,
     rated: list[str],
 ) -> dict[str, list[str]]:
-    """Faults of the layout, and advice, with that on the chain's rating."""
+    """Faults of the layout, and advice, with that on the chain's rating and the step."""
     path, strain = assembly.path, assembly.strain
-    rules = layout_advice(drive, path, [strand["working_tension"] for strand in strands], working, hardest)
+    rules = layout_advice(model, path, [strand["working_tension"] for strand in strands], working, hardest)
     return {
-        "layout": list(layout_faults(drive, path)),
+        "layout": list(layout_faults(model, path)),
         "advice": [
-            *strain_advice(drive, strain),
+            *strain_advice(model, strain),
             *rules,
             *rated,
-            *_step_advice(drive),
-            *train_report.motor_advice(drive),
-            *train_report.tie_advice(drive),
+            *train_report.motor_advice(model),
+            *train_report.tie_advice(model),
         ],
     }
 
 
-def _step_advice(drive: Drive) -> list[str]:
+def _step_advice(values: dict[str, Any]) -> list[str]:
     """A line on a step that is larger than the largest that keeps 1 %."""
-    step, largest = resolve_step(drive), automatic_step(drive)
+    step, largest = values["step"], values["automatic_step"]
     if step <= largest * (1.0 + _ROUND):
         return []
     return [
         f"run.step: {step:.4g} s is {step / largest:.2f} of the largest step that keeps 1 %, {largest:.4g} s: largest "
-        f'tensions come out higher, by a tenth and more toward {step_limit(drive):.4g} s; take "auto"'
+        f'tensions come out higher, by a tenth and more toward {values["step_limit"]:.4g} s; take "auto"'
     ]
 
 
 def _strand_values(
-    drive: Drive, assembly: Assembly, preload: float, resting: Steady, running: Steady, moments: NDArray[Any]
+    model: ChainModel, assembly: Assembly, preload: float, resting: Steady, running: Steady, moments: NDArray[Any]
 ) -> list[dict[str, Any]]:
     """Values of each strand; where no steady state was found, preload and `working_tensions`."""
     links = [int(n) for n in assembly.strand_links]
@@ -318,8 +307,8 @@ def _strand_values(
     if resting.failure:
         still = np.full(len(links), preload)
     if running.failure:
-        working = np.array(working_tensions(drive, preload, links, moments=moments))
-    speed = math.sqrt(running.centrifugal * drive.chain.pitch / drive.chain.mass)
+        working = np.array(working_tensions(model, preload, links, moments=moments))
+    speed = math.sqrt(running.centrifugal * model.chain.pitch / model.chain.mass)
     lengths = [float(length) for length in assembly.path.strand_length]
     free = [assembly.path.free_lengths(k) for k in range(len(links))]
     guided = [string is not None for string in assembly.path.strings]
@@ -329,16 +318,16 @@ def _strand_values(
             "length": lengths[k],
             "links": links[k],
             "standing_tension": float(still[k]),
-            "standing_frequency": moving_frequency(drive, max(free[k]), float(still[k]), 0.0)
+            "standing_frequency": moving_frequency(model, max(free[k]), float(still[k]), 0.0)
             if guided[k]
-            else strand_frequency(drive, links[k], float(still[k])),
+            else strand_frequency(model, links[k], float(still[k])),
             "working_tension": float(working[k]),
             "centrifugal_tension": running.centrifugal,
-            "working_frequency": moving_frequency(drive, max(free[k]), float(working[k]), speed),
+            "working_frequency": moving_frequency(model, max(free[k]), float(working[k]), speed),
             "free_lengths": list(free[k]),
             "working_displacement": None if running.failure else float(running.displacement[k]),
         }
-        for k, name in enumerate(drive.strand_names)
+        for k, name in enumerate(model.strand_names)
     ]
 
 

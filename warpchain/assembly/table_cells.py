@@ -15,7 +15,7 @@ from warpchain.drive.valves import LiftCurve
 from warpchain.model.trains import body_speed_ratio
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 Array = NDArray[np.float64]
 
@@ -98,9 +98,9 @@ class TableList:
         return np.concatenate(self.blocks) if self.blocks else np.zeros(1)
 
 
-def shaft_ratio(drive: Drive, s: int, shaft: str | None) -> float:
+def shaft_ratio(model: ChainModel, s: int, shaft: str | None) -> float:
     """Angle of sprocket or shaft s over that of the one named `shaft`, by their teeth; 1 for None."""
-    return 1.0 if shaft is None else body_speed_ratio(drive, s, body_names(drive).index(shaft))
+    return 1.0 if shaft is None else body_speed_ratio(model, s, body_names(model).index(shaft))
 
 
 def initial_speed(table: SpeedTable) -> float:

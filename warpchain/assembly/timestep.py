@@ -12,7 +12,7 @@ from warpchain.drive import Drive
 from warpchain.drive.body_ties import body_names, part_of_body
 from warpchain.drive.stack_math import is_true_somewhere, maximum, power, sqrt
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import ChainModel, Model, chains_of
 from warpchain.model.mounts import is_on_springs, mount_spring, moving_mass
 from warpchain.model.oil import oil_stiffness
 from warpchain.model.parts_between_chains import SprocketShaft
@@ -41,8 +41,11 @@ class MovingBody:
     rate: float
 
 
-def moving_bodies(drive: Drive, held: bool = False) -> list[MovingBody]:
-    """Sprockets on springs, sprockets that turn freely unless all are `held`, then arms.
+def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody]:
+    """Sprockets on springs, sprockets that turn freely unless all are `held`, then arms, of all chains of a drive.
+
+    Sprockets of one shaft count as one, with the inertia and the contacts of all. Couplings have the rates of sprockets
+    of other chains, too, that stand beside theirs as shafts.
 
     A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
     line; one that turns K (z - 1) R^2 / J, as of rollers in all its gaps but one; an arm
@@ -50,56 +53,71 @@ def moving_bodies(drive: Drive, held: bool = False) -> list[MovingBody]:
     touched, from its pivot, k_T a tensioner's spring, oil and stop, or a coil spring, l its lever, d the centers of
     sprockets on it.
     """
-    if drive.chains:
-        return _bodies_of_chains([chain.drive for chain in chain_drives(drive)], held)
+    found: dict[str, MovingBody] = {}
+    chains = chains_of(of)
+    for body in (body for model in chains for body in _bodies_of_chain(model, held)):
+        known = found.get(body.name)
+        found[body.name] = body if known is None else replace(known, square=known.square + body.square,
+                                                              rate=known.rate + body.rate)  # fmt: skip
+    for model in chains if not held else ():
+        beside = [_on_shaft(shaft.name) for shaft in model.shafts if isinstance(shaft, SprocketShaft)]
+        for coupling in model.couplings:
+            name = f'coupling "{coupling.name}"'
+            more = [found[end].square for end in map(_on_shaft, coupling.between) if end in beside and end in found]
+            found[name] = replace(found[name], square=found[name].square + sum(more))
+    return list(found.values())
+
+
+def _bodies_of_chain(model: ChainModel, held: bool) -> list[MovingBody]:
+    """Moving bodies of one chain by itself, as of `moving_bodies`."""
     found = []
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         if is_on_springs(sprocket):
-            mass = moving_mass(sprocket) + drive.plunger_mass_on(s)
+            mass = moving_mass(sprocket) + model.plunger_mass_on(s)
             stiffness, damping = mount_spring(sprocket)
-            pushed, damped = _tensioner_pushes(drive, s)
-            stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
+            pushed, damped = _tensioner_pushes(model, s)
+            stiffness = stiffness + 0.5 * sprocket.teeth * model.sprocket_stiffness(s) + pushed
             found.append(
                 MovingBody(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass)
             )
-    for s, sprocket in enumerate(drive.sprockets):
-        if not held and is_free_body(drive, s) and not is_on_springs(sprocket):
-            inertia = train_inertia(drive, s)
-            turning = (sprocket.teeth - 1) * drive.sprocket_stiffness(s) * power(drive.pitch_radius(s), 2)
-            shaft = _shared_shaft(drive, s)  # of several chains, see `_together`
+    for s, sprocket in enumerate(model.sprockets):
+        if not held and is_free_body(model, s) and not is_on_springs(sprocket):
+            inertia = train_inertia(model, s)
+            turning = (sprocket.teeth - 1) * model.sprocket_stiffness(s) * power(model.pitch_radius(s), 2)
+            shaft = _shared_shaft(model, s)  # of all its chains: `moving_bodies`
             name = f'sprocket "{sprocket.name}"' if shaft is None else _on_shaft(shaft)
             found.append(MovingBody(name, turning / inertia, 0.0))
-    found += [] if held else _coupling_bodies(drive)
-    for a, arm in enumerate(drive.arms):
-        inertia = drive.arm_inertia(a)
-        pushed, damped = _tensioner_pushes(drive, drive.first_arm_body + a)
+    found += [] if held else _coupling_bodies(model)
+    for a, arm in enumerate(model.arms):
+        inertia = model.arm_inertia(a)
+        pushed, damped = _tensioner_pushes(model, model.first_arm_body + a)
         stiffness, damping = arm.stiffness + pushed, arm.damping + damped
         if arm.spring is not None:
             square = power(arm.spring_lever, 2)
             stiffness, damping = stiffness + arm.spring.stiffness * square, damping + arm.spring.damping * square
         if arm.stops is not None:
-            stiffness, damping = stiffness + drive.stop_stiffness(a), damping + drive.stop_damping(a)
-        for g in drive.guides_of(a):
-            points = drive.profile(g).points(drive.chain.pitch, caps=False)
-            stiffness = stiffness + drive.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
-        for s in drive.sprockets_on(a):
-            pushed = 0.5 * drive.sprockets[s].teeth * drive.sprocket_stiffness(s)
-            stiffness = stiffness + pushed * power(drive.center_lever(s), 2)
+            stiffness, damping = stiffness + model.stop_stiffness(a), damping + model.stop_damping(a)
+        for g in model.guides_of(a):
+            points = model.profile(g).points(model.chain.pitch, caps=False)
+            stiffness = stiffness + model.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
+        for s in model.sprockets_on(a):
+            pushed = 0.5 * model.sprockets[s].teeth * model.sprocket_stiffness(s)
+            stiffness = stiffness + pushed * power(model.center_lever(s), 2)
         found.append(MovingBody(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
-    return _bodies_with_joints(drive, found)
+    return _bodies_with_joints(model, found)
 
 
-def _bodies_with_joints(drive: Drive, found: list[MovingBody]) -> list[MovingBody]:
+def _bodies_with_joints(model: ChainModel, found: list[MovingBody]) -> list[MovingBody]:
     """The bodies, of which arms that carry arms have all that acts on those in their row, and the inertia that is left:
     with d.s of (b) of `kernels.physics.hub`, I_1 I_2 - (d.s)^2 over the other one.
     """
-    first = len(found) - len(drive.arms)
-    for p, arm in enumerate(drive.arms):
-        row, own, left = drive.arms_on(p), drive.arm_inertia(p), 1.0
+    first = len(found) - len(model.arms)
+    for p, arm in enumerate(model.arms):
+        row, own, left = model.arms_on(p), model.arm_inertia(p), 1.0
         square, rate = found[first + p].square, found[first + p].rate
         for k in row:
-            (px, py), inertia = drive.arms[k].pivot, drive.arm_inertia(k)
-            moment = math.hypot(*(sum(m * (c[i] - (px, py)[i]) for m, c in drive.masses_on(k)) for i in (0, 1)))
+            (px, py), inertia = model.arms[k].pivot, model.arm_inertia(k)
+            moment = math.hypot(*(sum(m * (c[i] - (px, py)[i]) for m, c in model.masses_on(k)) for i in (0, 1)))
             left -= (math.dist((px, py), arm.pivot) * moment) ** 2 / (own * inertia)
             square += found[first + k].square * (1.0 + inertia / own)
             rate += found[first + k].rate * (1.0 + inertia / own)
@@ -108,43 +126,43 @@ def _bodies_with_joints(drive: Drive, found: list[MovingBody]) -> list[MovingBod
     return found
 
 
-def _coupling_bodies(drive: Drive) -> list[MovingBody]:
+def _coupling_bodies(model: ChainModel) -> list[MovingBody]:
     """Couplings, k (1/J_a + i^2/J_b) and c (1/J_a + i^2/J_b) of the inertias that they see, and steep motors.
 
     A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
     """
-    found = _valve_bodies(drive)
-    for coupling in drive.couplings:
-        ends = coupled_bodies(drive, coupling)
+    found = _valve_bodies(model)
+    for coupling in model.couplings:
+        ends = coupled_bodies(model, coupling)
         turns = [(b, i) for b, i in zip(ends, (1.0, coupling.largest_ratio), strict=True) if b >= 0]
-        give = sum(i * i / train_inertia(drive, b) for b, i in turns if is_free_body(drive, b))
+        give = sum(i * i / train_inertia(model, b) for b, i in turns if is_free_body(model, b))
         square = coupling.stiffness * give
         for s, _ in turns:
-            if s < len(drive.sprockets) and is_free_body(drive, s):
-                teeth = (drive.sprockets[s].teeth - 1) * drive.sprocket_stiffness(s)
-                square = square + teeth * power(drive.pitch_radius(s), 2) / train_inertia(drive, s)
+            if s < len(model.sprockets) and is_free_body(model, s):
+                teeth = (model.sprockets[s].teeth - 1) * model.sprocket_stiffness(s)
+                square = square + teeth * power(model.pitch_radius(s), 2) / train_inertia(model, s)
         steep = 0.0 if coupling.clutch is None else coupling.clutch.steepest_change
         found.append(MovingBody(f'coupling "{coupling.name}"', square, (coupling.damping + steep) * give))
-    for h, shaft in enumerate(drive.shafts):
-        b = len(drive.sprockets) + h
-        if shaft.motor is not None and is_free_body(drive, b):
+    for h, shaft in enumerate(model.shafts):
+        b = len(model.sprockets) + h
+        if shaft.motor is not None and is_free_body(model, b):
             found.append(
-                MovingBody(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest_fall / train_inertia(drive, b))
+                MovingBody(f'the motor of "{shaft.name}"', 0.0, shaft.motor.steepest_fall / train_inertia(model, b))
             )
     return found
 
 
-def _valve_bodies(drive: Drive) -> list[MovingBody]:
+def _valve_bodies(model: ChainModel) -> list[MovingBody]:
     """Valve springs on bodies that turn freely."""
-    found, names = [], body_names(drive)
-    for valves in drive.valves:
+    found, names = [], body_names(model)
+    for valves in model.valves:
         b = names.index(valves.on)
-        if is_free_body(drive, b):
+        if is_free_body(model, b):
             stiffness = valves.torsional_stiffness
-            if b < len(drive.sprockets):
-                teeth = (drive.sprockets[b].teeth - 1) * drive.sprocket_stiffness(b)
-                stiffness = stiffness + teeth * power(drive.pitch_radius(b), 2)
-            found.append(MovingBody(f'valves "{valves.name}"', stiffness / train_inertia(drive, b), 0.0))
+            if b < len(model.sprockets):
+                teeth = (model.sprockets[b].teeth - 1) * model.sprocket_stiffness(b)
+                stiffness = stiffness + teeth * power(model.pitch_radius(b), 2)
+            found.append(MovingBody(f'valves "{valves.name}"', stiffness / train_inertia(model, b), 0.0))
     return found
 
 
@@ -153,55 +171,35 @@ def _on_shaft(name: str) -> str:
     return f'shaft "{name}"'
 
 
-def _shared_shaft(drive: Drive, s: int) -> str | None:
+def _shared_shaft(model: ChainModel, s: int) -> str | None:
     """The shaft, or a train's first body, that sprocket s shares with other chains; None for one chain alone."""
-    shaft, names = drive.sprockets[s].shaft, body_names(drive)
+    shaft, names = model.sprockets[s].shaft, body_names(model)
     if shaft is not None and shaft not in names:
         return shaft
-    train = train_of_body(drive, s).bodies
-    return names[train[0]] if any(isinstance(part_of_body(drive, b), SprocketShaft) for b in train) else None
+    train = train_of_body(model, s).bodies
+    return names[train[0]] if any(isinstance(part_of_body(model, b), SprocketShaft) for b in train) else None
 
 
-def _bodies_of_chains(drives: Sequence[Drive], held: bool) -> list[MovingBody]:
-    """Bodies of several chains, those of one shaft as one with the inertia and the contacts of all.
-
-    Couplings have the rates of sprockets of other chains, too, that stand beside theirs as shafts.
-    """
-    found: dict[str, MovingBody] = {}
-    for body in (body for drive in drives for body in moving_bodies(drive, held)):
-        known = found.get(body.name, MovingBody(body.name, 0.0, 0.0))
-        found[body.name] = MovingBody(body.name, known.square + body.square, known.rate + body.rate)
-    for drive in drives if not held else ():
-        beside = [shaft.name for shaft in drive.shafts if isinstance(shaft, SprocketShaft)]
-        for coupling in drive.couplings:
-            name = f'coupling "{coupling.name}"'
-            more = sum(
-                found[_on_shaft(end)].square for end in coupling.between if end in beside and _on_shaft(end) in found
-            )
-            found[name] = replace(found[name], square=found[name].square + more)
-    return list(found.values())
-
-
-def _tensioner_pushes(drive: Drive, body: int) -> tuple[float, float]:
+def _tensioner_pushes(model: ChainModel, body: int) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of the tensioners that push a body; of an arm times their levers' squares."""
     stiffness = damping = 0.0
-    for t, tensioner in enumerate(drive.tensioners):
-        if drive.tensioner_body(t) == body:
-            lever = drive.tensioner_lever(t)
+    for t, tensioner in enumerate(model.tensioners):
+        if model.tensioner_body(t) == body:
+            lever = model.tensioner_lever(t)
             held = tensioner.spring_stiffness + oil_stiffness(tensioner)
-            held = held + (drive.chain.stiffness if tensioner.ratchet is not None or tensioner.hydraulic else 0.0)
+            held = held + (model.chain.stiffness if tensioner.ratchet is not None or tensioner.hydraulic else 0.0)
             stiffness = stiffness + held * power(lever, 2)
             damping = damping + tensioner.spring_damping * power(lever, 2)
     return stiffness, damping
 
 
-def _contact_stiffnesses(drive: Drive) -> list[tuple[str, float]]:
+def _contact_stiffnesses(model: ChainModel) -> list[tuple[str, float]]:
     """Contact partners of rollers: name and stiffness [N/m]."""
-    teeth = [(f'the teeth of "{of.name}"', drive.sprocket_stiffness(s)) for s, of in enumerate(drive.sprockets)]
-    return teeth + [(f'guide "{guide.name}"', drive.guide_stiffness(g)) for g, guide in enumerate(drive.guides)]
+    teeth = [(f'the teeth of "{of.name}"', model.sprocket_stiffness(s)) for s, of in enumerate(model.sprockets)]
+    return teeth + [(f'guide "{guide.name}"', model.guide_stiffness(g)) for g, guide in enumerate(model.guides)]
 
 
-def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = False) -> float:
+def highest_frequency(of: Drive | ChainModel, damped_links: bool = True, held: bool = False) -> float:
     """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact, (4 k + K_max) / m.
 
     The fastest of the bodies that move (`moving_bodies`) adds its own omega^2: two coupled parts oscillate no faster
@@ -209,54 +207,55 @@ def highest_frequency(drive: Drive, damped_links: bool = True, held: bool = Fals
     With dampers of links, whose 2 (c_inner + c_outer) a roller feels where they stretch in turn, g + sqrt(g^2 +
     omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable; not if `damped_links` is false.
     """
-    return _highest_frequency(drive, damped_links, moving_bodies(drive, held))
+    return _highest_of_chains(chains_of(of), moving_bodies(of, held), damped_links)
 
 
-def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[MovingBody]) -> float:
-    """`highest_frequency` with these bodies."""
-    if drive.chains:
-        return maximum(*(_highest_frequency(chain.drive, damped_links, bodies) for chain in chain_drives(drive)))
-    mass = drive.chain.mass
-    half_rate = (drive.chain.link_damping + drive.chain.outer_damping) / mass if damped_links else 0.0
-    stiffest = maximum(0.0, *(stiffness for _, stiffness in _contact_stiffnesses(drive)))
-    springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
+def _highest_of_chains(chains: Sequence[ChainModel], bodies: Sequence[MovingBody], damped_links: bool = True) -> float:
+    """`highest_frequency` of chains with these bodies."""
+    return maximum(*(_highest_of_chain(model, bodies, damped_links) for model in chains))
+
+
+def _highest_of_chain(model: ChainModel, bodies: Sequence[MovingBody], damped_links: bool = True) -> float:
+    """`highest_frequency` of one chain with these bodies."""
+    mass = model.chain.mass
+    half_rate = (model.chain.link_damping + model.chain.outer_damping) / mass if damped_links else 0.0
+    stiffest = maximum(0.0, *(stiffness for _, stiffness in _contact_stiffnesses(model)))
+    springs = 2.0 * (model.chain.stiffness + model.chain.outer_stiffness)
     square = (springs + stiffest) / mass + maximum(0.0, *(body.square for body in bodies))
     return half_rate + sqrt(half_rate * half_rate + square)
 
 
 def stiffest_part(drive: Drive) -> str:
     """The part that needs the shortest steps: a roller on its links and one contact, the links' dampers, or a body."""
-    if drive.chains:
-        return _stiffest_of_several(drive)
-    chain, mass = drive.chain, drive.chain.mass
+    chains, bodies = Model(drive).chains, moving_bodies(drive)
+    slowest = max(chains, key=lambda model: _highest_of_chain(model, bodies))
+    fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=MovingBody("", 0.0, 0.0))
+    held = _highest_of_chain(slowest, [])
+    if len(chains) > 1 and fastest.square + fastest.rate * fastest.rate > held * held:
+        return fastest.name
+    return _stiffest_of_chain(slowest) + (f', chain "{slowest.name}"' if slowest.name else "")
+
+
+def _stiffest_of_chain(model: ChainModel) -> str:
+    """`stiffest_part` of a chain by itself."""
+    chain, mass = model.chain, model.chain.mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
-    parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contact_stiffnesses(drive)}
+    parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contact_stiffnesses(model)}
     parts = {name: square for name, square in parts.items() if square == max(parts.values())}
     parts["rollers between two links"] = springs
     links = 2.0 * (chain.link_damping + chain.outer_damping) / mass
     parts["the dampers of the links"] = links * links
-    parts |= {body.name: body.square + body.rate * body.rate for body in moving_bodies(drive)}
+    parts |= {body.name: body.square + body.rate * body.rate for body in moving_bodies(model)}
     return max(parts, key=parts.__getitem__)
 
 
-def _stiffest_of_several(drive: Drive) -> str:
-    """`stiffest_part` of the chain that needs the shortest steps, or the body that lowers them most."""
-    bodies = moving_bodies(drive)
-    chain = max(chain_drives(drive), key=lambda chain: _highest_frequency(chain.drive, True, bodies)).drive
-    fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=MovingBody("", 0.0, 0.0))
-    held = _highest_frequency(chain, True, [])
-    if fastest.square + fastest.rate * fastest.rate > held * held:
-        return fastest.name
-    return f'{stiffest_part(chain)}, chain "{chain.chain.name}"'
-
-
-def step_limit(drive: Drive, held: bool = False) -> float:
+def step_limit(of: Drive | ChainModel, held: bool = False) -> float:
     """The step below which leapfrog is stable, 2 / omega_max [s]; `held` as of `moving_bodies`.
 
     Leapfrog takes a body's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
     """
-    bodies = moving_bodies(drive, held)
-    omega = _highest_frequency(drive, True, bodies)
+    bodies = moving_bodies(of, held)
+    omega = _highest_of_chains(chains_of(of), bodies)
     rate = maximum(0.0, *(body.rate for body in bodies))
     return 4.0 / (rate + sqrt(rate * rate + 4.0 * omega * omega))
 

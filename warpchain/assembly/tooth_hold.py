@@ -25,15 +25,16 @@ them.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import statics
-from warpchain.assembly.assembly import assemble
-from warpchain.drive import Drive
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.drive.tooth_shape import half_gap_outline
 from warpchain.errors import DriveError
+from warpchain.model import ChainModel
 
 LEAST_CHANGE = 1e-9
 """Tension that is none [N]."""
@@ -41,51 +42,51 @@ ROUNDS = 8
 """Of a fixed point whose error falls by psi R / N p, a fifth or so, each."""
 
 
-def top_radius(drive: Drive, s: int) -> float:
+def top_radius(model: ChainModel, s: int) -> float:
     """Distance rho_top of a roller's center from that of sprocket s where its flank ends [m]."""
-    tooth, radius, points = drive.tooth(s), drive.pitch_radius(s), 9
-    tip = half_gap_outline(tooth, drive.sprockets[s].teeth, radius, points)[2 * points - 2]
+    tooth, radius, points = model.tooth(s), model.pitch_radius(s), 9
+    tip = half_gap_outline(tooth, model.sprockets[s].teeth, radius, points)[2 * points - 2]
     half = 0.5 * tooth.seat_angle
     normal = np.array([math.cos(half), -math.sin(half)])
     if math.isfinite(tooth.flank_radius):
         end = [radius, 0.0] + tooth.seat_radius * np.array([-math.cos(half), math.sin(half)])
         normal = (tip - end) / tooth.flank_radius + normal
-    return float(np.hypot(*(tip + drive.chain.roller_radius * normal)))
+    return float(np.hypot(*(tip + model.chain.roller_radius * normal)))
 
 
-def held_tension_ratio(drive: Drive, s: int) -> float:
+def held_tension_ratio(model: ChainModel, s: int) -> float:
     """Largest tension over that of the next link that a tooth of sprocket s holds, q of (a)."""
-    phi, step = drive.tooth(s).pressure_angle(drive.sprockets[s].teeth), math.tau / drive.sprockets[s].teeth
+    phi, step = model.tooth(s).pressure_angle(model.sprockets[s].teeth), math.tau / model.sprockets[s].teeth
     return math.sin(phi + step) / math.sin(phi) if phi > 0.0 else math.inf
 
 
-def has_tooth_jump(drive: Drive, s: int) -> bool:
+def has_tooth_jump(model: ChainModel, s: int) -> bool:
     """Whether the chain jumps on sprocket s at rest, (b); also where it comes to no rest on its teeth.
 
     Raises:
         DriveError: a chain that does not fit.
     """
-    wraps = assemble(drive).path.wrap_angle
-    if top_radius(drive, s) <= drive.riding_radius(s):
+    wraps = assemble_chain(model).path.wrap_angle
+    if top_radius(model, s) <= model.riding_radius(s):
         return True
     try:
-        found = statics.running(_drive_on_tips(drive, s, wraps))
+        found = statics.running(_drive_on_tips(model, s, wraps))
     except DriveError:  # no chain so short goes around: there is no slack to climb with
         return False
     if found.failure is not None:
         return True
     low, high = sorted(float(found.tension[k]) - found.centrifugal for k in (s - 1, s))
-    held = drive.sprockets[s].teeth * float(wraps[s]) / math.tau
-    return high > LEAST_CHANGE and (low <= 0.0 or math.log(high / low) > held * math.log(held_tension_ratio(drive, s)))
+    held = model.sprockets[s].teeth * float(wraps[s]) / math.tau
+    return high > LEAST_CHANGE and (low <= 0.0 or math.log(high / low) > held * math.log(held_tension_ratio(model, s)))
 
 
-def _drive_on_tips(drive: Drive, s: int, wraps: NDArray[np.float64]) -> Drive:
+def _drive_on_tips(model: ChainModel, s: int, wraps: NDArray[np.float64]) -> ChainModel:
     """The drive with a chain that is as short as if it rode on the tips of sprocket s, (b)."""
-    chain, others = drive.chain, [o for o in range(len(drive.sprockets)) if o != s]
-    risen, top = drive, top_radius(drive, s)
+    chain, others = model.chain, [o for o in range(len(model.sprockets)) if o != s]
+    risen, top = model, top_radius(model, s)
     for _ in range(ROUNDS):
         taken = wraps[s] * (top - risen.riding_radius(s))
-        taken += sum(wraps[o] * (drive.riding_radius(o) - risen.riding_radius(o)) for o in others)
+        taken += sum(wraps[o] * (model.riding_radius(o) - risen.riding_radius(o)) for o in others)
         shorter = chain.elongation - float(taken) / (chain.links * chain.pitch)
-        risen = drive.model_copy(update={"chain": chain.model_copy(update={"elongation": shorter})})
+        risen = replace(model, chain=chain.model_copy(update={"elongation": shorter}))
     return risen

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from warpchain.drive.body_ties import body_names, driving_body, first_coupling_ratio, nearest_sprocket, part_of_body
-from warpchain.model.chain_drives import driver_speed, shafts_of_own_chain
 from warpchain.model.train_speeds import lumped_drive
 from warpchain.model.trains import (
     body_speed_ratio,
@@ -20,24 +19,24 @@ from warpchain.model.trains import (
 
 if TYPE_CHECKING:
     from warpchain.assembly.statics import Steady
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel, Model
 
 
 _FAST = 1e6
 """A speed beyond all [rad/s], at which loads that grow with it have grown."""
 
 
-def shaft_report(drive: Drive) -> list[dict[str, Any]]:
+def shaft_report(model: ChainModel) -> list[dict[str, Any]]:
     """Shafts: bodies that turn with each, speed at work [rad/s], inertia of its train [kg m^2] and motor [N m]."""
-    names, found = body_names(drive), []
-    for b, shaft in enumerate(shafts_of_own_chain(drive), len(drive.sprockets)):
-        speed, motor = _working_speed(drive, b), shaft.motor
+    names, found = body_names(model), []
+    for b, shaft in enumerate(model.own_shafts, len(model.sprockets)):
+        speed, motor = _working_speed(model, b), shaft.motor
         found.append(
             {
                 "name": shaft.name,
-                "with": [names[other] for other in train_of_body(drive, b).bodies if other != b],
+                "with": [names[other] for other in train_of_body(model, b).bodies if other != b],
                 "speed": speed,
-                "inertia": train_inertia(drive, b) if is_free_body(drive, b) else None,
+                "inertia": train_inertia(model, b) if is_free_body(model, b) else None,
                 "motor_at_rest": None if motor is None else float(motor.at(0.0)),
                 "motor_at_work": None if motor is None or speed is None else float(motor.at(speed)),
             }
@@ -45,17 +44,17 @@ def shaft_report(drive: Drive) -> list[dict[str, Any]]:
     return found
 
 
-def _working_speed(drive: Drive, b: int) -> float | None:
+def _working_speed(model: ChainModel, b: int) -> float | None:
     """Forward speed of a shaft at work [rad/s]; None where no chain or prescribed motion gives it."""
-    if nearest_sprocket(drive, b) is not None:
-        return float(driver_speed(drive) * body_speed_ratio(drive, b, drive.driver))
-    leader = prescribed_leader(drive, b)
+    if nearest_sprocket(model, b) is not None:
+        return float(model.driver_speed * body_speed_ratio(model, b, model.driver))
+    leader = prescribed_leader(model, b)
     if leader is None:
         return None
-    return float(part_of_body(drive, leader[0]).prescribed.top_speed * leader[1])
+    return float(part_of_body(model, leader[0]).prescribed.top_speed * leader[1])
 
 
-def gear_report(drive: Drive) -> list[dict[str, Any]]:
+def gear_report(model: ChainModel) -> list[dict[str, Any]]:
     """Pairs of gears: shafts, teeth, and the speed of the second over that of the first."""
     return [
         {
@@ -64,16 +63,17 @@ def gear_report(drive: Drive) -> list[dict[str, Any]]:
             "teeth": list(gear.teeth),
             "ratio": (1.0 if gear.internal else -1.0) * gear.teeth[0] / gear.teeth[1],
         }
-        for gear in drive.gears
+        for gear in model.gears
     ]
 
 
-def valve_report(drive: Drive) -> list[dict[str, Any]]:
+def valve_report(model: Model) -> list[dict[str, Any]]:
     """Groups of valves: what they are on, how many, lift [m], steepest lift by the angle [m], the largest force of a
     spring [N], and the speed of their shaft, and of the driver, above which followers lift off [rad/s]; None of the
     driver where nothing ties the shaft to it.
     """
-    names, found = body_names(drive), []
+    drive, found = model.drive, []
+    names = body_names(drive)
     for group in drive.valves:
         lift, slope, _ = group.lifts()
         on = names.index(group.on)
@@ -87,21 +87,21 @@ def valve_report(drive: Drive) -> list[dict[str, Any]]:
                 "slope": float(slope.max()),
                 "spring_force": group.spring.preload + group.spring.stiffness * float(lift.max()),
                 "float_speed": group.float_speed,
-                "driver_float_speed": group.float_speed * body_speed_ratio(drive, drive.driver, on) if tied else None,
+                "driver_float_speed": group.float_speed * model.speed_ratio(drive.driver, on) if tied else None,
             }
         )
     return found
 
 
-def coupling_report(drive: Drive, running: Steady) -> list[dict[str, Any]]:
+def coupling_report(model: ChainModel, running: Steady) -> list[dict[str, Any]]:
     """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
     aside, in the first ratio of a gearbox; lash [rad], ratios, what a clutch bears at most [N m], whether it is a
     freewheel, and at work twist [rad] and torque taken from the first [N m], counter-clockwise, None where no steady
     state was found; to the ground both are 0."""
     found = []
-    for coupling, twist, torque in zip(drive.couplings, running.twist, running.torque, strict=True):
-        turns = zip(coupled_bodies(drive, coupling), (1.0, float(first_coupling_ratio(coupling) or 1)), strict=True)
-        give = sum(i * i / train_inertia(drive, b) for b, i in turns if b >= 0 and is_free_body(drive, b))
+    for coupling, twist, torque in zip(model.couplings, running.twist, running.torque, strict=True):
+        turns = zip(coupled_bodies(model, coupling), (1.0, float(first_coupling_ratio(coupling) or 1)), strict=True)
+        give = sum(i * i / train_inertia(model, b) for b, i in turns if b >= 0 and is_free_body(model, b))
         omega = math.sqrt(coupling.stiffness * give)
         found.append(
             {
@@ -120,13 +120,13 @@ def coupling_report(drive: Drive, running: Steady) -> list[dict[str, Any]]:
     return found
 
 
-def motor_advice(drive: Drive) -> Iterator[str]:
+def motor_advice(model: ChainModel) -> Iterator[str]:
     """Lines on motors that do not start their loads, or that no load ever balances."""
-    b = driving_body(drive)
-    if getattr(part_of_body(drive, b), "motor", None) is None:
+    b = driving_body(model)
+    if getattr(part_of_body(model, b), "motor", None) is None:
         return
-    one, name = lumped_drive(drive), f"shafts.{body_names(drive)[b]}.motor"
-    own = body_speed_ratio(drive, b, drive.driver)
+    one, name = lumped_drive(model), f"shafts.{body_names(model)[b]}.motor"
+    own = body_speed_ratio(model, b, model.driver)
     pulled = sum(r * motor.at(0.0) for r, motor in one.motors) / own
     asked = sum(r * load.steady_moment(0.0) for r, load in one.loads) / own
     if 0.0 < pulled <= asked and one.start <= 0.0:
@@ -134,18 +134,18 @@ def motor_advice(drive: Drive) -> Iterator[str]:
             f"{name}: pulls {pulled:.4g} N m at rest, as this shaft sees it, where loads "
             f"ask for {asked:.4g} N m: it does not start; give it more, or the loads a viscous part instead"
         )
-    elif one.net_moment(driver_speed(drive)) > 0.0 and one.net_moment(_FAST) > 0.0:
+    elif one.net_moment(model.driver_speed) > 0.0 and one.net_moment(_FAST) > 0.0:
         yield (
-            f"{name}: no load balances it at any speed: this shaft comes to {own * driver_speed(drive):.4g} rad/s at "
+            f"{name}: no load balances it at any speed: this shaft comes to {own * model.driver_speed:.4g} rad/s at "
             "the end of the run, and would go on; give a load, or the motor a table over speed that falls to 0"
         )
 
 
-def tie_advice(drive: Drive) -> Iterator[str]:
+def tie_advice(model: ChainModel) -> Iterator[str]:
     """Lines on valves on a shaft that nothing ties to a chain."""
-    names = body_names(drive)
-    for group in drive.valves:
-        if nearest_sprocket(drive, names.index(group.on)) is None:
+    names = body_names(model)
+    for group in model.valves:
+        if nearest_sprocket(model, names.index(group.on)) is None:
             yield (
                 f'valves.{group.name}.on = "{group.on}": nothing ties this shaft to the chain, so that it has no speed '
                 "of the driver's: put a sprocket on it, or tie it by gears or a coupling"

@@ -329,7 +329,7 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
         return [f"{seconds:.1f} s; the window for metrics was not reached"]
     of_start = ", of a start" if drive.run.start else ""
     lines = [f"window {row['window_start']:g} to {row['window_end']:g} s{of_start}; the run took {seconds:.1f} s"]
-    for before in [f"{chain.name}." for chain in drive.chains] or [""]:
+    for before in drive.chain_prefixes:
         mean, least, most = (row[f"{before}tension_{of}"] for of in ("mean", "min", "max"))
         named = before.replace(".", ": ")
         words = [quantity_words(value, "N") for value in (mean, least, most)]
@@ -355,7 +355,7 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     )  # out and lost are of no steady work there
     known = row.get("efficiency") is not None and not unsteady
     efficiency = f", efficiency {100.0 * row['efficiency']:.2f} % (out over out and lost)" if known else ""
-    joints = [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"]
+    joints = [f"{before}joints.friction" for before in drive.chain_prefixes]
     rubbed = [row[name] for name in joints if row.get(name) is not None]
     rubbing = f", joint friction {quantity_words(sum(rubbed), 'J')}" if rubbed else ""
     lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")

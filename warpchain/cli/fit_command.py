@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.assembly import assemble
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fit_wrap, fitted_chain, strand_sag
 from warpchain.assembly.guide_fit import fit_indentation
 from warpchain.assembly.layout_checks import idle_arm_advice, layout_faults, strain_advice
@@ -17,7 +17,7 @@ from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.drive_text import self_contained_text, text_with_changes
 from warpchain.drive.examples import drive_path, is_example
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import ChainModel, Model
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -129,10 +129,10 @@ def _direction_from_word(word: str) -> list[float]:
 def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
     """Lines on the links and centers that a fit changed."""
     lines = []
-    for old_chain, chain in zip(chain_drives(before), chain_drives(after), strict=True):
-        links, was = chain.drive.chain.links, old_chain.drive.chain.links
-        if links != was:
-            lines.append(f"{f'chains.{chain.name}' if chain.name else 'chain'}.links = {links} (was {was})")
+    for one, other in zip(Model(before).chains, Model(after).chains, strict=True):
+        if other.links != one.links:
+            place = f"chains.{other.name}" if other.name else "chain"
+            lines.append(f"{place}.links = {other.links} (was {one.links})")
     for old, new in zip(before.as_read.sprockets, after.as_read.sprockets, strict=True):
         if old.center != new.center:
             lines.append(f"sprockets.{new.name}.center = {list(new.center)} (was {list(old.center)})")
@@ -142,9 +142,9 @@ def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
 def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
     """A line on each arm that does not stand at its wanted angle [degrees] after a fit."""
     lines = []
-    for chain in chain_drives(drive):
-        mine = [(a, arm.name) for a, arm in enumerate(chain.drive.arms) if arm.name in wanted]
-        angles = np.degrees(assemble(chain.drive).arm_angle) if mine else ()
+    for model in Model(drive).chains:
+        mine = [(a, arm.name) for a, arm in enumerate(model.arms) if arm.name in wanted]
+        angles = np.degrees(assemble_chain(model).arm_angle) if mine else ()
         lines += [
             f"LOOK AT arms.{name}: stands at {angles[a]:.4g} degrees, where {wanted[name]:g} was asked: --sprocket "
             "with --angle moves a sprocket until it stands there"
@@ -157,33 +157,33 @@ def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
 def _fit_state_lines(drive: Drive) -> list[str]:
     """Lines on strain, preload and sags of a fitted drive's chains."""
     lines = []
-    for chain in chain_drives(drive):
-        name = f"{chain.name}: " if drive.chains else ""
+    for model in Model(drive).chains:
+        name = f"{model.name}: " if model.name else ""
         try:
-            lines += [f"{name}{line}" for line in _chain_fit_lines(chain.drive)]
+            lines += [f"{name}{line}" for line in _chain_fit_lines(model)]
         except DriveError as error:
             lines.append(f"LOOK AT {name}{error}")
     return lines
 
 
-def _chain_fit_lines(drive: Drive) -> list[str]:
+def _chain_fit_lines(model: ChainModel) -> list[str]:
     """Lines on strain, preload, sags and findings of one fitted chain."""
-    assembly = assemble(drive)
+    assembly = assemble_chain(model)
     state = "taut" if assembly.strain >= 0.0 else "slack"
-    preload = max(0.0, drive.chain.mean_stiffness * drive.chain.pitch * assembly.strain)
+    preload = max(0.0, model.chain.mean_stiffness * model.chain.pitch * assembly.strain)
     sags = ", ".join(
-        f"{name} {1e3 * strand_sag(drive, assembly, k):.3g} mm"
-        for k, name in enumerate(drive.strand_names)
+        f"{name} {1e3 * strand_sag(model, assembly, k):.3g} mm"
+        for k, name in enumerate(model.strand_names)
         if assembly.path.strings[k] is None
     )
     arms = ", ".join(
-        f"{arm.name} {math.degrees(angle):.4g}" for arm, angle in zip(drive.arms, assembly.arm_angle, strict=True)
+        f"{arm.name} {math.degrees(angle):.4g}" for arm, angle in zip(model.arms, assembly.arm_angle, strict=True)
     )
     return [
         f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N",
         *([f"sag at rest: {sags}"] if sags else []),
         *([f"arms at assembly, degrees: {arms}"] if arms else []),
-        *(f"LAYOUT: {finding}" for finding in layout_faults(drive, assembly.path)),
-        *(f"LOOK AT {line}" for line in strain_advice(drive, assembly.strain)),
-        *(f"LOOK AT {line}" for line in idle_arm_advice(drive, assembly.path)),
+        *(f"LAYOUT: {finding}" for finding in layout_faults(model, assembly.path)),
+        *(f"LOOK AT {line}" for line in strain_advice(model, assembly.strain)),
+        *(f"LOOK AT {line}" for line in idle_arm_advice(model, assembly.path)),
     ]

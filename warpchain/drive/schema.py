@@ -6,7 +6,7 @@ import difflib
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
 
@@ -170,7 +170,7 @@ Rule = Callable[[Any], Iterable[Problem]]
 
 
 def node_value(node: Any, key: str) -> Any:
-    """The value of a key in a part, or in a mapping to become one; None where there is none."""
+    """The value of a key in a part, in a model of parts, or in a mapping to become one; None where there is none."""
     kind: Any = type(node)
     part, mapping = _part_or_mapping(kind)
     if part:
@@ -180,8 +180,8 @@ def node_value(node: Any, key: str) -> Any:
 
 @cache
 def _part_or_mapping(kind: type) -> tuple[bool, bool]:
-    """Whether values of a type are parts, and whether they are mappings."""
-    return issubclass(kind, Part), issubclass(kind, Mapping)
+    """Whether values of a type are parts or models of parts, and whether they are mappings."""
+    return issubclass(kind, Part) or is_dataclass(kind), issubclass(kind, Mapping)
 
 
 def node_list(node: Any, key: str) -> Sequence[Any]:

@@ -165,7 +165,7 @@ def _chains_with_pins(chain: Any, factor: float) -> Any:
 
 def _wheel_changes(drive: Any, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
     """Pitch and clearance of teeth on wheels that expand otherwise than the chain."""
-    chains: Any = drive.chains or (drive.chain,)
+    chains = drive.each_chain
     pitches = {node_value(chain, "name"): chain.pitch for chain in chains}
     radii = [chain.roller_radius for chain in chains]
     sprockets = tuple(

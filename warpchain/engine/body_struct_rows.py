@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly
 from warpchain.assembly.guide_obstacles import rotated_place
 from warpchain.assembly.table_cells import TableList
-from warpchain.drive import Drive
 from warpchain.drive.body_ties import body_names, has_trains
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.motion_table import PlaceTable
@@ -31,6 +30,7 @@ from warpchain.kernels.physics.mount import PRESCRIBED
 from warpchain.kernels.physics.tensioner import SERIES
 from warpchain.kernels.physics.train import OVER_SPEED
 from warpchain.kernels.structs import GROUND
+from warpchain.model import ChainModel
 from warpchain.model.mounts import start_velocity
 from warpchain.model.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.model.start_phase import motion_from_start_phase, start_phase_angle
@@ -49,21 +49,21 @@ FACE_MARGIN = 0.25
 """Distance from a guide at which rollers count, in pitches."""
 
 
-def has_profile_face(drive: Drive, g: int) -> bool:
+def has_profile_face(model: ChainModel, g: int) -> bool:
     """Whether kernels take guide g as a profile."""
-    return not drive.guides[g].straight or drive.guides[g].arm is not None
+    return not model.guides[g].straight or model.guides[g].arm is not None
 
 
-def piece_count(drive: Drive) -> int:
+def piece_count(model: ChainModel) -> int:
     """Number of a drive's rows of `structs.Piece`."""
-    return sum(len(drive.profile(g).pieces) + 1 for g in range(len(drive.guides)) if has_profile_face(drive, g))
+    return sum(len(model.profile(g).pieces) + 1 for g in range(len(model.guides)) if has_profile_face(model, g))
 
 
-def fill_profile_face(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
+def fill_profile_face(row: Any, pieces: Any, first: int, model: ChainModel, g: int) -> int:
     """Fills profiled guide g into `structs.Guide`; returns rows used."""
-    profile, arm = drive.profile(g), drive.arm_of(g)
-    origin = np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)  # the same for all of a stack
-    row["body"] = GROUND if arm is None else drive.first_arm_body + arm
+    profile, arm = model.profile(g), model.arm_of(g)
+    origin = np.zeros(2) if arm is None else np.asarray(model.arms[arm].pivot)  # the same for all of a stack
+    row["body"] = GROUND if arm is None else model.first_arm_body + arm
     row["pieces"], row["first_piece"] = len(profile.pieces), first
     for i, (piece, place) in enumerate(zip(profile.pieces, profile.places, strict=True), first):
         at = pieces[:, i]
@@ -74,8 +74,8 @@ def fill_profile_face(row: Any, pieces: Any, first: int, drive: Drive, g: int) -
     end["start"] = np.subtract(last.end, origin)
     end["direction"] = math.cos(last.end_heading), math.sin(last.end_heading)
     end["place"] = profile.places[-1] + last.length
-    row["roller_radius"], row["end_radius"] = drive.guide_offset(g), profile.end_radius
-    _fill_face_box(row, profile, origin, drive.guide_offset(g), FACE_MARGIN * drive.chain.pitch)
+    row["roller_radius"], row["end_radius"] = model.guide_offset(g), profile.end_radius
+    _fill_face_box(row, profile, origin, model.guide_offset(g), FACE_MARGIN * model.chain.pitch)
     return len(profile.pieces) + 1
 
 
@@ -93,40 +93,40 @@ def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offs
     row["high"] = along.max() + around, across.max() + around
 
 
-def guide_effective_mass(drive: Drive, g: int) -> float:
+def guide_effective_mass(model: ChainModel, g: int) -> float:
     """Effective mass [kg] of a roller that slides on a guide."""
-    arm = drive.arm_of(g)
-    return drive.chain.mass if arm is None else arm_effective_mass(drive, arm)
+    arm = model.arm_of(g)
+    return model.chain.mass if arm is None else arm_effective_mass(model, arm)
 
 
-def arm_effective_mass(drive: Drive, a: int) -> float:
+def arm_effective_mass(model: ChainModel, a: int) -> float:
     """Effective mass m_e [kg] of a roller on an arm.
 
     With n rollers on its faces at reach r, and z on sprockets d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
     """
-    square = squared_levers(drive, a, [sprocket.teeth for sprocket in drive.sprockets])
-    return 1.0 / (1.0 / drive.chain.mass + square / drive.arm_inertia(a))
+    square = squared_levers(model, a, [sprocket.teeth for sprocket in model.sprockets])
+    return 1.0 / (1.0 / model.chain.mass + square / model.arm_inertia(a))
 
 
-def squared_levers(drive: Drive, a: int, rollers: Sequence[Any]) -> Any:
+def squared_levers(model: ChainModel, a: int, rollers: Sequence[Any]) -> Any:
     """Squared levers n r^2 + sum z d^2 [m^2] of an arm's rollers."""
-    on_faces = sum(drive.profile(g).face_length / drive.chain.pitch + 2.0 for g in drive.guides_of(a))
-    square = on_faces * power(drive.arm_lever(a), 2)
-    return square + sum(rollers[s] * power(drive.center_lever(s), 2) for s in drive.sprockets_on(a))
+    on_faces = sum(model.profile(g).face_length / model.chain.pitch + 2.0 for g in model.guides_of(a))
+    square = on_faces * power(model.arm_lever(a), 2)
+    return square + sum(rollers[s] * power(model.center_lever(s), 2) for s in model.sprockets_on(a))
 
 
-def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
+def fill_arm_row(row: Any, motion: Any, body: Any, model: ChainModel, a: int, assembly: Assembly) -> None:
     """Fills arm a into `structs.Arm`, `Motion` and `BodyState`, at rest."""
-    arm = drive.arms[a]
+    arm = model.arms[a]
     row["pivot"] = body["center"] = array_of_columns(arm.pivot)
-    motion["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
+    motion["inverse_inertia"] = 1.0 / model.arm_inertia(a)
     row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
     row["low"], row["high"] = arm.stops_rad
     if arm.stops is not None:
-        row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
-    row["reach"] = drive.arm_lever(a)
-    row["mass_moment"] = _mass_moment(drive, a)
-    row["gravity"] = array_of_columns(drive.run.gravity)
+        row["stop_stiffness"], row["stop_damping"] = model.stop_stiffness(a), model.stop_damping(a)
+    row["reach"] = model.arm_lever(a)
+    row["mass_moment"] = _mass_moment(model, a)
+    row["gravity"] = array_of_columns(model.run.gravity)
     if arm.spring is not None:
         pivot = array_of_columns(arm.pivot)
         row["coil_point"], row["coil_anchor"] = (
@@ -134,20 +134,20 @@ def fill_arm_row(row: Any, motion: Any, body: Any, drive: Drive, a: int, assembl
         )
         row["coil_stiffness"], row["coil_damping"] = arm.spring.stiffness, arm.spring.damping
         row["coil_free_length"] = arm.spring.free_length
-    row["mass"] = 0.0 if arm.pivot_table is None else sum(mass for mass, _ in drive.masses_on(a))
+    row["mass"] = 0.0 if arm.pivot_table is None else sum(mass for mass, _ in model.masses_on(a))
     body["angle"], body["velocity"] = assembly.arm_angle[:, a], start_velocity(arm.pivot_table)
-    parent = drive.parent(a)
+    parent = model.parent(a)
     if parent is not None:
-        on = drive.arms[parent]
+        on = model.arms[parent]
         row["on"], row["lever"] = parent + 1, array_of_columns(arm.pivot) - array_of_columns(on.pivot)
         body["center"] = array_of_columns(rotated_place(on.pivot, arm.pivot, assembly.arm_angle[:, parent]))
         body["angle"] += assembly.arm_angle[:, parent]
 
 
-def _mass_moment(drive: Drive, a: int) -> NDArray[np.float64]:
+def _mass_moment(model: ChainModel, a: int) -> NDArray[np.float64]:
     """Mass moment (..., 2) [kg m] of an arm about its pivot."""
-    pivot, found = array_of_columns(drive.arms[a].pivot), np.zeros(2)
-    for mass, place in drive.masses_on(a):
+    pivot, found = array_of_columns(model.arms[a].pivot), np.zeros(2)
+    for mass, place in model.masses_on(a):
         found = found + with_last_axis(mass) * (array_of_columns(place) - pivot)
     return found
 
@@ -160,42 +160,42 @@ def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> 
             tables.add(row[f"{axis}_table"], column, 1.0)
 
 
-def fill_pivot_row(row: Any, drive: Drive, a: int, tables: TableList) -> None:
+def fill_pivot_row(row: Any, model: ChainModel, a: int, tables: TableList) -> None:
     """Fills the `structs.Mount` of an arm whose pivot is led."""
-    arm = drive.arms[a]
+    arm = model.arms[a]
     row["active"], row["moves"], row["home"] = 1, PRESCRIBED, array_of_columns(arm.pivot)
     fill_place_tables(row, arm.pivot_table, tables)
-    row["mass"] = sum(mass for mass, _ in drive.masses_on(a))
-    row["inertia"], row["wheel"] = drive.arm_inertia(a), _mass_moment(drive, a)
+    row["mass"] = sum(mass for mass, _ in model.masses_on(a))
+    row["inertia"], row["wheel"] = model.arm_inertia(a), _mass_moment(model, a)
 
 
 STOP_DAMPING = 0.3
 """Damping ratio of a tensioner's ratchet and bottom."""
 
 
-def fill_tensioner_row(row: Any, drive: Drive, t: int, tables: TableList) -> None:
+def fill_tensioner_row(row: Any, model: ChainModel, t: int, tables: TableList) -> None:
     """Fills the `structs.Tensioner` of a drive's tensioner t."""
-    tensioner, body = drive.tensioners[t], drive.tensioner_body(t)
+    tensioner, body = model.tensioners[t], model.tensioner_body(t)
     row["body"] = body
-    arm = body - drive.first_arm_body
+    arm = body - model.first_arm_body
     if arm < 0:
-        row["home"] = array_of_columns(drive.sprockets[body].center)
+        row["home"] = array_of_columns(model.sprockets[body].center)
     else:
         row["home"] = array_of_columns(tensioner.at)
-        row["point"] = array_of_columns(tensioner.at) - array_of_columns(drive.arms[arm].pivot)
+        row["point"] = array_of_columns(tensioner.at) - array_of_columns(model.arms[arm].pivot)
     row["direction"] = array_of_columns(tensioner.unit_direction)
-    fill_tensioner_element(row, drive, tensioner)
+    fill_tensioner_element(row, model, tensioner)
     table = None if tensioner.oil is None else tensioner.oil.supply_table
     if table is not None:
-        row["pump"] = drive.driver if table.shaft is None else body_names(drive).index(table.shaft)
+        row["pump"] = model.driver if table.shaft is None else body_names(model).index(table.shaft)
         tables.add(row["supply_table"], table, 1.0)
         if table.speed is not None:
             row["supply_table"]["over_angle"] = OVER_SPEED
 
 
-def fill_tensioner_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
+def fill_tensioner_element(row: Any, model: ChainModel, tensioner: Tensioner) -> None:
     """Fills spring, oil, valves, ratchet and stops of a `structs.Tensioner`."""
-    stiffness, mass = drive.chain.stiffness, maximum(tensioner.plunger_mass, drive.chain.mass)
+    stiffness, mass = model.chain.stiffness, maximum(tensioner.plunger_mass, model.chain.mass)
     row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * sqrt(stiffness * mass)
     row["stiffness"], row["preload"] = tensioner.spring_stiffness, tensioner.spring_preload
     row["damping"] = tensioner.spring_damping
@@ -260,25 +260,25 @@ def _fill_oil_fields(row: Any, tensioner: Tensioner) -> None:
         vent["compliance"] = vent["lift_max"] = vent["seat_width"] = vent["discharge"] = 1.0
 
 
-def fill_train_counts(row: Any, drive: Drive) -> None:
+def fill_train_counts(row: Any, model: ChainModel) -> None:
     """Fills counts of trains' parts into a `structs.Drive`."""
-    row["shafts"], row["gears"], row["couplings"] = len(drive.shafts), len(drive.gears), len(drive.couplings)
-    row["valves"] = len(drive.valves)
-    row["tied"] = is_tied(drive)
+    row["shafts"], row["gears"], row["couplings"] = len(model.shafts), len(model.gears), len(model.couplings)
+    row["valves"] = len(model.valves)
+    row["tied"] = is_tied(model)
 
 
-def is_tied(drive: Drive) -> bool:
+def is_tied(model: ChainModel) -> bool:
     """Whether a drive has trains or valves."""
-    return has_trains(drive) or bool(drive.valves)
+    return has_trains(model) or bool(model.valves)
 
 
-def fill_train_row(row: Any, drive: Drive, b: int) -> None:
+def fill_train_row(row: Any, model: ChainModel, b: int) -> None:
     """Fills a body's turning in its train into `structs.Motion`."""
-    if b >= drive.first_arm_body:
+    if b >= model.first_arm_body:
         row["train"] = -1
         return
-    bodies, ratios = train_of_body(drive, b)
-    row["train"], row["ratio"], row["own_inertia"] = bodies[0], 1.0 / ratios[0], inertia_of_body(drive, b)
+    bodies, ratios = train_of_body(model, b)
+    row["train"], row["ratio"], row["own_inertia"] = bodies[0], 1.0 / ratios[0], inertia_of_body(model, b)
 
 
 def fill_shaft_row(row: Any, h: int, assembly: Assembly) -> None:
@@ -287,9 +287,9 @@ def fill_shaft_row(row: Any, h: int, assembly: Assembly) -> None:
     row["center"] = assembly.path.center[..., 0, :]
 
 
-def fill_motor_row(row: Any, drive: Drive, h: int, tables: TableList) -> None:
+def fill_motor_row(row: Any, model: ChainModel, h: int, tables: TableList) -> None:
     """Fills the motor of shaft h; zero without one."""
-    motor, b = drive.shafts[h].motor, len(drive.sprockets) + h
+    motor, b = model.shafts[h].motor, len(model.sprockets) + h
     if motor is None:
         return
     row["present"] = 1
@@ -298,21 +298,21 @@ def fill_motor_row(row: Any, drive: Drive, h: int, tables: TableList) -> None:
     row["ramp_time"] = motor.ramp_time
     if motor.governor is not None:
         row["wanted"], row["band"], row["most"] = motor.governor.speed, motor.governor.band, motor.governor.most
-    table = motion_from_start_phase(drive, drive.shafts[h], motor).table
+    table = motion_from_start_phase(model, model.shafts[h], motor).table
     if table is not None:
-        shaft = b if table.shaft is None else body_names(drive).index(table.shaft)
-        tables.add(row["table"], table, body_speed_ratio(drive, b, shaft))
+        shaft = b if table.shaft is None else body_names(model).index(table.shaft)
+        tables.add(row["table"], table, body_speed_ratio(model, b, shaft))
         if table.speed is not None:
             row["table"]["over_angle"] = OVER_SPEED
 
 
-def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None:
+def fill_coupling_row(row: Any, model: ChainModel, c: int, tables: TableList) -> None:
     """Fills the `structs.Coupling` c."""
-    coupling = drive.couplings[c]
-    first, second = coupled_bodies(drive, coupling)
+    coupling = model.couplings[c]
+    first, second = coupled_bodies(model, coupling)
     row["first"], row["second"] = GROUND if coupling.is_grounded else first, second
     if coupling.freewheel:
-        row["freewheel"] = body_turning_sign(drive, second if coupling.is_grounded else first)
+        row["freewheel"] = body_turning_sign(model, second if coupling.is_grounded else first)
     row["stiffness"], row["damping"], row["lash"] = coupling.stiffness, coupling.damping, coupling.lash
     ratios, clutch = coupling.ratios, coupling.clutch
     if ratios is not None:
@@ -327,33 +327,33 @@ def fill_coupling_row(row: Any, drive: Drive, c: int, tables: TableList) -> None
         row["capacity"] = clutch.torque
 
 
-def fill_coupling_state(row: Any, drive: Drive, c: int, assembly: Assembly) -> None:
+def fill_coupling_state(row: Any, model: ChainModel, c: int, assembly: Assembly) -> None:
     """Fills the initial state of coupling c, untwisted."""
-    ratios = drive.couplings[c].ratios
+    ratios = model.couplings[c].ratios
     row["ratio"], row["capacity"] = 1.0 if ratios is None else ratios.ratio[0], math.inf
-    row["rest"] = coupling_rest_angle(drive, c, row["ratio"], assembly.sprocket_angle)[2]
+    row["rest"] = coupling_rest_angle(model, c, row["ratio"], assembly.sprocket_angle)[2]
 
 
-def fill_valve_row(row: Any, drive: Drive, v: int, tables: TableList) -> None:
+def fill_valve_row(row: Any, model: ChainModel, v: int, tables: TableList) -> None:
     """Fills the row of valve group v."""
-    valves = drive.valves[v]
-    body = body_names(drive).index(valves.on)
+    valves = model.valves[v]
+    body = body_names(model).index(valves.on)
     phases = [math.radians(phase) for phase in valves.phases]
     row["body"], row["phases"], row["first_phase"] = body, len(phases), tables.add_rows((tuple(phases),))
-    row["first_cam"] = sum(len(group.phases) for group in drive.valves[:v])
-    row["sign"], row["count"] = body_turning_sign(drive, body), valves.number
-    row["turned"] = radians(valves.phase) - start_phase_angle(drive, valves.on)
+    row["first_cam"] = sum(len(group.phases) for group in model.valves[:v])
+    row["sign"], row["count"] = body_turning_sign(model, body), valves.number
+    row["turned"] = radians(valves.phase) - start_phase_angle(model, valves.on)
     row["height"], row["mass"] = valves.height, valves.mass
     row["preload"], row["stiffness"] = valves.spring.preload, valves.spring.stiffness
     tables.add(row["lift"], valves.curve, 1.0)
 
 
-def fill_gear_row(row: Any, drive: Drive, g: int) -> None:
+def fill_gear_row(row: Any, model: ChainModel, g: int) -> None:
     """Fills the row of gear pair g."""
-    gear, side = drive.gears[g], bodies_beyond_gear(drive, g)
-    body = body_names(drive).index(gear.between[1])
-    bodies, ratios = train_of_body(drive, body)
+    gear, side = model.gears[g], bodies_beyond_gear(model, g)
+    body = body_names(model).index(gear.between[1])
+    bodies, ratios = train_of_body(model, body)
     beside = dict(zip(bodies, ratios, strict=True))
     row["body"], row["side"] = body, sum(1 << b for b in side)
-    row["inertia"] = sum(beside[b] ** 2 * inertia_of_body(drive, b) for b in side)
+    row["inertia"] = sum(beside[b] ** 2 * inertia_of_body(model, b) for b in side)
     row["lever"] = 0.5 * gear.teeth[1] * gear.module * math.cos(math.radians(GEAR_PRESSURE_ANGLE))

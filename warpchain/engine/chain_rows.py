@@ -1,13 +1,13 @@
 """Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
-Each chain is packed and settled as a drive of its own; then bodies of one shaft or train are tied together.
+Each chain is packed and settled by itself; then bodies of one shaft or train are tied together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,8 @@ from warpchain.engine.contact_mobility import sum_mobility_over_chains
 from warpchain.engine.pack import fill_step_dependence
 from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives, shared_bodies
-from warpchain.model.parts_by_chain import ChainDrive
-from warpchain.model.stacks import Stack, first_refusal, stacks_of_drives
+from warpchain.model import ChainModel, Model
+from warpchain.model.stacks import Stack, first_refusal
 from warpchain.model.trains import inertia_of_body
 from warpchain.results.metrics import VariantEnds
 from warpchain.results.schedule import Schedules
@@ -32,56 +31,62 @@ class ChainRows:
     """Rows of variants, one for each chain.
 
     Attributes:
+        variants: (V,) models of the drives.
         first_rows: (V + 1,) row of each variant's first chain, and the end.
-        drives: (rows,) one a chain.
+        models: (rows,) the chain of each row.
         stacks: stacks of these.
     """
 
-    def __init__(self, drives: Sequence[Drive], stacks: Sequence[Stack]) -> None:
-        self.variant_drives, self.one_chain_each = drives, not any(stack.drive.chains for stack in stacks)
-        if self.one_chain_each:
-            self.first_rows, self.drives, self.stacks = np.arange(len(drives) + 1), drives, stacks
-            return
-        chains_of_drives = [chain_drives(drive) for drive in drives]
-        self.chains: list[ChainDrive] = [chain for of in chains_of_drives for chain in of]
-        self.first_rows = np.append(0, np.cumsum([len(of) for of in chains_of_drives]))
-        self.drives = [chain.drive for chain in self.chains]
-        self.stacks = stacks_of_drives(self.drives)
+    def __init__(self, drives: Sequence[Drive], stacks: Sequence[Stack[Drive]]) -> None:
+        self.drives, self.variants = drives, [Model(drive) for drive in drives]
+        counts = [len(drive.each_chain) for drive in drives]
+        self.first_rows = np.append(0, np.cumsum(counts, dtype=np.int64))
+        self.models = [chain for variant in self.variants for chain in variant.chains]
+        rows = [
+            Stack(self.first_rows[stack.members] + r, chain)
+            for stack in stacks
+            for r, chain in enumerate(Model(stack.one).chains)
+        ]
+        self.stacks = sorted(rows, key=lambda stack: int(stack.members[0]))
 
     @cached_property
     def variant_of_row(self) -> NDArray[np.int64]:
         """Variant (rows,) of each row."""
-        return np.repeat(np.arange(len(self.variant_drives)), np.diff(self.first_rows))
+        return np.repeat(np.arange(len(self.drives)), np.diff(self.first_rows))
+
+    def rows_of_variants(self) -> Iterator[tuple[int, int]]:
+        """Yields the first row of each variant, and where its rows end."""
+        yield from pairwise(self.first_rows.tolist())
 
     def schedules_by_row(self, schedules: Schedules) -> Schedules:
         """Schedules of variants, repeated for each of their rows."""
-        return schedules if self.one_chain_each else schedules[self.variant_of_row]
+        return schedules[self.variant_of_row]
 
     def numbers_by_row(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Numbers (rows,) in the run of each row's variant."""
-        return numbers if self.one_chain_each else numbers[self.variant_of_row]
+        return numbers[self.variant_of_row]
 
-    def layout_faults(self, layouts: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:
+    def layout_faults(self, layouts: Sequence[Sequence[str]]) -> Sequence[tuple[str, ...]]:
         """Faults of the variants' layouts, from those of rows."""
-        if self.one_chain_each:
-            return layouts
-        named = [tuple(f"{chain.name}: {line}" if chain.name else line for line in lines)
-                 for chain, lines in zip(self.chains, layouts, strict=True)]  # fmt: skip
-        return [sum(named[a:b], ()) for a, b in zip(self.first_rows[:-1], self.first_rows[1:], strict=True)]
+        named = [
+            tuple(f"{model.name}: {line}" if model.name else line for line in lines)
+            for model, lines in zip(self.models, layouts, strict=True)
+        ]
+        return [sum(named[a:b], ()) for a, b in self.rows_of_variants()]
 
-    def variant_ends(self, rows: VariantEnds, schedules: Sequence[Any], stacks: Sequence[Stack]) -> VariantEnds:
+    def variant_ends(
+        self, rows: VariantEnds[ChainModel], schedules: Sequence[Any], stacks: Sequence[Stack[Drive]]
+    ) -> VariantEnds[Drive]:
         """Final states of variants, from those of their rows."""
-        if self.one_chain_each:
-            return rows
-        causes = np.array(rows.causes or [""] * len(self.drives), dtype=object)
-        spans = list(zip(self.first_rows[:-1], self.first_rows[1:], strict=True))
-        layouts = None if rows.layouts is None else self.layout_faults(rows.layouts)  # type: ignore[arg-type]
-        return replace(
-            rows.select_variants(self.first_rows[:-1]),
-            drives=self.variant_drives,
-            schedules=schedules,
-            layouts=layouts,
-            causes=[next(filter(None, causes[a:b]), "") for a, b in spans],
+        first, causes = self.first_rows[:-1], rows.causes or [""] * len(self.models)
+        return VariantEnds(
+            self.drives,
+            schedules,
+            rows.steps[first],
+            rows.diverged[first],
+            rows.settled[first],
+            layouts=None if rows.layouts is None else self.layout_faults(rows.layouts),
+            causes=[next(filter(None, causes[a:b]), "") for a, b in self.rows_of_variants()],
             stacks=stacks,
         )
 
@@ -94,30 +99,29 @@ class ChainRows:
         Raises:
             DriveError: chains that cross in one plane.
         """
-        if self.one_chain_each:
-            return
-        for v, (a, b) in enumerate(zip(self.first_rows[:-1].tolist(), self.first_rows[1:].tolist(), strict=True)):
-            if b - a > 1:
-                try:
-                    check_planes(self.variant_drives[v], [packed.assemblies[r].path for r in range(a, b)])
-                except DriveError as error:
-                    raise first_refusal([(v, error)], numbers) from None
-                self._couple_chains_of(packed, v, a, b)
-        fill_step_dependence(packed)
+        spans = [(v, a, b) for v, (a, b) in enumerate(self.rows_of_variants()) if b - a > 1]
+        for v, a, b in spans:
+            try:
+                check_planes(self.variants[v], [packed.assemblies[r].path for r in range(a, b)])
+            except DriveError as error:
+                raise first_refusal([(v, error)], numbers) from None
+            self._couple_chains_of(packed, v, a, b)
+        if spans:
+            fill_step_dependence(packed)
 
     def _couple_chains_of(self, packed: PackedEnsemble, v: int, a: int, b: int) -> None:
         """Ties the chains of variant v, rows from `a` to `b`."""
-        drive, rows = self.variant_drives[v], packed.drives
+        variant, rows = self.variants[v], packed.drives
         rows["chains"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin = int(rows["first_body"][a])
         _number_trains(packed, range(a, b), begin)
         sprockets: list[ChainSprocket] = []
         for r in range(a, b):
-            for k, s in enumerate(self.chains[r].places["sprockets"]):
+            for k, s in enumerate(self.models[r].places["sprockets"]):
                 member = (r, int(rows["first_body"][r]) + k, int(rows["first_sprocket"][r]) + k)
                 sprockets.append(member)
-                packed.motions["own_inertia"][member[1]] = inertia_of_body(drive, s)
-        for (one, shaft), (other, k) in shared_bodies(drive, self.chains[a:b]):
+                packed.motions["own_inertia"][member[1]] = inertia_of_body(variant.drive, s)
+        for (one, shaft), (other, k) in variant.shared_bodies:
             _tie_body_to(packed, int(rows["first_body"][a + one]) + shaft, int(rows["first_body"][a + other]) + k)
         trains: dict[int, list[ChainSprocket]] = {}
         for member in sprockets:
@@ -125,8 +129,8 @@ class ChainRows:
         for members in trains.values():
             if len({row for row, *_ in members}) > 1:
                 _sum_contacts_over_chains(packed, members)
-        for r, chain in zip(range(a, b), chain_drives(drive, loaded=True), strict=True):
-            rows["tension_scale"][r] = tension_scale(chain.drive, packed.assemblies[r])
+        for r, chain in zip(range(a, b), variant.loaded_chains, strict=True):
+            rows["tension_scale"][r] = tension_scale(chain, packed.assemblies[r])
 
 
 ChainSprocket = tuple[int, int, int]

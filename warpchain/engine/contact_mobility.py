@@ -16,29 +16,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.drive import Drive
 from warpchain.drive.stack_math import power
 from warpchain.engine.body_struct_rows import squared_levers
 from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.model import ChainModel
 from warpchain.model.mounts import is_on_springs, moving_mass
 from warpchain.model.trains import is_free_body, train_inertia, train_of_body
 
 
-def fill_contact_mobility(packed: PackedEnsemble, rows: NDArray[np.integer], drive: Drive, assembly: Assembly) -> None:
+def fill_contact_mobility(
+    packed: PackedEnsemble, rows: NDArray[np.integer], model: ChainModel, assembly: Assembly
+) -> None:
     """Fills contact mobility G of a stack's variants at `rows`."""
-    seated = [(assembly.seat_sprocket == s).sum(axis=-1) for s in range(len(drive.sprockets))]
-    arms = [squared_levers(drive, a, seated) / drive.arm_inertia(a) for a in range(len(drive.arms))]
-    turning = [_turning_mobility(drive, s) * n for s, n in enumerate(seated)]
-    double = 2.0 * drive.chain.mass
-    for s, sprocket in enumerate(drive.sprockets):
-        answer = sum(turning[o] for o in train_of_body(drive, s).bodies if o < len(seated))
+    seated = [(assembly.seat_sprocket == s).sum(axis=-1) for s in range(len(model.sprockets))]
+    arms = [squared_levers(model, a, seated) / model.arm_inertia(a) for a in range(len(model.arms))]
+    turning = [_turning_mobility(model, s) * n for s, n in enumerate(seated)]
+    double = 2.0 * model.chain.mass
+    for s, sprocket in enumerate(model.sprockets):
+        answer = sum(turning[o] for o in train_of_body(model, s).bodies if o < len(seated))
         if is_on_springs(sprocket):
             answer = answer + seated[s] / moving_mass(sprocket)
-        if (arm := drive.carrier(s)) is not None:
+        if (arm := model.carrier(s)) is not None:
             answer = answer + arms[arm]
         packed.sprockets["law"]["answer"][packed.drives["first_sprocket"][rows] + s] = double * answer
-    for g in range(len(drive.guides)):
-        if (arm := drive.arm_of(g)) is not None:
+    for g in range(len(model.guides)):
+        if (arm := model.arm_of(g)) is not None:
             packed.guides["law"]["answer"][packed.drives["first_guide"][rows] + g] = double * arms[arm]
 
 
@@ -50,8 +52,8 @@ def sum_mobility_over_chains(packed: PackedEnsemble, owners: NDArray[np.int64], 
     laws["answer"][places] = packed.chains["mass"][owners] * total
 
 
-def _turning_mobility(drive: Drive, s: int) -> Any:
+def _turning_mobility(model: ChainModel, s: int) -> Any:
     """Turning mobility (R + b)^2 / J of a sprocket [1/kg], or 0."""
-    if not is_free_body(drive, s):
+    if not is_free_body(model, s):
         return 0.0
-    return power(drive.pitch_radius(s) + drive.engagement(s), 2) / train_inertia(drive, s)
+    return power(model.pitch_radius(s) + model.engagement(s), 2) / train_inertia(model, s)

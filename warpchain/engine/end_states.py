@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.stack_assembly import Assemblies
-from warpchain.drive import Drive
 from warpchain.engine.arrays import Engine
 from warpchain.engine.packed_ensemble import roller_coordinates
 from warpchain.kernels.native import STATE_ROWS
+from warpchain.model import ChainModel
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 ON_TOP = 0.5
@@ -23,7 +23,7 @@ TORN = 2.0
 
 
 def engaged_fractions(
-    engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None
+    engine: Engine, models: Sequence[ChainModel], stacks: Sequence[Stack[ChainModel]] | None = None
 ) -> NDArray[np.float64]:
     """Engaged rollers (V, S) on sprockets over assembled ones, or NaN.
 
@@ -31,8 +31,8 @@ def engaged_fractions(
     """
     packed = engine.packed
     counts = packed.drives["sprockets"].astype(np.int64)
-    sorted_ = stacks_of_drives(drives) if stacks is None else stacks
-    inner, outer, held = _tooth_reach(sorted_, packed.assemblies, (len(drives), int(counts.max())))
+    sorted_ = stacks_of_drives(models) if stacks is None else stacks
+    inner, outer, held = _tooth_reach(sorted_, packed.assemblies, (len(models), int(counts.max())))
     centers, rows = engine.bodies()["center"], engine.rollers()
     found = np.full(held.shape, np.nan)
     for alike, first, count in packed.groups_by_rollers():
@@ -47,9 +47,9 @@ def engaged_fractions(
     return found / held
 
 
-def divergence_causes(engine: Engine, drives: Sequence[Drive], diverged: NDArray[np.bool_]) -> list[str]:
+def divergence_causes(engine: Engine, models: Sequence[ChainModel], diverged: NDArray[np.bool_]) -> list[str]:
     """Causes (V,) of divergence, of `results.judgement.DIVERGENCE_CAUSES`; "" for none."""
-    packed, causes = engine.packed, [""] * len(drives)
+    packed, causes = engine.packed, [""] * len(models)
     if not diverged.any():
         return causes
     bodies, rows, steps = engine.bodies(), engine.rollers(), engine.progress()["step"]
@@ -61,8 +61,8 @@ def divergence_causes(engine: Engine, drives: Sequence[Drive], diverged: NDArray
         with np.errstate(all="ignore"):
             span = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
         sound = np.isfinite(mine["angle"] + mine["speed"] + mine["center"].sum(axis=1) + mine["velocity"].sum(axis=1))
-        if not sound.all() or not (span < TORN * drives[v].chain.link_lengths).all():
-            causes[v] = "settling" if steps[v] == 0 and drives[v].run.settle else "torn"
+        if not sound.all() or not (span < TORN * models[v].chain.link_lengths).all():
+            causes[v] = "settling" if steps[v] == 0 and models[v].run.settle else "torn"
         elif not _is_inside(row, place):
             causes[v] = "left"
         else:
@@ -76,15 +76,15 @@ def _is_inside(row: Any, places: NDArray[np.float64]) -> bool:
 
 
 def _tooth_reach(
-    stacks: Sequence[Stack], assemblies: Assemblies, shape: tuple[int, int]
+    stacks: Sequence[Stack[ChainModel]], assemblies: Assemblies, shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Least and largest radius (V, S) [m] of engaged rollers, and number."""
     inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):
-            drive, v = pick_variants(stack.drive, places), stack.members[places]
-            for s in range(len(drive.sprockets)):
-                inner[v, s] = assembly.path.radius[:, s] - 0.5 * drive.chain.pitch
-                outer[v, s] = drive.tip_radius(s) + ON_TOP * drive.chain.roller_radius
+            model, v = pick_variants(stack.one, places), stack.members[places]
+            for s in range(len(model.sprockets)):
+                inner[v, s] = assembly.path.radius[:, s] - 0.5 * model.chain.pitch
+                outer[v, s] = model.tip_radius(s) + ON_TOP * model.chain.roller_radius
                 held[v, s] = (assembly.seat_sprocket == s).sum(axis=1)
     return inner, outer, held

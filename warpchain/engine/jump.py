@@ -11,15 +11,15 @@ import numpy as np
 
 from warpchain.argument_checks import AllowedRange, PositiveNumber, check_arguments
 from warpchain.assembly import tooth_hold
-from warpchain.assembly.assembly import assemble
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.drive import Drive
 from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.reversed_drive import reversed_drive
 from warpchain.engine.simulation import simulate
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
-from warpchain.model.chain_drives import chain_drives, driver_speed
-from warpchain.model.trains import body_speed_ratio, free_body_loads
+from warpchain.model import Model
+from warpchain.model.trains import free_body_loads
 from warpchain.results.judgement import Limits
 from warpchain.results.run import Record
 
@@ -141,41 +141,33 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
         raise DriveError(f"{on}: has no load; allowed is one of {', '.join(loads) or 'none, as the drive has no load'}")
     if not loads:
         raise DriveError("load: no sprocket or shaft of the drive has one; give one, or search by wear")
+    model = Model(drive)
     if on is None:
-        speed = driver_speed(drive)
-        turning = {name: abs(_speed_ratio(drive, b)) for name, (b, _) in loads.items()}
+        speed = model.driver_speed
+        turning = {name: abs(_speed_ratio(model, b)) for name, (b, _) in loads.items()}
         on = max(loads, key=lambda name: loads[name][1].steady_moment(turning[name] * speed) * turning[name])
     b, load = loads[on]
     s = nearest_sprocket(drive, b)
     assert s is not None  # every load is tied to a chain
-    chain_drive, k = _chain_of_sprocket(drive, s)
-    chain = chain_drive.drive.chain
+    around, k = model.chain_of_sprocket(s)
+    chain = around.chain
     breaking = chain.breaking_load or chain.stiffness * chain.pitch * ELONGATION_AT_BREAKING_LOAD
-    return (
-        on,
-        load.torque,
-        breaking * chain_drive.drive.pitch_radius(k) / (1.0 if b == s else abs(body_speed_ratio(drive, b, s))),
-    )
+    return on, load.torque, breaking * around.pitch_radius(k) / (1.0 if b == s else model.speed_ratio(b, s))
 
 
-def _speed_ratio(drive: Drive, b: int) -> float:
+def _speed_ratio(model: Model, b: int) -> float:
     """Speed of a body over the driver's."""
-    return 1.0 if nearest_sprocket(drive, b) is None else body_speed_ratio(drive, b, drive.driver)
-
-
-def _chain_of_sprocket(drive: Drive, s: int) -> tuple[Any, int]:
-    """Chain of sprocket s, and its place on it."""
-    return next((chain, k) for chain in chain_drives(drive) for k, i in enumerate(chain.places["sprockets"]) if i == s)
+    return 1.0 if nearest_sprocket(model.drive, b) is None else model.speed_ratio(b, model.drive.driver)
 
 
 def _own_and_limit_wear(drive: Drive, on: str | None) -> tuple[str, float, float]:
     """Name of a chain, own elongation, largest that assembles."""
-    chains = {chain.name: chain.drive for chain in chain_drives(drive)}
+    chains = {chain.name: chain for chain in Model(drive).chains}
     if on is None:
         on = next(iter(chains))
     if on not in chains:
         allowed = (
-            f"allowed is one of {', '.join(chains)}" if drive.chains else "the drive has one chain, which has no name"
+            f"allowed is one of {', '.join(chains)}" if any(chains) else "the drive has one chain, which has no name"
         )
         raise DriveError(f"{on}: no such chain; {allowed}")
     own, most = float(chains[on].chain.elongation), MOST_WEAR
@@ -187,8 +179,8 @@ def _own_and_limit_wear(drive: Drive, on: str | None) -> tuple[str, float, float
 def _can_assemble(drive: Drive) -> bool:
     """Whether each chain of a drive can be assembled."""
     try:
-        for chain in chain_drives(drive):
-            assemble(chain.drive)
+        for chain in Model(drive).chains:
+            assemble_chain(chain)
     except DriveError:
         return False
     return True
@@ -197,7 +189,7 @@ def _can_assemble(drive: Drive) -> bool:
 def _changed_drive(drive: Drive, by: str, on: str, value: float) -> Drive:
     """Drive with another torque or wear, for a jump search."""
     if by == "wear":
-        return drive.with_values({f"chains.{on}.elongation" if drive.chains else "chain.elongation": value})
+        return drive.with_values({f"chains.{on}.elongation" if on else "chain.elongation": value})
     kind, place = next(
         (kind, i) for kind in ("shafts", "sprockets") for i, part in enumerate(getattr(drive, kind))
         if part.name == on and part.load is not None
@@ -254,8 +246,7 @@ def _jump_of_search(search: _JumpSearch, by: str, on: str, own: float, most: flo
     tension = tight = slack = float("nan")
     if search.held is not None:
         drive, row = search.held
-        several = [f"{chain.name}." for chain in drive.chains] or [""]
-        tension = max(row[f"{before}tension_max"] for before in several)
+        tension = max(row[f"{before}tension_max"] for before in drive.chain_prefixes)
         if search.sprocket is not None:
             slack, tight = sorted(row[f"{name}.tension_mean"] for name in _strands_beside(drive, search.sprocket))
     estimate = None
@@ -266,9 +257,9 @@ def _jump_of_search(search: _JumpSearch, by: str, on: str, own: float, most: flo
 
 def _strands_beside(drive: Drive, name: str) -> list[str]:
     """Names of the two strands beside a sprocket."""
-    chain, k = _chain_of_sprocket(drive, [sprocket.name for sprocket in drive.sprockets].index(name))
+    chain, k = Model(drive).chain_of_sprocket([sprocket.name for sprocket in drive.sprockets].index(name))
     before = f"{chain.name}." if chain.name else ""
-    return [f"{before}{chain.drive.strand_names[i]}" for i in (k - 1, k)]
+    return [f"{before}{chain.strand_names[i]}" for i in (k - 1, k)]
 
 
 def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: float) -> float | None:
@@ -277,10 +268,10 @@ def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: flo
 
     def has_jump_at_rest(value: float) -> bool:
         """Whether the chain jumps at rest, at this value."""
-        for chain in chain_drives(_changed_drive(search.drive, by, on, value), loaded=True):
-            names = [sprocket.name for sprocket in chain.drive.sprockets]
+        for chain in Model(_changed_drive(search.drive, by, on, value)).loaded_chains:
+            names = [sprocket.name for sprocket in chain.sprockets]
             if name in names:
-                return tooth_hold.has_tooth_jump(chain.drive, names.index(name))
+                return tooth_hold.has_tooth_jump(chain, names.index(name))
         return False
 
     begin = 0.0 if by == "torque" else own

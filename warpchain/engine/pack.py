@@ -59,6 +59,7 @@ from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.physics.friction import DAMPER, SPRING
 from warpchain.kernels.physics.mount import CARRIED
 from warpchain.kernels.physics.tensioner import LEAST_OIL_SHARE
+from warpchain.model import ChainModel, single_chain
 from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.model.oil import EXPONENT
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
@@ -66,26 +67,27 @@ from warpchain.results.schedule import Schedule, schedules_as_columns
 
 
 def pack(
-    drives: Sequence[Drive],
+    chains: Sequence[Drive | ChainModel],
     schedules: Sequence[Schedule],
-    stacks: Sequence[Stack] | None = None,
+    stacks: Sequence[Stack[ChainModel]] | None = None,
     numbers: NDArray[np.int64] | None = None,
 ) -> PackedEnsemble:
-    """Packed ensemble of drives in their assembled initial states, in float64.
+    """Packed ensemble of chains in their assembled initial states, in float64.
 
     Args:
+        chains: drives of one chain, or models of chains.
         schedules: their steps.
         numbers: of drives in messages.
 
     Raises:
         DriveError: a drive whose chain does not fit.
     """
-    stacks = stacks_of_drives(drives) if stacks is None else stacks
+    stacks = stacks_of_drives([single_chain(of) for of in chains]) if stacks is None else stacks
     assemblies = assemble_stacks(stacks, numbers)
-    rows = np.zeros(len(drives), dtype=dtype_of(structs.Drive))
+    rows = np.zeros(len(chains), dtype=dtype_of(structs.Drive))
     for part, assembly in _stack_parts(stacks, assemblies):
         row = np.zeros(len(part.members), dtype=rows.dtype)
-        fill_drive_row(row, part.drive, assembly)
+        fill_drive_row(row, part.one, assembly)
         rows[part.members] = row
     packed = PackedEnsemble.blank(fill_first_places(rows), assemblies)
     gathered = SharedRows(RowList(3), RowList(2), TableList())
@@ -93,7 +95,7 @@ def pack(
         packed.drives[name] = column
     for part, assembly in _stack_parts(stacks, assemblies):
         _pack_stack(packed, part, assembly, gathered)
-        fill_contact_mobility(packed, part.members, part.drive, assembly)
+        fill_contact_mobility(packed, part.members, part.one, assembly)
     fill_step_dependence(packed)
     owner = np.repeat(np.arange(packed.variants), packed.drives["sprockets"])
     packed.hubs["inertia"][: len(owner)] /= packed.drives["step"][owner]
@@ -135,12 +137,14 @@ class SharedRows:
     tables: TableList
 
 
-def _stack_parts(stacks: Sequence[Stack], assemblies: Assemblies) -> Iterator[tuple[Stack, Assembly]]:
+def _stack_parts(
+    stacks: Sequence[Stack[ChainModel]], assemblies: Assemblies
+) -> Iterator[tuple[Stack[ChainModel], Assembly]]:
     """Stacks, in parts assembled at once, and their assemblies."""
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):
             whole = len(places) == len(stack.members)
-            yield stack if whole else Stack(stack.members[places], pick_variants(stack.drive, places)), assembly
+            yield stack if whole else Stack(stack.members[places], pick_variants(stack.one, places)), assembly
 
 
 @contextmanager
@@ -157,65 +161,69 @@ def _fill_rows(array: NDArray[Any], places: NDArray[Any], fill: Callable[..., No
         fill(row, *given)
 
 
-def _pack_stack(packed: PackedEnsemble, part: Stack, assembly: Assembly, gathered: SharedRows) -> None:
+def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assembly, gathered: SharedRows) -> None:
     """Packs a stack's variants, in their initial states."""
-    drive, v = part.drive, part.members
+    model, v = part.one, part.members
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in DIMENSIONS.values() if kind.first}
-    packed.drives["tension_scale"][v] = tension_scale(drive, assembly)
-    _fill_rows(packed.chains, v, fill_chain_row, drive)
-    links = drive.chain.links
-    scatter_values(packed.lengths, at["first_roller"], drive.chain.link_lengths)
+    packed.drives["tension_scale"][v] = tension_scale(model, assembly)
+    _fill_rows(packed.chains, v, fill_chain_row, model)
+    links = model.chain.links
+    scatter_values(packed.lengths, at["first_roller"], model.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
     states = roller_state_rows(assembly.position, assembly.velocity).reshape(len(v), -1)
     scatter_values(packed.rollers, STATE_ROWS * at["first_roller"], states)
-    for s in range(len(drive.sprockets)):
-        _pack_sprocket(packed, drive, s, at, assembly, gathered)
+    for s in range(len(model.sprockets)):
+        _pack_sprocket(packed, model, s, at, assembly, gathered)
         held = np.where(assembly.seat_sprocket == s, assembly.seat_index, -1)
         scatter_values(packed.seat, at["first_contact"] + s * links, held)
-    _pack_guides(packed, drive, at)
-    for a in range(len(drive.arms)):
-        body = at["first_body"] + drive.first_arm_body + a
+    _pack_guides(packed, model, at)
+    for a in range(len(model.arms)):
+        body = at["first_body"] + model.first_arm_body + a
         arm, motion = _blank_rows(packed.arms, at["first_arm"] + a), _blank_rows(packed.motions, body)
         with arm as row, motion as turned, _blank_rows(packed.bodies, body) as placed:
-            fill_arm_row(row, turned, placed, drive, a, assembly)
-        if drive.parent(a) is not None:
+            fill_arm_row(row, turned, placed, model, a, assembly)
+        if model.parent(a) is not None:
             packed.mounts["moves"][body] = CARRIED
-        if drive.arms[a].pivot_table is not None:
-            _fill_rows(packed.mounts, body, fill_pivot_row, drive, a, gathered.tables)
-    for t in range(len(drive.tensioners)):
-        _fill_rows(packed.tensioners, at["first_tensioner"] + t, fill_tensioner_row, drive, t, gathered.tables)
-    _pack_trains(packed, drive, at, assembly, gathered)
+        if model.arms[a].pivot_table is not None:
+            _fill_rows(packed.mounts, body, fill_pivot_row, model, a, gathered.tables)
+    for t in range(len(model.tensioners)):
+        _fill_rows(packed.tensioners, at["first_tensioner"] + t, fill_tensioner_row, model, t, gathered.tables)
+    _pack_trains(packed, model, at, assembly, gathered)
 
 
 def _pack_trains(
-    packed: PackedEnsemble, drive: Drive, at: Mapping[str, NDArray[np.int64]], assembly: Assembly, gathered: SharedRows
+    packed: PackedEnsemble,
+    model: ChainModel,
+    at: Mapping[str, NDArray[np.int64]],
+    assembly: Assembly,
+    gathered: SharedRows,
 ) -> None:
     """Packs shafts, gears, couplings and valves of a stack."""
-    if not is_tied(drive):
+    if not is_tied(model):
         return
-    for h in range(len(drive.shafts)):
-        b = len(drive.sprockets) + h
+    for h in range(len(model.shafts)):
+        b = len(model.sprockets) + h
         _fill_rows(
-            packed.motions, at["first_body"] + b, fill_motion_row, drive, b, 0.0, gathered.harmonics, gathered.tables
+            packed.motions, at["first_body"] + b, fill_motion_row, model, b, 0.0, gathered.harmonics, gathered.tables
         )
         _fill_rows(packed.bodies, at["first_body"] + b, fill_shaft_row, h, assembly)
-        _fill_rows(packed.motors, at["first_shaft"] + h, fill_motor_row, drive, h, gathered.tables)
-    for b in range(drive.first_arm_body + len(drive.arms)):
+        _fill_rows(packed.motors, at["first_shaft"] + h, fill_motor_row, model, h, gathered.tables)
+    for b in range(model.first_arm_body + len(model.arms)):
         row = packed.motions[at["first_body"] + b]
-        fill_train_row(row, drive, b)
+        fill_train_row(row, model, b)
         packed.motions[at["first_body"] + b] = row
-    for c in range(len(drive.couplings)):
-        _fill_rows(packed.couplings, at["first_coupling"] + c, fill_coupling_row, drive, c, gathered.tables)
-        _fill_rows(packed.engaged, at["first_coupling"] + c, fill_coupling_state, drive, c, assembly)
-    for g in range(len(drive.gears)):
-        _fill_rows(packed.gears, at["first_gear"] + g, fill_gear_row, drive, g)
-    for v in range(len(drive.valves)):
-        _fill_rows(packed.valves, at["first_valve"] + v, fill_valve_row, drive, v, gathered.tables)
+    for c in range(len(model.couplings)):
+        _fill_rows(packed.couplings, at["first_coupling"] + c, fill_coupling_row, model, c, gathered.tables)
+        _fill_rows(packed.engaged, at["first_coupling"] + c, fill_coupling_state, model, c, assembly)
+    for g in range(len(model.gears)):
+        _fill_rows(packed.gears, at["first_gear"] + g, fill_gear_row, model, g)
+    for v in range(len(model.valves)):
+        _fill_rows(packed.valves, at["first_valve"] + v, fill_valve_row, model, v, gathered.tables)
 
 
 def _pack_sprocket(
     packed: PackedEnsemble,
-    drive: Drive,
+    model: ChainModel,
     s: int,
     at: Mapping[str, NDArray[np.int64]],
     assembly: Assembly,
@@ -223,50 +231,50 @@ def _pack_sprocket(
 ) -> None:
     """Packs sprocket s of a stack's variants."""
     mine, body = at["first_sprocket"] + s, at["first_body"] + s
-    _fill_rows(packed.sprockets, mine, fill_sprocket_row, drive, s, gathered.seats)
+    _fill_rows(packed.sprockets, mine, fill_sprocket_row, model, s, gathered.seats)
     _fill_rows(
         packed.tooth_friction,
         mine,
         fill_friction_row,
-        tooth_friction_coefficients(drive),
-        tooth_effective_mass(drive, s),
-        drive.sprocket_stiffness(s),
+        tooth_friction_coefficients(model),
+        tooth_effective_mass(model, s),
+        model.sprocket_stiffness(s),
     )
-    _fill_rows(packed.strands, mine, fill_strand_row, assembly, s, drive.chain.links)
+    _fill_rows(packed.strands, mine, fill_strand_row, assembly, s, model.chain.links)
     _fill_rows(
         packed.motions,
         body,
         fill_motion_row,
-        drive,
+        model,
         s,
         assembly.sprocket_angle[:, s],
         gathered.harmonics,
         gathered.tables,
     )
-    _fill_rows(packed.mounts, body, fill_mount_row, drive, s, gathered.tables)
-    _fill_rows(packed.hubs, mine, fill_hub_row, drive, s)
-    _fill_rows(packed.bodies, body, fill_body_row, drive, assembly, s)
+    _fill_rows(packed.mounts, body, fill_mount_row, model, s, gathered.tables)
+    _fill_rows(packed.hubs, mine, fill_hub_row, model, s)
+    _fill_rows(packed.bodies, body, fill_body_row, model, assembly, s)
 
 
-def _pack_guides(packed: PackedEnsemble, drive: Drive, at: Mapping[str, NDArray[np.int64]]) -> None:
+def _pack_guides(packed: PackedEnsemble, model: ChainModel, at: Mapping[str, NDArray[np.int64]]) -> None:
     """Packs the guides of a stack."""
     used = 0
-    with _blank_rows(packed.pieces, consecutive_places(at["first_piece"], piece_count(drive))) as pieces:
-        for g in range(len(drive.guides)):
-            mine, effective_mass = at["first_guide"] + g, guide_effective_mass(drive, g)
+    with _blank_rows(packed.pieces, consecutive_places(at["first_piece"], piece_count(model))) as pieces:
+        for g in range(len(model.guides)):
+            mine, effective_mass = at["first_guide"] + g, guide_effective_mass(model, g)
             with _blank_rows(packed.guides, mine) as row:
-                if has_profile_face(drive, g):
-                    used += fill_profile_face(row, pieces, used, drive, g)
+                if has_profile_face(model, g):
+                    used += fill_profile_face(row, pieces, used, model, g)
                 else:
-                    fill_straight_face(row, drive, g)
-                fill_guide_row(row, drive, g)
+                    fill_straight_face(row, model, g)
+                fill_guide_row(row, model, g)
             _fill_rows(
                 packed.guide_friction,
                 mine,
                 fill_friction_row,
-                guide_friction_coefficients(drive, g),
+                guide_friction_coefficients(model, g),
                 effective_mass,
-                drive.guide_stiffness(g),
+                model.guide_stiffness(g),
             )
 
 

@@ -68,7 +68,7 @@ def _has_too_large_drive(variants: Variants) -> bool:
     """Whether a drive is larger than GPUs accept."""
     from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
 
-    drives = [stack.drive for stack in variants.stacks]
+    drives = [stack.one for stack in variants.stacks]
     return any(d.links > MOST_LINKS or len(d.sprockets) + len(d.guides) > MOST_PARTNERS for d in drives)
 
 

@@ -101,7 +101,7 @@ class Recorder:
     ) -> None:
         memory = _memory_beside_statistics(packed, recording.memory * len(numbers) // count)
         self.drives, self.schedules, self.numbers, self.packed = (
-            rows.variant_drives,
+            rows.drives,
             schedules,
             numbers.tolist(),
             packed,
@@ -114,7 +114,7 @@ class Recorder:
         self.rows, self.begins = rows, rows.first_rows
         self.owners = [v for v in self.indices for _ in range(self.begins[v], self.begins[v + 1])]
         self.written = [r for v in self.indices for r in range(self.begins[v], self.begins[v + 1])]
-        self.widths = np.array([drive_frame_width(rows.drives[r], packed.frame) for r in self.written], dtype=np.int64)
+        self.widths = np.array([drive_frame_width(rows.models[r], packed.frame) for r in self.written], dtype=np.int64)
         self.every = np.array([schedules[v].frame_interval for v in self.owners], dtype=np.int64)
         self.bytes_per_value = np.dtype(recording.precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
@@ -171,16 +171,14 @@ class Recorder:
             time = (np.arange(start, stop) * every).astype(np.float64) * self.schedules[v].step
             parts.setdefault(v, []).append(self._trajectory(r, time, values))
         for v, chains in parts.items():
-            self._keep_chunk(v, chains[0] if len(chains) == 1 else trajectory_of_chains(self.drives[v], chains))
+            self._keep_chunk(v, trajectory_of_chains(self.drives[v], chains))
 
     def _trajectory(self, r: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
         """Trajectory of a row's frames in a buffer, copied."""
-        drive = self.rows.drives[r]
-        channels, names = (
-            self.packed.frame.split_frames(values, PartCounts.of_drive(drive)),
-            channels_of_drive(drive, self.channels),
-        )
-        return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in names})
+        model = self.rows.models[r]
+        channels = self.packed.frame.split_frames(values, PartCounts.of_drive(model))
+        held = {name: np.array(channels[name], order="C") for name in channels_of_drive(model, self.channels)}
+        return Trajectory(self.drives[self.rows.variant_of_row[r]], time, **held, chain=model)
 
     def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
         """Appends recorded frames to archive or memory."""
@@ -198,9 +196,9 @@ class Recorder:
         chunks = self._kept.pop(v)
         if not chunks:
             rows = range(self.begins[v], self.begins[v + 1])
-            widths = [drive_frame_width(self.rows.drives[r], self.packed.frame) for r in rows]
+            widths = [drive_frame_width(self.rows.models[r], self.packed.frame) for r in rows]
             parts = [self._trajectory(r, np.zeros(0), np.zeros((0, w))) for r, w in zip(rows, widths, strict=True)]
-            return parts[0] if len(parts) == 1 else trajectory_of_chains(self.drives[v], parts)
+            return trajectory_of_chains(self.drives[v], parts)
         if len(chunks) == 1:
             return chunks[0]
         time = np.concatenate([chunk.time for chunk in chunks])

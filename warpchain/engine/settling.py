@@ -29,6 +29,7 @@ from warpchain.engine.struct_rows import FORCE_NUMBERS, widen_box
 from warpchain.kernels import relaxation
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.relaxation import LEAST_STRETCH
+from warpchain.model import ChainModel, single_chain
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 SETTLE_LIMIT = 100_000
@@ -72,47 +73,48 @@ def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
 
 def damp_arm_contacts(still: PackedEnsemble) -> None:
     """Damps contacts of drives with arms, for settling."""
-    drives = still.drives
+    models = still.drives
     damping = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     for laws, count in ((still.sprockets["law"], "sprockets"), (still.guides["law"], "guides")):
-        owner = np.repeat(np.arange(still.variants), drives[count])
-        armed = np.flatnonzero(drives["arms"][owner] > 0)
+        owner = np.repeat(np.arange(still.variants), models[count])
+        armed = np.flatnonzero(models["arms"][owner] > 0)
         laws["form"][armed] = FORCE_NUMBERS["kelvin_voigt_damper"]
         laws["damping"][armed] = damping[owner[armed]]
 
 
-def lighten_arms(packed: PackedEnsemble, stacks: Sequence[Stack]) -> None:
+def lighten_arms(packed: PackedEnsemble, stacks: Sequence[Stack[ChainModel]]) -> None:
     """Lightens arms for settling."""
     for stack in stacks:
-        drive, count = stack.drive, len(stack.drive.arms)
+        model, count = stack.one, len(stack.one.arms)
         if count:
-            squares = [body.square for body in moving_bodies(drive, held=True)]
-            other = power(highest_frequency(drive, damped_links=False, held=True), 2) - maximum(*squares)
+            squares = [body.square for body in moving_bodies(model, held=True)]
+            other = power(highest_frequency(model, damped_links=False, held=True), 2) - maximum(*squares)
             lighter = [where(of > 0.0, 0.5 * other / where(of > 0.0, of, 1.0), 1.0) for of in squares[-count:]]
-            arms = consecutive_places(packed.drives["first_body"][stack.members] + drive.first_arm_body, count)
+            arms = consecutive_places(packed.drives["first_body"][stack.members] + model.first_arm_body, count)
             packed.motions["inverse_inertia"][arms] *= np.maximum(table_of_columns(lighter, len(arms)), 1.0)
 
 
 def settle_variants(
     packed: PackedEnsemble,
-    drives: Sequence[Drive],
+    chains: Sequence[Drive | ChainModel],
     device: str,
     cores: int,
     steps: int,
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
-    stacks: Sequence[Stack] | None = None,
+    stacks: Sequence[Stack[ChainModel]] | None = None,
 ) -> NDArray[Any]:
     """Settles variants in a packed ensemble; returns `Settling` (variants,).
 
     Args:
+        chains: drives of one chain, or models of chains.
         steps: of one launch.
         run: waits for launches, given a function that reports (done, total); False ends it.
     """
-    wanted = np.array([drive.run.settle for drive in drives])
+    wanted = np.array([of.run.settle for of in chains])
     state = np.zeros(packed.variants, dtype=relaxation.Settling.numpy_dtype())
-    stacks = stacks_of_drives(drives) if stacks is None else stacks
+    stacks = stacks_of_drives([single_chain(of) for of in chains]) if stacks is None else stacks
     for stack in stacks:
-        state["step"][stack.members] = SETTLE_STEP * step_limit(stack.drive, held=True)
+        state["step"][stack.members] = SETTLE_STEP * step_limit(stack.one, held=True)
     state["tolerance"] = SETTLE_TOLERANCE
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():
@@ -137,27 +139,29 @@ def settle_variants(
     finally:
         engine.close()
     for stack in stacks:
-        if stack.drive.run.settle:
+        if stack.one.run.settle:
             _move_to_settled(packed, stack, moved, bodies)
     rest_tensioners(packed)
     return now
 
 
-def _move_to_settled(packed: PackedEnsemble, stack: Stack, moved: NDArray[np.floating], bodies: NDArray[Any]) -> None:
+def _move_to_settled(
+    packed: PackedEnsemble, stack: Stack[ChainModel], moved: NDArray[np.floating], bodies: NDArray[Any]
+) -> None:
     """Moves rollers, arms and boxes to where they settled."""
-    drive, rows = stack.drive, packed.drives[stack.members]
-    links = drive.chain.links
+    model, rows = stack.one, packed.drives[stack.members]
+    links = model.chain.links
     first = STATE_ROWS * rows["first_roller"].astype(np.int64)
     here = gather_values(moved, first, 2 * links)
     scatter_values(packed.rollers, first, here)
-    arms = consecutive_places(rows["first_body"] + drive.first_arm_body, len(drive.arms))
+    arms = consecutive_places(rows["first_body"] + model.first_arm_body, len(model.arms))
     packed.bodies["angle"][arms] = bodies["angle"][arms]
     packed.bodies["center"][arms] = bodies["center"][arms]
-    for s in range(len(drive.sprockets)):
-        if drive.carrier(s) is not None:
+    for s in range(len(model.sprockets)):
+        if model.carrier(s) is not None:
             packed.bodies["center"][rows["first_body"] + s] = bodies["center"][rows["first_body"] + s]
     for places, assembly in packed.assemblies.states_by_block(stack.members):
-        margin = escape_distance(pick_variants(drive, places), assembly)[..., None]
+        margin = escape_distance(pick_variants(model, places), assembly)[..., None]
         box = rows[places]
         widen_box(box, here[places].reshape(-1, 2, links), margin)
         for name in ("low", "high"):

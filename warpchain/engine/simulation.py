@@ -21,7 +21,7 @@ from warpchain.drive.stack_math import maximum
 from warpchain.engine.recorder import Recorder, RecordingOptions
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning, warn_caller
 from warpchain.gc_tuning import rare_collections
-from warpchain.model.chain_drives import chain_drives, chain_speed
+from warpchain.model import Model
 from warpchain.model.stacks import Stack, first_refusal, first_refused_variant, stacks_of_drives
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 from warpchain.results.judgement import Limits, judgement_warning
@@ -181,7 +181,7 @@ def schedules_of(
     step: float | str | None,
     record: Record,
     window: tuple[float, float] | None,
-    stacks: Sequence[Stack] | None = None,
+    stacks: Sequence[Stack[Drive]] | None = None,
 ) -> Schedules:
     """Schedules of variants: steps, samples and window, in whole steps.
 
@@ -195,7 +195,7 @@ def schedules_of(
     h, longest = _step_sizes(count, step, stacks)
     length, rate = np.zeros(count), np.zeros(count)
     for stack in stacks:
-        length[stack.members] = stack.drive.run.duration if duration is None else duration
+        length[stack.members] = stack.one.run.duration if duration is None else duration
     for v in recorded:
         rate[v] = drives[v].run.sample_rate if record.rate is None else record.rate
 
@@ -212,7 +212,7 @@ def schedules_of(
 
 
 def _step_sizes(
-    count: int, step: float | str | None, stacks: Sequence[Stack]
+    count: int, step: float | str | None, stacks: Sequence[Stack[Drive]]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Step of each of `count` variants [s], and most steps between samples.
 
@@ -223,8 +223,8 @@ def _step_sizes(
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks:
         try:
-            found[stack.members] = resolve_step(stack.drive, step)
-            longest[stack.members] = longest_sample_interval(stack.drive, found[stack.members])
+            found[stack.members] = resolve_step(stack.one, step)
+            longest[stack.members] = longest_sample_interval(stack.one, found[stack.members])
         except DriveError:
             refused.append(first_refused_variant(stack, lambda drive: resolve_step(drive, step)))
     if refused:
@@ -279,8 +279,7 @@ def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> 
         drive: one, or a stack.
         step: [s], or (V,) of each variant.
     """
-    chains = [chain.drive for chain in chain_drives(drive)]
-    moved = np.asarray(maximum(*(chain_speed(of) * step / of.chain.pitch for of in chains)))
+    moved = np.asarray(maximum(*(of.chain_speed * step / of.chain.pitch for of in Model(drive).chains)))
     return np.where(
         (moved > 0.0) & (SAMPLES_PER_PITCH * LONG_SAMPLE_INTERVAL * moved <= 1.0), LONG_SAMPLE_INTERVAL, LOOK_EVERY
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape_distance
 from warpchain.assembly.table_cells import TableList, shaft_ratio
-from warpchain.drive import ArmMount, Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
+from warpchain.drive import ArmMount, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
 from warpchain.drive.body_ties import part_of_body
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
@@ -24,6 +24,7 @@ from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
+from warpchain.model import ChainModel
 from warpchain.model.friction_coefficients import FrictionCoefficients, friction_coefficients
 from warpchain.model.mounts import (
     has_active_mount,
@@ -85,17 +86,17 @@ def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) ->
     row["speed_floor"] = contact.impact_speed_floor
 
 
-def fill_sprocket_row(row: Any, drive: Drive, s: int, seats: RowList) -> None:
+def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> None:
     """Fills the `structs.Sprocket` of sprocket s; `seats` gathers tooth seats."""
-    teeth = drive.sprockets[s].teeth
+    teeth = model.sprockets[s].teeth
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
         seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    radius = drive.pitch_radius(s)
-    tooth = drive.tooth(s)
-    half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
+    radius = model.pitch_radius(s)
+    tooth = model.tooth(s)
+    half_seat, roller_radius = 0.5 * tooth.seat_angle, model.chain.roller_radius
     row["law"]["ahead"] = CONTACT_MARGIN * roller_radius
-    band = maximum(drive.engagement(s), tooth.tip_radius + roller_radius + row["law"]["ahead"] - radius)
+    band = maximum(model.engagement(s), tooth.tip_radius + roller_radius + row["law"]["ahead"] - radius)
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
@@ -107,38 +108,38 @@ def fill_sprocket_row(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     row["sin_half_seat"] = np.sin(half_seat)
     row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
     row["tip_reach"] = tooth.tip_radius + roller_radius
-    fill_law_row(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass)
+    fill_law_row(row["law"], model.contact.sprocket, model.sprocket_stiffness(s), model.chain.mass)
 
 
-def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
+def _harmonic_rows(model: ChainModel, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
     """Rows (order, amplitude, phase) of a body's harmonics."""
-    rows = [array_of_columns((h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
+    rows = [array_of_columns((h.order / shaft_ratio(model, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
-def fill_motion_row(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
+def fill_motion_row(row: Any, model: ChainModel, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
     """Fills the `structs.Motion` of a sprocket or shaft."""
-    turned, led_by = part_of_body(drive, s), prescribed_leader(drive, s)
-    row["sign"] = body_turning_sign(drive, s)
+    turned, led_by = part_of_body(model, s), prescribed_leader(model, s)
+    row["sign"] = body_turning_sign(model, s)
     row["start_angle"] = angle
     if led_by is not None:
         leader, ratio = led_by
-        motion = motion_from_start_phase(drive, part_of_body(drive, leader), part_of_body(drive, leader).prescribed)
-        row["sign"] = body_turning_sign(drive, leader) * ratio
+        motion = motion_from_start_phase(model, part_of_body(model, leader), part_of_body(model, leader).prescribed)
+        row["sign"] = body_turning_sign(model, leader) * ratio
         row["prescribed"] = 1
         row["speed"] = motion.top_speed
         row["ramp_time"] = motion.ramp_time
-        fill_table_row(row["drive_table"], drive, leader, motion.table, tables)
-        rows = _harmonic_rows(drive, leader, motion.harmonics)
+        fill_table_row(row["drive_table"], model, leader, motion.table, tables)
+        rows = _harmonic_rows(model, leader, motion.harmonics)
         _fill_harmonics_row(row["drive_harmonics"], rows, harmonics)
         return
-    row["inverse_inertia"] = 1.0 / train_inertia(drive, s)
+    row["inverse_inertia"] = 1.0 / train_inertia(model, s)
     if turned.load is not None:
-        load = motion_from_start_phase(drive, turned, turned.load)
+        load = motion_from_start_phase(model, turned, turned.load)
         row["load"] = array_of_columns((load.torque, load.viscous, load.quadratic))
         row["load_ramp_time"] = load.ramp_time
-        fill_table_row(row["load_table"], drive, s, load.table, tables)
-        rows = _harmonic_rows(drive, s, load.harmonics)
+        fill_table_row(row["load_table"], model, s, load.table, tables)
+        rows = _harmonic_rows(model, s, load.harmonics)
         _fill_harmonics_row(row["load_harmonics"], rows, harmonics)
 
 
@@ -149,15 +150,15 @@ def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList)
     row["first"] = first + (rows.shape[-2] * np.arange(len(rows)) if rows.ndim > 2 else 0)
 
 
-def fill_table_row(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
+def fill_table_row(row: Any, model: ChainModel, s: int, table: Table | None, tables: TableList) -> None:
     """Fills where a body's table stands, and adds it."""
     if table is not None:
-        tables.add(row, table, shaft_ratio(drive, s, table.shaft))
+        tables.add(row, table, shaft_ratio(model, s, table.shaft))
 
 
-def fill_straight_face(row: Any, drive: Drive, g: int) -> None:
+def fill_straight_face(row: Any, model: ChainModel, g: int) -> None:
     """Fills the face of a straight, fixed guide into `structs.Guide`."""
-    bar = drive.guides[g].bar
+    bar = model.guides[g].bar
     start, end = array_of_columns(bar.start), array_of_columns(bar.end)
     chord = end - start
     length = np.hypot(chord[..., 0], chord[..., 1])
@@ -166,14 +167,14 @@ def fill_straight_face(row: Any, drive: Drive, g: int) -> None:
     row["direction"] = chord / length[..., None]
     row["length"] = length
     row["end_radius"] = bar.end_radius
-    row["roller_radius"] = drive.guide_offset(g)
+    row["roller_radius"] = model.guide_offset(g)
 
 
-def fill_guide_row(row: Any, drive: Drive, g: int) -> None:
+def fill_guide_row(row: Any, model: ChainModel, g: int) -> None:
     """Fills a `structs.Guide` apart from its face."""
-    row["law"]["ahead"] = CONTACT_MARGIN * drive.chain.roller_radius
-    row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
-    fill_law_row(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
+    row["law"]["ahead"] = CONTACT_MARGIN * model.chain.roller_radius
+    row["deepest_entry"] = DEEPEST_ENTRY * model.chain.roller_radius
+    fill_law_row(row["law"], model.guide_contact(g), model.guide_stiffness(g), model.chain.mass)
 
 
 def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: float, stiffness: float) -> None:
@@ -197,7 +198,7 @@ def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia:
     row["stribeck_speed"] = rubbing.stribeck_speed
 
 
-def tooth_effective_mass(drive: Drive, s: int) -> float:
+def tooth_effective_mass(model: ChainModel, s: int) -> float:
     """Effective mass m_e [kg] of a roller on a sprocket.
 
     Forces f_i on z contacts change their sliding speeds by (1/m + G) f, no eigenvalue of G above its trace, z times 1/M
@@ -205,19 +206,19 @@ def tooth_effective_mass(drive: Drive, s: int) -> float:
     center of mass), r as far as contacts reach; an arm adds d^2 / I, d the center from its pivot. So 1/m_e = 1/m + z
     times that.
     """
-    sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
+    sprocket, mobility, offset = model.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
     moment = wheel_mass(sprocket) * wheel.radius if wheel is not None else 0.0
-    inertia = train_inertia(drive, s)
+    inertia = train_inertia(model, s)
     if is_on_springs(sprocket):
         mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
         inertia = inertia - moment * offset
-    if is_free_body(drive, s):
-        mobility = mobility + power(drive.pitch_radius(s) + drive.engagement(s) + offset, 2) / inertia
-    arm = drive.carrier(s)
+    if is_free_body(model, s):
+        mobility = mobility + power(model.pitch_radius(s) + model.engagement(s) + offset, 2) / inertia
+    arm = model.carrier(s)
     if arm is not None:
-        mobility = mobility + power(drive.center_lever(s), 2) / drive.arm_inertia(arm)
-    return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
+        mobility = mobility + power(model.center_lever(s), 2) / model.arm_inertia(arm)
+    return 1.0 / (1.0 / model.chain.mass + sprocket.teeth * mobility)
 
 
 def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
@@ -231,30 +232,30 @@ def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
     row["middle"] = (assembly.strand_first[..., s] + assembly.strand_links[..., s] // 2) % rollers
 
 
-def fill_drive_row(row: Any, drive: Drive, assembly: Assembly) -> None:
+def fill_drive_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
     """Fills a `structs.Drive`: counts, integrator, and the box of motion."""
     row["chains"] = 1
-    row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
-    row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.shafts) + len(drive.arms), len(drive.arms)
-    fill_train_counts(row, drive)
-    row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
-    row["integrator"] = INTEGRATORS[drive.run.integrator]
-    margin = escape_distance(drive, assembly)[..., None]
-    row["jointed"] = any(arm.arm is not None for arm in drive.arms)
-    carried = any(s.bearing is not None or isinstance(s.mount, ArmMount) for s in drive.sprockets)
+    row["rollers"], row["sprockets"], row["guides"] = model.chain.links, len(model.sprockets), len(model.guides)
+    row["bodies"], row["arms"] = len(model.sprockets) + len(model.shafts) + len(model.arms), len(model.arms)
+    fill_train_counts(row, model)
+    row["tensioners"], row["pieces"] = len(model.tensioners), piece_count(model)
+    row["integrator"] = INTEGRATORS[model.run.integrator]
+    margin = escape_distance(model, assembly)[..., None]
+    row["jointed"] = any(arm.arm is not None for arm in model.arms)
+    carried = any(s.bearing is not None or isinstance(s.mount, ArmMount) for s in model.sprockets)
     row["hubs"] = carried or row["jointed"]
-    reach = [drive.pitch_radius(s) + largest_displacement(sprocket) for s, sprocket in enumerate(drive.sprockets)]
+    reach = [model.pitch_radius(s) + largest_displacement(sprocket) for s, sprocket in enumerate(model.sprockets)]
     for s in range(len(reach)):
-        if drive.carrier(s) is not None:
-            reach[s] = reach[s] + 2.0 * drive.center_lever(s)  # wherever the arm turns
-    arms = [2.0 * math.dist(arm.pivot, drive.arms[p].pivot) if (p := drive.parent(a)) is not None else 0.0
-            for a, arm in enumerate(drive.arms)]  # fmt: skip
+        if model.carrier(s) is not None:
+            reach[s] = reach[s] + 2.0 * model.center_lever(s)  # wherever the arm turns
+    arms = [2.0 * math.dist(arm.pivot, model.arms[p].pivot) if (p := model.parent(a)) is not None else 0.0
+            for a, arm in enumerate(model.arms)]  # fmt: skip
     for s in range(len(reach)):
-        reach[s] = reach[s] + (0.0 if (a := drive.carrier(s)) is None else arms[a])
+        reach[s] = reach[s] + (0.0 if (a := model.carrier(s)) is None else arms[a])
     margin = margin + max(
-        (arm.pivot_table.largest_displacement for arm in drive.arms if arm.pivot_table is not None), default=0.0
+        (arm.pivot_table.largest_displacement for arm in model.arms if arm.pivot_table is not None), default=0.0
     )
-    places = [sprocket.center for sprocket in drive.sprockets] + [arm.pivot for arm in drive.arms]
+    places = [sprocket.center for sprocket in model.sprockets] + [arm.pivot for arm in model.arms]
     reach += arms
     corners = [
         (array_of_columns(p) - with_last_axis(r), array_of_columns(p) + with_last_axis(r))
@@ -272,31 +273,31 @@ def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float
     row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-1) + margin), row["high"])
 
 
-def fill_hub_row(row: Any, drive: Drive, s: int) -> None:
+def fill_hub_row(row: Any, model: ChainModel, s: int) -> None:
     """Fills the `structs.Hub` of a sprocket, for 1 s."""
-    sprocket, arm = drive.sprockets[s], drive.carrier(s)
-    row["arm"] = GROUND if arm is None else drive.first_arm_body + arm
+    sprocket, arm = model.sprockets[s], model.carrier(s)
+    row["arm"] = GROUND if arm is None else model.first_arm_body + arm
     if arm is not None:
-        row["lever"] = array_of_columns(sprocket.center) - array_of_columns(drive.arms[arm].pivot)
+        row["lever"] = array_of_columns(sprocket.center) - array_of_columns(model.arms[arm].pivot)
     if sprocket.bearing is not None:
         row["bearing"] = sprocket.bearing.friction * sprocket.bearing.radius
-        mobility = 1.0 / train_inertia(drive, s)
+        mobility = 1.0 / train_inertia(model, s)
         if arm is not None:
-            mobility = mobility + len(drive.sprockets_on(arm)) / drive.arm_inertia(arm)
+            mobility = mobility + len(model.sprockets_on(arm)) / model.arm_inertia(arm)
         row["inertia"] = 1.0 / mobility
 
 
-def fill_body_row(row: Any, drive: Drive, assembly: Assembly, s: int) -> None:
+def fill_body_row(row: Any, model: ChainModel, assembly: Assembly, s: int) -> None:
     """Fills the initial `structs.BodyState` of sprocket s."""
     row["angle"], row["speed"] = assembly.sprocket_angle[..., s], assembly.sprocket_speed[..., s]
     row["center"] = assembly.path.center[..., s, :]
-    row["velocity"] = initial_velocity(drive.sprockets[s], drive.pivot_table(s))
+    row["velocity"] = initial_velocity(model.sprockets[s], model.pivot_table(s))
 
 
-def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
+def fill_mount_row(row: Any, model: ChainModel, s: int, tables: TableList) -> None:
     """Fills the `structs.Mount` of a sprocket, zero if fixed."""
-    sprocket, gravity = drive.sprockets[s], drive.run.gravity
-    plungers = drive.plunger_mass_on(s)
+    sprocket, gravity = model.sprockets[s], model.run.gravity
+    plungers = model.plunger_mass_on(s)
     if isinstance(sprocket.mount, ArmMount):
         row["moves"], row["home"] = CARRIED, array_of_columns(sprocket.center)
     if not has_active_mount(sprocket):
@@ -306,7 +307,7 @@ def fill_mount_row(row: Any, drive: Drive, s: int, tables: TableList) -> None:
     row["home"] = array_of_columns(sprocket.center)
     row["mass"] = mass
     row["gravity"] = array_of_columns(gravity)
-    row["inertia"] = train_inertia(drive, s) if is_free_body(drive, s) else wheel_inertia(sprocket)
+    row["inertia"] = train_inertia(model, s) if is_free_body(model, s) else wheel_inertia(sprocket)
     if sprocket.balance_wheel is not None:
         phase = sprocket.balance_wheel.phase
         arm = wheel_mass(sprocket) * sprocket.balance_wheel.radius
@@ -339,14 +340,14 @@ def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
     return array_of_columns(values)[..., None] * np.eye(2)
 
 
-def fill_chain_row(row: Any, drive: Drive) -> None:
+def fill_chain_row(row: Any, model: ChainModel) -> None:
     """Fills a `structs.Chain`, joint friction for 1 s."""
-    chain = drive.chain
+    chain = model.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
     row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping
     row["play"] = chain.link_play
     row["mass"], row["inverse_mass"] = chain.mass, 1.0 / chain.mass
-    row["gravity"] = array_of_columns(drive.run.gravity)
+    row["gravity"] = array_of_columns(model.run.gravity)
     if chain.joint is not None and chain.has_friction:
         pin_radius = chain.pin_radius
         assert pin_radius is not None  # the chain's own rule

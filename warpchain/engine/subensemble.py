@@ -26,6 +26,7 @@ from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.engine.recorder import Recorder, RecordingOptions
 from warpchain.engine.settling import largest_net_forces, settle_variants
 from warpchain.engine.window_sums import LONG_BATCHES, batch_durations, split_sums
+from warpchain.model import ChainModel
 from warpchain.model.stacks import Stack, split_stack, stack_of_chosen
 from warpchain.progress import ProgressReport, StopRequest
 from warpchain.results.channels import FrameLayout
@@ -50,7 +51,7 @@ class Variants:
 
     drives: Sequence[Drive]
     schedules: Schedules
-    stacks: Sequence[Stack]  # of the drives, numbered from 0
+    stacks: Sequence[Stack[Drive]]  # numbered from 0
     numbers: NDArray[np.int64]  # (V,) in the run, ascending
 
     @cached_property
@@ -58,7 +59,7 @@ class Variants:
         """Rollers times steps (V,) of each variant."""
         rollers = np.zeros(len(self.drives))
         for stack in self.stacks:
-            rollers[stack.members] = stack.drive.links
+            rollers[stack.members] = stack.one.links
         return rollers * (self.schedules.columns["steps"] + 1.0)
 
     def select(self, chosen: NDArray[np.bool_]) -> Variants:
@@ -82,7 +83,7 @@ class DeviceSettings:
 class SubensembleResult:
     """Result of a subensemble: final states, metrics and trajectories."""
 
-    ends: VariantEnds
+    ends: VariantEnds[Drive]
     metric_blocks: Callable[[], ColumnBlocks]  # gives the metrics, numbered as in the run
     trajectories: Mapping[int, Trajectory]  # recorded in memory, by numbers in the run
     end_time: float  # of the last step, by `time.monotonic` [s]
@@ -102,11 +103,11 @@ class Subensemble:
         self.variants = variants
         self.rows = rows = ChainRows(variants.drives, variants.stacks)
         packed = pack(
-            rows.drives, rows.schedules_by_row(variants.schedules), rows.stacks, rows.numbers_by_row(variants.numbers)
+            rows.models, rows.schedules_by_row(variants.schedules), rows.stacks, rows.numbers_by_row(variants.numbers)
         )
         rows.couple_chains(packed, variants.numbers)
         self.packed = replace(packed, frame=frame)
-        self.row_layout_faults = layout_faults_of_drives(rows.drives, self.packed.assemblies, rows.stacks)
+        self.row_layout_faults = layout_faults_of_drives(rows.models, self.packed.assemblies, rows.stacks)
         self.layout_faults = rows.layout_faults(self.row_layout_faults)
 
     def make_recorder(self, recording: RecordingOptions, count: int, archive: ArchiveWriter | None = None) -> Recorder:
@@ -132,20 +133,20 @@ class Subensemble:
         stop: StopRequest,
     ) -> SubensembleResult:
         """Result of the subensemble, settled and stepped."""
-        drives, stacks, packed = self.rows.drives, self.rows.stacks, self.packed
+        models, stacks, packed = self.rows.models, self.rows.stacks, self.packed
         steps = launch_step_limit(settings.device, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
-        settling, of = (drives, stacks) if keeper is None else (keeper.drives_to_settle(), None)
+        settling, of = (models, stacks) if keeper is None else (keeper.drives_to_settle(), None)
 
         def settle_on(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
             _wait_for_launch(futures, stop, lambda: report("settling", *done()))
             return not stop.is_asked
 
-        settles = any(drive.run.settle for drive in settling)
+        settles = any(of.run.settle for of in settling)
         with load_run_kernels(settings.device, packed, settings.precision, settles, settings.cores, report, stop):
-            scatter_in_gaps(packed, drives)
+            scatter_in_gaps(packed, models)
             settled = settle_variants(packed, settling, settings.device, settings.cores, steps, settle_on, of)
         left = largest_net_forces(packed, settled["residual"])
-        perturb_rollers(packed, drives)
+        perturb_rollers(packed, models)
         if keeper is not None:
             keeper.take_over_settling(packed, settled, left)
         steps = launch_step_limit(
@@ -161,15 +162,15 @@ class Subensemble:
             state = engine.progress()
             diverged = state["diverged"] != 0
             rows = VariantEnds(
-                drives,
+                models,
                 self.rows.schedules_by_row(self.variants.schedules),
                 state["step"],
                 diverged,
                 settled,
-                engaged_fractions(engine, drives, stacks),
+                engaged_fractions(engine, models, stacks),
                 self.row_layout_faults,
                 left,
-                divergence_causes(engine, drives, diverged),
+                divergence_causes(engine, models, diverged),
                 stacks,
             )
             ended = self.rows.variant_ends(rows, self.variants.schedules, self.variants.stacks)
@@ -183,8 +184,8 @@ class Subensemble:
 
 
 def _metric_blocks(
-    ended: VariantEnds,
-    rows: VariantEnds,
+    ended: VariantEnds[Drive],
+    rows: VariantEnds[ChainModel],
     begins: NDArray[np.int64],
     sums: tuple[dict[str, NDArray[Any]], PackedEnsemble],
     numbers: NDArray[np.int64],
@@ -269,22 +270,22 @@ def _import_ahead() -> None:
     Thread(target=import_module, args=("scipy.special",)).start()
 
 
-def scatter_in_gaps(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
+def scatter_in_gaps(packed: PackedEnsemble, models: Sequence[ChainModel]) -> None:
     """Scatters rollers of drives with `run.seating`."""
-    for v, drive in enumerate(drives):
-        if drive.run.seating is not None:
+    for v, model in enumerate(models):
+        if model.run.seating is not None:
             rows = packed.roller_rows(v)
-            random = np.random.default_rng(drive.run.seating)
+            random = np.random.default_rng(model.run.seating)
             first, count = (int(packed.drives[name][v]) for name in ("first_sprocket", "sprockets"))
             narrowest = packed.sprockets["clearance"][first : first + count].min()
             off, way = np.sqrt(random.random(rows.shape[1])), random.uniform(0.0, 2.0 * np.pi, rows.shape[1])
             rows[0:2] += narrowest * off * np.array([np.cos(way), np.sin(way)])
 
 
-def perturb_rollers(packed: PackedEnsemble, drives: Sequence[Drive]) -> None:
+def perturb_rollers(packed: PackedEnsemble, models: Sequence[ChainModel]) -> None:
     """Perturbs rollers of drives with `run.perturbation`."""
-    for v, drive in enumerate(drives):
-        if drive.run.perturbation is not None:
+    for v, model in enumerate(models):
+        if model.run.perturbation is not None:
             rows = packed.roller_rows(v)
-            random = np.random.default_rng(drive.run.perturbation)
-            rows[0:2] += PERTURBATION * drive.chain.pitch * random.standard_normal(rows[0:2].shape)
+            random = np.random.default_rng(model.run.perturbation)
+            rows[0:2] += PERTURBATION * model.chain.pitch * random.standard_normal(rows[0:2].shape)

@@ -20,6 +20,7 @@ from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels.cpu.rig import SAMPLE_COLUMNS, Ride, RideSums, shake_plungers
 from warpchain.kernels.structs import Tensioner
+from warpchain.model import ChainModel, Model
 from warpchain.progress import Progress, progress_reporter
 from warpchain.results.arrow_tables import table_with_units
 
@@ -117,7 +118,8 @@ def shake_tensioner(
     if samples and len(shakes) * cycles > MOST_CYCLES:
         text = f"{len(shakes)} rides of {cycles} cycles: must be {MOST_CYCLES} cycles together at most"
         raise SimulationError(text)
-    rides, rows = _struct_rows(drive, tensioner, shakes, cycles, samples)
+    pushed = next(model for model in Model(drive).chains if tensioner in model.tensioners)
+    rides, rows = _struct_rows(pushed, tensioner, shakes, cycles, samples)
     count = cycles * SAMPLES_PER_CYCLE + 1 if samples else 1
     values = wp.zeros((len(shakes), count, len(SAMPLE_COLUMNS)), dtype=wp.float64, device="cpu")
     sums = wp.zeros(len(shakes), dtype=RideSums, device="cpu")
@@ -174,7 +176,7 @@ def _check_motion(tensioner: TensionerPart, one: PlungerMotion, cycles: int) -> 
 
 
 def _struct_rows(
-    drive: Drive, tensioner: TensionerPart, shakes: Sequence[PlungerMotion], cycles: int, samples: bool
+    model: ChainModel, tensioner: TensionerPart, shakes: Sequence[PlungerMotion], cycles: int, samples: bool
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Rows of `Ride` and of `structs.Tensioner` for rides."""
     rides = np.zeros(len(shakes), dtype=Ride.numpy_dtype())
@@ -185,7 +187,7 @@ def _struct_rows(
         ride["step"] = 1.0 / (one.frequency * steps)
         ride["cycle"], ride["cycles"] = steps, cycles
         ride["every"] = steps // SAMPLES_PER_CYCLE if samples else 0
-        fill_tensioner_element(row, drive, tensioner_with_viscosity(tensioner, one.viscosity))
+        fill_tensioner_element(row, model, tensioner_with_viscosity(tensioner, one.viscosity))
     return rides, rows
 
 

@@ -28,7 +28,7 @@ from warpchain.modal.matrices import Array
 from warpchain.modal.rigid_rotation import free_rotations, stiffness_without_rotation
 from warpchain.modal.small_motion import ChainMotion, DriveMotion, drive_motion
 from warpchain.modal.tensioner_modes import PlungerMotion, plunger_motion, standing_lines
-from warpchain.model.chain_drives import bodies_of_chain_drive, chain_drives
+from warpchain.model import ChainModel, Model, single_chain
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 
 PartEnergy = tuple[str, Array]
@@ -114,6 +114,7 @@ class Modes:
         growing: (U,) growth rates of motions without swinging [1/s].
         creeping: (O,) decay rates of motions without swinging [1/s].
         standing: lines on how arms and tensioners stand.
+        chain: the one chain of the drive whose parts these are; None where they are the whole drive's.
     """
 
     drive: Drive
@@ -137,6 +138,16 @@ class Modes:
     growing: Array
     creeping: Array
     standing: tuple[str, ...]
+    chain: ChainModel | None = None
+
+    @property
+    def model(self) -> ChainModel:
+        """The model of the one chain whose modes these are.
+
+        Raises:
+            DriveError: of a drive of several.
+        """
+        return single_chain(self.drive if self.chain is None else self.chain)
 
     @property
     def frequency(self) -> Array:
@@ -170,16 +181,14 @@ class Modes:
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
     def of_chains(self) -> tuple[Modes, ...]:
-        """Modes of each chain, as of its own drive."""
-        if not self.drive.chains:
-            return (self,)
-        found, first = [], 0
-        for chain in chain_drives(self.drive):
-            rollers = slice(first, first + chain.drive.chain.links)
-            bodies, pushed = bodies_of_chain_drive(self.drive, chain), list(chain.places["tensioners"])
+        """Modes of the parts of each chain."""
+        found, first, model = [], 0, Model(self.drive)
+        for chain in model.chains:
+            rollers = slice(first, first + chain.links)
+            bodies, pushed = model.bodies_of_chain(chain), list(chain.places["tensioners"])
             own: dict[str, Any] = {name: getattr(self, name)[:, pushed] for name in TENSIONER_FIELDS}
             own |= {"position": self.position[rollers], "tension": self.tension[rollers], "placed": self.placed[bodies]}
-            own |= {"shape": self.shape[:, rollers], "bodies": self.bodies[:, bodies], "drive": chain.drive}
+            own |= {"shape": self.shape[:, rollers], "bodies": self.bodies[:, bodies], "chain": chain}
             found.append(replace(self, **own))
             first = rollers.stop
         return tuple(found)
@@ -269,10 +278,10 @@ def _modes_at_speed(drive: Drive, count: int, speed: float, valve: str) -> Modes
 
 def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
     """Moves carried arms and sprockets along in modes."""
-    drive, placed = found.drive, found.state.bodies[0]
-    first = drive.first_arm_body
-    on = {first + a: drive.parent(a) for a in range(len(drive.arms))}
-    on |= {s: drive.carrier(s) for s in range(len(drive.sprockets))}
+    model, placed = found.model, found.state.bodies[0]
+    first = model.first_arm_body
+    on = {first + a: model.parent(a) for a in range(len(model.arms))}
+    on |= {s: model.carrier(s) for s in range(len(model.sprockets))}
     for b, arm in on.items():
         if arm is not None:
             x, y = placed[b, :2] - placed[first + arm, :2]
@@ -333,8 +342,8 @@ def _chain_motions(
 
 def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str, Any]:
     """Displacement fields of `Modes` from eigenvectors."""
-    drive, shapes = found.drive, []
-    placed = np.zeros((drive.first_arm_body + len(drive.arms), 3))
+    drive, model, shapes = found.drive, Model(found.drive), []
+    placed = np.zeros((len(drive.sprockets) + len(drive.shafts) + len(drive.arms), 3))
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
     kinds = zip(TENSIONER_FIELDS, (np.complex128, np.complex128, np.float64, np.float64), strict=True)
     pushed: dict[str, Any] = {name: np.zeros((vector.shape[1], len(drive.tensioners)), kind) for name, kind in kinds}
@@ -342,9 +351,9 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
         shape, turned = part.at.roller_and_body_parts(own.T)
         _move_carried_bodies(part, turned)
         shapes.append(shape)
-        mine = [*range(len(chain.drive.sprockets) + len(chain.places["shafts"]))]
-        mine += range(chain.drive.first_arm_body, chain.drive.first_arm_body + len(chain.places["arms"]))
-        at = np.array(bodies_of_chain_drive(drive, chain))[mine]
+        mine = [*range(len(chain.sprockets) + len(chain.places["shafts"]))]
+        mine += range(chain.first_arm_body, chain.first_arm_body + len(chain.places["arms"]))
+        at = np.array(model.bodies_of_chain(chain))[mine]
         bodies[:, at], placed[at] = turned[:, mine], part.state.bodies[0][mine]
         for name, values in pushed.items():
             values[:, list(chain.places["tensioners"])] = getattr(plunger, name)
@@ -369,9 +378,9 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
     """Parts' names, energy shares (K, P), transverse share (K,)."""
     parts, shares = list[str](), list[Array]()
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
-    for r, (part, own, plunger) in enumerate(_chain_motions(found, vector)):
+    motions = zip(found.drive.chain_prefixes, _chain_motions(found, vector), strict=True)
+    for before, (part, own, plunger) in motions:
         energy = (own.conj() * (part.mass @ own)).real.T
-        before = f"{found.chains[r].name}." if found.drive.chains else ""
         for name, share in _part_energies(part, energy, plunger.kinetic, before):
             if name in parts:  # a sprocket that is a shaft beside another chain
                 shares[parts.index(name)] = shares[parts.index(name)] + share
@@ -395,28 +404,28 @@ def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: st
         energy: (K, n) of the coordinates.
         plunger: (K, T) of tensioners' plungers.
     """
-    drive, at, places = found.drive, found.at, found.layout
+    model, at, places = found.model, found.at, found.layout
     own = 2 * at.rollers
     roller = energy[:, :own].reshape(-1, at.rollers, 2).sum(axis=2)
     body = energy[:, own : at.oil_start]
-    for k, name in enumerate(drive.strand_names):
+    for k, name in enumerate(model.strand_names):
         yield before + name, roller[:, places.strand == k].sum(axis=1)
-    carried = np.zeros((len(energy), drive.first_arm_body + len(drive.arms)))
-    for t in range(len(drive.tensioners)):
-        carried[:, drive.tensioner_body(t)] += plunger[:, t]
-    for s, sprocket in enumerate(drive.sprockets):
+    carried = np.zeros((len(energy), model.first_arm_body + len(model.arms)))
+    for t in range(len(model.tensioners)):
+        carried[:, model.tensioner_body(t)] += plunger[:, t]
+    for s, sprocket in enumerate(model.sprockets):
         turns = body[:, (at.owner == s) & at.turning].sum(axis=1)
         on = roller[:, places.arc == s].sum(axis=1)
         yield sprocket.name, on + turns
         slides = (at.owner == s) & ~at.turning
         if slides.any():
             yield f"{sprocket.name}.mount", body[:, slides].sum(axis=1) - carried[:, s]
-    for b, shaft in enumerate(drive.shafts, len(drive.sprockets)):
+    for b, shaft in enumerate(model.shafts, len(model.sprockets)):
         if (at.owner == b).any():
             yield shaft.name, body[:, at.owner == b].sum(axis=1)
-    for b, arm in enumerate(drive.arms, drive.first_arm_body):
+    for b, arm in enumerate(model.arms, model.first_arm_body):
         yield arm.name, body[:, at.owner == b].sum(axis=1) - carried[:, b]
-    for t, tensioner in enumerate(drive.tensioners):
+    for t, tensioner in enumerate(model.tensioners):
         yield tensioner.name, plunger[:, t]
 
 

@@ -14,10 +14,10 @@ from warpchain.view.figures.figure_style import LINE_COLORS, rpm_of_speed, stran
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from warpchain.drive import Drive
     from warpchain.modal.campbell import Campbell
     from warpchain.modal.eigenmodes import Modes
     from warpchain.modal.matrices import Array
+    from warpchain.model import ChainModel
 
 
 def closed_chain_line(rollers: Array) -> Array:
@@ -25,22 +25,22 @@ def closed_chain_line(rollers: Array) -> Array:
     return np.append(rollers, rollers[:1], axis=0)
 
 
-def carried_part_lines(drive: Drive, bodies: Array) -> list[Array]:
+def carried_part_lines(model: ChainModel, bodies: Array) -> list[Array]:
     """Lines (P, 2) [m] of arms and carried parts."""
-    return [part.points for part in _drive_parts(drive, bodies) if part.carried]
+    return [part.points for part in _drive_parts(model, bodies) if part.carried]
 
 
-def fixed_part_lines(drive: Drive) -> list[Array]:
+def fixed_part_lines(model: ChainModel) -> list[Array]:
     """Lines (P, 2) [m] of guides and housings."""
-    bodies = np.zeros((drive.first_arm_body + len(drive.arms), 3))
-    return [part.points for part in _drive_parts(drive, bodies) if not part.carried]
+    bodies = np.zeros((model.first_arm_body + len(model.arms), 3))
+    return [part.points for part in _drive_parts(model, bodies) if not part.carried]
 
 
-def _drive_parts(drive: Drive, bodies: Array) -> list[OutlinePart]:
+def _drive_parts(model: ChainModel, bodies: Array) -> list[OutlinePart]:
     """Outlines of guides, arms and tensioners in a pose."""
-    count = len(drive.sprockets)
+    count = len(model.sprockets)
     return guide_arm_tensioner_parts(
-        drive, DrivePose(bodies[:count, :2], bodies[:count, 2], bodies[drive.first_arm_body :, 2])
+        model, DrivePose(bodies[:count, :2], bodies[:count, 2], bodies[model.first_arm_body :, 2])
     )
 
 
@@ -90,19 +90,19 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
     """Draws the shape of mode k into a figure's panel."""
     chain = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
     for own in modes.of_chains():
-        for line in fixed_part_lines(own.drive):
+        for line in fixed_part_lines(own.model):
             axis.plot(*line.T, color="peru", lw=1.2)
         axis.plot(*closed_chain_line(own.position).T, color="0.75", lw=0.8)
     for phase, color in ((np.pi, LINE_COLORS[0]), (0.0, LINE_COLORS[1])):
         for own, rollers, bodies in mode_swing(modes, k, phase):
             axis.plot(*closed_chain_line(rollers).T, color=color, lw=1.1)
-            for s in range(len(own.drive.sprockets)):
+            for s in range(len(own.model.sprockets)):
                 x, y, _ = bodies[s]
-                radius, angle = 0.82 * own.drive.pitch_radius(s), bodies[s, 2] - own.placed[s, 2]
+                radius, angle = 0.82 * own.model.pitch_radius(s), bodies[s, 2] - own.placed[s, 2]
                 if phase == 0.0:
                     axis.plot(x + radius * chain.real, y + radius * chain.imag, color="0.6", lw=0.8)
                 axis.plot([x, x + radius * np.cos(angle)], [y, y + radius * np.sin(angle)], color=color, lw=1.1)
-            for line in carried_part_lines(own.drive, bodies):
+            for line in carried_part_lines(own.model, bodies):
                 axis.plot(*line.T, color=color, lw=0.8)
     ratio = 100.0 * modes.damping_ratio[k]
     axis.set_title(f"{k + 1}: {modes.frequency[k]:.4g} Hz, {ratio:.2g} %\n{strand_label(modes.names[k])}", fontsize=8)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
-from warpchain.model.chain_drives import chain_drives
 from warpchain.view import html
 from warpchain.view.figures.figure_style import rpm_of_speed
 
@@ -104,8 +103,7 @@ def modes_page(modes: Modes, found: Campbell | None = None) -> str:
     """HTML page of modes and their Campbell diagram."""
     drive = modes.drive
     where = "at rest" if modes.speed == 0.0 else f"with the driver at {rpm_of_speed(modes.speed):.4g} rpm"
-    chains = [chain.drive for chain in chain_drives(drive)]
-    links = " and ".join(f"{own.chain.links} links of {1e3 * own.chain.pitch:g} mm" for own in chains)
+    links = " and ".join(f"{chain.links} links of {1e3 * chain.pitch:g} mm" for chain in drive.each_chain)
     tension = f"link tension {modes.tension.min():.4g} to {modes.tension.max():.4g} N"
     shares = "Shares are of the mode's kinetic energy; across is what of the rollers' is transverse to the chain."
     sections = [

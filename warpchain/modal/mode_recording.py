@@ -84,12 +84,12 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
     import rerun as rr
 
     chains = modes.of_chains()
-    width = 0.08 * min(own.drive.chain.pitch for own in chains)
+    width = 0.08 * min(own.model.chain.pitch for own in chains)
     rest = rr.LineStrips2D(
         [flipped_points(closed_chain_line(own.position)) for own in chains], colors=[REST], radii=[0.5 * width]
     )
     stream.log("drive/chain", rest, static=True)
-    still = [flipped_points(line) for own in chains for line in fixed_part_lines(own.drive)]
+    still = [flipped_points(line) for own in chains for line in fixed_part_lines(own.model)]
     if still:
         stream.log("drive/still", rr.LineStrips2D(still, colors=[RUBBER], radii=[width]), static=True)
     for frame in range(CYCLES * CYCLE_FRAMES + 1):
@@ -99,7 +99,7 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
             colors, radii = [], []
             for own, rollers, bodies in mode_swing(modes, k, 2.0 * np.pi * frame / CYCLE_FRAMES):
                 steel = _sprocket_rims(own, bodies)
-                carried = [flipped_points(line) for line in carried_part_lines(own.drive, bodies)]
+                carried = [flipped_points(line) for line in carried_part_lines(own.model, bodies)]
                 strips += [flipped_points(closed_chain_line(rollers)), *steel, *carried]
                 colors += [CHAIN] + [STEEL] * len(steel) + [RUBBER] * len(carried)
                 radii += [width] + [0.6 * width] * (len(steel) + len(carried))
@@ -109,9 +109,9 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
 def _sprocket_rims(modes: Modes, bodies: NDArray[np.float64]) -> list[Any]:
     """Rerun lines of sprocket rims in a mode's swing."""
     strips, chain = [], np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
-    for s in range(len(modes.drive.sprockets)):
+    for s in range(len(modes.model.sprockets)):
         x, y, angle = bodies[s]
-        radius = 0.82 * modes.drive.pitch_radius(s)
+        radius = 0.82 * modes.model.pitch_radius(s)
         turned = chain * np.exp(1j * (angle - modes.placed[s, 2]))
         rim = np.stack([x + radius * turned.real, y + radius * turned.imag], axis=1)
         strips += [flipped_points(rim), flipped_points(np.array([[x, y], rim[0]]))]

@@ -17,7 +17,7 @@ from warpchain.drive.body_ties import part_of_body, ratios_with_chains
 from warpchain.drive.schema import node_value
 from warpchain.modal.matrices import Array
 from warpchain.modal.small_motion import DriveMotion
-from warpchain.model.chain_drives import bodies_of_chain_drive
+from warpchain.model import Model
 from warpchain.model.trains import is_free_body
 
 
@@ -61,16 +61,17 @@ def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], sm
 def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Array]:
     """Rigid rotation (n,), and marks (n,) of angles."""
     drive, size = found.drive, found.mass.shape[0]
+    model, turning = Model(drive), len(drive.sprockets) + len(drive.shafts)
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)
-    passing = turns[len(drive.sprockets) + len(drive.shafts) :]
+    passing = turns[turning:]
     for part, tie, chain, passed in zip(found.parts, found.ties, found.chains, passing, strict=True):
         place = part.state.position[0]
         along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
-        straight = passed * part.drive.chain.pitch * along / np.hypot(*along.T)[:, None]
+        straight = passed * part.model.chain.pitch * along / np.hypot(*along.T)[:, None]
         turned = np.zeros_like(part.state.bodies[0])
-        for k, b in enumerate(bodies_of_chain_drive(drive, chain)):
+        for k, b in enumerate(model.bodies_of_chain(chain)):
             place_of = part.at.turning_coordinate(k)
-            if b < drive.first_arm_body and turns[b] and place_of is not None:
+            if b < turning and turns[b] and place_of is not None:
                 turned[k, 2] = math.tau * turns[b]
                 column = tie[[place_of[0]]].nonzero()[1]
                 angles[column] = 1.0 if b < len(drive.sprockets) else np.where(angles[column] > 0, 1.0, -1.0)

@@ -29,9 +29,8 @@ from warpchain.modal.matrices import (
     tensioner_strokes,
     travel_matrix,
 )
-from warpchain.model.chain_drives import chain_driver_ratios, chain_drives, shared_bodies
+from warpchain.model import ChainModel, Model
 from warpchain.model.oil import outlet_flows, static_pressure, valve_flow
-from warpchain.model.parts_by_chain import ChainDrive
 from warpchain.model.trains import body_speed_ratio, body_turning_sign, free_body_loads, is_free_body
 from warpchain.results.schedule import Schedule
 
@@ -73,7 +72,7 @@ def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlac
 class ChainMotion:
     """Small motion of one chain, with matrices."""
 
-    drive: Drive
+    model: ChainModel
     speed: float
     packed: PackedEnsemble  # in that state
     state: ProbeStates  # one copy
@@ -98,10 +97,10 @@ PRESSURE_STEP = 1.0
 """Pressure step for a valve's slope [Pa]."""
 
 
-def oil_conductances(drive: Drive, valve: str) -> Array:
+def oil_conductances(model: ChainModel, valve: str) -> Array:
     """Conductances G (w,) of oil chambers [m^3/(s Pa)]."""
     found = []
-    for tensioner in drive.tensioners:
+    for tensioner in model.tensioners:
         if tensioner.hydraulic:
             rest = static_pressure(tensioner)
             slope = (
@@ -127,7 +126,7 @@ class DriveMotion:
 
     drive: Drive
     speed: float
-    chains: tuple[ChainDrive, ...]  # each as a drive of its own
+    chains: tuple[ChainModel, ...]
     parts: tuple[ChainMotion, ...]  # of each chain; the mass of a shared shaft is in its first
     ties: tuple[sp.csc_array, ...]  # P_c of each chain (n_c, n)
     mass: sp.csc_array  # (n, n) M, and so the others
@@ -138,7 +137,7 @@ class DriveMotion:
 
 def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[PackedEnsemble] | None = None
-) -> list[tuple[ChainDrive, float, PackedEnsemble, Array]]:
+) -> list[tuple[ChainModel, float, PackedEnsemble, Array]]:
     """Chains in static equilibrium, packed, with tensions (N,) [N].
 
     Nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops open, motors have the
@@ -152,33 +151,33 @@ def standing_chains(
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or a chain too fast.
     """
-    chains, speeds = chain_drives(drive), [speed * ratio for ratio in chain_driver_ratios(drive)]
-    drives = [chain.drive for chain in chains]
-    still = [pack([own], [Schedule(1.0, 1, 2, 2, 0)]) for own in drives]
+    model = Model(drive)
+    speeds = [speed * ratio for ratio in model.driver_ratios]
+    still = [pack([chain], [Schedule(1.0, 1, 2, 2, 0)]) for chain in model.chains]
     near = None
     if start is not None:
-        near = [_standing_coordinates(own, packed) for own, packed in zip(drives, start, strict=True)]
+        near = [_standing_coordinates(own, packed) for own, packed in zip(model.chains, start, strict=True)]
     assemblies = [packed.assemblies[0] for packed in still]
-    states = zip(*equilibrium(drives, speeds, assemblies, near, shared_bodies(drive, chains)), strict=True)
+    states = zip(*equilibrium(model.chains, speeds, assemblies, near, model.shared_bodies), strict=True)
     found = []
-    for chain, own, packed, (potential, x) in zip(chains, speeds, still, states, strict=True):
+    for chain, own, packed, (potential, x) in zip(model.chains, speeds, still, states, strict=True):
         _lay_in_equilibrium(packed, potential, x, own)
         found.append((chain, own, packed, potential.tensions(x)))
     return found
 
 
-def _standing_coordinates(drive: Drive, packed: PackedEnsemble) -> Array:
+def _standing_coordinates(model: ChainModel, packed: PackedEnsemble) -> Array:
     """Coordinates of a packed chain at rest."""
-    centers = packed.bodies["center"][: len(drive.sprockets)]
-    hung = [drive.first_arm_body + a for a in range(len(drive.arms)) if drive.parent(a) is not None]
+    centers = packed.bodies["center"][: len(model.sprockets)]
+    hung = [model.first_arm_body + a for a in range(len(model.arms)) if model.parent(a) is not None]
     angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]
     return np.concatenate([packed.roller_rows(0)[0:2].T.ravel(), centers.ravel(), angles, pivots.ravel()])
 
 
 def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, speed: float) -> None:
     """Writes a chain's static equilibrium into its packed arrays."""
-    drive = potential.drive
-    sprockets = len(drive.sprockets)
+    model = potential.model
+    sprockets = len(model.sprockets)
     position, centers, _ = potential.split(x)
     for friction in (still.chains["joint"], still.tooth_friction, still.guide_friction):
         friction["inertia"] = 0.0
@@ -190,7 +189,7 @@ def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, s
     still.bodies["angle"] = x[2 * potential.rollers + 2 * sprockets : potential.first_pivot]
     still.bodies["center"][:sprockets] = centers
     for a, _ in potential.hung:
-        still.bodies["center"][drive.first_arm_body + a] = potential.pivots(x)[a]
+        still.bodies["center"][model.first_arm_body + a] = potential.pivots(x)[a]
     still.guides["deepest_entry"] = np.inf
     still.mounts["amplitude"], still.mounts["frequency"] = 0.0, 0.0
     still.mounts["x_table"]["cells"] = still.mounts["y_table"]["cells"] = 0
@@ -200,14 +199,14 @@ def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, s
     still.valves["preload"] = still.valves["stiffness"] = 0.0
     still.couplings["lash"], still.couplings["capacity"], still.motors["present"] = 0.0, 0.0, 0
     still.couplings["freewheel"] = 0
-    still.engaged["ratio"][[coupling.is_grounded for coupling in drive.couplings]] = 0.0
-    for b, load in free_body_loads(drive):
-        turning = speed * body_speed_ratio(drive, b, drive.driver)
-        moment = body_turning_sign(drive, b) * potential.moments[b]
+    still.engaged["ratio"][[coupling.is_grounded for coupling in model.couplings]] = 0.0
+    for b, load in free_body_loads(model):
+        turning = speed * body_speed_ratio(model, b, model.driver)
+        moment = body_turning_sign(model, b) * potential.moments[b]
         still.motions[b]["load"] = (moment, load.viscous + 2.0 * load.quadratic * turning, 0.0)
-    for b, shaft in enumerate(drive.shafts, sprockets):
-        if shaft.motor is not None and is_free_body(drive, b):
-            turning = speed * body_speed_ratio(drive, b, drive.driver)
+    for b, shaft in enumerate(model.shafts, sprockets):
+        if shaft.motor is not None and is_free_body(model, b):
+            turning = speed * body_speed_ratio(model, b, model.driver)
             near_by = max(1e-6 * turning, 1e-9)
             fall = shaft.motor.at(turning - near_by) - shaft.motor.at(turning + near_by)
             still.motions[b]["load"][1] += float(fall) / (2.0 * near_by)
@@ -231,9 +230,8 @@ def drive_motion(
     drained = [t.name for t in drive.tensioners if t.is_drained]
     drive = drive.with_values({f"tensioners.{name}.chamber.drained": 0.0 for name in drained}) if drained else drive
     found = standing_chains(drive, speed, begun)
-    parts = [_chain_motion(chain.drive, own, packed, tension, valve) for chain, own, packed, tension in found]
-    shafts = shared_bodies(drive, [chain for chain, *_ in found])
-    parts, ties = _tie_chains(parts, shafts)
+    parts = [_chain_motion(chain, own, packed, tension, valve) for chain, own, packed, tension in found]
+    parts, ties = _tie_chains(parts, Model(drive).shared_bodies)
     joined = [
         _sum_over_chains(ties, [getattr(part, name) for part in parts])
         for name in ("mass", "damping", "stiffness", "travel")
@@ -269,21 +267,21 @@ def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMot
     return parts, ties
 
 
-def _chain_motion(drive: Drive, speed: float, packed: PackedEnsemble, tension: Array, valve: str) -> ChainMotion:
+def _chain_motion(model: ChainModel, speed: float, packed: PackedEnsemble, tension: Array, valve: str) -> ChainMotion:
     """Small motion of a packed chain at rest."""
     probe = ForceProbe(packed)
     try:
         state = probe.packed_state()
         at = free_coordinates(probe, state)
-        rate = passing_rate(drive, speed)
+        rate = passing_rate(model, speed)
         pushed = centrifugal_matrix(at.rollers, at.mass, rate, at.coordinate_count)
-        own = sp.csc_array(stiffness_matrix(probe, at, state, drive.chain.pitch) - pushed)
-        places = roller_places(packed.assemblies[0], probe.touching_rollers(state)[: len(drive.sprockets)])
+        own = sp.csc_array(stiffness_matrix(probe, at, state, model.chain.pitch) - pushed)
+        places = roller_places(packed.assemblies[0], probe.touching_rollers(state)[: len(model.sprockets)])
         travel = travel_matrix(at.rollers, at.mass, rate, places.free_links, at.coordinate_count)
-        drag = damping_matrix(probe, at, state, oil_conductances(drive, valve) if len(at.chambers) else None)
+        drag = damping_matrix(probe, at, state, oil_conductances(model, valve) if len(at.chambers) else None)
         x, _ = tensioner_strokes(probe, state)
         return ChainMotion(
-            drive, speed, packed, state, tension, x, valve, at, places, at.mass_matrix, drag, own, travel
+            model, speed, packed, state, tension, x, valve, at, places, at.mass_matrix, drag, own, travel
         )
     finally:
         probe.close()

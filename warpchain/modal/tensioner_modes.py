@@ -78,10 +78,10 @@ def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Ar
     lost = linear.damping * np.abs(stroke) ** 2 + (leaked.conj() * through).real
     _, bodies = at.roller_and_body_parts(vector.T)
     kinetic = np.zeros(stroke.shape)
-    for t, tensioner in enumerate(found.drive.tensioners):
-        x, y, angle = np.abs(bodies[:, found.drive.tensioner_body(t)].T) ** 2
-        on_arm = found.drive.tensioner_body(t) >= found.drive.first_arm_body
-        square = x + y + (found.drive.tensioner_lever(t) ** 2 * angle if on_arm else 0.0)
+    for t, tensioner in enumerate(found.model.tensioners):
+        x, y, angle = np.abs(bodies[:, found.model.tensioner_body(t)].T) ** 2
+        on_arm = found.model.tensioner_body(t) >= found.model.first_arm_body
+        square = x + y + (found.model.tensioner_lever(t) ** 2 * angle if on_arm else 0.0)
         kinetic[:, t] = tensioner.plunger_mass * square
     stiff, drag = stiff[:, None], drag[:, None]
     return PlungerMotion(
@@ -95,20 +95,20 @@ def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Ar
 
 def _tensioner_rows(found: ChainMotion) -> Any:
     """Packed rows of a chain's tensioners."""
-    return found.packed.tensioners[: len(found.drive.tensioners)]
+    return found.packed.tensioners[: len(found.model.tensioners)]
 
 
 def standing_lines(found: ChainMotion) -> tuple[str, ...]:
     """Lines of text on how arms and tensioners stand."""
-    drive, said = found.drive, []
-    for a, arm in enumerate(drive.arms):
-        angles, row, carrier = found.state.bodies[0, drive.first_arm_body :, 2], found.packed.arms[a], drive.parent(a)
+    model, said = found.model, []
+    for a, arm in enumerate(model.arms):
+        angles, row, carrier = found.state.bodies[0, model.first_arm_body :, 2], found.packed.arms[a], model.parent(a)
         angle = angles[a] - (0.0 if carrier is None else angles[carrier])
         where = "lower" if angle < row["low"] else "upper" if angle > row["high"] else ""
         on = f", on its {where} stop, whose stiffness holds it" if where else ""
         said.append(f"{arm.name} stands at {np.degrees(angle):.3g} degrees{on}")
     linear, of = tensioner_elements(found), _tensioner_rows(found)
-    for t, tensioner in enumerate(drive.tensioners):
+    for t, tensioner in enumerate(model.tensioners):
         line = f"{tensioner.name} stands at {1e3 * found.extension[t]:.3g} mm and pushes with {linear.force[t]:.4g} N"
         if linear.force[t] == 0.0:
             line = (

@@ -1,1 +1,6 @@
 """Derivation from a drive: its chains, bodies and trains, sizes, stiffnesses, speeds; and stacks of drives."""
+
+from warpchain.model.chain_model import ChainModel
+from warpchain.model.model import Model, chains_of, single_chain
+
+__all__ = ["ChainModel", "Model", "chains_of", "single_chain"]

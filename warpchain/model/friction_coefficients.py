@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from warpchain.drive.stack_math import is_true_somewhere, maximum, minimum
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive, ImpactLaw
+    from warpchain.drive import ImpactLaw
     from warpchain.drive.chain import Joint
+    from warpchain.model import ChainModel
 
 
 @dataclass(frozen=True)
@@ -47,20 +48,20 @@ def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> Fri
     return FrictionCoefficients(dynamic, static, speed)
 
 
-def tooth_friction_coefficients(drive: Drive) -> FrictionCoefficients:
+def tooth_friction_coefficients(model: ChainModel) -> FrictionCoefficients:
     """Coefficients of friction of rollers on teeth."""
-    return friction_coefficients(drive.contact.sprocket)
+    return friction_coefficients(model.contact.sprocket)
 
 
-def guide_friction_coefficients(drive: Drive, g: int) -> FrictionCoefficients:
+def guide_friction_coefficients(model: ChainModel, g: int) -> FrictionCoefficients:
     """Coefficients of friction of rollers, or of the chain's plates, on guide-bar g."""
-    law = drive.guide_contact(g)
-    return friction_coefficients(law, _rolling_coefficient(drive) if law.rolling else math.inf)
+    law = model.guide_contact(g)
+    return friction_coefficients(law, _rolling_coefficient(model) if law.rolling else math.inf)
 
 
-def _rolling_coefficient(drive: Drive) -> float:
+def _rolling_coefficient(model: ChainModel) -> float:
     """Coefficient that a rolling roller transmits, mu_b r_b / R_r [-]; 0 where joints have no friction."""
-    joint, pin_radius = getattr(drive.chain, "joint", None), getattr(drive.chain, "pin_radius", None)
+    joint, pin_radius = getattr(model.chain, "joint", None), getattr(model.chain, "pin_radius", None)
     if joint is None or pin_radius is None:
         return 0.0
-    return joint.friction * pin_radius / drive.chain.roller_radius
+    return joint.friction * pin_radius / model.chain.roller_radius

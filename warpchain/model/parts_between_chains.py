@@ -23,7 +23,7 @@ class LedSprocket(Sprocket):
 
 
 class SprocketShaft(Shaft):
-    """A sprocket of another chain, as a shaft of a chain's own drive (`warpchain.model.chain_drives`).
+    """A sprocket of another chain, as a shaft of its home chain (`warpchain.model.chain_models`).
 
     Attributes:
         shaft: that it turns with.

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from operator import itemgetter
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +28,16 @@ from warpchain.drive.shafts import Ratios
 from warpchain.drive.stack_math import UnlikeVariants, has_arrays
 from warpchain.drive.valves import LiftProfile, LiftTable, Valves
 from warpchain.errors import DriveError
+from warpchain.model.chain_model import ChainModel
 
 StackedValue = TypeVar("StackedValue")
+Of = TypeVar("Of", bound=Drive | ChainModel)
+"""What is stacked: drives, or models of chains."""
 
 _WHOLE_TABLES = (*TABLES, LiftTable)
 _PLAIN_TYPES = frozenset((float, int, str, bool, type(None)))
 
-_FACE_NUMBERS: set[tuple[type, str]] = {(Drive, "guides"), (Arm, "pivot")}
+_FACE_NUMBERS: set[tuple[type, str]] = {(Drive, "guides"), (ChainModel, "guides"), (Arm, "pivot")}
 _FACE_NUMBERS |= {(kind, name) for kind in (Chain, NamedChain) for name in ("pitch", "roller_radius")}
 """The numbers that guides' faces depend on, by class and key."""
 
@@ -44,54 +47,54 @@ _LIFT_NUMBERS = {(LiftProfile, "rise"), (LiftProfile, "dwell"), (LiftProfile, "f
 _FREE_PARTS = {WornLink}
 """Parts of numbers that may be 0 in some variants of a stack only, as no calculation branches on them."""
 
-_UNSTACKED_SETTINGS = {"seating", "perturbation", "temperature", "expansion"}
-"""Settings that may differ within a stack, as their effect is in other numbers already."""
+_UNSTACKED_SETTINGS = {"seating", "perturbation", "temperature", "expansion", "places"}
+"""What may differ within a stack: settings whose effect is in other numbers already, and places in whole drives."""
 
 LARGEST_STACK = 4096
 """Most variants of a stack, so that what is worked on stays in the processor's caches."""
 
 
 @dataclass(frozen=True)
-class Stack:
-    """Drives that are alike, as one.
+class Stack(Generic[Of]):
+    """Drives, or models of chains, that are alike, as one.
 
     Attributes:
-        members: (V,) their numbers among all drives, ascending.
-        drive: all of them as one; of a single one, the drive itself.
+        members: (V,) their numbers among all, ascending.
+        one: all of them as one; of a single one, that itself.
     """
 
     members: NDArray[np.int64]
-    drive: Drive
+    one: Of
 
 
-def stacks_of_drives(drives: Sequence[Drive], largest: int = LARGEST_STACK) -> list[Stack]:
-    """Drives sorted into stacks of at most `largest`, in the order of their first members."""
+def stacks_of_drives(drives: Sequence[Of], largest: int = LARGEST_STACK) -> list[Stack[Of]]:
+    """Drives, or models of chains, sorted into stacks of at most `largest`, in the order of their first members."""
     bent = np.array(_bent_drives(drives), dtype=bool)
-    several = np.array([bool(drive.chains) for drive in drives])
-    ways = ((faces, chains) for faces in (False, True) for chains in (False, True))
-    groups = [(np.flatnonzero((bent == faces) & (several == chains)), faces) for faces, chains in ways]
+    counts = np.array([len(getattr(drive, "chains", ())) for drive in drives])
+    ways = ((faces, count) for faces in (False, True) for count in np.unique(counts))
+    groups = [(np.flatnonzero((bent == faces) & (counts == count)), faces) for faces, count in ways]
     kinds = [stack for members, faces in groups if len(members) for stack in _stacks_by_kind(drives, members, faces)]
     found = (part for stack in kinds for part in split_stack(stack, largest))
     return sorted(found, key=lambda stack: int(stack.members[0]))
 
 
-def split_stack(stack: Stack, largest: int = LARGEST_STACK) -> Iterator[Stack]:
+def split_stack(stack: Stack[Of], largest: int = LARGEST_STACK) -> Iterator[Stack[Of]]:
     """Yields a stack as stacks of at most `largest` variants, one after the other."""
     count = len(stack.members)
     for part in (slice(begin, begin + largest) for begin in range(0, count, largest)):
-        yield stack if count <= largest else Stack(stack.members[part], pick_variants(stack.drive, part))
+        yield stack if count <= largest else Stack(stack.members[part], pick_variants(stack.one, part))
 
 
-def stack_of_chosen(stack: Stack, chosen: NDArray[np.bool_]) -> Stack:
+def stack_of_chosen(stack: Stack[Of], chosen: NDArray[np.bool_]) -> Stack[Of]:
     """The chosen variants of a stack as a stack, numbered among those chosen (V,) of all drives."""
     places = np.flatnonzero(chosen[stack.members])
     numbers = np.cumsum(chosen) - 1
     whole = len(places) == len(stack.members)
-    drive = stack.drive if whole or not len(places) else pick_variants(stack.drive, places)
-    return Stack(numbers[stack.members[places]], drive)
+    one = stack.one if whole or not len(places) else pick_variants(stack.one, places)
+    return Stack(numbers[stack.members[places]], one)
 
 
-def _stacks_by_kind(drives: Sequence[Drive], members: NDArray[np.int64], faces: bool) -> Iterator[Stack]:
+def _stacks_by_kind(drives: Sequence[Of], members: NDArray[np.int64], faces: bool) -> Iterator[Stack[Of]]:
     """Yields stacks of some drives, one for each kind; first tried as one kind."""
     columns = _ColumnStacker(faces)
     drive = columns.stack_column([drives[v] for v in members.tolist()])
@@ -107,14 +110,14 @@ def _stacks_by_kind(drives: Sequence[Drive], members: NDArray[np.int64], faces: 
         yield from _stacks_by_kind(drives, np.array(alike, dtype=np.int64), faces)
 
 
-def _has_phased_tables(drive: Drive) -> bool:
+def _has_phased_tables(drive: Drive | ChainModel) -> bool:
     """Whether a drive has tables that its phase moves on."""
     kinds = ("prescribed", "load", "motor")
     motions = (getattr(part, kind, None) for part in (*drive.sprockets, *drive.shafts) for kind in kinds)
     return any(motion is not None and motion.table is not None for motion in motions)
 
 
-def _bent_drives(drives: Sequence[Drive]) -> list[bool]:
+def _bent_drives(drives: Sequence[Drive | ChainModel]) -> list[bool]:
     """Whether each drive has guides that are no straight bars on the ground, arms, or tensioners."""
     fields = [drive.__dict__ for drive in drives]
     faces = {id(guide): guide for of in fields for guide in of["guides"]}
@@ -143,7 +146,7 @@ class _ColumnStacker:
     def stack_column(self, values: Sequence[Any]) -> Any:
         """The values as one, numbers as arrays; of several kinds, anything."""
         first = values[0]
-        if isinstance(first, Part | tuple):
+        if isinstance(first, Part | ChainModel | tuple):
             if first is values[-1] and len(set(map(id, values))) == 1:
                 return first
         elif first != 0.0 and values.count(first) == len(values):  # not 0, which has two signs
@@ -151,7 +154,11 @@ class _ColumnStacker:
         types = set(map(type, values))
         if types == {float}:
             return self._stack_numbers(values)
-        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, (*_WHOLE_TABLES, Ratios)):
+        if (
+            len(types) > 1
+            or not isinstance(first, tuple | Part | ChainModel)
+            or isinstance(first, (*_WHOLE_TABLES, Ratios))
+        ):
             known = [_kind_key(value) for value in values]
             return first if len(set(known)) == 1 else self._note_difference(known)
         if isinstance(first, tuple):
@@ -161,9 +168,9 @@ class _ColumnStacker:
                 return _stack_free_parts(values)
             return _tuple_if_changed(first, tuple(map(self.stack_column, zip(*values, strict=True))))
         changed = self._stack_fields(first, [value.__dict__ for value in values])
-        return first.model_copy(update=changed) if changed else first
+        return _changed_copy(first, changed)
 
-    def _stack_fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def _stack_fields(self, first: Part | ChainModel, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """The stacked fields of parts that differ from the first part's."""
         exact, columns, kind = self.exact, {}, type(first)
         names = [name for name in fields[0] if name not in _UNSTACKED_SETTINGS]
@@ -210,7 +217,9 @@ def _kind_key(value: Any) -> Hashable:
         return id(value)  # long ones are slow to compare
     if isinstance(value, Ratios):
         return value
-    return type(value).__name__ if isinstance(value, tuple | Part | float) else (value, "")  # no text is a type's name
+    return (
+        type(value).__name__ if isinstance(value, tuple | Part | ChainModel | float) else (value, "")
+    )  # no text is a type's name
 
 
 def stack_of_values(values: Sequence[StackedValue]) -> StackedValue:
@@ -230,14 +239,21 @@ def pick_variants(value: StackedValue, places: Any) -> StackedValue:
         return found if found.size > 1 else found.item()
     if isinstance(value, tuple):
         return _tuple_if_changed(value, tuple(pick_variants(inner, places) for inner in value))  # type: ignore[return-value]
-    if is_dataclass(value) and not isinstance(value, type):
+    if is_dataclass(value) and not isinstance(value, type | ChainModel):
         found = {field.name: pick_variants(getattr(value, field.name), places) for field in fields(value)}
         return replace(value, **found)
-    if not isinstance(value, Part) or isinstance(value, _WHOLE_TABLES):
+    if not isinstance(value, Part | ChainModel) or isinstance(value, _WHOLE_TABLES):
         return value
     new = {name: pick_variants(inner, places) for name, inner in value.__dict__.items()}
     changed = {name: inner for name, inner in new.items() if inner is not value.__dict__[name]}
-    return value.model_copy(update=changed) if changed else value
+    return _changed_copy(value, changed)
+
+
+def _changed_copy(value: Any, changed: Mapping[str, Any]) -> Any:
+    """A part or model with some of its values changed; the same object where none is."""
+    if not changed:
+        return value
+    return replace(value, **changed) if isinstance(value, ChainModel) else value.model_copy(update=changed)
 
 
 def variants_of_either(chosen: NDArray[np.bool_], one: Any, other: Any) -> Any:
@@ -264,13 +280,13 @@ def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, 
     return old if all(a is b for a, b in zip(old, new, strict=True)) else new
 
 
-def variant_count(drive: Drive) -> int:
+def variant_count(drive: Drive | ChainModel) -> int:
     """Number of variants of a stack; 1 where they do not differ."""
     todo: list[Iterable[Any]] = [drive.__dict__.values()]
     while todo:
         for value in todo.pop():
             kind = type(value)
-            if kind in _PLAIN_TYPES or issubclass(kind, _WHOLE_TABLES):
+            if kind in _PLAIN_TYPES or kind is dict or issubclass(kind, _WHOLE_TABLES):
                 continue
             if kind is np.ndarray:
                 return len(value)
@@ -285,11 +301,11 @@ def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
     elif isinstance(value, tuple):
         for inner in value:
             yield from stack_arrays(inner)
-    elif isinstance(value, Part) and not isinstance(value, _WHOLE_TABLES):
+    elif isinstance(value, Part | ChainModel) and not isinstance(value, _WHOLE_TABLES):
         yield from stack_arrays(tuple(value.__dict__.values()))
 
 
-def first_refused_variant(stack: Stack, attempt: Callable[[Drive], object]) -> tuple[int, DriveError]:
+def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> tuple[int, DriveError]:
     """The first variant of a stack that is refused, and its error, found by halving.
 
     Args:
@@ -300,7 +316,7 @@ def first_refused_variant(stack: Stack, attempt: Callable[[Drive], object]) -> t
 
     def refusal(end: int) -> DriveError | None:
         try:
-            attempt(pick_variants(stack.drive, slice(begin, end)))
+            attempt(pick_variants(stack.one, slice(begin, end)))
         except DriveError as error:
             return error
         return None

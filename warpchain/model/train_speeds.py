@@ -52,52 +52,52 @@ class LumpedDrive:
         return 0.0 * speed + sum(r * load.steady_moment(r * speed) for r, load in self.loads)
 
 
-def lumped_drive(drive: Any) -> LumpedDrive:
+def lumped_drive(model: Any) -> LumpedDrive:
     """All that turns with the driver as one body, of a chain none of whose sprockets is prescribed."""
-    driver = driving_sprocket(drive)
-    bodies = [b for b in range(len(drive.sprockets) + len(drive.shafts)) if nearest_sprocket(drive, b) is not None]
-    beside = {o: body_speed_ratio(drive, o, driver) for o in bodies}
-    inertia = drive.chain.links * drive.chain.mass * power(drive.pitch_radius(driver), 2)
-    inertia = inertia + sum(power(beside[o], 2) * inertia_of_body(drive, o) for o in bodies if is_free_body(drive, o))
-    shafts = [(o, of) for o, of in enumerate(drive.shafts, len(drive.sprockets)) if o in beside]
+    driver = driving_sprocket(model)
+    bodies = [b for b in range(len(model.sprockets) + len(model.shafts)) if nearest_sprocket(model, b) is not None]
+    beside = {o: body_speed_ratio(model, o, driver) for o in bodies}
+    inertia = model.chain.links * model.chain.mass * power(model.pitch_radius(driver), 2)
+    inertia = inertia + sum(power(beside[o], 2) * inertia_of_body(model, o) for o in bodies if is_free_body(model, o))
+    shafts = [(o, of) for o, of in enumerate(model.shafts, len(model.sprockets)) if o in beside]
     motors = [(beside[o], of.motor) for o, of in shafts if of.motor is not None]
     others = [(o, of) for o, of in shafts if isinstance(of, SprocketShaft)]
     inertia = inertia + sum(power(beside[o], 2) * of.driven_inertia for o, of in others)
-    loads = [(beside[o], load) for o, load in free_body_loads(drive) if o in beside and o not in dict(others)]
+    loads = [(beside[o], load) for o, load in free_body_loads(model) if o in beside and o not in dict(others)]
     loads += [(beside[o], of.demand) for o, of in others if of.demand is not None]
-    return LumpedDrive(_driver_start_speed(drive, driver), inertia, motors, loads)
+    return LumpedDrive(_driver_start_speed(model, driver), inertia, motors, loads)
 
 
-def _driver_start_speed(drive: Any, driver: int) -> Any:
+def _driver_start_speed(model: Any, driver: int) -> Any:
     """Speed of the driving sprocket at the start [rad/s].
 
     It is its train's own, else that of the chain, else that of what couplings tie to it.
     """
-    drives = driving_body(drive)
-    around = [drives, *train_of_body(drive, drives).bodies, *train_of_body(drive, driver).bodies]
-    around += [b for s in range(len(drive.sprockets)) for b in train_of_body(drive, s).bodies]
-    around += range(len(drive.sprockets) + len(drive.shafts))
+    models = driving_body(model)
+    around = [models, *train_of_body(model, models).bodies, *train_of_body(model, driver).bodies]
+    around += [b for s in range(len(model.sprockets)) for b in train_of_body(model, s).bodies]
+    around += range(len(model.sprockets) + len(model.shafts))
     for b in around:
-        speed = getattr(part_of_body(drive, b), "initial_speed", None)
-        if speed is not None and nearest_sprocket(drive, b) is not None:
-            return speed * body_speed_ratio(drive, driver, b)
+        speed = getattr(part_of_body(model, b), "initial_speed", None)
+        if speed is not None and nearest_sprocket(model, b) is not None:
+            return speed * body_speed_ratio(model, driver, b)
     return 0.0
 
 
-def driver_top_speed(drive: Any) -> Any:
+def driver_top_speed(model: Any) -> Any:
     """Top forward speed of the driving sprocket [rad/s], of a stack's variants (V,).
 
     With a motor where its moment and the loads first balance, but no more than it comes to within the run; with neither
     motor nor motion the speed at the start.
     """
-    b = driving_body(drive)
-    part = part_of_body(drive, b)
+    b = driving_body(model)
+    part = part_of_body(model, b)
     if part.prescribed is not None:
-        return part.prescribed.top_speed * body_speed_ratio(drive, driving_sprocket(drive), b)
-    one = lumped_drive(drive)
+        return part.prescribed.top_speed * body_speed_ratio(model, driving_sprocket(model), b)
+    one = lumped_drive(model)
     if not one.motors:
         return one.start
-    duration, most = drive.run.duration, sum(r * motor.largest_moment for r, motor in one.motors)
+    duration, most = model.run.duration, sum(r * motor.largest_moment for r, motor in one.motors)
     low = 0.0 * one.inertia + one.start
     high = low + maximum(0.0, one.net_moment(low)) / one.inertia * duration
     high = where(one.net_moment(high) > 0.0, low + most / one.inertia * duration, high)

@@ -95,9 +95,6 @@ def body_turning_sign(drive: Any, b: int) -> int:
 def body_speed_ratio(drive: Any, b: int, other: int) -> float:
     """Forward speed of body b over that of another, as the chain, shafts, gears and couplings tie them."""
     count = len(drive.sprockets)
-    if drive.chains:
-        found, _ = ratios_with_chains(drive)
-        return abs(float(found.ratio[b] / found.ratio[other])) if found.root[b] == found.root[other] else 1.0
     if b < count and other < count:
         return drive.sprockets[other].teeth / drive.sprockets[b].teeth
     turns = turns_per_roller(drive)

@@ -14,6 +14,7 @@ from warpchain.drive import Drive
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.extras import require_extra
 from warpchain.files import refusals_as_errors, whole_file
+from warpchain.model import ChainModel
 from warpchain.results.channels import AXIS_LABELS, CHANNEL_BY_NAME, CHANNEL_UNITS
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) 
     return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
 
 
-def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Dataset:
+def trajectory_dataset(time: Array, channels: Mapping[str, Array], parts: Drive | ChainModel) -> xr.Dataset:
     """Xarray dataset of a trajectory, without a copy.
 
     Raises:
@@ -58,14 +59,14 @@ def trajectory_dataset(time: Array, channels: Mapping[str, Array], drive: Drive)
         facts = {"units": CHANNEL_UNITS[name], "long_name": CHANNEL_BY_NAME[name].description}
         variables[name] = (CHANNEL_BY_NAME[name].dimensions, values, facts)
     labels: dict[str, Any] = {
-        "roller": np.arange(drive.links),
-        "link": np.arange(drive.links),
-        "sprocket": [sprocket.name for sprocket in drive.sprockets],
-        "arm": [arm.name for arm in drive.arms],
-        "tensioner": [tensioner.name for tensioner in drive.tensioners],
-        "shaft": [shaft.name for shaft in drive.shafts],
-        "coupling": [coupling.name for coupling in drive.couplings],
-        "valve": [valves.name for valves in drive.valves],
+        "roller": np.arange(parts.links),
+        "link": np.arange(parts.links),
+        "sprocket": [sprocket.name for sprocket in parts.sprockets],
+        "arm": [arm.name for arm in parts.arms],
+        "tensioner": [tensioner.name for tensioner in parts.tensioners],
+        "shaft": [shaft.name for shaft in parts.shafts],
+        "coupling": [coupling.name for coupling in parts.couplings],
+        "valve": [valves.name for valves in parts.valves],
         "axis": list(AXIS_LABELS),
     }
     used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}

@@ -1,35 +1,37 @@
-"""Trajectories and metrics of drives with several chains, joined from and split into those of each chain."""
+"""Trajectories and metrics of drives, joined from and split into those of each chain."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import ChainModel, Model
 from warpchain.model.parts_between_chains import SprocketShaft
-from warpchain.model.parts_by_chain import ChainDrive
-from warpchain.results.channels import CHANNEL_BY_NAME, PartKind
+from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_NAMES, PartKind
 from warpchain.results.run import Trajectory
 
 
-def _channel_places(drive: Drive, chains: Sequence[ChainDrive], kind: PartKind) -> list[NDArray[np.int64]]:
+def _channel_places(chains: Sequence[ChainModel], kind: PartKind) -> list[NDArray[np.int64]]:
     """Indices of each chain's parts in the drive's channels."""
     if kind in ("roller", "link"):
-        ends = np.cumsum([chain.drive.chain.links for chain in chains])
-        return [np.arange(end - chain.drive.chain.links, end) for end, chain in zip(ends, chains, strict=True)]
+        ends = np.cumsum([chain.links for chain in chains])
+        return [np.arange(end - chain.links, end) for end, chain in zip(ends, chains, strict=True)]
     return [np.array(chain.places[f"{kind}s"], dtype=np.int64) for chain in chains]
 
 
 def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajectory:
     """Trajectory of a drive, joined from its chains'."""
-    chains = chain_drives(drive)
+    if len(parts) == 1:
+        return replace(parts[0], drive=drive, chain=None)
+    chains = [part.model for part in parts]
     channels: dict[str, Any] = {}
     for name in dict.fromkeys(name for part in parts for name in part.channels()):
-        places = _channel_places(drive, chains, CHANNEL_BY_NAME[name].per)
+        places = _channel_places(chains, CHANNEL_BY_NAME[name].per)
         held = [part.channels().get(name) for part in parts]
         like = next(values for values in held if values is not None)
         whole = np.zeros((len(like), sum(map(len, places)), *like.shape[2:]), dtype=like.dtype)
@@ -42,24 +44,24 @@ def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajector
 
 def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
     """Trajectories of a drive's chains by name."""
-    drive = trajectory.drive
-    if not drive.chains:
-        return {"": trajectory}
-    chains = chain_drives(drive)
+    chains = Model(trajectory.drive).chains if trajectory.chain is None else [trajectory.chain]
+    if len(chains) == 1:
+        return {"": replace(trajectory, chain=chains[0])}
     found = {}
     for k, chain in enumerate(chains):
-        held = {name: values[:, _channel_places(drive, chains, CHANNEL_BY_NAME[name].per)[k]]
+        held = {name: values[:, _channel_places(chains, CHANNEL_BY_NAME[name].per)[k]]
                 for name, values in trajectory.channels().items()}  # fmt: skip
         held |= _shaft_channels(trajectory, chain, held)
-        held = {name: values for name, values in held.items() if values.shape[1]}
-        found[chain.name] = Trajectory(chain.drive, trajectory.time, **held, window=trajectory.window)
+        own: dict[str, Any] = {name: values if values is not None and values.shape[1] else None
+               for name, values in ((name, held.get(name)) for name in CHANNEL_NAMES)}  # fmt: skip
+        found[chain.name] = replace(trajectory, **own, chain=chain)
     return found
 
 
-def _shaft_channels(trajectory: Trajectory, chain: ChainDrive, held: Mapping[str, Any]) -> dict[str, Any]:
+def _shaft_channels(trajectory: Trajectory, chain: ChainModel, held: Mapping[str, Any]) -> dict[str, Any]:
     """Channels of a chain's shafts, sprockets among them."""
     names = [sprocket.name for sprocket in trajectory.drive.sprockets]
-    others = [names.index(shaft.name) for shaft in chain.drive.shafts if isinstance(shaft, SprocketShaft)]
+    others = [names.index(shaft.name) for shaft in chain.shafts if isinstance(shaft, SprocketShaft)]
     angle, speed = trajectory.sprocket_angle, trajectory.sprocket_speed
     found = {}
     if others and angle is not None and "shaft_angle" in held:

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import NDArray
 
+from warpchain.drive import Drive
+
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 
 PartKind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve"]
@@ -29,10 +31,10 @@ class PartCounts:
     valves: int = 0
 
     @classmethod
-    def of_drive(cls, drive: Drive) -> PartCounts:
+    def of_drive(cls, parts: Drive | ChainModel) -> PartCounts:
         """Numbers of a drive's parts that have channels."""
-        turned = drive.shafts, drive.couplings, drive.valves
-        return cls(drive.links, *map(len, (drive.sprockets, drive.arms, drive.tensioners, *turned)))
+        turned = parts.shafts, parts.couplings, parts.valves
+        return cls(parts.links, *map(len, (parts.sprockets, parts.arms, parts.tensioners, *turned)))
 
     def count_of(self, kind: PartKind) -> int:
         """Number of a drive's parts of a kind."""
@@ -187,12 +189,12 @@ def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
     return FrameLayout(tuple(channel for channel in CHANNELS if not channel.on_request or channel.name in asked))
 
 
-def drive_frame_width(drive: Drive, frame: FrameLayout = DEFAULT_FRAME) -> int:
+def drive_frame_width(parts: Drive | ChainModel, frame: FrameLayout = DEFAULT_FRAME) -> int:
     """Number of values of a drive's frame."""
-    return frame.frame_width(PartCounts.of_drive(drive))
+    return frame.frame_width(PartCounts.of_drive(parts))
 
 
-def channels_of_drive(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
+def channels_of_drive(parts: Drive | ChainModel, names: Iterable[str]) -> tuple[str, ...]:
     """Names of channels that a drive has."""
-    sizes = PartCounts.of_drive(drive)
+    sizes = PartCounts.of_drive(parts)
     return tuple(name for name in names if sizes.count_of(CHANNEL_BY_NAME[name].per) > 0)

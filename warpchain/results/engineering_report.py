@@ -74,8 +74,8 @@ class EngineeringReport:
         self.end = float(trajectory.time[-1]) if end is None else end
         self.whole = replace(trajectory, window=(self.start, self.end))
         self.part = trajectory_in_window(trajectory, self.start, self.end)
-        self.drive = trajectory.drive
-        self.alike = rotation_owners(self.drive) if alike is None else alike
+        self.model = trajectory.model
+        self.alike = rotation_owners(self.model) if alike is None else alike
 
     @cached_property
     def guide_contacts(self) -> list[GuideContacts]:
@@ -96,7 +96,7 @@ class EngineeringReport:
     def phase_errors(self) -> dict[int, PhaseError]:
         """Phase error of each driven sprocket."""
         inside = (self.whole.time >= self.start - 1e-12) & (self.whole.time <= self.end + 1e-12)
-        others = [s for s in range(len(self.drive.sprockets)) if s != self.drive.driver]
+        others = [s for s in range(len(self.model.sprockets)) if s != self.model.driver]
         return {s: phase_error_in_window(self.whole, s, inside) for s in others}
 
     @cached_property
@@ -107,13 +107,13 @@ class EngineeringReport:
     @cached_property
     def jump_margins(self) -> list[JumpMargin]:
         """Margin to tooth jump of each sprocket."""
-        return [tooth_jump_margin(self.part, s) for s in range(len(self.drive.sprockets))]
+        return [tooth_jump_margin(self.part, s) for s in range(len(self.model.sprockets))]
 
     @cached_property
     def probe_signals(self) -> dict[str, ProbeSignals]:
         """Signals of each probe."""
-        pitch = self.drive.chain.pitch
-        return {probe.name: probe_signals(self.whole, probe.at, probe.radius or pitch) for probe in self.drive.probes}
+        pitch = self.model.chain.pitch
+        return {probe.name: probe_signals(self.whole, probe.at, probe.radius or pitch) for probe in self.model.probes}
 
     @cached_property
     def joint_wear(self) -> JointWear | None:
@@ -124,14 +124,14 @@ class EngineeringReport:
     def joint_area(self) -> float | None:
         """Bearing area of a joint [m^2]; None where unknown."""
         own = self.wear_law.bearing_area
-        return self.drive.chain.joint_area if own is None else own
+        return self.model.chain.joint_area if own is None else own
 
     @property
     def elongation_rate(self) -> float | None:
         """Elongation of the chain by wear [1/s], or None."""
         if self.joint_wear is None or self.joint_area is None:
             return None
-        return elongation_rate(self.drive, self.joint_wear, self.wear_law.coefficient, self.joint_area)
+        return elongation_rate(self.model, self.joint_wear, self.wear_law.coefficient, self.joint_area)
 
     def metrics(self) -> dict[str, float]:
         """Report's metrics that recorded channels allow."""
@@ -155,7 +155,7 @@ def _strand_metrics(report: EngineeringReport) -> dict[str, float]:
     """Report's metrics of strands, by name."""
     if not _has_channels(report, "position", "tension"):
         return {}
-    names = enumerate(report.drive.strand_names)
+    names = enumerate(report.model.strand_names)
     return {f"{name}.slack_time": float((strand_tension(report.part, k) <= 0.0).mean()) for k, name in names}
 
 
@@ -164,10 +164,10 @@ def _sprocket_metrics(report: EngineeringReport) -> dict[str, float]:
     found: dict[str, float] = {}
     if _has_channels(report, "sprocket_angle"):
         for s, phase in report.phase_errors.items():
-            name = report.drive.sprockets[s].name
+            name = report.model.sprockets[s].name
             found |= {f"{name}.phase_mean": phase.shift, f"{name}.phase_range": phase.high - phase.low}
     if _has_channels(report, "position", "sprocket_center"):
-        for sprocket, jump in zip(report.drive.sprockets, report.jump_margins, strict=True):
+        for sprocket, jump in zip(report.model.sprockets, report.jump_margins, strict=True):
             least = float(np.nanmin(jump.margin)) if np.isfinite(jump.margin).any() else np.nan
             found[f"{sprocket.name}.jump_margin"] = least
             found[f"{sprocket.name}.jump_margin_relative"] = least / jump.height
@@ -176,10 +176,10 @@ def _sprocket_metrics(report: EngineeringReport) -> dict[str, float]:
 
 def _guide_metrics(report: EngineeringReport) -> dict[str, float]:
     """Report's metrics of guides, by name."""
-    if not report.drive.guides or not _has_channels(report, "position", "guide_force"):
+    if not report.model.guides or not _has_channels(report, "position", "guide_force"):
         return {}
     found: dict[str, float] = {}
-    for guide, load, contacts in zip(report.drive.guides, report.guide_loads, report.guide_contacts, strict=True):
+    for guide, load, contacts in zip(report.model.guides, report.guide_loads, report.guide_contacts, strict=True):
         total = float(contacts.force.sum())
         found[f"{guide.name}.line_load_max"] = float(load.mean.max())
         found[f"{guide.name}.off_time"] = 1.0 - load.touching
@@ -205,7 +205,7 @@ def _joint_metrics(report: EngineeringReport) -> dict[str, float]:
 
 def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
     """Report's metrics of probes, by name."""
-    if not report.drive.probes or not _has_channels(report, "position", "velocity", "tension"):
+    if not report.model.probes or not _has_channels(report, "position", "velocity", "tension"):
         return {}
     inside = report.whole.time >= report.start - 1e-12
     found: dict[str, float] = {}

@@ -47,12 +47,12 @@ def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller:
     """Rollers (K, 2) [m] in a guide's frame, and angle (K,)."""
     (position,) = require_channels(trajectory, "position")
     x = np.asarray(position, dtype=float)[frame, roller]
-    arm = trajectory.drive.arm_of(g)
+    arm = trajectory.model.arm_of(g)
     if arm is None or trajectory.arm_angle is None:
         return x, np.zeros(len(x))
     angle = np.asarray(trajectory.arm_angle, dtype=float)[frame, arm]
-    drawn, c, s = np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.cos(angle), np.sin(angle)
-    r = x - arm_pivots(trajectory.drive, trajectory.time, trajectory.arm_angle)[frame, arm]
+    drawn, c, s = np.asarray(trajectory.model.arms[arm].pivot, dtype=float), np.cos(angle), np.sin(angle)
+    r = x - arm_pivots(trajectory.model, trajectory.time, trajectory.arm_angle)[frame, arm]
     return drawn + np.stack([c * r[:, 0] + s * r[:, 1], c * r[:, 1] - s * r[:, 0]], axis=-1), angle
 
 
@@ -76,16 +76,16 @@ def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
         SimulationError: recorded without positions or guide forces.
     """
     _, guide_force = require_channels(trajectory, "position", "guide_force")
-    drive = trajectory.drive
+    model = trajectory.model
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
     v = np.zeros((len(frame), 2))
     if trajectory.velocity is not None:
         v = np.asarray(trajectory.velocity, dtype=float)[frame, roller]
-    faces = [drive.profile(g) for g in range(len(drive.guides))]
+    faces = [model.profile(g) for g in range(len(model.guides))]
     seen = [rollers_in_guide_frame(trajectory, g, frame, roller) for g in range(len(faces))]
     places = [face_coordinates(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
-    off = [np.abs(height - drive.guide_offset(g)) for g, (_, height) in enumerate(places)]
+    off = [np.abs(height - model.guide_offset(g)) for g, (_, height) in enumerate(places)]
     nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=0) if off else np.zeros(len(frame), dtype=np.intp)
     found = []
     for g, face in enumerate(faces):
@@ -128,14 +128,14 @@ def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pi
 
 def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
     """Load of each guide of a recording."""
-    drive = trajectory.drive
+    model = trajectory.model
     found = []
     for g, mine in enumerate(recorded_guide_contacts(trajectory) if contacts is None else contacts):
-        face = drive.profile(g)
+        face = model.profile(g)
         first, last = face.places[0], face.places[-1] + face.pieces[-1].length
-        stretches = max(8, round(STRETCHES_A_PITCH * face.face_length / drive.chain.pitch))
+        stretches = max(8, round(STRETCHES_A_PITCH * face.face_length / model.chain.pitch))
         width = face.face_length / stretches
         before, after = int(np.ceil(-first / width)), int(np.ceil((last - face.face_length) / width))
         edges = np.arange(-before, stretches + after + 1) * np.float64(width)
-        found.append(guide_load_by_stretch(mine, len(trajectory.time), edges, drive.chain.pitch))
+        found.append(guide_load_by_stretch(mine, len(trajectory.time), edges, model.chain.pitch))
     return found

@@ -33,7 +33,7 @@ from warpchain.results.signals import order_spectrum
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 Array = NDArray[np.float64]
 
@@ -61,27 +61,27 @@ def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 
 def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
     """Loads on the housing of one chain's parts."""
-    drive = trajectory.drive
+    model = trajectory.model
     on_hubs, guides = hub_forces(trajectory), _guide_forces_and_moments(trajectory)
-    hubs = [_hub_bearing_force(trajectory, s, on_hubs[:, s]) for s in range(len(drive.sprockets))]
+    hubs = [_hub_bearing_force(trajectory, s, on_hubs[:, s]) for s in range(len(model.sprockets))]
     found = [
         HousingLoad(f"hub {sprocket.name}", sprocket.center, hubs[s])
-        for s, sprocket in enumerate(drive.sprockets)
+        for s, sprocket in enumerate(model.sprockets)
         if not isinstance(sprocket.mount, ArmMount)
     ]
     for g, (force, moment) in enumerate(guides):
-        if drive.arm_of(g) is None:
-            found += _bolt_loads(drive, g, force, moment)
-    on_arms = [_pivot_load(trajectory, a, hubs, guides) for a in range(len(drive.arms))]
+        if model.arm_of(g) is None:
+            found += _bolt_loads(model, g, force, moment)
+    on_arms = [_pivot_load(trajectory, a, hubs, guides) for a in range(len(model.arms))]
     for a, load in enumerate(on_arms):
-        if drive.parent(a) is None:
-            force = load.force + sum((on_arms[k].force for k in drive.arms_on(a)), np.zeros_like(load.force))
+        if model.parent(a) is None:
+            force = load.force + sum((on_arms[k].force for k in model.arms_on(a)), np.zeros_like(load.force))
             coil = _coil_force(trajectory, a)
             found.append(load._replace(force=force + coil))
-            spring = drive.arms[a].spring
+            spring = model.arms[a].spring
             if spring is not None:
-                found.append(HousingLoad(f"spring {drive.arms[a].name}", spring.anchor, -coil))
-    for t, tensioner in enumerate(drive.tensioners):
+                found.append(HousingLoad(f"spring {model.arms[a].name}", spring.anchor, -coil))
+    for t, tensioner in enumerate(model.tensioners):
         (push,) = require_channels(trajectory, "tensioner_force")
         found.append(
             HousingLoad(f"seat {tensioner.name}", tensioner.at, -np.outer(push[:, t], tensioner.unit_direction))
@@ -92,8 +92,8 @@ def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
     """Force (F, 2) [N] of a sprocket's bearing, (a)."""
     center, angle, speed = require_channels(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
-    sprocket, time = trajectory.drive.sprockets[s], trajectory.time
-    mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.drive.run.gravity)
+    sprocket, time = trajectory.model.sprockets[s], trajectory.time
+    mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.model.run.gravity)
     force, mount = chain + mass * gravity, sprocket.mount
     if sprocket.balance_wheel is not None:
         force = force + _balance_wheel_force(
@@ -139,18 +139,18 @@ def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array
     push = -np.asarray(guide_force, dtype=float)[frame, roller][:, None] * normal
     moment, count = x[:, 0] * push[:, 1] - x[:, 1] * push[:, 0], len(trajectory.time)
     found = []
-    for g in range(len(trajectory.drive.guides)):
+    for g in range(len(trajectory.model.guides)):
         mine = nearest == g
         sums = [np.bincount(frame[mine], values[mine], minlength=count) for values in (*push.T, moment)]
         found.append((np.stack(sums[:2], axis=-1).astype(float), np.asarray(sums[2], dtype=float)))
     return found
 
 
-def _bolt_loads(drive: Drive, g: int, force: Array, moment: Array) -> list[HousingLoad]:
+def _bolt_loads(model: ChainModel, g: int, force: Array, moment: Array) -> list[HousingLoad]:
     """Loads of a guide's bolts on the housing, (b)."""
-    guide = drive.guides[g]
+    guide = model.guides[g]
     if not guide.bolts:
-        middle = drive.profile(g).points(drive.chain.pitch, caps=False)
+        middle = model.profile(g).points(model.chain.pitch, caps=False)
         at = middle[len(middle) // 2]
         return [
             HousingLoad(f"guide {guide.name}", (float(at[0]), float(at[1])), force, _moment_about(at, force, moment))
@@ -176,8 +176,8 @@ def _moment_about(place: Array, force: Array, moment: Array) -> Array:
 
 def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> HousingLoad:
     """Load of an arm's pivot on the housing."""
-    drive, time = trajectory.drive, trajectory.time
-    arm = drive.arms[a]
+    model, time = trajectory.model, trajectory.time
+    arm = model.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
     angle, speed = np.asarray(arm_angle[:, a], dtype=float), np.asarray(arm_speed[:, a], dtype=float)
     turning = _time_derivative(speed, time)
@@ -187,12 +187,12 @@ def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[
     turned = np.stack([-mass_at[:, 1], mass_at[:, 0]], axis=-1)
     acceleration = turning[:, None] * turned - (speed**2)[:, None] * mass_at
     if arm.pivot_table is not None or arm.arm is not None:
-        acceleration += _time_derivative(_time_derivative(arm_pivots(drive, time, arm_angle)[:, a], time), time)
-    force = arm.mass * (np.asarray(drive.run.gravity) - acceleration)
-    force = force + sum((guides[g][0] for g in drive.guides_of(a)), np.zeros_like(force))
-    force = force + sum((hubs[s] for s in drive.sprockets_on(a)), np.zeros_like(force))
-    for t, tensioner in enumerate(drive.tensioners):
-        if drive.tensioner_body(t) == drive.first_arm_body + a:
+        acceleration += _time_derivative(_time_derivative(arm_pivots(model, time, arm_angle)[:, a], time), time)
+    force = arm.mass * (np.asarray(model.run.gravity) - acceleration)
+    force = force + sum((guides[g][0] for g in model.guides_of(a)), np.zeros_like(force))
+    force = force + sum((hubs[s] for s in model.sprockets_on(a)), np.zeros_like(force))
+    for t, tensioner in enumerate(model.tensioners):
+        if model.tensioner_body(t) == model.first_arm_body + a:
             push, extension = require_channels(trajectory, "tensioner_force", "tensioner_extension")
             stroke = _time_derivative(_time_derivative(np.asarray(extension[:, t], dtype=float), time), time)
             own = np.asarray(push[:, t], dtype=float) - tensioner.plunger_mass * stroke
@@ -202,7 +202,7 @@ def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[
 
 def _coil_force(trajectory: Trajectory, a: int) -> Array:
     """Force (F, 2) [N] of an arm's coil spring."""
-    arm = trajectory.drive.arms[a]
+    arm = trajectory.model.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
     angle, speed = np.asarray(arm_angle[:, a], dtype=float), np.asarray(arm_speed[:, a], dtype=float)
     if arm.spring is None:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive import Drive
+from warpchain.model import ChainModel
 from warpchain.results.losses import joint_loads
 from warpchain.results.run import Trajectory, require_channels
 
@@ -41,7 +41,7 @@ def joint_wear(trajectory: Trajectory) -> JointWear | None:
         SimulationError: recorded without positions or tensions.
     """
     position, _ = require_channels(trajectory, "position", "tension")
-    chain, radius = trajectory.drive.chain, trajectory.drive.chain.pin_radius
+    chain, radius = trajectory.model.chain, trajectory.model.chain.pin_radius
     if radius is None or len(trajectory.time) < 2:
         return None
     across = np.roll(position, -1, axis=1) - position
@@ -55,6 +55,6 @@ def joint_wear(trajectory: Trajectory) -> JointWear | None:
     return JointWear(float(trajectory.time[-1] - trajectory.time[0]), distance, loaded, rub * loaded)
 
 
-def elongation_rate(drive: Drive, wear: JointWear, coefficient: float, area: float) -> float:
+def elongation_rate(model: ChainModel, wear: JointWear, coefficient: float, area: float) -> float:
     """Elongation of the chain by joint wear [1/s], (b)."""
-    return float(wear.loaded.mean()) * coefficient / (area * drive.chain.pitch * wear.seconds)
+    return float(wear.loaded.mean()) * coefficient / (area * model.chain.pitch * wear.seconds)

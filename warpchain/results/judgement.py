@@ -122,8 +122,9 @@ def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain]
     name = of.partition(".")[0]
 
     def number_of_drive(drive: Drive) -> Any:
-        chains = [chain for chain in drive.chains if chain.name == name] if drive.chains else [drive.chain]
-        found = value(chains[0]) if chains else None
+        chains = dict(zip(drive.chain_prefixes, drive.each_chain, strict=True))
+        chain = chains.get("", chains.get(f"{name}."))
+        found = None if chain is None else value(chain)
         return np.nan if found is None else found
 
     return each(number_of_drive)
@@ -145,8 +146,8 @@ def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
 
 def largest_link_tensions(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
     """Largest link tension (V,) [N] of the window."""
-    chain, several, _ = of.rpartition(".")
-    least, name = least_link_forces(each, of), f"{chain}.tension_max" if several else "tension_max"
+    before = "".join(of.rpartition(".")[:2])  # the chain's, of a strand
+    least, name = least_link_forces(each, of), f"{before}tension_max"
     return np.maximum(columns[name][0], least) if name in columns else np.full_like(least, np.nan)
 
 
@@ -370,7 +371,7 @@ def judge_variants(
     limits: Limits | None = None,
     layouts: Sequence[Sequence[str]] | None = None,
     causes: Sequence[str] | None = None,
-    stacks: Sequence[Stack] | None = None,
+    stacks: Sequence[Stack[Drive]] | None = None,
 ) -> Judgement:
     """Judgement of V variants by their metrics.
 
@@ -407,7 +408,7 @@ def judge_variants(
 
 
 def _reasons_beyond_limits(
-    drives: Sequence[Drive], stacks: Sequence[Stack] | None, columns: Mapping[str, ColumnValues], limits: Limits
+    drives: Sequence[Drive], stacks: Sequence[Stack[Drive]] | None, columns: Mapping[str, ColumnValues], limits: Limits
 ) -> dict[int, list[str]]:
     """Reasons of variants with metrics beyond limits, by variant."""
     found: dict[int, list[tuple[int, str, str]]] = {}

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
+from warpchain.model import ChainModel
 from warpchain.model.friction_coefficients import (
     FrictionCoefficients,
     friction_coefficients,
@@ -23,7 +24,6 @@ from warpchain.model.friction_coefficients import (
     tooth_friction_coefficients,
 )
 from warpchain.results.guide_load import GuideContacts, recorded_guide_contacts
-from warpchain.results.metric_formulas import partner_names
 from warpchain.results.nearest_parts import engaged_sprockets, sprocket_normals
 from warpchain.results.run import Run, Trajectory, require_channels
 
@@ -50,7 +50,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
     bars = [g.name for g in drive.guides]
     pushed = [arm.name for arm in drive.arms] + [tensioner.name for tensioner in drive.tensioners]
     columns = {
-        JOINT_LOSSES: [f"{chain.name}.joints.friction" for chain in drive.chains] or ["joints.friction"],
+        JOINT_LOSSES: [f"{before}joints.friction" for before in drive.chain_prefixes],
         TOOTH_LOSSES: [f"{name}.{kind}" for name in teeth for kind in ("dissipated", "friction")],
         GUIDE_LOSSES: [f"{name}.{kind}" for name in bars for kind in ("dissipated", "friction")],
         LINK_LOSSES: ["links.dissipated"],
@@ -118,7 +118,7 @@ def total_joint_friction_power(trajectory: Trajectory) -> Array:
     """Friction power (F,) [W] of all joints, (a)."""
     if trajectory.joint_friction_power is not None:
         return np.asarray(trajectory.joint_friction_power, dtype=float).sum(axis=1)
-    joint, radius = trajectory.drive.chain.joint, trajectory.drive.chain.pin_radius
+    joint, radius = trajectory.model.chain.joint, trajectory.model.chain.pin_radius
     if joint is None or radius is None:
         return np.zeros(len(trajectory.time))
     rate = np.abs(joint_turn_rates(trajectory))
@@ -134,7 +134,7 @@ def total_joint_friction_power(trajectory: Trajectory) -> Array:
 def guide_friction_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Array:
     """Friction power (F,) [W] on guide g, (b)."""
     speed = np.abs(contacts.speed)
-    power = friction_coefficient(guide_friction_coefficients(trajectory.drive, g), speed) * contacts.force * speed
+    power = friction_coefficient(guide_friction_coefficients(trajectory.model, g), speed) * contacts.force * speed
     return np.asarray(np.bincount(contacts.frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
@@ -153,33 +153,33 @@ def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp])
     relative = np.stack([-omega * r[:, 1], omega * r[:, 0]], axis=-1) - v
     n = sprocket_normals(trajectory, s, frame, roller)
     sliding = np.abs(relative[:, 1] * n[:, 0] - relative[:, 0] * n[:, 1])
-    power = friction_coefficient(tooth_friction_coefficients(trajectory.drive), sliding) * force * sliding
+    power = friction_coefficient(tooth_friction_coefficients(trajectory.model), sliding) * force * sliding
     return np.asarray(np.bincount(frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
 def friction_power(trajectory: Trajectory) -> dict[str, Array]:
     """Friction power (F,) [W] by part that rubs."""
-    drive = trajectory.drive
+    model = trajectory.model
     found: dict[str, Array] = {}
-    if drive.chain.has_friction:
+    if model.chain.has_friction:
         found["joints"] = total_joint_friction_power(trajectory)
-    touching = recorded_guide_contacts(trajectory) if drive.guides else []
-    for g, guide in enumerate(drive.guides):
-        if guide_friction_coefficients(drive, g).has_friction:
+    touching = recorded_guide_contacts(trajectory) if model.guides else []
+    for g, guide in enumerate(model.guides):
+        if guide_friction_coefficients(model, g).has_friction:
             found[guide.name] = guide_friction_power(trajectory, g, touching[g])
-    if tooth_friction_coefficients(drive).has_friction:
+    if tooth_friction_coefficients(model).has_friction:
         near = engaged_sprockets(trajectory)
-        for s, sprocket in enumerate(drive.sprockets):
+        for s, sprocket in enumerate(model.sprockets):
             found[sprocket.name] = tooth_friction_power(trajectory, s, near)
     return found
 
 
-def friction_power_by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
+def friction_power_by_group(parts: Drive | ChainModel, power: Mapping[str, Array]) -> dict[str, Array]:
     """Friction powers (F,) [W] of joints, guides and teeth."""
     groups = {
         "joints": ["joints"],
-        "guides": [guide.name for guide in drive.guides],
-        "teeth": [sprocket.name for sprocket in drive.sprockets],
+        "guides": [guide.name for guide in parts.guides],
+        "teeth": [sprocket.name for sprocket in parts.sprockets],
     }
     held = {group: [power[name] for name in names if name in power] for group, names in groups.items()}
     return {group: np.sum(values, axis=0) for group, values in held.items() if values}
@@ -196,7 +196,8 @@ def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None
     several = len(names) > 1 or any(of.chains for of in run.drives)
     if several or not {name, "window_start", "window_end"} <= set(table.column_names):
         return None
-    of = {part: f"{part}.friction" for part in ("joints", *partner_names(drive))}
+    partners = [*(sprocket.name for sprocket in drive.sprockets), *(guide.name for guide in drive.guides)]
+    of = {part: f"{part}.friction" for part in ("joints", *partners)}
     columns = {part: np.array(table[held].to_pylist(), dtype=float) for part, held in of.items()
                if held in table.column_names}  # fmt: skip
     start, end, speed = (np.array(table[key].to_pylist(), dtype=float) for key in ("window_start", "window_end", name))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.frequencies import excitation_orders, tooth_orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_UNITS, PartCounts
 from warpchain.results.measured_file import SIGNAL_STATISTICS, MeasuredSignal
@@ -95,14 +95,13 @@ def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
 def signal_units(drive: Drive) -> dict[str, str]:
     """SI units of simulated signals by name."""
     units: dict[str, str] = {}
-    for chain in chain_drives(drive):
-        before = f"{chain.name}." if chain.name else ""
-        strands = {f"{before}{name}.{kind}": unit for name in chain.drive.strand_names
+    for before, chain in zip(drive.chain_prefixes, Model(drive).chains, strict=True):
+        strands = {f"{before}{name}.{kind}": unit for name in chain.strand_names
                    for kind, unit in (("tension", "N"), ("displacement", "m"))}  # fmt: skip
-        parts = [*(s.name for s in chain.drive.sprockets), *(g.name for g in chain.drive.guides)]
-        sprockets = {f"{s.name}.{kind}": unit for s in chain.drive.sprockets
+        parts = [*(s.name for s in chain.sprockets), *(g.name for g in chain.guides)]
+        sprockets = {f"{s.name}.{kind}": unit for s in chain.sprockets
                      for kind, unit in (("speed", "rad/s"), ("moment", "N m"))}  # fmt: skip
-        links = {f"{before}link {i}.tension": "N" for i in range(chain.drive.chain.links)}
+        links = {f"{before}link {i}.tension": "N" for i in range(chain.links)}
         units |= strands | {f"{name}.contact": "N" for name in parts} | sprockets | links
     sizes = PartCounts.of_drive(drive)
     recorded = [of for of in part_signals(drive) if sizes.count_of(CHANNEL_BY_NAME[of[2]].per)]
@@ -111,16 +110,16 @@ def signal_units(drive: Drive) -> dict[str, str]:
 
 def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, SignalSource]:
     """Simulated signals of a chain by name."""
-    drive = trajectory.drive
+    model = trajectory.model
     found: dict[str, SignalSource] = {}
-    for k, name in enumerate(drive.strand_names):
+    for k, name in enumerate(model.strand_names):
         found[f"{before}{name}.tension"] = SignalSource("N", "strand tension", partial(strand_tension, trajectory, k))
         along = partial(strand_displacement, trajectory, k)
         found[f"{before}{name}.displacement"] = SignalSource("m", "displacement", along)
-    parts = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
+    parts = [*(s.name for s in model.sprockets), *(g.name for g in model.guides)]
     for p, name in enumerate(parts):
         found[f"{name}.contact"] = SignalSource("N", "contact", partial(_largest_contact_force, trajectory, p))
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         if trajectory.sprocket_speed is not None:
             found[f"{sprocket.name}.speed"] = SignalSource(
                 "rad/s", "speed", partial(_signal_column, trajectory.sprocket_speed, s)
@@ -129,7 +128,7 @@ def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, Sign
             found[f"{sprocket.name}.moment"] = SignalSource(
                 "N m", "moment", partial(_signal_column, trajectory.sprocket_moment, s)
             )
-    for i in range(drive.chain.links):
+    for i in range(model.chain.links):
         found[f"{before}link {i}.tension"] = SignalSource(
             "N", "tension", partial(_signal_column, trajectory.tension, i)
         )
@@ -161,8 +160,8 @@ def signal_source(trajectory: Trajectory, name: str, option: str = "") -> Signal
     )
     found = signal_sources(trajectory)
     if name not in found:
-        chains = {chain_drive.name: chain_drive.drive.chain.links for chain_drive in chain_drives(trajectory.drive)}
-        befores = {f"{chain}." if chain else "": links for chain, links in chains.items()}
+        drive = trajectory.drive
+        befores = {before: of.links for before, of in zip(drive.chain_prefixes, drive.each_chain, strict=True)}
         shown = [word for word in found if not any(word.startswith(f"{before}link ") for before in befores)]
         more = ", ".join(f'"{before}link I.tension" with I from 0 to {links - 1}' for before, links in befores.items())
         raise SimulationError(f"{option}{name!r}: allowed are {', '.join(shown)}, and {more}")
@@ -205,7 +204,7 @@ def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -
     """Spectrum of a measured signal over orders, or None."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     part = latter_half_frames(trajectory)
-    angle = forward_values(trajectory.drive, sprocket_angle[part], trajectory.drive.driver)
+    angle = forward_values(trajectory.parts, sprocket_angle[part], trajectory.parts.driver)
     seconds = float(trajectory.time[-1] - trajectory.time[part][0])
     turns = (angle[-1] - angle[0]) / (2.0 * np.pi)
     if turns <= 0.0 or seconds <= 0.0 or len(measured.time) < 8:

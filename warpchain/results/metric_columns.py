@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import Model
 from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.model.mounts import has_moving_center
 from warpchain.model.power_rating import size_rating
@@ -44,6 +44,7 @@ from warpchain.results.window_statistics import ERROR_SUFFIX
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 
 @dataclass(frozen=True)
@@ -66,16 +67,16 @@ class MetricGroup:
     columns: tuple[Column, ...]
     source: str = ""  # field of `kernels.structs.Sums`
     weight: Callable[[Any, VariantValues, VariantValues], VariantValues] = lambda sums, duration, rollers: duration
-    applies_to: Callable[[Drive, int], bool] | None = None
+    applies_to: Callable[[ChainModel, int], bool] | None = None
 
 
-def has_partner_friction(drive: Drive, index: int) -> bool:
+def has_partner_friction(model: ChainModel, index: int) -> bool:
     """Whether rollers rub on the drive's sprocket or guide."""
-    sprockets = len(drive.sprockets)
+    sprockets = len(model.sprockets)
     return (
-        tooth_friction_coefficients(drive)
+        tooth_friction_coefficients(model)
         if index < sprockets
-        else guide_friction_coefficients(drive, index - sprockets)
+        else guide_friction_coefficients(model, index - sprockets)
     ).has_friction
 
 
@@ -169,13 +170,13 @@ MOUNT_METRICS = MetricGroup(
         Column("mount_dissipated", "J", "energy dissipated in the mount's damper", sum_of("dissipated")),
     ),
     source="mount",
-    applies_to=lambda drive, index: has_moving_center(drive.sprockets[index]),
+    applies_to=lambda model, index: has_moving_center(model.sprockets[index]),
 )
 BEARING_METRICS = MetricGroup(
     "sprocket",
     (Column("bearing_friction", "J", "energy dissipated by friction in its bearing", sum_of("friction")),),
     source="mount",
-    applies_to=lambda drive, index: drive.sprockets[index].bearing is not None,
+    applies_to=lambda model, index: model.sprockets[index].bearing is not None,
 )
 SLIP_METRICS = MetricGroup(
     "sprocket",
@@ -210,13 +211,13 @@ TOOTH_CONTACT_METRICS = MetricGroup(
         ),
     ),
     source="contact",
-    applies_to=lambda drive, index: index < len(drive.sprockets),
+    applies_to=lambda model, index: index < len(model.sprockets),
 )
 MISSED_ROLLER_METRICS = MetricGroup(
     "partner",
     (Column("missed", "1", "rollers in the bar that did not come through its face", sum_of("missed"), kind=int),),
     source="contact",
-    applies_to=lambda drive, index: index >= len(drive.sprockets),
+    applies_to=lambda model, index: index >= len(model.sprockets),
 )
 ARM_METRICS = MetricGroup(
     "arm",
@@ -234,7 +235,7 @@ PIVOT_METRICS = MetricGroup(
     "arm",
     (Column("pivot_work", "J", "work done on it by what leads its pivot", sum_of("work")),),
     source="arm",
-    applies_to=lambda drive, index: drive.arms[index].pivot_table is not None,
+    applies_to=lambda model, index: model.arms[index].pivot_table is not None,
 )
 TENSIONER_METRICS = MetricGroup(
     "tensioner",
@@ -267,13 +268,13 @@ OIL_METRICS = MetricGroup(
         ),
     ),
     source="tensioner",
-    applies_to=lambda drive, index: drive.tensioners[index].hydraulic,
+    applies_to=lambda model, index: model.tensioners[index].hydraulic,
 )
 RELIEF_METRICS = MetricGroup(
     "tensioner",
     (Column("relieved", "m^3", "oil that its relief valve let out", flow_of("relieved")),),
     source="tensioner",
-    applies_to=lambda drive, index: drive.tensioners[index].relief is not None,
+    applies_to=lambda model, index: model.tensioners[index].relief is not None,
 )
 FILLING_METRICS = MetricGroup(
     "tensioner",
@@ -283,13 +284,13 @@ FILLING_METRICS = MetricGroup(
         ),
     ),
     source="tensioner",
-    applies_to=lambda drive, index: drive.tensioners[index].is_drained,
+    applies_to=lambda model, index: model.tensioners[index].is_drained,
 )
 VENT_METRICS = MetricGroup(
     "tensioner",
     (Column("vented", "m^3", "oil that went out through its vent", flow_of("vented")),),
     source="tensioner",
-    applies_to=lambda drive, index: drive.tensioners[index].vent is not None,
+    applies_to=lambda model, index: model.tensioners[index].vent is not None,
 )
 SHAFT_SPEED_NAMES = ("speed_min", "speed_mean", "speed_max", "speed_std")
 SHAFT_METRICS = MetricGroup(
@@ -305,7 +306,7 @@ MOTOR_METRICS = MetricGroup(
         Column("motor_work", "J", "work of its motor", sum_of("motor_work")),
     ),
     source="shaft",
-    applies_to=lambda drive, index: drive.shafts[index].motor is not None,
+    applies_to=lambda model, index: model.shafts[index].motor is not None,
 )
 TORQUE_MEAN = Column("torque_mean", "N m", "mean moment that it passes on to its second shaft", mean_of("moment"))
 COUPLING_METRICS = MetricGroup(
@@ -325,7 +326,7 @@ COUPLING_SLIP_METRICS = MetricGroup(
     "coupling",
     (Column("slip_loss", "J", "energy lost as its clutch slips and its ratio changes", sum_of("slip_loss")),),
     source="coupling",
-    applies_to=lambda drive, index: drive.couplings[index].slips,
+    applies_to=lambda model, index: model.couplings[index].slips,
 )
 GEAR_METRICS = MetricGroup(
     "gear",
@@ -351,7 +352,7 @@ JOINT_METRICS = MetricGroup(
     "chain",
     (Column("joints.friction", "J", "energy dissipated by friction in the joints", sum_of("friction")),),
     source="chain",
-    applies_to=lambda drive, index: drive.chain.has_friction,
+    applies_to=lambda model, index: model.chain.has_friction,
 )
 BALANCE_METRICS = MetricGroup(
     "chain",
@@ -409,7 +410,7 @@ DISPLACEMENT_STD = Column(
 RATING_METRICS = MetricGroup(
     "chain",
     (Column("rated_use", "1", "mean power of the driver over that which standards rate the chain for", rated_use),),
-    applies_to=lambda drive, index: size_rating(drive.chain.size) is not None,
+    applies_to=lambda model, index: size_rating(model.chain.size) is not None,
 )
 IMPACT_IMPULSE = Column(
     "impact_impulse",
@@ -429,7 +430,7 @@ RESOLUTION_METRICS = (
                 is_aside=True,
             ),
         ),
-        applies_to=lambda drive, index: drive.chain.has_friction,
+        applies_to=lambda model, index: model.chain.has_friction,
     ),
     MetricGroup(
         "strand",
@@ -442,7 +443,7 @@ RESOLUTION_METRICS = (
                 is_aside=True,
             ),
         ),
-        applies_to=lambda drive, index: drive.chain.has_friction,
+        applies_to=lambda model, index: model.chain.has_friction,
     ),
     MetricGroup(
         "partner",
@@ -455,7 +456,7 @@ RESOLUTION_METRICS = (
                 is_aside=True,
             ),
         ),
-        applies_to=lambda drive, index: has_partner_friction(drive, index) or is_ramped(drive, index),
+        applies_to=lambda model, index: has_partner_friction(model, index) or is_ramped(model, index),
     ),
 )
 FRICTION_POWER_METRICS = MetricGroup(
@@ -468,9 +469,9 @@ FRICTION_POWER_METRICS = MetricGroup(
             total_friction_power,
         ),
     ),
-    applies_to=lambda drive, index: (
-        drive.chain.has_friction
-        or any(has_partner_friction(drive, k) for k in range(len(drive.sprockets) + len(drive.guides)))
+    applies_to=lambda model, index: (
+        model.chain.has_friction
+        or any(has_partner_friction(model, k) for k in range(len(model.sprockets) + len(model.guides)))
     ),
 )
 RUN_METRICS = MetricGroup(
@@ -496,7 +497,7 @@ SETTLING_METRICS = MetricGroup(
         Column("settle_residual", "1", "largest net force left on a roller over the largest link force"),
         Column("settle_force", "N", "largest net force left on a roller"),
     ),
-    applies_to=lambda drive, index: drive.run.settle,
+    applies_to=lambda model, index: model.run.settle,
 )
 RECORDED_METRICS = (
     MetricGroup(
@@ -539,7 +540,7 @@ REPORT_METRICS = (
             Column("sliding_speed", "m/s", "mean speed of the chain along the face, weighted by force"),
             Column("off_time", "1", "share of time that no roller presses the guide"),
         ),
-        applies_to=lambda drive, index: index >= len(drive.sprockets),
+        applies_to=lambda model, index: index >= len(model.sprockets),
     ),
     MetricGroup(
         "chain",
@@ -613,12 +614,12 @@ COLUMN_BY_NAME = {
 COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
 
 
-def groups_of_drive(drive: Drive, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
+def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
     """Metric groups of a drive, with prefix and index."""
     for groups in blocks:
-        for index, prefix in enumerate(PART_PREFIXES[groups[0].part](drive)):
+        for index, prefix in enumerate(PART_PREFIXES[groups[0].part](model)):
             for group in groups:
-                if group.applies_to is None or group.applies_to(drive, index):
+                if group.applies_to is None or group.applies_to(model, index):
                     yield prefix, index, group
 
 
@@ -632,22 +633,27 @@ CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups i
 
 def _columns_key(drive: Drive) -> Hashable:
     """Key of drives with equal metric columns."""
-    if drive.chains:
-        return tuple((chain.name, _columns_key(chain.drive)) for chain in chain_drives(drive))
+    return tuple((chain.name, _chain_columns_key(chain)) for chain in Model(drive).chains)
+
+
+def _chain_columns_key(model: ChainModel) -> Hashable:
+    """Key of a chain's columns, its energy balance's terms and its driver."""
     has = (
-        group.applies_to(drive, i)
+        group.applies_to(model, i)
         for group in CONDITIONAL_GROUPS
-        for i in range(len(PART_PREFIXES[group.part](drive)))
+        for i in range(len(PART_PREFIXES[group.part](model)))
         if group.applies_to
     )
-    sprockets = ((sprocket.name, is_free_body(drive, s)) for s, sprocket in enumerate(drive.sprockets))
-    trains = (part.name for parts in (drive.shafts, drive.couplings, drive.gears, drive.valves) for part in parts)
-    bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
-    names = (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *trains)
-    return (drive.driver, *names, None, *has)
+    sprockets = ((sprocket.name, is_free_body(model, s)) for s, sprocket in enumerate(model.sprockets))
+    trains = (part.name for parts in (model.shafts, model.couplings, model.gears, model.valves) for part in parts)
+    bodies = (*(arm.name for arm in model.arms), None, *(tensioner.name for tensioner in model.tensioners))
+    names = (*sprockets, None, *(guide.name for guide in model.guides), None, *bodies, None, *trains)
+    return (model.driver, *names, None, *has)
 
 
-def variants_by_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:
+def variants_by_columns(
+    drives: Sequence[Drive], stacks: Sequence[Stack[Drive]] | None = None
+) -> list[NDArray[np.int64]]:
     """Numbers of drives, grouped by equal metric columns."""
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
     for stack in stacks_of_drives(drives) if stacks is None else stacks:
@@ -657,25 +663,20 @@ def variants_by_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None 
 
 def metric_names(drive: Drive) -> list[str]:
     """Names of the metrics that a drive has."""
-    if drive.chains:
-        return _metric_names_of_chains(drive)
-    return [prefix + column.name for prefix, _, group in groups_of_drive(drive) for column in group.columns]
-
-
-def metric_table_names(drive: Drive) -> list[str]:
-    """Names of a drive's metrics table columns."""
-    return [*(column.name for column in RUN_METRICS.columns), *metric_names(drive)]
-
-
-def _metric_names_of_chains(drive: Drive) -> list[str]:
-    """Names of metrics of several chains."""
-    found = []
-    for chain in chain_drives(drive):
-        for prefix, _, group in groups_of_drive(chain.drive):
+    chains, found = Model(drive).chains, []
+    if len(chains) == 1:
+        return [prefix + column.name for prefix, _, group in groups_of_drive(chains[0]) for column in group.columns]
+    for chain in chains:
+        for prefix, _, group in groups_of_drive(chain):
             before = f"{chain.name}.{prefix}" if group.part in CHAIN_PARTS else prefix
             columns = [c for c in group.columns if group is not BALANCE_METRICS or c.name in CHAIN_BALANCE_NAMES]
             found += [before + column.name for column in columns]
     return [*found, *(column.name for column in BALANCE_METRICS.columns), "steady"]
+
+
+def metric_table_names(drive: Drive) -> list[str]:
+    """Names of all columns of the metrics of a drive's run, in order."""
+    return [*(column.name for column in RUN_METRICS.columns), *metric_names(drive)]
 
 
 def column_of_metric(name: str) -> Column | None:

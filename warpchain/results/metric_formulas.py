@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.assembly.rating import smallest_driven
-from warpchain.model.chain_drives import shafts_of_own_chain
 from warpchain.model.power_rating import rated_power
-from warpchain.model.stacks import Stack
+from warpchain.model.stacks import Of, Stack
 from warpchain.results.window_statistics import (
     cumulative_counts,
     histogram_quantile,
@@ -35,7 +34,7 @@ from warpchain.results.window_statistics import (
 )
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 STEP_KEY = "run.step"
 """Key of the step [s] among `DesignInputs`; no column."""
@@ -80,9 +79,9 @@ def mask_absent(given: ArrayLike, values: ArrayLike) -> ColumnValues:
 
 
 def number_of_each_drive(
-    drives: Sequence[Drive], stacks: Sequence[Stack] | None, value: Callable[..., Any], *given: NDArray[Any]
+    drives: Sequence[Of], stacks: Sequence[Stack[Of]] | None, value: Callable[..., Any], *given: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """Number of each drive (V,), by stacks at once.
+    """Number of each drive, or chain of a drive (V,), by stacks at once.
 
     Args:
         value: function of a drive, or of a stack, and of `given`.
@@ -90,27 +89,27 @@ def number_of_each_drive(
     """
     found = np.empty(len(drives))
     for stack in stacks or [Stack(np.array([v]), drive) for v, drive in enumerate(drives)]:
-        found[stack.members] = value(stack.drive, *(np.moveaxis(of[stack.members], 0, -1) for of in given))
+        found[stack.members] = value(stack.one, *(np.moveaxis(of[stack.members], 0, -1) for of in given))
     return found
 
 
-def partner_names(drive: Drive) -> list[str]:
+def partner_names(model: ChainModel) -> list[str]:
     """Names of the sprockets, then guides, that rollers touch."""
-    return [sprocket.name for sprocket in drive.sprockets] + [guide.name for guide in drive.guides]
+    return [sprocket.name for sprocket in model.sprockets] + [guide.name for guide in model.guides]
 
 
-PART_PREFIXES: dict[str, Callable[[Drive], list[str]]] = {
-    "chain": lambda drive: [""],
-    "strand": lambda drive: [f"{name}." for name in drive.strand_names],
-    "sprocket": lambda drive: [f"{sprocket.name}." for sprocket in drive.sprockets],
-    "partner": lambda drive: [f"{name}." for name in partner_names(drive)],
-    "arm": lambda drive: [f"{arm.name}." for arm in drive.arms],
-    "tensioner": lambda drive: [f"{tensioner.name}." for tensioner in drive.tensioners],
-    "shaft": lambda drive: [f"{shaft.name}." for shaft in shafts_of_own_chain(drive)],
-    "coupling": lambda drive: [f"{coupling.name}." for coupling in drive.couplings],
-    "gear": lambda drive: [f"{gear.name}." for gear in drive.gears],
-    "valve": lambda drive: [f"{valves.name}." for valves in drive.valves],
-    "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
+PART_PREFIXES: dict[str, Callable[[ChainModel], list[str]]] = {
+    "chain": lambda model: [""],
+    "strand": lambda model: [f"{name}." for name in model.strand_names],
+    "sprocket": lambda model: [f"{sprocket.name}." for sprocket in model.sprockets],
+    "partner": lambda model: [f"{name}." for name in partner_names(model)],
+    "arm": lambda model: [f"{arm.name}." for arm in model.arms],
+    "tensioner": lambda model: [f"{tensioner.name}." for tensioner in model.tensioners],
+    "shaft": lambda model: [f"{shaft.name}." for shaft in model.own_shafts],
+    "coupling": lambda model: [f"{coupling.name}." for coupling in model.couplings],
+    "gear": lambda model: [f"{gear.name}." for gear in model.gears],
+    "valve": lambda model: [f"{valves.name}." for valves in model.valves],
+    "probe": lambda model: [f"{probe.name}." for probe in model.probes],
 }
 """Functions that give metric prefixes of a drive's parts."""
 
@@ -277,8 +276,8 @@ class EnergyBalance:
 class DesignInputs:
     """Inputs of design metrics: other metrics of variants."""
 
-    drives: Sequence[Drive]
-    stacks: Sequence[Stack] | None  # the drives sorted into kinds, where known
+    models: Sequence[ChainModel]
+    stacks: Sequence[Stack[ChainModel]] | None  # the models sorted into kinds, where known
     metrics: Mapping[str, ColumnValues]  # columns so far
     prefix: str  # of the part's columns, "" for the chain
     index: int  # of the part
@@ -286,29 +285,29 @@ class DesignInputs:
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Another metric of the part (V,), or nan."""
         found = self.metrics.get(self.prefix + name)
-        return np.full(len(self.drives), np.nan) if found is None else found.filled(np.nan)
+        return np.full(len(self.models), np.nan) if found is None else found.filled(np.nan)
 
     def has_metrics(self, *names: str) -> NDArray[np.bool_]:
         """Whether other metrics of the part are given (V,)."""
         found = [self.metrics.get(self.prefix + name) for name in names]
-        return np.all([np.zeros(len(self.drives), bool) if of is None else ~of.missing for of in found], axis=0)
+        return np.all([np.zeros(len(self.models), bool) if of is None else ~of.missing for of in found], axis=0)
 
-    def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[np.float64]:
+    def number_of_each(self, value: Callable[[ChainModel], Any]) -> NDArray[np.float64]:
         """A number of each drive (V,), computed by stacks."""
-        return number_of_each_drive(self.drives, self.stacks, value)
+        return number_of_each_drive(self.models, self.stacks, value)
 
     @property
     def roller_mass(self) -> NDArray[np.float64]:
         """Mass of a roller (V,) [kg]."""
-        return self.number_of_each(lambda drive: drive.chain.mass)
+        return self.number_of_each(lambda model: model.chain.mass)
 
     def tooth_count(self, s: int) -> NDArray[np.float64]:
         """Number of teeth of a sprocket (V,)."""
-        return self.number_of_each(lambda drive: drive.sprockets[s].teeth)
+        return self.number_of_each(lambda model: model.sprockets[s].teeth)
 
     def sprocket_turns(self, s: int) -> NDArray[Any]:
         """Revolutions of a sprocket in the window (V,)."""
-        names = ("window_start", "window_end", f"{self.drives[0].sprockets[s].name}.speed_mean")
+        names = ("window_start", "window_end", f"{self.models[0].sprockets[s].name}.speed_mean")
         start, end, speed = (self.metrics[name].values for name in names)
         return np.abs(speed) * (end - start) / (2.0 * math.pi)
 
@@ -327,17 +326,17 @@ def displacement_std(of: DesignInputs) -> VariantValues:
 
 def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
     """Metric contact energy a revolution (V,) [J]."""
-    drive = of.drives[0]
-    revolutions = of.sprocket_turns(drive.driver)
-    prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]
+    model = of.models[0]
+    revolutions = of.sprocket_turns(model.driver)
+    prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(model)]
     dissipated = sum(of.metrics[f"{prefix}dissipated"].values for prefix in prefixes)
     return mask_absent(revolutions != 0.0, dissipated / revolutions)
 
 
 def total_friction_power(of: DesignInputs) -> VariantValues:
     """Metric friction power (V,) [W], (d)."""
-    drive = of.drives[0]
-    names = ["joints.friction", *(f"{name}.friction" for name in partner_names(drive))]
+    model = of.models[0]
+    names = ["joints.friction", *(f"{name}.friction" for name in partner_names(model))]
     rubbed = sum(of.metrics[name].values for name in names if name in of.metrics)
     length = of.metrics["window_end"].values - of.metrics["window_start"].values
     return np.asarray(rubbed / length)
@@ -345,17 +344,17 @@ def total_friction_power(of: DesignInputs) -> VariantValues:
 
 def rated_use(of: DesignInputs) -> VariantValues:
     """Metric driver power over rated power (V,) [-], (e)."""
-    first = of.drives[0]
+    first = of.models[0]
     name = first.sprockets[first.driver].name
     moment, speed = (of.metrics[f"{name}.{column}"].values for column in ("moment_mean", "speed_mean"))
     moves = speed != 0.0
 
-    def rated(drive: Drive, speed: Any) -> Any:
-        teeth = drive.sprockets[smallest_driven(drive)].teeth
-        assert drive.chain.size is not None  # the metric's own condition
-        return rated_power(drive.chain.size, teeth, speed * drive.sprockets[drive.driver].teeth / teeth).least
+    def rated(model: ChainModel, speed: Any) -> Any:
+        teeth = model.sprockets[smallest_driven(model)].teeth
+        assert model.chain.size is not None  # the metric's own condition
+        return rated_power(model.chain.size, teeth, speed * model.sprockets[model.driver].teeth / teeth).least
 
-    power = number_of_each_drive(of.drives, of.stacks, rated, np.where(moves, np.abs(speed), 1.0))
+    power = number_of_each_drive(of.models, of.stacks, rated, np.where(moves, np.abs(speed), 1.0))
     return mask_absent(moves, np.abs(moment * speed) / power)
 
 

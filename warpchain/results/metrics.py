@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.model.stacks import LARGEST_STACK, Stack, pick_variants
+from warpchain.model import ChainModel
+from warpchain.model.stacks import LARGEST_STACK, Of, Stack, pick_variants
 from warpchain.model.trains import is_free_body
 from warpchain.results.arrow_tables import table_with_units
 from warpchain.results.judgement import Limits, judge_variants
@@ -59,10 +60,10 @@ ColumnBlocks = list[tuple[NDArray[np.int64], Columns]]
 
 
 @dataclass(frozen=True)
-class VariantEnds:
-    """Ends of V variants: steps, states, settling, causes."""
+class VariantEnds(Generic[Of]):
+    """Ends of V variants, or of a chain of each: steps, states, settling, causes."""
 
-    drives: Sequence[Drive]  # (V,)
+    drives: Sequence[Of]  # (V,)
     schedules: Sequence[Schedule]  # (V,) when they step and are measured
     steps: NDArray[np.integer]  # (V,) the step that each came to
     diverged: NDArray[np.bool_]  # (V,)
@@ -71,9 +72,9 @@ class VariantEnds:
     layouts: Sequence[Sequence[str]] | None = None  # (V,) faults of the drives' layouts
     settle_force: NDArray[np.float64] | None = None  # (V,) largest net force that settling left on a roller [N]
     causes: Sequence[str] | None = None  # (V,) of `judgement.DIVERGENCE_CAUSES`, "" for none
-    stacks: Sequence[Stack] | None = None  # the drives sorted into kinds
+    stacks: Sequence[Stack[Of]] | None = None  # the drives, or models, sorted into kinds
 
-    def select_variants(self, variants: NDArray[np.intp]) -> VariantEnds:
+    def select_variants(self, variants: NDArray[np.intp]) -> VariantEnds[Of]:
         """Ends of some of the variants."""
         places = variants.tolist()
         return VariantEnds(
@@ -89,11 +90,11 @@ class VariantEnds:
             self._stacks_among(variants),
         )
 
-    def number_of_each(self, value: Callable[[Drive], Any]) -> NDArray[Any]:
+    def number_of_each(self, value: Callable[[Of], Any]) -> NDArray[Any]:
         """A number of each drive (V,), computed by stacks."""
         return number_of_each_drive(self.drives, self.stacks, value)
 
-    def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack] | None:
+    def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack[Of]] | None:
         """Stacks of some variants, ascending, numbered from 0."""
         if self.stacks is None:
             return None
@@ -102,7 +103,7 @@ class VariantEnds:
         for k in np.unique(mine).tolist():
             members, stack = np.flatnonzero(mine == k), self.stacks[k]
             whole = len(members) == len(stack.members)
-            found.append(Stack(members, stack.drive if whole else pick_variants(stack.drive, place[variants[members]])))
+            found.append(Stack(members, stack.one if whole else pick_variants(stack.one, place[variants[members]])))
         return found
 
     @cached_property
@@ -128,7 +129,7 @@ class VariantEnds:
         return schedules_as_columns(self.schedules)
 
 
-def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds:
+def join_ends(ends: Sequence[VariantEnds[Drive]], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds[Drive]:
     """Ends of groups of variants, as of one run."""
     order = np.argsort(np.concatenate(numbers))
 
@@ -146,14 +147,14 @@ def join_ends(ends: Sequence[VariantEnds], numbers: Sequence[NDArray[np.int64]])
         layouts=values_in_order([ended.layouts or () for ended in ends]),
         causes=values_in_order([ended.causes or () for ended in ends]),
         stacks=[
-            Stack(mine[stack.members], stack.drive)
+            Stack(mine[stack.members], stack.one)
             for ended, mine in zip(ends, numbers, strict=True)
             for stack in ended.stacks or ()
         ],
     )
 
 
-def run_columns(ended: VariantEnds) -> Columns:
+def run_columns(ended: VariantEnds[Any]) -> Columns:
     """Metric columns on divergence and window [s]."""
     step = ended.schedule_column("step")
     return {
@@ -164,15 +165,15 @@ def run_columns(ended: VariantEnds) -> Columns:
     }
 
 
-def window_columns(ended: VariantEnds, sums: Mapping[str, Any]) -> Columns:
+def window_columns(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> Columns:
     """Metric columns formed of sums over the window."""
     columns: Columns = {}
     duration = (ended.schedule_column("window_end") - ended.schedule_column("window_start")) * ended.schedule_column(
         "step"
     )
-    links = ended.number_of_each(lambda drive: drive.chain.links)
+    links = ended.number_of_each(lambda model: model.chain.links)
     driver = ended.drives[0].driver
-    teeth = ended.number_of_each(lambda drive: drive.sprockets[driver].teeth)
+    teeth = ended.number_of_each(lambda model: model.sprockets[driver].teeth)
     turns = abs(sums["sprocket"]["speed"][:, driver]) * teeth / (2.0 * np.pi * links)
     places = list(groups_of_drive(ended.drives[0], WINDOW_METRICS))
     found: dict[int, tuple[list[int], dict[str, ColumnValues]]] = {}
@@ -225,10 +226,10 @@ def _group_columns(
     return {name: ColumnValues(*(of.reshape(-1, count) for of in both)) for name, both in found.items()}
 
 
-def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
+def drift_means(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> DriftMeans:
     """Batch means of tension and speeds over the window."""
     noted, durations = sums["parts"]
-    links = ended.number_of_each(lambda drive: drive.chain.links)[:, None]
+    links = ended.number_of_each(lambda model: model.chain.links)[:, None]
     weight = noted["chain"]["samples"] * links
     tension = np.where(np.isfinite(durations), noted["chain"]["tension"] / weight, np.nan)
     turned = noted["sprocket"]["speed"]
@@ -239,22 +240,22 @@ def drift_means(ended: VariantEnds, sums: Mapping[str, Any]) -> DriftMeans:
     return DriftMeans(tension, list(np.moveaxis(turned / durations[:, None], 1, 0)), waves)
 
 
-def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
+def energy_balance(model: ChainModel, sums: Mapping[str, Any]) -> EnergyBalance:
     """Energy balance (V,) over the window [J].
 
     What prescribes angles and centers, and what supplies oil, does the input work.
     """
     chain, sprockets, mounts = sums["chain"], sums["sprocket"], sums["mount"]
-    driven = np.array([not is_free_body(drive, s) for s in range(len(drive.sprockets))])
+    driven = np.array([not is_free_body(model, s) for s in range(len(model.sprockets))])
     contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
     load_work = np.compress(~driven, sprockets["load_work"], axis=1)
     dissipated = chain["dissipated"] + chain["friction"] + sums["contact"]["dissipated"].sum(axis=1)
     supplied, loaded = 0.0, load_work.sum(axis=1)
-    if drive.shafts or drive.couplings:
+    if model.shafts or model.couplings:
         supplied = sums["shaft"]["motor_work"].sum(axis=1) - sums["coupling"]["led_work"].sum(axis=1)
         loaded = loaded + sums["shaft"]["load_work"].sum(axis=1)
         dissipated = dissipated + sums["coupling"]["dissipated"].sum(axis=1) + sums["coupling"]["slip_loss"].sum(axis=1)
-    if drive.arms or drive.tensioners:
+    if model.arms or model.tensioners:
         flows = sums["tensioner"]["flows"]
         dissipated = dissipated + sums["arm"]["dissipated"].sum(axis=1) + sums["tensioner"]["dissipated"].sum(axis=1)
         dissipated = dissipated + flows["leak_loss"].sum(axis=1) + flows["valve_loss"].sum(axis=1)
@@ -273,17 +274,19 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> EnergyBalance:
     )
 
 
-def design_metric_columns(drives: Sequence[Drive], metrics: Columns, stacks: Sequence[Stack] | None = None) -> Columns:
+def design_metric_columns(
+    models: Sequence[ChainModel], metrics: Columns, stacks: Sequence[Stack[ChainModel]] | None = None
+) -> Columns:
     """Metric columns that designs are judged by."""
     columns: Columns = {}
     with np.errstate(all="ignore"):
-        for prefix, index, group in groups_of_drive(drives[0], DESIGN_METRICS):
-            judged = DesignInputs(drives, stacks, metrics, prefix, index)
+        for prefix, index, group in groups_of_drive(models[0], DESIGN_METRICS):
+            judged = DesignInputs(models, stacks, metrics, prefix, index)
             columns |= {prefix + c.name: column_of(c.value(judged)) for c in group.columns if c.value}
     return columns
 
 
-def engaged_columns(ended: VariantEnds) -> Columns:
+def engaged_columns(ended: VariantEnds[ChainModel]) -> Columns:
     """Metric columns of wraps' shares on teeth (V,)."""
     if ended.engaged is None:
         return {}
@@ -291,18 +294,18 @@ def engaged_columns(ended: VariantEnds) -> Columns:
     return {prefix + c.name: column_of(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
 
 
-def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> Columns:
+def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> Columns:
     """Metric columns of V variants of equal columns.
 
     Args:
         sums: by name, with batches, parts and tension counts, as of the engine's `split_sums`.
     """
-    drive = ended.drives[0]
+    model = ended.drives[0]
     with np.errstate(all="ignore"):
         columns = window_columns(ended, sums)
         drifts = drift_means(ended, sums)
         columns |= {c.name: column_of(c.value(drifts)) for c in STEADY_METRICS.columns if c.value}
-        balance = energy_balance(drive, sums)
+        balance = energy_balance(model, sums)
         columns |= {c.name: column_of(c.value(balance)) for c in BALANCE_METRICS.columns if c.value}
         known = run_columns(ended) | {STEP_KEY: column_of(ended.schedule_column("step"))} | columns
         columns |= design_metric_columns(ended.drives, known, ended.stacks)
@@ -312,44 +315,47 @@ def metrics_of_variants(ended: VariantEnds, sums: Mapping[str, Any]) -> Columns:
     settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}
     if ended.settle_force is not None:
         settled["settle_force"] = ended.settle_force
-    names = (column.name for _, _, group in groups_of_drive(drive, ((SETTLING_METRICS,),)) for column in group.columns)
+    names = (column.name for _, _, group in groups_of_drive(model, ((SETTLING_METRICS,),)) for column in group.columns)
     return columns | {name: column_of(settled[name]) for name in names if name in settled}
 
 
-ChainEnds = tuple[VariantEnds, Mapping[str, Any]]
+ChainEnds = tuple[VariantEnds[ChainModel], Mapping[str, Any]]
 """Ends of one chain of variants, and its sums."""
 
 
-def metrics_of_chains(drives: Sequence[Drive], parts: Sequence[ChainEnds]) -> Columns:
+def metrics_of_chains(prefixes: Sequence[str], parts: Sequence[ChainEnds]) -> Columns:
     """Metric columns of V variants of several chains."""
     columns: Columns = {}
     balances, measured = [], parts[0][0].is_measured
-    for chain, (ended, sums) in zip(drives[0].chains, parts, strict=True):
-        own, drive = metrics_of_variants(ended, sums), ended.drives[0]
-        names = {p + c.name for p, _, g in groups_of_drive(drive) if g.part in CHAIN_PARTS for c in g.columns}
+    for prefix, (ended, sums) in zip(prefixes, parts, strict=True):
+        own, model = metrics_of_variants(ended, sums), ended.drives[0]
+        names = {p + c.name for p, _, g in groups_of_drive(model) if g.part in CHAIN_PARTS for c in g.columns}
         shared = {c.name for c in BALANCE_METRICS.columns if c.name not in CHAIN_BALANCE_NAMES}
-        columns |= {f"{chain.name}.{n}" if n in names else n: v for n, v in own.items() if n not in shared}
-        balances.append(energy_balance(drive, sums))
+        columns |= {prefix + n if n in names else n: v for n, v in own.items() if n not in shared}
+        balances.append(energy_balance(model, sums))
     with np.errstate(all="ignore"):
         whole = EnergyBalance(*(sum(getattr(b, field.name) for b in balances) for field in fields(EnergyBalance)))
         for c in BALANCE_METRICS.columns:
             if c.value:
                 columns[c.name] = mask_absent(measured, c.value(whole))
-    steady = [columns[f"{chain.name}.steady"] for chain in drives[0].chains]
+    steady = [columns[f"{prefix}steady"] for prefix in prefixes]
     unknown = np.any([of.missing for of in steady], axis=0)
     return columns | {"steady": mask_absent(~unknown, np.all([of.values for of in steady], axis=0))}
 
 
-def metric_blocks(ended: VariantEnds, parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]) -> ColumnBlocks:
+def metric_blocks(
+    ended: VariantEnds[Drive], parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]
+) -> ColumnBlocks:
     """Metric columns of all variants, in blocks."""
     found: ColumnBlocks = []
     for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
-        parts, drives = parts_of(variants), [ended.drives[v] for v in variants]
-        found.append((variants, metrics_of_chains(drives, parts) if len(parts) > 1 else metrics_of_variants(*parts[0])))
+        parts, prefixes = parts_of(variants), ended.drives[variants[0]].chain_prefixes
+        alone = len(parts) == 1
+        found.append((variants, metrics_of_variants(*parts[0]) if alone else metrics_of_chains(prefixes, parts)))
     return found
 
 
-def metrics_table(ended: VariantEnds, blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
+def metrics_table(ended: VariantEnds[Drive], blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
     """Metrics table of all variants, judged by limits."""
     count = len(ended.drives)
     known = {"variant": column_of(np.arange(count)), "status": column_of(np.zeros(count)),

@@ -29,7 +29,7 @@ def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[C
     frame, roller = np.nonzero(sprocket_force > least)
     near, _ = nearest_sprockets_of_rollers(trajectory, frame, roller)
     normals = np.zeros((len(frame), 2))
-    for s in range(len(trajectory.drive.sprockets)):
+    for s in range(len(trajectory.model.sprockets)):
         on = near == s
         normals[on] = sprocket_normals(trajectory, s, frame[on], roller[on])
     sprockets = ContactForces(frame, roller, normals * np.asarray(sprocket_force, float)[frame, roller, None])
@@ -44,9 +44,9 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
     position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     x = np.asarray(position, dtype=float)[frame, roller]
     near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
-    for s in range(len(trajectory.drive.sprockets)):
+    for s in range(len(trajectory.model.sprockets)):
         r = x - sprocket_center[frame, s]
-        off = np.abs(np.sqrt(r[:, 0] ** 2 + r[:, 1] ** 2) - trajectory.drive.pitch_radius(s))
+        off = np.abs(np.sqrt(r[:, 0] ** 2 + r[:, 1] ** 2) - trajectory.model.pitch_radius(s))
         closer = off < apart
         near[closer], apart[closer] = s, off[closer]
     return near, apart
@@ -54,21 +54,21 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
     """Unit vectors of sprocket contact forces (K, 2)."""
-    drive, tooth = trajectory.drive, trajectory.drive.tooth(s)
+    model, tooth = trajectory.model, trajectory.model.tooth(s)
     position, sprocket_center, sprocket_angle = require_channels(
         trajectory, "position", "sprocket_center", "sprocket_angle"
     )
     if frame is None:
         frame = np.arange(len(trajectory.time))[:, None]
     if roller is None:
-        roller = np.arange(drive.chain.links)
-    pitch_angle = 2.0 * math.pi / drive.sprockets[s].teeth
+        roller = np.arange(model.chain.links)
+    pitch_angle = 2.0 * math.pi / model.sprockets[s].teeth
     r = np.asarray(position, dtype=float)[frame, roller] - sprocket_center[frame, s]
     turned = np.asarray(sprocket_angle, dtype=float)[frame, s]
     seat = np.rint((np.arctan2(r[..., 1], r[..., 0]) - turned) / pitch_angle) * pitch_angle + turned
     c, d = np.cos(seat), np.sin(seat)
-    xi, eta = r[..., 0] * c + r[..., 1] * d - drive.pitch_radius(s), r[..., 1] * c - r[..., 0] * d
-    outward, lateral = tooth.normal(xi, eta, drive.chain.roller_radius)
+    xi, eta = r[..., 0] * c + r[..., 1] * d - model.pitch_radius(s), r[..., 1] * c - r[..., 0] * d
+    outward, lateral = tooth.normal(xi, eta, model.chain.roller_radius)
     return np.stack([outward * c - lateral * d, outward * d + lateral * c], axis=-1)
 
 
@@ -76,11 +76,11 @@ def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Inde
     """Nearest guide (K,) of each roller, and normal."""
     count = len(frame)
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
-    for g in range(len(trajectory.drive.guides)):
-        face = trajectory.drive.profile(g)
+    for g in range(len(trajectory.model.guides)):
+        face = trajectory.model.profile(g)
         points, angle = rollers_in_guide_frame(trajectory, g, frame, roller)
         place, height = face_coordinates(face, points)
-        off = np.abs(height - trajectory.drive.guide_offset(g))
+        off = np.abs(height - trajectory.model.guide_offset(g))
         closer = np.nan_to_num(off, nan=np.inf) < apart
         t, c, s = face_tangents(face, place[closer]), np.cos(angle[closer]), np.sin(angle[closer])
         normals[closer] = np.stack([-t[:, 1] * c - t[:, 0] * s, t[:, 0] * c - t[:, 1] * s], axis=1)
@@ -90,11 +90,11 @@ def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Inde
 
 def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> Index:
     """Sprocket (F, N) that rollers engage, -1 for none."""
-    drive = trajectory.drive
-    which = np.arange(drive.chain.links) if rollers is None else rollers
+    model = trajectory.model
+    which = np.arange(model.chain.links) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
     near, apart = nearest_sprockets_of_rollers(trajectory, frame.ravel(), roller.ravel())
-    band = np.array([drive.engagement(s) for s in range(len(drive.sprockets))])
+    band = np.array([model.engagement(s) for s in range(len(model.sprockets))])
     return np.where(apart < band[near], near, -1).reshape(frame.shape)
 
 

@@ -37,8 +37,8 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
         SimulationError: recorded without positions, sprocket centers or sprocket forces.
     """
     _, _, sprocket_force = require_channels(trajectory, "position", "sprocket_center", "sprocket_force")
-    drive, time = trajectory.drive, trajectory.time
-    length = 2.0 * math.pi * math.sqrt(drive.chain.mass / drive.sprocket_stiffness(s))
+    model, time = trajectory.model, trajectory.time
+    length = 2.0 * math.pi * math.sqrt(model.chain.mass / model.sprocket_stiffness(s))
     near = engaged_sprockets(trajectory) == s
     force = np.where(near, np.asarray(sprocket_force, dtype=float), 0.0)
     steps = 0.5 * (force[1:] + force[:-1]) * np.diff(time)[:, None]
@@ -65,37 +65,36 @@ def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woeh
     Raises:
         SimulationError: fewer than three frames in the window.
     """
-    if trajectory.drive.chains:
-        return _objectives_of_chains(trajectory, start, end, woehler)
+    row: Row = {}
+    for name, chain in chain_trajectories(trajectory).items():
+        parts = {sprocket.name for sprocket in chain.parts.sprockets}
+        found = _chain_objectives(chain, start, end, woehler)
+        row |= {key if not name or key.partition(".")[0] in parts else f"{name}.{key}": value
+                for key, value in found.items()}  # fmt: skip
+    return row
+
+
+def _chain_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
+    """Objectives of one chain's recording by name."""
     inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
     if inside.sum() < 3:
         raise SimulationError(f"objectives: {int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 needed")
     part, whole = trajectory.at(inside), trajectory.at(trajectory.time <= end + 1e-12)
-    drive, d = trajectory.drive, trajectory.drive.driver
+    parts, d = trajectory.parts, trajectory.parts.driver
     row: Row = {}
     if part.sprocket_angle is not None:
-        for s, sprocket in enumerate(drive.sprockets):
+        for s, sprocket in enumerate(parts.sprockets):
             if s != d:
                 error = transmission_error(part, s)
                 row[f"{sprocket.name}.transmission_error_rms"] = float(np.sqrt(np.mean(error * error)))
                 row[f"{sprocket.name}.transmission_error_range"] = float(np.ptp(error))
     if part.position is not None and part.sprocket_center is not None and part.sprocket_force is not None:
-        for s, sprocket in enumerate(drive.sprockets):
+        for s, sprocket in enumerate(parts.sprockets):
             impulses = engagement_impulses(whole, s, start)
             if len(impulses):
                 row[f"{sprocket.name}.engagement_impulse"] = float(impulses.mean())
     if woehler is not None and part.tension is not None:
         row |= _fatigue_objectives(part, woehler)
-    return row
-
-
-def _objectives_of_chains(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
-    """Objectives of a recording of several chains, by name."""
-    row: Row = {}
-    for name, chain in chain_trajectories(trajectory).items():
-        parts = {sprocket.name for sprocket in chain.drive.sprockets}
-        found = trajectory_objectives(chain, start, end, woehler)
-        row |= {key if key.partition(".")[0] in parts else f"{name}.{key}": value for key, value in found.items()}
     return row
 
 
@@ -110,9 +109,9 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
         "damage_per_hour_mean": float(found.mean()) * 3600.0 / seconds,
     }
     if part.sprocket_angle is not None:
-        d = part.drive.driver
+        d = part.parts.driver
         turns = abs(float(part.sprocket_angle[-1, d] - part.sprocket_angle[0, d])) / (2.0 * math.pi)
-        revolutions = turns * part.drive.sprockets[d].teeth / part.drive.chain.links
+        revolutions = turns * part.parts.sprockets[d].teeth / part.parts.chain.links
         if revolutions > 0.0:
             ranges = equivalent_range(tension, woehler.exponent, revolutions, cycles)
             row["tension_equivalent_range"] = float(ranges.max())

@@ -32,7 +32,7 @@ BLOCK_TURNS = 8.0
 def driver_turns(trajectory: Trajectory) -> Array:
     """Forward revolutions (F,) of the driver."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
-    angle = forward_values(trajectory.drive, sprocket_angle, trajectory.drive.driver)
+    angle = forward_values(trajectory.parts, sprocket_angle, trajectory.parts.driver)
     return (angle - angle[0]) / (2.0 * np.pi)
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.path import ChainPath
-from warpchain.drive import Drive
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.tooth_shape import teeth_outline
+from warpchain.model import ChainModel
 from warpchain.results.arm_pivots import arm_pivots
 from warpchain.results.run import Trajectory
 
@@ -37,33 +37,33 @@ class OutlinePart(NamedTuple):
     carried: bool = False  # whether an arm or a tensioned sprocket carries it
 
 
-def pose_at_start(drive: Drive, path: ChainPath | None = None) -> DrivePose:
+def pose_at_start(model: ChainModel, path: ChainPath | None = None) -> DrivePose:
     """Pose of a drive's bodies around the unloaded chain.
 
     Raises:
         DriveError: as `chain_path`.
     """
-    path = chain_path(drive) if path is None else path
-    arms = np.zeros(len(drive.arms))
+    path = chain_path(model) if path is None else path
+    arms = np.zeros(len(model.arms))
     for a in range(len(arms)):
-        arms[a] = sum(path.arm_angle[on] for on in (a, drive.parent(a)) if on is not None)
-    return DrivePose(path.center, np.zeros(len(path.center)), arms, arm_pivots(drive, [0.0], arms[None])[0])
+        arms[a] = sum(path.arm_angle[on] for on in (a, model.parent(a)) if on is not None)
+    return DrivePose(path.center, np.zeros(len(path.center)), arms, arm_pivots(model, [0.0], arms[None])[0])
 
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
     """Pose of a drive's bodies at a recording's frame."""
     values = (getattr(trajectory, name) for name in ("sprocket_center", "sprocket_angle", "arm_angle"))
-    start = pose_at_start(trajectory.drive)[:3]
+    start = pose_at_start(trajectory.model)[:3]
     center, angle, arm = (
         own if of is None else np.asarray(of[f], dtype=float) for of, own in zip(values, start, strict=True)
     )
-    return DrivePose(center, angle, arm, arm_pivots(trajectory.drive, trajectory.time[f, None], arm[None])[0])
+    return DrivePose(center, angle, arm, arm_pivots(trajectory.model, trajectory.time[f, None], arm[None])[0])
 
 
-def chain_outline(drive: Drive, path: ChainPath) -> Array:
+def chain_outline(model: ChainModel, path: ChainPath) -> Array:
     """Closed line (P, 2) [m] of the chain's path."""
-    spacing, line = 0.25 * drive.chain.pitch, []
-    for s, sprocket in enumerate(drive.sprockets):
+    spacing, line = 0.25 * model.chain.pitch, []
+    for s, sprocket in enumerate(model.sprockets):
         count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
         angles = path.arrival_angle[s] + sprocket.sign * np.linspace(0.0, path.wrap_angle[s], count)
         line.append(path.center[s] + path.radius[s] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
@@ -73,65 +73,65 @@ def chain_outline(drive: Drive, path: ChainPath) -> Array:
     return np.concatenate([*line, line[0][:1]])
 
 
-def teeth_parts(drive: Drive, pose: DrivePose, arc_points: int = 9) -> list[OutlinePart]:
+def teeth_parts(model: ChainModel, pose: DrivePose, arc_points: int = 9) -> list[OutlinePart]:
     """Outlines of the sprockets' teeth, where the sprockets stand."""
-    turns = zip(drive.sprockets, pose.center, pose.angle, strict=True)
+    turns = zip(model.sprockets, pose.center, pose.angle, strict=True)
     return [
         OutlinePart(
-            "teeth", sprocket.name, turn_points(tooth_outline(drive, s, arc_points), (0.0, 0.0), angle) + center
+            "teeth", sprocket.name, turn_points(tooth_outline(model, s, arc_points), (0.0, 0.0), angle) + center
         )
         for s, (sprocket, center, angle) in enumerate(turns)
     ]
 
 
-def points_on_arm(drive: Drive, pose: DrivePose, a: int, points: Array) -> Array:
+def points_on_arm(model: ChainModel, pose: DrivePose, a: int, points: Array) -> Array:
     """Points (..., 2) [m] on a posed arm."""
-    drawn = drive.arms[a].pivot
+    drawn = model.arms[a].pivot
     return turn_points(points, drawn, pose.arm[a]) + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(drawn))
 
 
-def guide_arm_tensioner_parts(drive: Drive, pose: DrivePose) -> list[OutlinePart]:
+def guide_arm_tensioner_parts(model: ChainModel, pose: DrivePose) -> list[OutlinePart]:
     """Outlines of guides, arms and tensioners in a pose."""
     parts = []
-    for g, guide in enumerate(drive.guides):
-        outline, a = guide_outline(drive, g), drive.arm_of(g)
-        moved = outline if a is None else points_on_arm(drive, pose, a, outline)
+    for g, guide in enumerate(model.guides):
+        outline, a = guide_outline(model, g), model.arm_of(g)
+        moved = outline if a is None else points_on_arm(model, pose, a, outline)
         parts.append(OutlinePart("guide", guide.name, moved, a is not None))
-    for a, arm in enumerate(drive.arms):
+    for a, arm in enumerate(model.arms):
         parts += [
-            OutlinePart("arm", arm.name, points_on_arm(drive, pose, a, line), True) for line in arm_outline(drive, a)
+            OutlinePart("arm", arm.name, points_on_arm(model, pose, a, line), True) for line in arm_outline(model, a)
         ]
-    for a, arm in enumerate(drive.arms):
+    for a, arm in enumerate(model.arms):
         if arm.spring is not None:
             at, anchor = (np.asarray(end, dtype=float) for end in (arm.spring.at, arm.spring.anchor))
-            on = drive.parent(a)
+            on = model.parent(a)
             held = anchor + (0.0 if pose.pivot is None else pose.pivot[a] - np.asarray(arm.pivot))
-            held = held if on is None else points_on_arm(drive, pose, on, anchor)
-            parts.append(OutlinePart("spring", arm.name, coil_outline(held, points_on_arm(drive, pose, a, at)), True))
-    for t, tensioner in enumerate(drive.tensioners):
-        housing, plunger = tensioner_outline(drive, t)
-        body, at = drive.tensioner_body(t), np.asarray(tensioner.at, dtype=float)
-        if body < len(drive.sprockets):
-            way = pose.center[body] - drive.sprockets[body].center
+            held = held if on is None else points_on_arm(model, pose, on, anchor)
+            parts.append(OutlinePart("spring", arm.name, coil_outline(held, points_on_arm(model, pose, a, at)), True))
+    for t, tensioner in enumerate(model.tensioners):
+        housing, plunger = tensioner_outline(model, t)
+        body, at = model.tensioner_body(t), np.asarray(tensioner.at, dtype=float)
+        if body < len(model.sprockets):
+            way = pose.center[body] - model.sprockets[body].center
         else:
-            a = body - drive.first_arm_body
-            way = points_on_arm(drive, pose, a, at) - at
+            a = body - model.first_arm_body
+            way = points_on_arm(model, pose, a, at) - at
         along = np.array(tensioner.unit_direction)
         parts.append(OutlinePart("plunger", tensioner.name, plunger + (way @ along) * along, True))
         parts.append(OutlinePart("housing", tensioner.name, housing))
     return parts
 
 
-def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
+def tooth_outline(model: ChainModel, s: int, arc_points: int = 9) -> Array:
     """Closed outline (P, 2) [m] of a sprocket's teeth."""
-    return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
+    return teeth_outline(model.tooth(s), model.sprockets[s].teeth, model.pitch_radius(s), arc_points)
 
 
-def guide_outline(drive: Drive, g: int) -> Array:
+def guide_outline(model: ChainModel, g: int) -> Array:
     """Outline (P, 2) [m] of a guide as drawn."""
-    if not drive.guides[g].straight:
-        return drive.profile(g).points(drive.chain.pitch / 12)
-    bar = drive.guides[g].bar
+    if not model.guides[g].straight:
+        return model.profile(g).points(model.chain.pitch / 12)
+    bar = model.guides[g].bar
     start, end = np.asarray(bar.start, dtype=float), np.asarray(bar.end, dtype=float)
     t = (end - start) / np.hypot(*(end - start))
     n = np.array([-t[1], t[0]])
@@ -142,12 +142,12 @@ def guide_outline(drive: Drive, g: int) -> Array:
     return np.vstack([before[::-1], after])
 
 
-def arm_outline(drive: Drive, a: int) -> list[Array]:
+def arm_outline(model: ChainModel, a: int) -> list[Array]:
     """Lines (2, 2) [m] of an arm as drawn."""
-    arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
+    arm, faces = model.arms[a], [model.profile(g).face for g in model.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
-    ends += [drive.sprockets[s].center for s in drive.sprockets_on(a)]
-    ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
+    ends += [model.sprockets[s].center for s in model.sprockets_on(a)]
+    ends += [tensioner.at for tensioner in model.tensioners if tensioner.on == arm.name]
     return [np.array([arm.pivot, end], dtype=float) for end in ends]
 
 
@@ -165,11 +165,11 @@ def coil_outline(begin: Array, end: Array) -> Array:
     return np.vstack([begin, begin + 0.17 * way, turns, begin + 0.83 * way, end])
 
 
-def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
+def tensioner_outline(model: ChainModel, k: int) -> tuple[Array, Array]:
     """Outlines (5, 2) [m] of housing and plunger."""
-    tensioner = drive.tensioners[k]
+    tensioner = model.tensioners[k]
     plunger = tensioner.plunger
-    wide = drive.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter
+    wide = model.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter
     along = np.asarray(tensioner.direction, dtype=float)
     along = along / np.hypot(*along)
     across = np.array([-along[1], along[0]])

@@ -14,10 +14,10 @@ from warpchain.drive.stack_math import is_true_somewhere, minimum
 from warpchain.model.trains import body_speed_ratio
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 
-def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: Any) -> Any:
+def slowest_ripple_periods(model: ChainModel, turns: NDArray[np.float64], seconds: Any) -> Any:
     """Periods of a drive's slowest tension ripple.
 
     Args:
@@ -28,25 +28,25 @@ def slowest_ripple_periods(drive: Drive, turns: NDArray[np.float64], seconds: An
 
     def periods_in_window(b: int, order: Any) -> Any:
         """Periods in the window of a body's order."""
-        led = b if b < count else drive.driver
-        return order * turns[led] * (1.0 if b < count else body_speed_ratio(drive, b, led))
+        led = b if b < count else model.driver
+        return order * turns[led] * (1.0 if b < count else body_speed_ratio(model, b, led))
 
-    mounts = (sprocket.mount for sprocket in drive.sprockets)
+    mounts = (sprocket.mount for sprocket in model.sprockets)
     swings = [
         mount.frequency for mount in mounts if isinstance(mount, PrescribedMount) and is_true_somewhere(mount.frequency)
     ]
     slow = [
-        *(periods_in_window(b, order) for b, order in _ripple_orders(drive)),
+        *(periods_in_window(b, order) for b, order in _ripple_orders(model)),
         *(swing * seconds for swing in swings),
     ]
     return minimum(*slow) if slow else 0.0
 
 
-def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
+def _ripple_orders(model: ChainModel) -> Iterator[tuple[int, float]]:
     """Bodies and orders of tension ripples."""
     names: list[Any] = []
-    acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in drive.sprockets]
-    acting += [(of.load, of.prescribed, of.motor) for of in drive.shafts]
+    acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in model.sprockets]
+    acting += [(of.load, of.prescribed, of.motor) for of in model.shafts]
     for b, causes in enumerate(acting):
         for of in causes:
             table = getattr(of, "table", None)
@@ -54,8 +54,8 @@ def _ripple_orders(drive: Drive) -> Iterator[tuple[int, float]]:
             if table is not None and table.slowest_order is not None:
                 ripples.append((table.shaft, table.slowest_order))
             for shaft, order in ripples:
-                names = names or (body_names(drive) if shaft is not None else [])
+                names = names or (body_names(model) if shaft is not None else [])
                 yield names.index(shaft) if shaft in names else b, order
-    for valves in drive.valves:
-        names = names or body_names(drive)
+    for valves in model.valves:
+        names = names or body_names(model)
         yield names.index(valves.on), valves.slowest_order

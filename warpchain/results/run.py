@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from warpchain.argument_checks import Index, PositiveNumber, check_arguments
 from warpchain.errors import SimulationError
+from warpchain.model import ChainModel, single_chain
 from warpchain.notebook_renderer import rendered_html
 from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
 from warpchain.results.judgement import MOST_NAMED, OK
@@ -103,6 +104,7 @@ class Trajectory:
         valve_torque: (F, V) of valve groups against forward rotation [N m].
         valve_force: (F, V) least of a group's cams [N].
         window: of the metrics, (from, to) [s]; or None.
+        chain: the one chain of the drive whose parts the channels are of; None where they are the whole drive's.
     """
 
     drive: Drive
@@ -131,6 +133,21 @@ class Trajectory:
     valve_torque: NDArray[np.floating] | None = None
     valve_force: NDArray[np.floating] | None = None
     window: Any = None  # of any type to mypy, so that channels may be given as **mapping
+    chain: Any = None
+
+    @property
+    def parts(self) -> Drive | ChainModel:
+        """Parts whose motion a trajectory's channels are: a drive's, or one chain's."""
+        return self.drive if self.chain is None else self.chain
+
+    @property
+    def model(self) -> ChainModel:
+        """Model of the one chain whose motion a trajectory is.
+
+        Raises:
+            DriveError: of a drive of several.
+        """
+        return single_chain(self.parts)
 
     def __repr__(self) -> str:
         """Text of one line: frames, time, channels."""
@@ -157,8 +174,8 @@ class Trajectory:
             self.time[frames]
         except (IndexError, TypeError) as error:
             raise SimulationError(f"frames of a trajectory of {len(self.time)}: {error}") from None
-        held = {name: values[frames] for name, values in self.channels().items()}
-        return Trajectory(self.drive, self.time[frames], **held, window=self.window)
+        held: dict[str, Any] = {name: values[frames] for name, values in self.channels().items()}
+        return replace(self, time=self.time[frames], **held)
 
     def to_arrow(self) -> pa.Table:
         """Pyarrow table of the trajectory, a row a frame."""
@@ -170,7 +187,7 @@ class Trajectory:
         """Xarray dataset (extra `xarray`) of the trajectory."""
         from warpchain.results.arrow_tables import trajectory_dataset
 
-        return trajectory_dataset(self.time, self.channels(), self.drive)
+        return trajectory_dataset(self.time, self.channels(), self.parts)
 
 
 def require_channels(

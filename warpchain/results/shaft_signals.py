@@ -34,7 +34,7 @@ def hub_forces(trajectory: Trajectory) -> Array:
     _, sprocket_force, _, _ = require_channels(
         trajectory, "position", "sprocket_force", "sprocket_angle", "sprocket_center"
     )
-    frames, sprockets = len(trajectory.time), len(trajectory.drive.sprockets)
+    frames, sprockets = len(trajectory.time), len(trajectory.parts.sprockets)
     near = engaged_sprockets(trajectory)
     found = np.zeros((frames, sprockets, 2))
     for s in range(sprockets):
@@ -55,8 +55,8 @@ def phase_error(trajectory: Trajectory, s: int) -> Array:
     Raises:
         SimulationError: recorded without sprocket angles.
     """
-    drive = trajectory.drive
-    gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
+    parts = trajectory.parts
+    gear = parts.sprockets[s].teeth / parts.sprockets[parts.driver].teeth
     return gear * angle_ahead_of_driver(trajectory, s)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
+from warpchain.model import ChainModel
 from warpchain.results.nearest_parts import nearest_guides_of_rollers, nearest_sprockets_of_rollers
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.strand_passing import FRAMES_AT_ONCE, PassingLink, passing_link
@@ -39,23 +40,23 @@ PART_SIGNALS = (
 """Signals of parts without rollers: list, signal, channel, group."""
 
 
-def part_signals(drive: Drive) -> Iterator[tuple[str, str, str, str, int]]:
+def part_signals(of: Drive | ChainModel) -> Iterator[tuple[str, str, str, str, int]]:
     """Part's name, signal, channel, group and column of `PART_SIGNALS`."""
     for parts, signal, channel, group in PART_SIGNALS:
-        for i, part in enumerate(getattr(drive, parts)):
+        for i, part in enumerate(getattr(of, parts)):
             if signal != "pressure" or part.hydraulic:
                 yield part.name, signal, channel, group, i
 
 
 def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float] | None:
     """Driver's mean speed [rad/s] and window [s]."""
-    time, angle, drive = trajectory.time, trajectory.sprocket_angle, trajectory.drive
+    time, angle, parts = trajectory.time, trajectory.sprocket_angle, trajectory.parts
     start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
     start, end = max(start, float(time[0])), min(end, float(time[-1]))
     if angle is None or start >= end:
         return None
-    before, after = np.interp([start, end], time, angle[:, drive.driver])
-    return float(drive.sprockets[drive.driver].sign * (after - before) / (end - start)), start, end
+    before, after = np.interp([start, end], time, angle[:, parts.driver])
+    return float(parts.sprockets[parts.driver].sign * (after - before) / (end - start)), start, end
 
 
 def latter_half_frames(trajectory: Trajectory) -> slice:
@@ -66,16 +67,16 @@ def latter_half_frames(trajectory: Trajectory) -> slice:
 def last_round_frames(trajectory: Trajectory) -> slice:
     """Frames of the chain's last round in a recording."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
-    drive = trajectory.drive
-    angle = forward_values(drive, sprocket_angle, drive.driver)
-    passed = (angle[-1] - angle) * drive.sprockets[drive.driver].teeth / (2.0 * np.pi)
-    earlier = np.flatnonzero(passed >= drive.chain.links)
+    model = trajectory.model
+    angle = forward_values(model, sprocket_angle, model.driver)
+    passed = (angle[-1] - angle) * model.sprockets[model.driver].teeth / (2.0 * np.pi)
+    earlier = np.flatnonzero(passed >= model.chain.links)
     return slice(int(earlier[-1]) if len(earlier) else 0, None)
 
 
-def forward_values(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
+def forward_values(parts: Drive | ChainModel, values: NDArray[np.floating], s: int) -> Array:
     """Angles or speeds (F,), positive in travel."""
-    return np.asarray(values[:, s], dtype=float) * drive.sprockets[s].sign
+    return np.asarray(values[:, s], dtype=float) * parts.sprockets[s].sign
 
 
 def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | None = None) -> Array:
@@ -89,10 +90,10 @@ def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | N
 def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
     """Speed ratio (F,) to the driver, 1 ideally."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
-    drive = trajectory.drive
-    own, driver = (forward_values(drive, sprocket_speed, k) for k in (s, drive.driver))
+    parts = trajectory.parts
+    own, driver = (forward_values(parts, sprocket_speed, k) for k in (s, parts.driver))
     moving = np.abs(driver) > 1e-6 * max(float(np.abs(driver).max()), 1e-300)
-    gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
+    gear = parts.sprockets[s].teeth / parts.sprockets[parts.driver].teeth
     return np.where(moving, gear * own / np.where(moving, driver, 1.0), np.nan)
 
 
@@ -103,9 +104,9 @@ def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
         SimulationError: recorded without sprocket angles.
     """
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
-    drive = trajectory.drive
-    own, driver = (forward_values(drive, sprocket_angle, k) for k in (s, drive.driver))
-    ideal = (driver - driver[0]) * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
+    parts = trajectory.parts
+    own, driver = (forward_values(parts, sprocket_angle, k) for k in (s, parts.driver))
+    ideal = (driver - driver[0]) * parts.sprockets[parts.driver].teeth / parts.sprockets[s].teeth
     return np.asarray(own - own[0] - ideal)
 
 
@@ -128,11 +129,11 @@ def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
     from warpchain.assembly.frequencies import moving_frequency
 
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
-    drive, path, part = trajectory.drive, assembled_path(trajectory.drive), latter_half_frames(trajectory)
+    model, path, part = trajectory.model, assembled_path(trajectory.model), latter_half_frames(trajectory)
     tension = float(np.nanmean(strand_tension(trajectory, strand)[part]))
-    turns = abs(float(np.mean(sprocket_speed[part, drive.driver]))) / (2.0 * np.pi)
-    speed = turns * drive.sprockets[drive.driver].teeth * path.pitch
-    return moving_frequency(drive, max(path.free_lengths(strand)), tension, speed)
+    turns = abs(float(np.mean(sprocket_speed[part, model.driver]))) / (2.0 * np.pi)
+    speed = turns * model.sprockets[model.driver].teeth * path.pitch
+    return moving_frequency(model, max(path.free_lengths(strand)), tension, speed)
 
 
 def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]]:
@@ -142,7 +143,7 @@ def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]
     force = np.asarray(guide_force, dtype=float)[frame, roller]
     nearest, _ = nearest_guides_of_rollers(trajectory, frame, roller)
     found: list[tuple[Array, Array]] = []
-    for g in range(len(trajectory.drive.guides)):
+    for g in range(len(trajectory.parts.guides)):
         mine, count = nearest == g, len(trajectory.time)
         total = np.bincount(frame[mine], force[mine], minlength=count)
         found.append((np.asarray(total, float), np.asarray(np.bincount(frame[mine], minlength=count), float)))
@@ -152,15 +153,15 @@ def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]
 def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
     """Largest contact force (F,) [N] of each part."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
-    drive, count = trajectory.drive, len(trajectory.time)
-    largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
+    parts, count = trajectory.parts, len(trajectory.time)
+    largest = np.zeros((len(parts.sprockets) + len(parts.guides), count))
     frame, roller = np.nonzero(sprocket_force > 0.0)
     force = np.asarray(sprocket_force, dtype=float)[frame, roller]
     np.maximum.at(largest, (nearest_sprockets_of_rollers(trajectory, frame, roller)[0], frame), force)
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
     np.maximum.at(
-        largest, (len(drive.sprockets) + nearest_guides_of_rollers(trajectory, frame, roller)[0], frame), force
+        largest, (len(parts.sprockets) + nearest_guides_of_rollers(trajectory, frame, roller)[0], frame), force
     )
     return list(largest)
 
@@ -186,15 +187,15 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
     position, sprocket_center, sprocket_force = require_channels(
         trajectory, "position", "sprocket_center", "sprocket_force"
     )
-    drive, part, path = trajectory.drive, latter_half_frames(trajectory), assembled_path(trajectory.drive)
-    step = 2.0 * np.pi / drive.sprockets[s].teeth
+    model, part, path = trajectory.model, latter_half_frames(trajectory), assembled_path(trajectory.model)
+    step = 2.0 * np.pi / model.sprockets[s].teeth
     r = np.asarray(position[part], dtype=float) - sprocket_center[part, None, s]
-    apart = np.abs(np.hypot(r[..., 0], r[..., 1]) - drive.pitch_radius(s))
-    polar = drive.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
+    apart = np.abs(np.hypot(r[..., 0], r[..., 1]) - model.pitch_radius(s))
+    polar = model.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
     wrap = float(path.wrap_angle[s])
     spare = 0.5 * (2.0 * np.pi - wrap)
     angle = np.mod(polar + spare, 2.0 * np.pi) - spare
-    on = (apart < drive.engagement(s)) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
+    on = (apart < model.engagement(s)) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
     return ContactAngles(angle[on], np.asarray(sprocket_force[part], dtype=float)[on], wrap, step)
 
 
@@ -213,11 +214,11 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
     """Orders and amplitudes of a signal's spectrum, or None."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
-    drive, part = trajectory.drive, latter_half_frames(trajectory)
-    turns = forward_values(drive, sprocket_angle[part], drive.driver) / (2.0 * np.pi)
+    parts, part = trajectory.parts, latter_half_frames(trajectory)
+    turns = forward_values(parts, sprocket_angle[part], parts.driver) / (2.0 * np.pi)
     if len(turns) < 8 or not np.all(np.diff(turns) > 0.0):
         return None
-    if (turns[-1] - turns[0]) * drive.sprockets[drive.driver].teeth < FEWEST_TEETH:
+    if (turns[-1] - turns[0]) * parts.sprockets[parts.driver].teeth < FEWEST_TEETH:
         return None
     if not np.isfinite(values[part]).all():
         return None
@@ -241,14 +242,14 @@ class OrderSpectrum(NamedTuple):
 
 def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
     """Order spectra of tensions and transmission errors."""
-    drive = trajectory.drive
-    signals = [(STRAND_TENSION_TITLE, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
+    parts = trajectory.parts
+    signals = [(STRAND_TENSION_TITLE, name, strand_tension(trajectory, k)) for k, name in enumerate(parts.strand_names)]
     signals += [
         (TRANSMISSION_ERROR_TITLE, sprocket.name, np.degrees(transmission_error(trajectory, s)))
-        for s, sprocket in enumerate(drive.sprockets)
-        if s != drive.driver
+        for s, sprocket in enumerate(parts.sprockets)
+        if s != parts.driver
     ]
-    last = (TOOTH_PASSINGS + 0.5) * drive.sprockets[drive.driver].teeth
+    last = (TOOTH_PASSINGS + 0.5) * parts.sprockets[parts.driver].teeth
     found: dict[str, list[OrderSpectrum]] = {}
     for title, name, values in signals:
         spectrum = order_spectrum(trajectory, values)

@@ -36,7 +36,7 @@ from warpchain.results.metric_formulas import (
 )
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.model import ChainModel
 
 BRISTLE_STIFFNESS = 0.12
 """Stiffness of a joint's bristle, times h^2 / I."""
@@ -51,9 +51,9 @@ def joint_give(of: DesignInputs) -> VariantValues:
     """Metric tension error (V,) of joints that give, (c)."""
     step = of.metrics[STEP_KEY].values
     stiffness = of.number_of_each(_softest_link_stiffness)
-    inertias = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch * drive.chain.pitch) / 6.0
-    gives = np.zeros(len(of.drives))
-    for name in of.drives[0].strand_names:
+    inertias = of.roller_mass * of.number_of_each(lambda model: model.chain.pitch * model.chain.pitch) / 6.0
+    gives = np.zeros(len(of.models))
+    for name in of.models[0].strand_names:
         strand = replace(of, prefix=f"{name}.")
         moment = _joint_friction_moment(of, np.maximum(strand["tension_mean"], 0.0))
         turned = moment * step * step / (BRISTLE_STIFFNESS * inertias)
@@ -65,19 +65,19 @@ def joint_give(of: DesignInputs) -> VariantValues:
 
 def partner_resolution(of: DesignInputs) -> VariantValues:
     """Metric steps (V,) for friction to move rollers, (a)."""
-    ways = of.roller_mass * of.number_of_each(lambda drive: drive.chain.pitch)
+    ways = of.roller_mass * of.number_of_each(lambda model: model.chain.pitch)
     steps = _steps_of_force(
-        of, ways, of.number_of_each(lambda drive: _partner_friction_coefficient(drive, of.index)) * of["force_max"]
+        of, ways, of.number_of_each(lambda model: _partner_friction_coefficient(model, of.index)) * of["force_max"]
     )
-    times = of.number_of_each(lambda drive: _partner_ramp_time(drive, of.index))
+    times = of.number_of_each(lambda model: _partner_ramp_time(model, of.index))
     ramped = mask_absent(times > 0.0, times / of.metrics[STEP_KEY].values)
     fewer = np.minimum(steps.filled(np.inf), ramped.filled(np.inf))
     return mask_absent(np.isfinite(fewer), fewer)
 
 
-def is_ramped(drive: Drive, index: int) -> bool:
+def is_ramped(model: ChainModel, index: int) -> bool:
     """Whether a partner is a sprocket with ramped motion."""
-    return _partner_ramp_time(drive, index) > 0.0
+    return _partner_ramp_time(model, index) > 0.0
 
 
 def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> ColumnValues:
@@ -92,33 +92,33 @@ def _joint_friction_moment(of: DesignInputs, tension: VariantValues) -> VariantV
     return of.number_of_each(_joint_friction_arm) * tension
 
 
-def _joint_friction_arm(drive: Drive) -> float:
+def _joint_friction_arm(model: ChainModel) -> float:
     """Arm of a joint's friction, mu kappa r_p [m]."""
-    chain = drive.chain
+    chain = model.chain
     assert chain.joint is not None and chain.pin_radius is not None  # as the group's `where` has found
     return friction_coefficients(chain.joint).larger_coefficient * chain.joint.factor * chain.pin_radius
 
 
-def _tooth_bend_inertia(drive: Drive) -> float:
+def _tooth_bend_inertia(model: ChainModel) -> float:
     """Bend of a joint times its inertia [kg m^2]."""
-    chain, teeth = drive.chain, min(sprocket.teeth for sprocket in drive.sprockets)
+    chain, teeth = model.chain, min(sprocket.teeth for sprocket in model.sprockets)
     return 2.0 * math.pi / teeth * chain.mass * (chain.pitch * chain.pitch) / 6.0
 
 
-def _softest_link_stiffness(drive: Drive) -> float:
+def _softest_link_stiffness(model: ChainModel) -> float:
     """Stiffness of the softest link [N/m]."""
-    return minimum(drive.chain.stiffness, drive.chain.outer_stiffness)
+    return minimum(model.chain.stiffness, model.chain.outer_stiffness)
 
 
-def _partner_friction_coefficient(drive: Drive, index: int) -> float:
+def _partner_friction_coefficient(model: ChainModel, index: int) -> float:
     """Larger friction coefficient of rollers and a partner [-]."""
-    s = len(drive.sprockets)
+    s = len(model.sprockets)
     return (
-        tooth_friction_coefficients(drive) if index < s else guide_friction_coefficients(drive, index - s)
+        tooth_friction_coefficients(model) if index < s else guide_friction_coefficients(model, index - s)
     ).larger_coefficient
 
 
-def _partner_ramp_time(drive: Drive, index: int) -> float:
+def _partner_ramp_time(model: ChainModel, index: int) -> float:
     """Ramp time of a partner's motion [s], or 0."""
-    motion = drive.sprockets[index].prescribed if index < len(drive.sprockets) else None
+    motion = model.sprockets[index].prescribed if index < len(model.sprockets) else None
     return 0.0 if motion is None else motion.ramp_time

@@ -27,7 +27,7 @@ class PassingLink(NamedTuple):
 def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
     """Link that passes a strand's middle, at every frame."""
     (position,) = require_channels(trajectory, "position")
-    path = assembled_path(trajectory.drive)
+    path = assembled_path(trajectory.model)
     start, end = path.strand_start[strand], path.strand_end[strand]
     count = len(trajectory.time)
     link, displacement = np.full(count, -1, dtype=np.intp), np.full(count, np.nan)

@@ -36,19 +36,19 @@ def tooth_jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
         SimulationError: recorded without positions or sprocket centers.
     """
     position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
-    drive, path = trajectory.drive, assembled_path(trajectory.drive)
-    top = top_radius(drive, s)
-    step, wrap = 2.0 * np.pi / drive.sprockets[s].teeth, float(path.wrap_angle[s])
+    model, path = trajectory.model, assembled_path(trajectory.model)
+    top = top_radius(model, s)
+    step, wrap = 2.0 * np.pi / model.sprockets[s].teeth, float(path.wrap_angle[s])
     r = np.asarray(position, dtype=float) - sprocket_center[:, None, s]
     apart = np.hypot(r[..., 0], r[..., 1])
-    polar = drive.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
+    polar = model.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
     from_middle = np.mod(polar - 0.5 * wrap + np.pi, 2.0 * np.pi) - np.pi
-    near = np.abs(apart - drive.pitch_radius(s)) < drive.engagement(s)
+    near = np.abs(apart - model.pitch_radius(s)) < model.engagement(s)
     margin = np.where(near & (np.abs(from_middle) <= 0.5 * max(wrap - step, step)), top - apart, np.inf)
     roller = margin.argmin(axis=1)
     frame = np.arange(len(margin))
     least, angle = margin[frame, roller], from_middle[frame, roller] + 0.5 * wrap
     known = np.isfinite(least)
     nothing = np.full(len(least), np.nan)
-    height = top - drive.pitch_radius(s)
+    height = top - model.pitch_radius(s)
     return JumpMargin(np.where(known, least, nothing), np.where(known, angle, nothing), height)

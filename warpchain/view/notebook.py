@@ -9,7 +9,7 @@ from typing import Any
 
 from warpchain.drive import Drive
 from warpchain.errors import WarpchainError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import ChainModel, Model
 from warpchain.results.channels import CHANNEL_BY_NAME
 from warpchain.results.judgement import DIVERGED, OK, SUSPECT
 from warpchain.results.metric_columns import title_of_metric, unit_of_metric
@@ -82,16 +82,20 @@ def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
 
 
 def _drive_html(drive: Drive) -> str:
-    """A drive as HTML: picture, sprockets, chain and run settings."""
-    if drive.chains:
-        return "".join(
-            f"<p>{escape(chain_drive.name)}</p>{_drive_html(chain_drive.drive)}" for chain_drive in chain_drives(drive)
-        )
-    chain = drive.chain
+    """A drive as HTML: picture, chains with their sprockets, and run settings."""
+    warm = "" if drive.temperature is None else f"{drive.temperature:g} \N{DEGREE SIGN}C, "
+    run = f"{warm}{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
+    right = "".join(_chain_html(model) for model in Model(drive).chains) + f"<p>{escape(run)}</p>"
+    return _side_by_side_html(_drive_picture(drive), right)
+
+
+def _chain_html(model: ChainModel) -> str:
+    """A chain and its sprockets as HTML."""
+    chain, named = model.chain, f"<p>{escape(model.name)}</p>" if model.name else ""
     size = f"{chain.size}, " if chain.size else ""
     about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_with_unit(chain.mass, 'kg')} a roller)"
     rows = []
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         travel, load = sprocket.prescribed, sprocket.load
         does = "turns freely"
         if travel is not None:
@@ -100,18 +104,14 @@ def _drive_html(drive: Drive) -> str:
             does = f"on shaft {sprocket.shaft}"
         elif load is not None:
             does = f"load {value_with_unit(load.torque, 'N m')}"
-        radius = value_with_unit(drive.pitch_radius(s), "m")
+        radius = value_with_unit(model.pitch_radius(s), "m")
         rows.append([sprocket.name, str(sprocket.teeth), radius, does])
-    warm = "" if drive.temperature is None else f"{drive.temperature:g} \N{DEGREE SIGN}C, "
-    run = f"{warm}{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
-    right = notebook_table(("sprocket", "teeth", "pitch radius", ""), rows, about) + f"<p>{escape(run)}</p>"
-    return _side_by_side_html(_drive_picture(drive), right)
+    return named + notebook_table(("sprocket", "teeth", "pitch radius", ""), rows, about)
 
 
 def _notebook_metrics(drive: Drive) -> list[str]:
     """Names of the metrics that a notebook shows of a run."""
-    chains = [f"{chain.name}." for chain in drive.chains] or [""]
-    names = [*(f"{chain}tension_{of}" for chain in chains for of in ("mean", "max")), "efficiency"]
+    names = [*(f"{chain}tension_{of}" for chain in drive.chain_prefixes for of in ("mean", "max")), "efficiency"]
     for sprocket in drive.sprockets:
         names += [f"{sprocket.name}.speed_mean", f"{sprocket.name}.moment_mean", f"{sprocket.name}.force_max"]
     names += [f"{guide.name}.force_max" for guide in drive.guides]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
+from warpchain.model import ChainModel
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.signals import PART_SIGNALS, latter_half_frames
 from warpchain.results.tension_colors import tension_colors, tension_scale_end
@@ -49,17 +50,17 @@ def _mixed_color(color: Color, share: float, gray: int) -> Color:
     return red, green, blue
 
 
-def curve_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
+def curve_colors(parts: Drive | ChainModel, variant: Color | None = None) -> dict[str, Color]:
     """Colors of curves by part's name, shades of `variant` if given."""
-    bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
-    others = [part.name for parts in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(drive, parts)]
+    bodies = [*(s.name for s in parts.sprockets), *(g.name for g in parts.guides)]
+    others = [part.name for kind in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(parts, kind)]
     if variant is None:
-        names = [*bodies, *drive.strand_names, *others]
+        names = [*bodies, *parts.strand_names, *others]
         return EXTREME_COLORS | {name: CURVE_PALETTE[k % len(CURVE_PALETTE)] for k, name in enumerate(names)}
     own = variant_shades(variant)
     return {
         name: own[k % len(own)]
-        for names in (EXTREME_COLORS, bodies, drive.strand_names, others)
+        for names in (EXTREME_COLORS, bodies, parts.strand_names, others)
         for k, name in enumerate(names)
     }
 
@@ -107,7 +108,7 @@ def tension_scale_top(trajectories: Iterable[Trajectory], wanted: ScaleTop = Non
     if wanted is None:
         return max(_scale_quantile(trajectory) for trajectory in trajectories)
     if wanted == BREAKING_LOAD:
-        loads = [trajectory.drive.chain.breaking_load for trajectory in trajectories]
+        loads = [trajectory.parts.chain.breaking_load for trajectory in trajectories]
         known = [load for load in loads if load is not None]
         if len(known) < len(loads):
             raise SimulationError(

@@ -57,10 +57,8 @@ def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[st
 
 def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
     """Chains of a recorded variant, each as a variant to draw."""
-    if not one.trajectory.drive.chains:
-        return [one]
     chains = chain_trajectories(one.trajectory).items()
-    return [replace(one, trajectory=chain, label=f"{one.label} {name}") for name, chain in chains]
+    return [replace(one, trajectory=chain, label=f"{one.label} {name}".rstrip()) for name, chain in chains]
 
 
 def compared_variants(

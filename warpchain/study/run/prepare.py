@@ -20,6 +20,7 @@ from warpchain.drive.toml import value_text
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text_file, refusals_as_errors, whole_file
+from warpchain.model import Model
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
 from warpchain.study.run.shard_plan import RunBlock
@@ -265,7 +266,8 @@ def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> I
 
     recorded = {
         prefix + c.name
-        for prefix, _, group in groups_of_drive(drive, tuple((group,) for group in RECORDED_METRICS))
+        for chain in Model(drive).chains
+        for prefix, _, group in groups_of_drive(chain, tuple((group,) for group in RECORDED_METRICS))
         for c in group.columns
     }
     factors = [factor.name for factor in study.factors]

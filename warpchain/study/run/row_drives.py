@@ -19,6 +19,7 @@ from warpchain.drive import Drive, Guide
 from warpchain.drive.changed_copies import DriveChanges, drive_with_numbers
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError, WarpchainError
+from warpchain.model import ChainModel, Model
 from warpchain.progress import raise_if_stopped
 from warpchain.study.design.factor_values import evaluate_expression
 from warpchain.study.spec.study_tables import named_adjustments
@@ -110,7 +111,9 @@ def _shifted_guide_values(guide: Guide, step: Sequence[float]) -> dict[str, Any]
 
 def _guide_normal(drive: Drive, guide: Guide) -> tuple[float, float]:
     """Unit vector from a guide's face towards the chain."""
-    profile = drive.profile(drive.as_read.guides.index(guide))
+    place = drive.as_read.guides.index(guide)
+    models = ((model, model.places["guides"]) for model in Model(drive).chains)
+    profile = next(model.profile(places.index(place)) for model, places in models if place in places)
     _, heading = profile.at(0.5 * profile.face_length)
     return -math.sin(heading), math.cos(heading)
 
@@ -168,10 +171,9 @@ def _drive_with_links(drive: Drive, adjust: Adjust, links: int | None) -> Drive:
     return drive_with_numbers(drive, {links_place(drive, fitted_chain(drive, adjust.chain, adjust.sprocket)): links})
 
 
-def _adjusted_chain(drive: Drive, adjust: Adjust) -> Drive:
-    """Adjusted chain as a drive of its own."""
-    own: Drive = fitted_chain(drive, adjust.chain, adjust.sprocket).drive
-    return own
+def _adjusted_chain(drive: Drive, adjust: Adjust) -> ChainModel:
+    """The chain that is adjusted."""
+    return fitted_chain(drive, adjust.chain, adjust.sprocket)
 
 
 def _link_counts_to_try(
@@ -321,6 +323,6 @@ def check_variant(study: Study, variant: Variant) -> None:
     assert variant.drive is not None  # as chosen
     try:
         resolve_step(variant.drive, study.run.step)
-        assemble_chains(variant.drive)
+        assemble_chains(Model(variant.drive))
     except DriveError as error:
         variant.mark_infeasible(error)

@@ -52,7 +52,7 @@ def hardest_pressed_roller(trajectory: Trajectory) -> int:
 
 def strand_displacement_figure(trajectory: Trajectory) -> Figure:
     """Figure of strands' transverse displacement over time (the paper's Figures 9, 10)."""
-    names = trajectory.drive.strand_names
+    names = trajectory.parts.strand_names
     title = "Transverse displacement of each strand at mid-span"
     figure, axes = panel_column(len(names), 2.2 * len(names) + 0.9, title, trajectory)
     for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
@@ -70,11 +70,11 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
 
 def guide_force_figure(trajectory: Trajectory) -> Figure:
     """Figure of every guide's force and rollers in contact over time."""
-    drive, forces = trajectory.drive, guide_forces_and_rollers(trajectory)
+    parts, forces = trajectory.parts, guide_forces_and_rollers(trajectory)
     figure, axes = panel_column(
         2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory
     )
-    for g, (guide, (force, rollers)) in enumerate(zip(drive.guides, forces, strict=True)):
+    for g, (guide, (force, rollers)) in enumerate(zip(parts.guides, forces, strict=True)):
         above, below = axes[2 * g : 2 * g + 2]
         unit, factor = display_unit("N", force)
         draw_curve(above, trajectory.time, factor * force, color="tab:red")
@@ -128,7 +128,7 @@ def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> No
     for s, spell in groupby(on.tolist()):
         length = len(list(spell))
         if s >= 0:
-            label = None if s in named else f"on {trajectory.drive.sprockets[s].name}"
+            label = None if s in named else f"on {trajectory.parts.sprockets[s].name}"
             named.add(s)
             last = min(frame + length, len(trajectory.time) - 1)
             span = trajectory.time[frame], trajectory.time[last]
@@ -144,7 +144,7 @@ def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -
     _, rows = peaks_over_time(tension, WATERFALL_ROWS)
     top = tension_scale_top([trajectory]) if top is None else top
     unit, factor = display_unit("N", top)
-    extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
+    extent = (-0.5, trajectory.parts.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
     colors: Any = {"cmap": tension_colormap(), "vmin": 0.0, "vmax": factor * top}
     image = axis.imshow(factor * rows, aspect="auto", extent=extent, interpolation="nearest", **colors)
     axis.grid(False)
@@ -159,8 +159,8 @@ def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
     groups = order_spectra(trajectory)
     if not groups:
         return None
-    drive = trajectory.drive
-    driver = drive.sprockets[drive.driver]
+    parts = trajectory.parts
+    driver = parts.sprockets[parts.driver]
     title = "Order spectra, latter half of the run"
     figure, axes = panel_column(len(groups), 3.4 * len(groups) + 0.9, title, trajectory)
     for axis, (label, spectra) in zip(axes, groups.items(), strict=True):
@@ -180,13 +180,13 @@ def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
 
 def contact_angle_figure(trajectory: Trajectory) -> Figure:
     """Figure of contact forces over the angle since rollers reached each sprocket."""
-    drive = trajectory.drive
-    count = len(drive.sprockets)
+    parts = trajectory.parts
+    count = len(parts.sprockets)
     title = "Contact force against angle on the sprocket, latter half of the run"
     figure, axes = panel_column(count, 2.5 * count + 0.9, title, trajectory, share=False)
     every = [contact_angles(trajectory, s) for s in range(count)]
     unit, factor = display_unit("N", max(float(found.force.max(initial=0.0)) for found in every))
-    for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
+    for s, (axis, sprocket) in enumerate(zip(axes, parts.sprockets, strict=True)):
         found = every[s]
         angle, force = np.degrees(found.angle), factor * found.force
         thin = slice(None, None, max(len(angle) // MOST_DOTS, 1))

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.assembly import assemble
+from warpchain.assembly.assembly import assemble_chain
 from warpchain.drive import Drive
 from warpchain.errors import DriveError
-from warpchain.model.chain_drives import chain_drives
+from warpchain.model import ChainModel, Model
 from warpchain.results.chains import chain_trajectories
 from warpchain.results.nearest_parts import contact_force_vectors
 from warpchain.results.outlines import (
@@ -69,23 +69,23 @@ def drive_figure(
     largest = 0.0
     if isinstance(of, Drive):
         title = "Layout at t = 0"
-        chains = [_chain_at_start(chain_drive.drive) for chain_drive in chain_drives(of)]
+        chains = [_chain_at_start(chain) for chain in Model(of).chains]
     else:
         require_channels(of, "position")
         f = range(len(of.time))[len(of.time) * 3 // 4 if frame is None else frame]
         title = f"At {of.time[f]:.4g} s"
         each = list(chain_trajectories(of).values())
         chains = [
-            _PosedChain(one.drive, pose_at_frame(one, f), require_channels(one, "position")[0][f]) for one in each
+            _PosedChain(one.model, pose_at_frame(one, f), require_channels(one, "position")[0][f]) for one in each
         ]
         arrows, largest = _contact_force_arrows(each, f)
     line = np.concatenate([chain.line for chain in chains])
     reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
     parts = [
-        [*teeth_parts(chain.drive, chain.pose, 4), *guide_arm_tensioner_parts(chain.drive, chain.pose)]
+        [*teeth_parts(chain.model, chain.pose, 4), *guide_arm_tensioner_parts(chain.model, chain.pose)]
         for chain in chains
     ]
-    travel = [arm_stop_lines(chain.drive, chain.pose) if isinstance(of, Drive) else [] for chain in chains]
+    travel = [arm_stop_lines(chain.model, chain.pose) if isinstance(of, Drive) else [] for chain in chains]
     points: list[Array] = [part.points for of_chain in parts for part in of_chain]
     points += [reached for of_chain in travel for reached in of_chain]
     low, high = _drawing_corners([line, *points, *(line + reach * force for force in arrows)])
@@ -94,9 +94,9 @@ def drive_figure(
     figure = PlainFigure(figsize=_figure_size(float(span[1] / span[0]), size), layout="constrained")
     axis = figure.subplots()
     for chain, mine, reached in zip(chains, parts, travel, strict=True):
-        draw_parts(axis, chain.drive, chain.pose, mine, factor)
+        draw_parts(axis, chain.model, chain.pose, mine, factor)
         if isinstance(of, Drive):
-            draw_dimensions(axis, chain.drive, chain.pose, reached, factor)
+            draw_dimensions(axis, chain.model, chain.pose, reached, factor)
     lines = [chain.line for chain in chains]
     if isinstance(of, Trajectory) and of.tension is not None:
         draw_tension_chain(axis, lines, of.tension[f], tension_scale_top([of]) if top is None else top, factor)
@@ -123,20 +123,20 @@ TITLE_LETTERS = 9.0
 
 
 class _PosedChain(NamedTuple):
-    """A chain to draw: drive, bodies' pose, and rollers' centers [m]."""
+    """A chain to draw: model, bodies' pose, and rollers' centers [m]."""
 
-    drive: Drive
+    model: ChainModel
     pose: DrivePose
     line: Array
 
 
-def _chain_at_start(drive: Drive) -> _PosedChain:
+def _chain_at_start(model: ChainModel) -> _PosedChain:
     """A drive's chain to draw along its path, at the start."""
-    path = chain_path(drive)
-    return _PosedChain(drive, pose_at_start(drive, path), chain_outline(drive, path))
+    path = chain_path(model)
+    return _PosedChain(model, pose_at_start(model, path), chain_outline(model, path))
 
 
-def draw_parts(axis: Any, drive: Drive, pose: DrivePose, parts: list[OutlinePart], factor: float) -> None:
+def draw_parts(axis: Any, model: ChainModel, pose: DrivePose, parts: list[OutlinePart], factor: float) -> None:
     """Draws a drive's parts and names into a picture, `factor` units a meter."""
     from matplotlib.patheffects import withStroke
 
@@ -152,9 +152,9 @@ def draw_parts(axis: Any, drive: Drive, pose: DrivePose, parts: list[OutlinePart
             axis.annotate(part.name, end, color=RUBBER, ha=side, **below)
         elif part.kind == "housing":
             axis.annotate(part.name, (points[:, 0].mean(), points[:, 1].min()), color=STEEL, ha="center", **below)
-    for arm in drive.arms:
+    for arm in model.arms:
         axis.plot(*np.multiply(factor, arm.pivot), "o", color=STEEL, ms=5, zorder=2)
-    for sprocket, center in zip(drive.sprockets, factor * pose.center, strict=True):
+    for sprocket, center in zip(model.sprockets, factor * pose.center, strict=True):
         below = {"xytext": (0, -TEXT_SPACE * text_count_at(axis, center)), "textcoords": "offset points"}
         axis.annotate(sprocket.name, center, fontsize=9, ha="center", va="center", **below, **halo)
 
@@ -213,11 +213,11 @@ TEXT_SPACE = 17.0
 TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
 
 
-def draw_dimensions(axis: Any, drive: Drive, pose: DrivePose, travel: list[Array], factor: float) -> None:
+def draw_dimensions(axis: Any, model: ChainModel, pose: DrivePose, travel: list[Array], factor: float) -> None:
     """Writes teeth, radii, wrap angles, links and arm angles into a drive's picture."""
     from matplotlib.patheffects import withStroke
 
-    path = chain_path(drive)
+    path = chain_path(model)
     middle = np.mean(pose.center, axis=0)
 
     def write_at(text: str, at: Any, x: float, y: float, **more: Any) -> None:
@@ -226,25 +226,25 @@ def draw_dimensions(axis: Any, drive: Drive, pose: DrivePose, travel: list[Array
         place: Any = {"xytext": (x, y), "textcoords": "offset points", "ha": "center", "va": "center"} | more
         axis.annotate(text, factor * np.asarray(at), fontsize=7, zorder=5, path_effects=halo, **place)
 
-    for s, (sprocket, center) in enumerate(zip(drive.sprockets, pose.center, strict=True)):
+    for s, (sprocket, center) in enumerate(zip(model.sprockets, pose.center, strict=True)):
         wrap = math.degrees(float(path.wrap_angle[s]))
-        text = f"{sprocket.teeth} teeth, r {_length_text(drive.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
+        text = f"{sprocket.teeth} teeth, r {_length_text(model.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
         write_at(text, center, 0.0, -7.0 - TEXT_SPACE * (text_count_at(axis, factor * center) - 1), va="top")
-    for g in range(len(drive.guides)):
-        face, a = drive.profile(g), drive.arm_of(g)
+    for g in range(len(model.guides)):
+        face, a = model.profile(g), model.arm_of(g)
         radii = dict.fromkeys(_length_text(1.0 / abs(piece.curvature)) for piece in face.face if piece.curvature)
         place, heading = face.at(0.3 * face.face_length)
         at = np.array(place)
         if a is not None:
-            at, heading = turn_points(at, drive.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
+            at, heading = turn_points(at, model.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
         x, y = math.sin(heading), -math.cos(heading)  # to the right, where no chain is
         text = f"R {', '.join(radii)}" if radii else _length_text(face.face_length)
         write_at(text, at, 5.0 * x, 5.0 * y, color="tab:brown", ha="left" if x > 0.0 else "right")
-    for k, text in enumerate(_strand_texts(drive, path.strand_length / path.pitch)):
+    for k, text in enumerate(_strand_texts(model, path.strand_length / path.pitch)):
         mid = 0.5 * (path.strand_start[k] + path.strand_end[k])
         x, y = (middle - mid) / max(float(np.hypot(*(middle - mid))), 1e-12)
         write_at(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
-    for arm, angle in zip(drive.arms, pose.arm, strict=True):
+    for arm, angle in zip(model.arms, pose.arm, strict=True):
         stops = "no stops" if arm.stops is None else "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
         away = 1.0 if arm.pivot[0] > middle[0] else -1.0
         text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}\n{stops}"
@@ -253,15 +253,15 @@ def draw_dimensions(axis: Any, drive: Drive, pose: DrivePose, travel: list[Array
         axis.plot(*factor * points.T, **TRAVEL_STYLE)
 
 
-def arm_stop_lines(drive: Drive, pose: DrivePose) -> list[Array]:
+def arm_stop_lines(model: ChainModel, pose: DrivePose) -> list[Array]:
     """Lines [m] of each arm and its guides, turned to either stop."""
     lines: list[Array] = []
-    for a, arm in enumerate(drive.arms):
-        own = {arm.name, *(drive.guides[g].name for g in drive.guides_of(a))}
+    for a, arm in enumerate(model.arms):
+        own = {arm.name, *(model.guides[g].name for g in model.guides_of(a))}
         for stop in arm.stops or ():
             angles = np.array(pose.arm, dtype=float)
             angles[a] = math.radians(stop)
-            moved = guide_arm_tensioner_parts(drive, pose._replace(arm=angles))
+            moved = guide_arm_tensioner_parts(model, pose._replace(arm=angles))
             lines += [part.points for part in moved if part.kind in ("arm", "guide") and part.name in own]
     return lines
 
@@ -271,10 +271,10 @@ def text_count_at(axis: Any, point: Any) -> int:
     return sum(np.allclose(text.xy, point) for text in axis.texts)
 
 
-def _strand_texts(drive: Drive, pitches: Any) -> list[str]:
+def _strand_texts(model: ChainModel, pitches: Any) -> list[str]:
     """Words for each strand's number of links, or pitches where the chain does not fit."""
     try:
-        return [f"{links} links" for links in assemble(drive).strand_links]
+        return [f"{links} links" for links in assemble_chain(model).strand_links]
     except DriveError:
         return [f"{length:.2f} pitches" for length in pitches]
 

@@ -13,7 +13,7 @@ from warpchain.drive import Drive
 from warpchain.drive.body_ties import driving_body, part_of_body
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, whole_file
-from warpchain.model.chain_drives import chain_drives, driver_speed
+from warpchain.model import Model
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import TOOTH_PASSINGS, driver_speed_and_window, peak_frames
 
@@ -40,20 +40,22 @@ def strand_label(name: str) -> str:
 def run_line(of: Drive | Trajectory) -> str:
     """Figure's title line of a drive or run: links, pitch, driver's speed, temperature."""
     drive = of if isinstance(of, Drive) else of.drive
-    chains = chain_drives(drive.as_read)
-    pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(chain.drive.chain.pitch for chain in chains))
-    several = f" in {len(drive.chains)} chains" if drive.chains else ""
-    return f"{drive.links} links of {pitches} mm{several}, {driver_speed_text(of)}" + (
+    own = None if isinstance(of, Drive) or of.chain is None else f"{of.chain.name}."
+    prefixed = zip(drive.chain_prefixes, drive.as_read.each_chain, strict=True)
+    chains = [chain for prefix, chain in prefixed if own in (None, ".", prefix)]
+    pitches = " and ".join(f"{1e3 * pitch:g}" for pitch in dict.fromkeys(chain.pitch for chain in chains))
+    among = f" in {len(chains)} chains" if len(chains) > 1 else ""
+    return f"{sum(chain.links for chain in chains)} links of {pitches} mm{among}, {driver_speed_text(of)}" + (
         "" if drive.temperature is None else f", {drive.temperature:g} \N{DEGREE SIGN}C"
     )
 
 
 def driver_speed_text(of: Drive | Trajectory) -> str:
     """The driver's name and speed in words, of a run its mean if not the top speed."""
-    drive = of if isinstance(of, Drive) else of.drive
-    name, top = drive.sprockets[drive.driver].name, driver_speed(drive)
+    parts = of if isinstance(of, Drive) else of.parts
+    name, top = parts.sprockets[parts.driver].name, (Model(parts) if isinstance(parts, Drive) else parts).driver_speed
     if isinstance(of, Drive):
-        led = part_of_body(drive, driving_body(drive)).prescribed is not None
+        led = part_of_body(of, driving_body(of)).prescribed is not None
         return f"{name} {'at' if led else 'up to about'} {rpm_of_speed(top):.4g} rpm"
     found = driver_speed_and_window(of)
     if found is None:

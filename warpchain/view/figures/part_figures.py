@@ -50,7 +50,7 @@ def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
             twin.set_ylim(0.0)
         axis.set_ylabel(f"{title}\n[{word}]")
     face = to_length * float(np.clip(span.max(), 0.0, None))
-    whole = to_length * found.drive.profile(g).face_length
+    whole = to_length * found.model.profile(g).face_length
     for axis in axes:
         for end in (0.0, whole):
             axis.axvline(end, color="black", lw=0.8, ls="--")
@@ -69,10 +69,10 @@ def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
 
 def friction_power_figure(found: EngineeringReport) -> Figure | None:
     """Figure of friction power by group over the driver's speed or time, or None."""
-    groups = friction_power_by_group(found.drive, found.friction_power)
+    groups = friction_power_by_group(found.model, found.friction_power)
     if not groups:
         return None
-    whole, drive = found.whole, found.drive
+    whole, drive = found.whole, found.model
     figure, (axis,) = panel_column(1, 3.4, "", None)
     spells = 4 * SPEED_SPELLS
     x, label = _spell_means(whole.time, spells), "time [s]"

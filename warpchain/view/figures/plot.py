@@ -33,7 +33,7 @@ FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
     "strand-displacement": lambda t, *_: strand_displacement_figure(t),
     "link-tension": lambda t, roller, _: link_tension_figure(t, roller),
     "contact-forces": lambda t, roller, _: roller_contact_figure(t, roller),
-    "guide-force": lambda t, *_: guide_force_figure(t) if t.drive.guides else None,
+    "guide-force": lambda t, *_: guide_force_figure(t) if t.parts.guides else None,
     "tension-waterfall": lambda t, _, top: tension_waterfall_figure(t, top),
     "order-spectrum": lambda t, *_: order_spectrum_figure(t),
     "contact-angle": lambda t, *_: contact_angle_figure(t),
@@ -56,13 +56,11 @@ def draw_figures(
         if name not in FIGURES:
             raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
     whole = recorded_variant(source, variant).trajectory
-    if whole.drive.chains:
-        return _figures_by_chain(whole, only, roller, scale)
-    return _figures_of_chain(whole, only, roller, scale)
+    return _figures_by_chain(whole, only, roller, scale)
 
 
 def _figures_by_chain(whole: Trajectory, only: Sequence[str], roller: int | None, scale: ScaleTop) -> dict[str, Figure]:
-    """Figures of a drive of several chains by "CHAIN NAME"."""
+    """Figures of each chain by "CHAIN NAME", of an only one by "NAME"."""
     drawn: dict[str, Figure] = {}
     chosen = only or tuple(FIGURES)
     if "drive" in chosen:
@@ -70,7 +68,7 @@ def _figures_by_chain(whole: Trajectory, only: Sequence[str], roller: int | None
     rest = [name for name in chosen if name != "drive"]
     for chain, trajectory in chain_trajectories(whole).items() if rest else ():
         found = _figures_of_chain(trajectory, rest, roller, scale)
-        drawn |= {f"{chain} {name}": figure for name, figure in found.items()}
+        drawn |= {f"{chain} {name}" if chain else name: figure for name, figure in found.items()}
     return drawn
 
 
@@ -80,8 +78,8 @@ def _figures_of_chain(
     """Figures of one chain's trajectory by name, those of `only` or all."""
     if roller is None:
         roller = hardest_pressed_roller(trajectory)
-    if not 0 <= roller < trajectory.drive.chain.links:
-        raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.drive.chain.links - 1}")
+    if not 0 <= roller < trajectory.parts.chain.links:
+        raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.parts.chain.links - 1}")
     top = tension_scale_top([trajectory], scale)
     drawn = {name: FIGURES[name](trajectory, roller, top) for name in only or FIGURES}
     return {name: figure for name, figure in drawn.items() if figure is not None}

@@ -25,7 +25,7 @@ STEADY_SPREAD = 0.2
 
 def hub_force_figure(found: EngineeringReport) -> Figure:
     """Figure of the chain's force on every shaft as hodographs."""
-    drive, hubs = found.drive, found.hub_forces
+    drive, hubs = found.model, found.hub_forces
     unit, factor = display_unit("N", hubs)
     figure, axes = panel_grid(len(drive.sprockets), 3, 3.6, 3.6)
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
@@ -49,7 +49,7 @@ def hub_force_figure(found: EngineeringReport) -> Figure:
 
 def phase_error_figure(found: EngineeringReport) -> Figure | None:
     """Figure of shafts' phase errors over time, in degrees of the driver, or None."""
-    drive = found.drive
+    drive = found.model
     driven = list(found.phase_errors)
     if not driven:
         return None
@@ -77,11 +77,11 @@ def phase_error_order_figure(found: EngineeringReport) -> Figure | None:
     for k, (s, phase) in enumerate(phases.items()):
         assert phase.amplitude is not None
         at = np.arange(len(phase.orders)) + (k - 0.5 * (len(phases) - 1)) * width
-        label = found.drive.sprockets[s].name
+        label = found.model.sprockets[s].name
         axis.bar(at, np.degrees(phase.amplitude), width, color=LINE_COLORS[k % len(LINE_COLORS)], label=label)
     orders = next(iter(phases.values())).orders
     axis.set_xticks(np.arange(len(orders)), [f"{order:g}" for order in orders])
-    driver = found.drive.sprockets[found.drive.driver].name
+    driver = found.model.sprockets[found.model.driver].name
     axis.set_xlabel(f"order [multiples of the revolutions of {driver}]")
     axis.set_ylabel(f"amplitude of the phase error\n[degrees of {driver}]")
     axis.legend(loc="best", fontsize=8)
@@ -93,7 +93,7 @@ def has_even_speed(found: EngineeringReport) -> bool:
     speed = found.part.sprocket_speed
     if speed is None:
         return False
-    own = np.abs(np.asarray(speed[:, found.drive.driver], dtype=float))
+    own = np.abs(np.asarray(speed[:, found.model.driver], dtype=float))
     return float(own.min()) >= (1.0 - STEADY_SPREAD) * float(own.max()) > 0.0
 
 
@@ -101,7 +101,7 @@ def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
     """Figure of tensions, hub forces and phase errors over two driver turns, or None."""
     if not has_even_speed(found):
         return None
-    drive, part = found.drive, found.part
+    drive, part = found.model, found.part
     turns = driver_turns(found.whole)[
         (found.whole.time >= found.start - 1e-12) & (found.whole.time <= found.end + 1e-12)
     ]
@@ -147,7 +147,7 @@ def least_finite(values: Array) -> float:
 def jump_margin_figure(found: EngineeringReport) -> Figure:
     """Figure of each sprocket's least margin to tooth jump over time."""
     figure, (axis,) = panel_column(1, 3.0, "", None)
-    for s, (sprocket, jump) in enumerate(zip(found.drive.sprockets, found.jump_margins, strict=True)):
+    for s, (sprocket, jump) in enumerate(zip(found.model.sprockets, found.jump_margins, strict=True)):
         share = 100.0 * jump.margin / jump.height
         if np.isfinite(share).any():
             label = f"{sprocket.name}: {least_finite(share):.0f} %"

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.frequencies import excited_orders
-from warpchain.drive import Drive
 from warpchain.errors import SimulationError
+from warpchain.model import ChainModel
 from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.order_tracking import BLOCK_TURNS, OrderCuts, driver_turns, last_rising_frames, order_cuts
 from warpchain.results.run import Run, Trajectory, require_channels
@@ -122,7 +122,7 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
 def _driver_rpm(trajectory: Trajectory) -> float:
     """Mean speed [rpm] of the driver over a recording's latter half."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
-    part = sprocket_speed[latter_half_frames(trajectory), trajectory.drive.driver]
+    part = sprocket_speed[latter_half_frames(trajectory), trajectory.parts.driver]
     return rpm_of_speed(float(abs(part.mean())))
 
 
@@ -189,25 +189,25 @@ def _spectrum_on_grid(
     return out
 
 
-def run_up_orders(drive: Drive) -> list[float]:
+def run_up_orders(model: ChainModel) -> list[float]:
     """Orders to cut a run-up at: excited ones and tooth passing."""
     from warpchain.assembly.table_cells import shaft_ratio
 
-    teeth = drive.sprockets[drive.driver].teeth
+    teeth = model.sprockets[model.driver].teeth
     found: set[float] = set()
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(model.sprockets):
         turns = teeth / sprocket.teeth
         for cause in (sprocket.prescribed, sprocket.load):
             for harmonic in () if cause is None else cause.harmonics:
                 if harmonic.amplitude != 0.0:
-                    found.add(round(harmonic.order / shaft_ratio(drive, s, harmonic.shaft) * turns, 9))
+                    found.add(round(harmonic.order / shaft_ratio(model, s, harmonic.shaft) * turns, 9))
     found |= set(USUAL_ORDERS[: max(0, len(USUAL_ORDERS) - len(found))])
     return [*sorted(found - {float(teeth)})[: MOST_ORDERS - 1], float(teeth)]
 
 
 def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, OrderCuts]]]:
     """Order cuts of a run-up's speeds, tensions and hub forces by title, with unit, or {}."""
-    drive, whole = found.drive, found.whole
+    drive, whole = found.model, found.whole
     if any(getattr(whole, name) is None for name in ("sprocket_speed", "sprocket_angle", "position", "tension")):
         return {}
     turns = driver_turns(whole)
@@ -240,18 +240,18 @@ def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, Orde
     }
 
 
-def order_cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, OrderCuts]) -> Figure:
+def order_cuts_figure(model: ChainModel, title: str, unit: str, found: dict[str, OrderCuts]) -> Figure:
     """Figure of each order's amplitude over the driver's speed, by shaft or strand."""
     figure, axes = panel_column(len(found), 1.9 * len(found) + 0.7, "", None)
     word, factor = display_unit(unit, *(cuts.amplitude for cuts in found.values()))
     for axis, (name, cuts) in zip(axes, found.items(), strict=True):
         for k, order in enumerate(cuts.orders):
-            mark = "tooth passing" if order == drive.sprockets[drive.driver].teeth else f"order {order:g}"
+            mark = "tooth passing" if order == model.sprockets[model.driver].teeth else f"order {order:g}"
             color = LINE_COLORS[k % len(LINE_COLORS)]
             axis.plot(rpm_of_speed(1.0) * cuts.speed, factor * cuts.amplitude[:, k], color=color, lw=1.1, label=mark)
         axis.set_title(name, loc="left", fontsize=9)
         axis.set_ylim(0.0)
     figure.supylabel(f"amplitude of the {title} [{word}]", fontsize=10)
     axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    axes[-1].set_xlabel(f"speed of {drive.sprockets[drive.driver].name} [rpm], mean of {BLOCK_TURNS:g} revolutions")
+    axes[-1].set_xlabel(f"speed of {model.sprockets[model.driver].name} [rpm], mean of {BLOCK_TURNS:g} revolutions")
     return figure

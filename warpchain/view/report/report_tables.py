@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.drive import Drive
+from warpchain.model import ChainModel
 from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.metric_columns import COLUMN_BY_NAME, SHAFT_SPEED_NAMES, column_of_metric
 from warpchain.results.metric_formulas import PART_PREFIXES
@@ -57,9 +57,9 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
         yield [name, shown, spread, unit, column.title]
 
 
-def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
+def metric_tables(model: ChainModel, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
     """HTML tables of all metrics by part."""
-    prefixes = [prefix for things in PART_PREFIXES.values() for prefix in things(drive)]
+    prefixes = [prefix for things in PART_PREFIXES.values() for prefix in things(model)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
         name = prefix.removesuffix(".")
@@ -78,7 +78,7 @@ def metric_tables(drive: Drive, row: Mapping[str, Any], alike: Mapping[str, str]
 def hub_force_table(found: EngineeringReport, row: Mapping[str, Any]) -> str:
     """HTML table of mean and largest force on each shaft."""
     rows: list[list[Any]] = []
-    for s, sprocket in enumerate(found.drive.sprockets):
+    for s, sprocket in enumerate(found.model.sprockets):
         frames = found.hub_forces[:, s]
         x, y, most = (row.get(f"{sprocket.name}.hub_force_{end}") for end in ("x_mean", "y_mean", "max"))
         exact = x is not None and y is not None and most is not None
@@ -95,7 +95,7 @@ def phase_error_table(found: EngineeringReport) -> str:
     """HTML table of shafts' phase errors: mean shift, range and orders."""
     if not found.phase_errors:
         return ""
-    of = {found.drive.sprockets[s].name: phase for s, phase in found.phase_errors.items()}
+    of = {found.model.sprockets[s].name: phase for s, phase in found.phase_errors.items()}
     rows: list[list[Any]] = [
         [words, *(round(math.degrees(getattr(phase, field)), 4) for phase in of.values())]
         for words, field in (("mean shift", "shift"), ("least", "low"), ("most", "high"))
@@ -104,15 +104,15 @@ def phase_error_table(found: EngineeringReport) -> str:
         amplitudes = [np.degrees(phase.amplitude) for phase in of.values() if phase.amplitude is not None]
         for k, order in enumerate(next(iter(of.values())).orders):
             rows.append([f"amplitude of order {order:g}", *(round(float(each[k]), 4) for each in amplitudes)])
-    driver = found.drive.sprockets[found.drive.driver].name
+    driver = found.model.sprockets[found.model.driver].name
     return table_html([f"degrees of {driver}", *of], rows)
 
 
 def guide_load_table(found: EngineeringReport, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
     """HTML table of each guide's load and pressure."""
     rows = []
-    for g, guide in enumerate(found.drive.guides):
-        load, width = found.guide_loads[g], found.drive.guide_contact(g).width
+    for g, guide in enumerate(found.model.guides):
+        load, width = found.guide_loads[g], found.model.guide_contact(g).width
         mean = float(found.guide_contacts[g].force.sum()) / len(found.part.time)
         peak = row.get(f"{guide.name}.force_max")
         pv = metrics.get(f"{guide.name}.pv_max", math.nan)
@@ -151,7 +151,7 @@ def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str
 
 def check_valve_text(found: EngineeringReport, k: int) -> str:
     """A sentence on the openings of tensioner k's check valve, or ""."""
-    tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
+    tensioner, pressure = found.model.tensioners[k], found.part.chamber_pressure
     if pressure is None or tensioner.valve is None or tensioner.oil is None or tensioner.oil.supply_table is not None:
         return ""
     below = tensioner.oil.supply - np.asarray(pressure[:, k], dtype=float)

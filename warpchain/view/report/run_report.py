@@ -80,7 +80,7 @@ def tension_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 
 def hub_force_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on hub forces."""
-    exact = all(row.get(f"{sprocket.name}.hub_force_max") is not None for sprocket in found.drive.sprockets)
+    exact = all(row.get(f"{sprocket.name}.hub_force_max") is not None for sprocket in found.model.sprockets)
     yield html.paragraph_html(
         "Force of the chain on each shaft. The table is of "
         + ("every step of the window, tooth friction included" if exact else "the frames")
@@ -92,7 +92,7 @@ def hub_force_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 def timing_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on timing: shafts' phase errors."""
-    name = found.drive.sprockets[found.drive.driver].name
+    name = found.model.sprockets[found.model.driver].name
     yield html.paragraph_html(
         f"Where each shaft stands against where {name} and the teeth put it, from where it stood when the recording "
         f"began, in degrees of {name}; below 0 where it lags. Amplitudes are of the window's last whole cycles of two "
@@ -124,7 +124,7 @@ def order_cut_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     yield html.paragraph_html("Amplitudes of orders of the driver against its speed, over the whole recording.")
     for title, (unit, of) in cut.items():
         yield html.heading_html(title.capitalize())
-        yield figure_html(sweep.order_cuts_figure(found.drive, title, unit, of), f"order cuts of the {title}")
+        yield figure_html(sweep.order_cuts_figure(found.model, title, unit, of), f"order cuts of the {title}")
 
 
 def guide_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
@@ -135,7 +135,7 @@ def guide_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
         "turns the share mu of p v into heat."
     )
     yield report_tables.guide_load_table(found, found.metrics(), row)
-    for g, guide in enumerate(found.drive.guides):
+    for g, guide in enumerate(found.model.guides):
         yield html.heading_html(guide.name)
         yield figure_html(part_figures.guide_load_figure(found, g), f"load of {guide.name} over its length")
 
@@ -159,13 +159,13 @@ def safety_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     metrics = found.metrics()
     rows = [[name, report_tables.climb_share_text(metrics[f"{name}.jump_margin_relative"]),
              report_tables.quantity_text(metrics[f"{name}.jump_margin"], "m"), str(row.get(f"{name}.slips", ""))]
-            for name in (sprocket.name for sprocket in found.drive.sprockets)
+            for name in (sprocket.name for sprocket in found.model.sprockets)
             if f"{name}.jump_margin" in metrics]  # fmt: skip
     yield html.table_html(["sprocket", "least margin over the climb", "least margin", "teeth jumped"], rows)
     idle = [[strand_label(name), "no tension in its middle", f"{100.0 * metrics[f'{name}.slack_time']:.2f} %"]
-            for name in found.drive.strand_names if f"{name}.slack_time" in metrics]  # fmt: skip
+            for name in found.model.strand_names if f"{name}.slack_time" in metrics]  # fmt: skip
     idle += [[guide.name, "not touched", f"{100.0 * metrics[f'{guide.name}.off_time']:.2f} %"]
-             for guide in found.drive.guides if f"{guide.name}.off_time" in metrics]  # fmt: skip
+             for guide in found.model.guides if f"{guide.name}.off_time" in metrics]  # fmt: skip
     yield html.table_html(["part", "is", "share of time"], idle)
     yield figure_html(shaft_figures.jump_margin_figure(found), "margin to tooth jump over time")
 
@@ -207,7 +207,7 @@ def body_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on arms, tensioners, shafts, couplings and valves."""
     for kind, of in part_figures.BODY_LISTS.items():
         channels = part_figures.body_channels(found.part, kind)
-        for k, part in enumerate(getattr(found.drive, of)):
+        for k, part in enumerate(getattr(found.model, of)):
             if channels and part.name not in found.alike:
                 yield html.heading_html(part.name)
                 yield report_tables.body_motion_table(found, channels, k)
@@ -217,8 +217,8 @@ def body_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
                     else ""
                 )
                 yield figure_html(part_figures.body_figure(found, kind, k), f"what {part.name} does")
-    names = [part.name for of in part_figures.BODY_LISTS.values() for part in getattr(found.drive, of)]
-    tables = report_tables.metric_tables(found.drive, row, found.alike)
+    names = [part.name for of in part_figures.BODY_LISTS.values() for part in getattr(found.model, of)]
+    tables = report_tables.metric_tables(found.model, row, found.alike)
     for name in names:
         if name in tables:
             yield html.heading_html(f"{name}, over the window at every step")
@@ -227,9 +227,9 @@ def body_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 def probe_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on probes."""
-    for probe in found.drive.probes:
+    for probe in found.model.probes:
         yield html.heading_html(probe.name)
-        radius = probe.radius or found.drive.chain.pitch
+        radius = probe.radius or found.model.chain.pitch
         place = f"({probe.at[0]:g}, {probe.at[1]:g}) m"
         yield html.paragraph_html(
             f"The link that passes {place} within {report_tables.quantity_text(radius, 'm')}.", muted=True
@@ -242,7 +242,7 @@ def metric_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     yield html.paragraph_html(
         "Over the window at every step, and of the frames in it; docs/metrics.md says how each is formed."
     )
-    for name, rows in report_tables.metric_tables(found.drive, {**row, **found.metrics()}, found.alike).items():
+    for name, rows in report_tables.metric_tables(found.model, {**row, **found.metrics()}, found.alike).items():
         yield html.heading_html(strand_label(name))
         yield rows
 
@@ -252,19 +252,19 @@ RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[EngineeringReport], 
     ("tension", "Chain", tension_parts, lambda found: True),
     ("hubs", "Hub forces", hub_force_parts, lambda found: True),
     ("timing", "Timing", timing_parts, lambda found: True),
-    ("cycle", "Cycle of two turns", cycle_parts, lambda found: bool(excited_orders(found.drive))),
+    ("cycle", "Cycle of two turns", cycle_parts, lambda found: bool(excited_orders(found.model))),
     ("speed", "Orders over speed", order_cut_parts, lambda found: True),
-    ("guides", "Guides", guide_parts, lambda found: bool(found.drive.guides)),
+    ("guides", "Guides", guide_parts, lambda found: bool(found.model.guides)),
     (
         "bodies",
         "Arms, tensioners, shafts",
         body_parts,
-        lambda found: any(getattr(found.drive, of) for of in part_figures.BODY_LISTS.values()),
+        lambda found: any(getattr(found.model, of) for of in part_figures.BODY_LISTS.values()),
     ),
     ("friction", "Friction", friction_parts, lambda found: True),
     ("safety", "Tooth jump, slack", safety_parts, lambda found: True),
     ("wear", "Wear", wear_parts, lambda found: True),
-    ("probes", "Probes", probe_parts, lambda found: bool(found.drive.probes)),
+    ("probes", "Probes", probe_parts, lambda found: bool(found.model.probes)),
     ("metrics", "All metrics", metric_parts, lambda found: True),
 )
 """Sections of a run's report: anchor, title, HTML function, whether a drive has it."""

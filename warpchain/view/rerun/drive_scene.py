@@ -48,7 +48,7 @@ def log_drive(
     """Logs the drive in motion to Rerun below `root`, colors up to `top` [N]."""
     (position,) = require_channels(shown, "position")
     x = flipped_points(position)
-    colors = curve_colors(shown.drive) if colors is None else colors
+    colors = curve_colors(shown.model) if colors is None else colors
     _log_chain(stream, root, shown, x, top)
     _log_sprockets(stream, root, shown, colors)
     _log_guides(stream, root, shown, colors)
@@ -81,9 +81,9 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
     frames, links = tension.shape
     line, points = rr.LineStrips2D, rr.Points2D
     chain, rollers = entity_path(root, "drive", "chain"), entity_path(root, "drive", "rollers")
-    style = line.from_fields(radii=[0.08 * shown.drive.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
+    style = line.from_fields(radii=[0.08 * shown.model.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
     stream.log(chain, style, static=True)
-    stream.log(rollers, points.from_fields(radii=[shown.drive.chain.roller_radius]), static=True)
+    stream.log(rollers, points.from_fields(radii=[shown.model.chain.roller_radius]), static=True)
     send_columns(
         stream,
         chain,
@@ -110,11 +110,11 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, col
     import rerun as rr
 
     sprocket_angle, sprocket_center = require_channels(shown, "sprocket_angle", "sprocket_center")
-    for s, sprocket in enumerate(shown.drive.sprockets):
+    for s, sprocket in enumerate(shown.model.sprockets):
         path = entity_path(root, "drive", "sprockets", sprocket.name)
-        spoke = np.array([[0.0, 0.0], [0.8 * shown.drive.pitch_radius(s), 0.0]])
-        parts = [flipped_points(tooth_outline(shown.drive, s)), flipped_points(spoke)]
-        color, thin = colors.get(sprocket.name, STEEL), 0.05 * shown.drive.chain.pitch
+        spoke = np.array([[0.0, 0.0], [0.8 * shown.model.pitch_radius(s), 0.0]])
+        parts = [flipped_points(tooth_outline(shown.model, s)), flipped_points(spoke)]
+        color, thin = colors.get(sprocket.name, STEEL), 0.05 * shown.model.chain.pitch
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL, color], radii=[thin, 1.6 * thin]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[sprocket.name], radii=[2.0 * thin], colors=[color])
         stream.log(entity_path(root, "drive", "sprockets", sprocket.name, "name"), label, static=True)
@@ -125,20 +125,20 @@ def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors
     """Logs guide-bars to Rerun, those on arms with the arm's motion."""
     import rerun as rr
 
-    for g, guide in enumerate(shown.drive.guides):
-        outline, path = guide_outline(shown.drive, g), entity_path(root, "drive", "guides", guide.name)
-        arm = shown.drive.arm_of(g)
+    for g, guide in enumerate(shown.model.guides):
+        outline, path = guide_outline(shown.model, g), entity_path(root, "drive", "guides", guide.name)
+        arm = shown.model.arm_of(g)
         if arm is not None and shown.arm_angle is not None:
-            outline = outline - np.asarray(shown.drive.arms[arm].pivot)
+            outline = outline - np.asarray(shown.model.arms[arm].pivot)
             _log_turning(
                 stream,
                 path,
                 shown,
-                arm_pivots(shown.drive, shown.time, shown.arm_angle)[:, arm],
+                arm_pivots(shown.model, shown.time, shown.arm_angle)[:, arm],
                 shown.arm_angle[:, arm],
             )
         line = rr.LineStrips2D(
-            [flipped_points(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.drive.chain.pitch]
+            [flipped_points(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.model.chain.pitch]
         )
         stream.log(path, line, static=True)
 
@@ -149,24 +149,24 @@ def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
 
     if shown.arm_angle is None:
         return
-    drive = shown.drive
-    for a, arm in enumerate(drive.arms):
+    model = shown.model
+    for a, arm in enumerate(model.arms):
         path = entity_path(root, "drive", "arms", arm.name)
-        parts = [flipped_points(line - np.asarray(arm.pivot)) for line in arm_outline(drive, a)]
-        radius = 0.05 * drive.chain.pitch
+        parts = [flipped_points(line - np.asarray(arm.pivot)) for line in arm_outline(model, a)]
+        radius = 0.05 * model.chain.pitch
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[radius]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[arm.name], radii=[2.0 * radius], colors=[STEEL])
         stream.log(entity_path(root, "drive", "arms", arm.name, "name"), label, static=True)
-        _log_turning(stream, path, shown, arm_pivots(drive, shown.time, shown.arm_angle)[:, a], shown.arm_angle[:, a])
+        _log_turning(stream, path, shown, arm_pivots(model, shown.time, shown.arm_angle)[:, a], shown.arm_angle[:, a])
 
 
 def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
     """Logs tensioners to Rerun: fixed housings, moving plungers."""
     import rerun as rr
 
-    for k, tensioner in enumerate(shown.drive.tensioners):
-        housing, plunger = tensioner_outline(shown.drive, k)
-        radius = 0.05 * shown.drive.chain.pitch
+    for k, tensioner in enumerate(shown.model.tensioners):
+        housing, plunger = tensioner_outline(shown.model, k)
+        radius = 0.05 * shown.model.chain.pitch
         for name, outline, color in (("housing", housing, STEEL), ("plunger", plunger, PLATES)):
             line = rr.LineStrips2D([flipped_points(outline)], colors=[color], radii=[radius])
             stream.log(entity_path(root, "drive", "tensioners", tensioner.name, name), line, static=True)
@@ -227,5 +227,5 @@ def _log_contact_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory
         send_columns(
             stream, path, shown.time, [ComponentValues(what, list_array(values, lengths)) for what, values in drawn]
         )
-        width = 0.05 * shown.drive.chain.pitch
+        width = 0.05 * shown.model.chain.pitch
         stream.log(path, kind.from_fields(colors=[color], radii=[width]), static=True)

@@ -24,7 +24,7 @@ Values = dict[str, NDArray[np.float64]]
 def ensemble_metrics(drive: Drive) -> list[str]:
     """Names of the metrics of an ensemble's scatters in Rerun, by importance."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
-    chains = [f"{chain.name}." for chain in drive.chains] or [""]
+    chains = drive.chain_prefixes
     return [
         *(f"{chain}tension_max" for chain in chains),
         *(f"{name}.force_max" for name in loaded[:1]),

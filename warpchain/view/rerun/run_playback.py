@@ -106,7 +106,7 @@ def playback_blueprint(
     tabs.append(rrb.Vertical(*curve_views("contact", "moment", *rubs), name="contact forces"))
     tabs.append(rrb.Vertical(*curve_views("ratio", "error", "speed"), name="speed ratio and transmission error"))
     if any(one.trajectory.arm_angle is not None or one.trajectory.tensioner_force is not None for one in shown):
-        there = {signal[3] for one in shown for signal in part_signals(one.trajectory.drive)}
+        there = {signal[3] for one in shown for signal in part_signals(one.trajectory.parts)}
         groups = [group for group in ("arm", "push", "extension", "pressure") if group in there]
         tabs.append(rrb.Vertical(*curve_views(*groups), name="arms and tensioners"))
     if any(one.trajectory.coupling_torque is not None for one in shown):
@@ -136,7 +136,7 @@ def playback_seconds(trajectory: Trajectory) -> float:
     """Seconds that playback of a recording takes, by the driver's revolutions."""
     turns = 0.0
     if trajectory.sprocket_angle is not None:
-        angle = forward_values(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
+        angle = forward_values(trajectory.parts, trajectory.sprocket_angle, trajectory.parts.driver)
         turns = float(np.abs(np.diff(angle)).sum()) / (2.0 * np.pi)
     return float(np.clip(TURN_SECONDS * turns, LEAST_SECONDS, MOST_SECONDS)) if np.isfinite(turns) else LEAST_SECONDS
 
@@ -166,11 +166,11 @@ def _drive_bounds(shown: Sequence[RecordedVariant]) -> rrb.VisualBounds2D:
 
     corners = []
     for one in shown:
-        drive, position = one.trajectory.drive, one.trajectory.position
+        model, position = one.trajectory.model, one.trajectory.position
         assert position is not None
         corners += [position[:: max(len(position) // 100, 1)].reshape(-1, 2)]
         corners += [
-            np.add(s.center, drive.tip_radius(k) * np.array([[-1], [1]])) for k, s in enumerate(drive.sprockets)
+            np.add(s.center, model.tip_radius(k) * np.array([[-1], [1]])) for k, s in enumerate(model.sprockets)
         ]
     points = np.concatenate(corners)
     points = points[np.isfinite(points).all(axis=1)]
@@ -244,7 +244,7 @@ def log_recording(
     for k, one in enumerate(shown):
         color = CURVE_PALETTE[k % len(CURVE_PALETTE)]
         images.append(log_variant(stream, one, frames, top, color if several else None))
-        colors = curve_colors(one.trajectory.drive, color if several else None)
+        colors = curve_colors(one.trajectory.parts, color if several else None)
         for title, found in spectrum_lines(one.trajectory, colors).items():
             named = [line._replace(name=f"{one.label}: {line.name}") if several else line for line in found]
             lines.setdefault(title, []).extend(named)
@@ -253,7 +253,7 @@ def log_recording(
             log_chain_outline(stream, entity_path("overlaid", one.label), outline, color)
     for line in log_measured_signals(stream, shown[0].label, measured, frames):
         lines.setdefault(STRAND_TENSION_TITLE, []).append(line)
-    teeth = [one.trajectory.drive.sprockets[one.trajectory.drive.driver].teeth for one in shown]
+    teeth = [one.trajectory.parts.sprockets[one.trajectory.parts.driver].teeth for one in shown]
     run = shown[0].run
     scatters = log_ensemble(stream, run, [one.index for one in shown if one.run is run])
     return playback_blueprint(shown, images, log_spectrum_charts(stream, lines, teeth), scatters, top, tab)
@@ -264,7 +264,7 @@ def log_variant(
 ) -> Chart:
     """Logs one variant's drive, curves and tension image to Rerun; returns the chart."""
     drawn = thinned_trajectory(one.trajectory, frames)
-    colors = curve_colors(one.trajectory.drive, color)
+    colors = curve_colors(one.trajectory.parts, color)
     log_drive(stream, one.label, drawn, top, colors)
     log_curves(stream, one.label, one.trajectory, frames, colors, color is not None)
     return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top)

@@ -63,30 +63,30 @@ MOST_COLUMNS = 4096
 def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
     """Group, name and values (F,) of every curve shown of a trajectory."""
     (tension,) = require_channels(trajectory, "tension")
-    drive = trajectory.drive
+    parts = trajectory.parts
     yield "tension", "largest", tension.max(axis=1)
     yield "tension", "mean", tension.mean(axis=1)
     yield "tension", "smallest", tension.min(axis=1)
-    bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
+    bodies = [*(s.name for s in parts.sprockets), *(g.name for g in parts.guides)]
     for name, force in zip(bodies, largest_contact_forces(trajectory), strict=True):
         yield "contact", name, force
     if trajectory.joint_friction_power is not None:
         yield "friction", "of joints", trajectory.joint_friction_power.sum(axis=1)
-    for k, name in enumerate(drive.strand_names):
+    for k, name in enumerate(parts.strand_names):
         passing = passing_link(trajectory, k)
         yield "strand tension", name, strand_tension(trajectory, k, passing)
         yield "displacement", name, 1e3 * passing.displacement
-    for s, sprocket in enumerate(drive.sprockets):
+    for s, sprocket in enumerate(parts.sprockets):
         if trajectory.sprocket_moment is not None:
             yield "moment", sprocket.name, trajectory.sprocket_moment[:, s]
         if trajectory.sprocket_speed is not None:
             yield "speed", sprocket.name, trajectory.sprocket_speed[:, s]
-        if s != drive.driver:
+        if s != parts.driver:
             yield "error", sprocket.name, DEGREES * transmission_error(trajectory, s)
             if trajectory.sprocket_speed is not None:
                 yield "ratio", sprocket.name, speed_ratio_to_driver(trajectory, s)
     held = trajectory.channels()
-    for name, _, channel, group, i in part_signals(drive):
+    for name, _, channel, group, i in part_signals(parts):
         if channel in held:
             yield group, name, DISPLAY_FACTORS.get(group, 1.0) * held[channel][:, i]
 
@@ -140,11 +140,11 @@ def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, fl
     """Range of a curve group's vertical axis in Rerun; None is all."""
     held = [np.zeros(0)]
     for trajectory in shown:
-        drive, part = trajectory.drive, latter_half_frames(trajectory)
-        for s in range(len(drive.sprockets)):
-            if s != drive.driver and group == "error":
+        parts, part = trajectory.parts, latter_half_frames(trajectory)
+        for s in range(len(parts.sprockets)):
+            if s != parts.driver and group == "error":
                 held.append(DEGREES * transmission_error(trajectory, s)[part])
-            elif s != drive.driver and group == "ratio" and trajectory.sprocket_speed is not None:
+            elif s != parts.driver and group == "ratio" and trajectory.sprocket_speed is not None:
                 held.append(speed_ratio_to_driver(trajectory, s)[part])
     values = np.concatenate(held)
     values = values[np.isfinite(values)]
@@ -165,7 +165,7 @@ def log_tension_image(
     pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
     axes = (
         ChartAxis("time [s]", 0.0, float(trajectory.time[-1])),
-        ChartAxis("link", 0.0, float(trajectory.drive.chain.links)),
+        ChartAxis("link", 0.0, float(trajectory.parts.chain.links)),
     )
     chart = Chart(stream, (root, "tension image"), *axes, width=WIDE_CHART)
     chart.log_image("image", pixels)

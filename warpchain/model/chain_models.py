@@ -1,4 +1,4 @@
-"""Each chain of a drive as a drive of its own, and the speed ratios of shafts and chains.
+"""The chains of a drive as models, each with the parts that belong to it.
 
 Bodies that shafts, gears and couplings tie are a group. It is part of one chain, its home: the one that turns it, or
 the first that it turns. There its sprockets of other chains are shafts (`SprocketShaft`). In the other chains such a
@@ -9,28 +9,26 @@ sprocket has the inertia of its train, and is led or prescribed as that is; in a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from fractions import Fraction
+from functools import cache
 from typing import Any, NamedTuple
 
-from warpchain.drive.body_ties import TiedRatios, body_names, body_ties, part_of_body, ratios_with_chains
+from warpchain.drive import Drive
+from warpchain.drive.body_ties import DRIVING_KEYS, TiedRatios, body_names, body_ties, part_of_body, ratios_with_chains
 from warpchain.drive.sprocket import Load, Prescribed, Sprocket
-from warpchain.model.mounts import wheel_inertia
-from warpchain.model.parts_between_chains import LedSprocket, SprocketShaft
-from warpchain.model.parts_by_chain import (
+from warpchain.model.chain_model import ChainModel
+from warpchain.model.chain_parts import (
     CHAIN_PARTS,
     GROUP_PARTS,
     TRAIN_PARTS,
-    ChainDrive,
     chain_part_places,
     motion_by_own_angle,
 )
+from warpchain.model.mounts import wheel_inertia
+from warpchain.model.parts_between_chains import LedSprocket, SprocketShaft
 from warpchain.model.start_phase import motion_from_start_phase
-from warpchain.model.train_speeds import driver_top_speed
-from warpchain.model.trains import body_speed_ratio, inertia_of_body, prescribed_leader, train_inertia, train_of_body
-
-DRIVING_KEYS = ("prescribed", "motor", "initial_speed")
-"""Keys that make a body drive, the strongest first."""
+from warpchain.model.trains import inertia_of_body, prescribed_leader, train_inertia, train_of_body
 
 
 class StartMotion(NamedTuple):
@@ -49,7 +47,7 @@ class _MotionPlan:
         home: of each group, its chain.
     """
 
-    def __init__(self, drive: Any) -> None:
+    def __init__(self, drive: Drive) -> None:
         self.drive, self.count = drive, len(drive.sprockets)
         self.names, self.tied = body_names(drive), ratios_with_chains(drive)[0]
         groups = TiedRatios(len(self.names))
@@ -106,92 +104,35 @@ class _MotionPlan:
         return [b for b, group in enumerate(self.group) if group in groups and self.home[group] == name]
 
 
-def chain_drives(drive: Any, loaded: bool = False) -> tuple[ChainDrive, ...]:
-    """Each chain of a drive, or of a stack, as a drive of its own; a single chain is the drive itself.
+def chain_models(drive: Drive, loaded: bool = False) -> tuple[ChainModel, ...]:
+    """The chains of a drive, or of a stack of drives, one or more.
 
     Args:
         loaded: whether shafts that stand for other chains' sprockets have the loads that these turn, as figures before
             a run need.
     """
     if not drive.chains:
-        places = {kind: tuple(range(len(getattr(drive, kind)))) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
-        return (ChainDrive("", drive, places),)
-    plan, found = _MotionPlan(drive), dict[str, ChainDrive]()
+        parts = {kind: getattr(drive, kind) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
+        places = _own_places(tuple(map(len, parts.values())))
+        return (ChainModel("", drive.chain, contact=drive.contact, run=drive.run, places=places, **parts),)
+    plan, found = _MotionPlan(drive), dict[str, ChainModel]()
     starts: dict[str, StartMotion] = {}
     for name in plan.leaders:
-        found[name] = _chain_drive(plan, name, found, starts, loaded)
+        found[name] = _chain_model(plan, name, found, starts, loaded)
         starts[name] = _start_motion(plan, plan.leaders[name], found, starts)
     return tuple(found[chain.name] for chain in drive.chains)
 
 
-def driver_speed(drive: Any) -> Any:
-    """Top speed of a drive's driver [rad/s], its harmonics aside; with a motor, about the speed where moments balance.
-
-    A stack has that of each variant (V,).
-    """
-    prescribed = drive.sprockets[drive.driver].prescribed
-    if prescribed is None and drive.chains:
-        driver = drive.driver
-        chain, s = next((r.drive, r.places["sprockets"].index(driver)) for r in chain_drives(drive)
-                        if driver in r.places["sprockets"])  # fmt: skip
-        return driver_speed(chain) * chain.sprockets[chain.driver].teeth / chain.sprockets[s].teeth
-    return driver_top_speed(drive) if prescribed is None else prescribed.top_speed
+@cache
+def _own_places(counts: tuple[int, ...]) -> Mapping[str, tuple[int, ...]]:
+    """Places of a single chain's parts by list, which are those in the drive."""
+    return {kind: tuple(range(count)) for kind, count in zip((*CHAIN_PARTS, *TRAIN_PARTS), counts, strict=True)}
 
 
-def chain_speed(drive: Any) -> Any:
-    """Speed of a drive's chain [m/s] where the driver turns at its top speed, its harmonics aside."""
-    return abs(driver_speed(drive)) * drive.pitch_radius(drive.driver)
-
-
-def chain_driver_ratios(drive: Any) -> list[float]:
-    """Speed of the sprocket that drives each chain over that of the drive's driver."""
-    if not drive.chains:
-        return [1.0]
-    drivers = [chain.places["sprockets"][chain.drive.driver] for chain in chain_drives(drive)]
-    return [body_speed_ratio(drive, driver, drive.driver) for driver in drivers]
-
-
-def shaft_speed_ratios(drive: Any) -> dict[str, float]:
-    """Speeds of the shafts over that of the driver, by name."""
-    count = len(drive.sprockets)
-    return {shaft.name: body_speed_ratio(drive, b, drive.driver) for b, shaft in enumerate(drive.shafts, count)}
-
-
-def shared_bodies(drive: Any, chains: Sequence[ChainDrive]) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Pairs of bodies that are one, as (chain, body): the shaft of its home, and the sprocket in another chain."""
-    sprockets = {
-        drive.sprockets[s].name: (r, k)
-        for r, chain in enumerate(chains)
-        for k, s in enumerate(chain.places["sprockets"])
-    }
-    return [
-        ((r, b), sprockets[shaft.name])
-        for r, chain in enumerate(chains)
-        for b, shaft in enumerate(chain.drive.shafts, len(chain.drive.sprockets))
-        if isinstance(shaft, SprocketShaft)
-    ]
-
-
-def bodies_of_chain_drive(drive: Any, chain: ChainDrive) -> list[int]:
-    """Places in the whole drive of the bodies of a chain's drive.
-
-    A shaft that stands for another chain's sprocket has that sprocket's place.
-    """
-    count, names = len(drive.sprockets), [sprocket.name for sprocket in drive.sprockets]
-    shafts = [count + h for h in chain.places["shafts"]]
-    shafts += [names.index(shaft.name) for shaft in chain.drive.shafts if isinstance(shaft, SprocketShaft)]
-    return [*chain.places["sprockets"], *shafts, *(drive.first_arm_body + a for a in chain.places["arms"])]
-
-
-def shafts_of_own_chain(drive: Any) -> list[Any]:
-    """The shafts of a chain's drive but for those that stand for other chains' sprockets; they stand first."""
-    return [shaft for shaft in drive.shafts if not isinstance(shaft, SprocketShaft)]
-
-
-def _chain_drive(
-    plan: _MotionPlan, name: str, found: dict[str, ChainDrive], starts: dict[str, StartMotion], loaded: bool
-) -> ChainDrive:
-    """A chain as a drive of its own, after those before it in the order of motion."""
+def _chain_model(
+    plan: _MotionPlan, name: str, found: dict[str, ChainModel], starts: dict[str, StartMotion], loaded: bool
+) -> ChainModel:
+    """A chain, after those before it in the order of motion."""
     drive, count, places = plan.drive, plan.count, chain_part_places(plan.drive, name)
     mine = [b for b in range(len(plan.names)) if plan.home_chain(b) == name]
     places["shafts"] = tuple(b - count for b in mine if b >= count)
@@ -221,10 +162,10 @@ def _chain_drive(
         drive.shafts[h].model_copy(update=_motions_by_own_angle(plan, h + count, names)) for h in places["shafts"]
     ]
     shafts += [_sprocket_as_home_shaft(plan, s, names, loaded) for s in beside]
-    changes = {"chain": next(chain for chain in drive.chains if chain.name == name), "chains": (), "run": run}
-    changes |= {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in (*CHAIN_PARTS, *GROUP_PARTS)}
-    changes |= {"sprockets": tuple(sprockets), "shafts": tuple(shafts)}
-    return ChainDrive(name, drive.model_copy(update=changes), places)
+    chain = next(chain for chain in drive.chains if chain.name == name)
+    parts = {kind: tuple(getattr(drive, kind)[i] for i in places[kind]) for kind in (*CHAIN_PARTS, *GROUP_PARTS)}
+    parts |= {"sprockets": tuple(sprockets), "shafts": tuple(shafts)}
+    return ChainModel(name, chain, contact=drive.contact, run=run, places=places, **parts)
 
 
 def _motions_by_own_angle(plan: _MotionPlan, b: int, names: set[str]) -> dict[str, Any]:
@@ -271,19 +212,19 @@ def _motion_at_ratio(plan: _MotionPlan, leader: int, b: int, names: set[str]) ->
 
 
 def _led_sprocket(
-    plan: _MotionPlan, s: int, sprocket: Sprocket, found: dict[str, ChainDrive], starts: dict[str, StartMotion]
+    plan: _MotionPlan, s: int, sprocket: Sprocket, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> LedSprocket:
     """Sprocket s, which leads its chain and which another chain turns."""
     home = found[plan.home_chain(s)]
-    turned = plan.speed_ratio(s, home.places["sprockets"][home.drive.driver])
+    turned = plan.speed_ratio(s, home.places["sprockets"][home.driver])
     start = _start_motion(plan, s, found, starts)
-    mean = Prescribed.model_construct(speed=turned * driver_speed(home.drive), ramp_time=start.motion.ramp_time)
+    mean = Prescribed.model_construct(speed=turned * home.driver_speed, ramp_time=start.motion.ramp_time)
     values = sprocket.__dict__ | {"prescribed": mean}
     return LedSprocket.model_construct(**values, driver=start.motion, start_ratio=start.ratio)
 
 
 def _start_motion(
-    plan: _MotionPlan, b: int, found: dict[str, ChainDrive], starts: dict[str, StartMotion]
+    plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion:
     """Speed of body b at the start: as shafts and gears tie it, else chains, else couplings."""
     for other in (b, *plan.group_bodies(b)):
@@ -294,23 +235,24 @@ def _start_motion(
 
 
 def _train_start_motion(
-    plan: _MotionPlan, b: int, found: dict[str, ChainDrive], starts: dict[str, StartMotion]
+    plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion | None:
     """Speed of body b at the start by its train or a chain around it; None where that is not known."""
     train = train_of_body(plan.drive, b).bodies
     for other in train:
         part, home = part_of_body(plan.drive, other), found.get(plan.home_chain(other))
         if part.prescribed is not None and home is not None:
-            own = next(of for of in (*home.drive.sprockets, *home.drive.shafts) if of.name == part.name)
-            return StartMotion(motion_from_start_phase(home.drive, own, own.prescribed), plan.speed_ratio(b, other))
+            bodies: tuple[Any, ...] = (*home.sprockets, *home.shafts)
+            lead = next(of for of in bodies if of.name == part.name)
+            return StartMotion(motion_from_start_phase(home, lead, lead.prescribed), plan.speed_ratio(b, other))
         if getattr(part, "initial_speed", None) is not None:
             return StartMotion(Prescribed.model_construct(speed=part.initial_speed), plan.speed_ratio(b, other))
     for other in (s for s in train if s < plan.count):
         chain = str(plan.drive.sprockets[other].chain)
         if chain in starts:
-            chain_drive = found[chain]
-            lead, own = (chain_drive.places["sprockets"].index(s) for s in (plan.leaders[chain], other))
-            radii = chain_drive.drive.riding_radius(lead) / chain_drive.drive.riding_radius(own)
+            on = found[chain]
+            first, own = (on.places["sprockets"].index(s) for s in (plan.leaders[chain], other))
+            radii = on.riding_radius(first) / on.riding_radius(own)
             return StartMotion(starts[chain].motion, starts[chain].ratio * radii * plan.speed_ratio(b, other))
     return None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Set
-from dataclasses import dataclass
 from typing import Any
 
 from warpchain.drive.arms import Arm
@@ -15,22 +14,6 @@ GROUP_PARTS = ("gears", "couplings", "valves")
 """Lists of a drive whose parts each belong to one group of tied bodies."""
 TRAIN_PARTS = ("shafts", *GROUP_PARTS)
 """Lists of a drive whose parts turn sprockets, or are turned by them."""
-
-
-@dataclass(frozen=True)
-class ChainDrive:
-    """One chain of a drive as a drive of its own, and the places of its parts in the whole drive.
-
-    Attributes:
-        name: of the chain, "" where it is the only one.
-        drive: the chain as a drive of its own; its first sprocket that is prescribed leads it. Where none is, the one
-            that another chain turns counts as prescribed (`warpchain.model.parts_between_chains.LedSprocket`).
-        places: by list, `CHAIN_PARTS` and `TRAIN_PARTS`, the places of its parts in the whole drive.
-    """
-
-    name: str
-    drive: Any
-    places: dict[str, tuple[int, ...]]
 
 
 def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
