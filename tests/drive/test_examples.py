@@ -106,7 +106,7 @@ def test_runs_that_can_be_believed(runs, name):
     for chain in chain_trajectories(trajectory).values():
         x = chain.position.astype(float)
         length = np.hypot(*np.moveaxis(np.roll(x, -1, axis=1) - x, -1, 0))
-        assert length == pytest.approx(chain.chain.pitch, rel=5e-3)
+        assert length == pytest.approx(chain.parts.chain.pitch, rel=5e-3)
 
 
 def test_a_gear_change_and_a_coast_down():
