@@ -40,6 +40,7 @@ KERNEL_LEVELS = (
     ("integrate",),
     ("physics",),
     ("sums", "statistics", "relaxation", "frames", "modules"),
+    ("bodies",),
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (

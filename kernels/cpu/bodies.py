@@ -11,6 +11,7 @@ from ..physics.body import (
     body_with_accelerations,
     leapfrog_body,
     move_prescribed_center,
+    pose_heading,
     stage_body,
 )
 from ..physics.motion import prescribed_rotation
@@ -48,7 +49,6 @@ def body_functions(Real: type) -> BodyFunctions:
     def accelerations_of(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
         """Accelerations of body `b`'s center (x, y) [m/s^2] and angle [rad/s^2]; sets its load in `state.wrenches`."""
         body = state.bodies[b]
-        heading = wp.vec2d(state.poses[b].cosine, state.poses[b].sine)
         wrench = loads.body_wrench(ensemble, state, drive, b)
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
@@ -61,7 +61,7 @@ def body_functions(Real: type) -> BodyFunctions:
             if drive.valves > 0:
                 wrench.moment = trains.moment_without_valves(ensemble, state, drive, b, wrench.moment, time)
         off = displacement_from_home(body.center, mount)
-        return body_accelerations(time, off, body, heading, wrench, motion, mount, ensemble)
+        return body_accelerations(time, off, body, pose_heading(state.poses[b]), wrench, motion, mount, ensemble)
 
     @wp.func
     def find_accelerations(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):

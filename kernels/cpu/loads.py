@@ -5,12 +5,12 @@ from functools import cache
 
 import warp as wp
 
+from ..bodies.carried_arms import carried_spring_moment, spring_state
 from ..physics.body import arm_own_moment, heading_of, wrench_with_force
 from ..physics.motion import load_moment
 from ..physics.train import motor_moment
 from ..structs import BodyState, Drive, types
 from .body_states import arm_of
-from .carried_arms import carried_arm_functions
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,6 @@ def load_functions(Real: type) -> LoadFunctions:
     """The functions that find wrenches and moments on single bodies of one variant."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    carried_arms = carried_arm_functions(Real)
 
     @wp.func
     def body_wrench(ensemble: Ensemble, state: State, drive: Drive, b: int):
@@ -46,10 +45,10 @@ def load_functions(Real: type) -> LoadFunctions:
         if arm >= 0:
             load = arm_own_moment(body, heading_of(body), ensemble.arms[arm])
             if drive.jointed != 0:
-                a = arm - drive.first_arm
-                seen = carried_arms.spring_state(ensemble, state, drive, a, body)
+                a, first = arm - drive.first_arm, drive.first_body + drive.bodies - drive.arms
+                seen = spring_state(drive, ensemble.arms, state.bodies, first, a, body)
                 load = arm_own_moment(seen, heading_of(body), ensemble.arms[arm])
-                load = load + carried_arms.carried_spring_moment(ensemble, state, drive, a)
+                load = load + carried_spring_moment(drive, ensemble.arms, state.bodies, first, a)
         return load
 
     @wp.func

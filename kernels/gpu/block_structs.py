@@ -40,6 +40,17 @@ def block_structs(Real: type) -> SimpleNamespace:
         asked: wp.int32
 
     @wp.struct
+    class CarriedArm:
+        """Values that an arm shares with arms that it hangs on, or that hang on it (`bodies.carried_arms`)."""
+
+        force: kinds.vec2  # of contacts on it, then of its turning, passed on to the one that carries it [N]
+        acceleration: Real  # of its angle [rad/s^2]
+        moment: Real  # of springs, dampers and stops of arms on it [N m]
+        angle: Real  # at the step's instant, as its own spring sees it [rad]
+        speed: Real  # likewise [rad/s]
+        energy: Real  # `hub.carried_arm_energy` [J]
+
+    @wp.struct
     class Shared:
         """Shared memory of a block; S sprockets, B bodies (the arms after the sprockets), G guides."""
 
@@ -56,7 +67,8 @@ def block_structs(Real: type) -> SimpleNamespace:
         bearing_moments: wp.array[Real]  # (S,): moment of the bearing on its sprocket [N m]
         strokes: wp.array[Stroke]  # (tensioners,), where a warp of its own has their oil
         speeds_now: wp.array[Real]  # (B,): angular velocity at the step's instant [rad/s]
-        carried_arms: wp.array[Real]  # (arms, `VALUES_PER_ARM`), where arms carry arms: what acts between them
+        carried_arms: wp.array[CarriedArm]  # (arms,), where arms carry arms
+        arm_rates: wp.array[wp.types.vector(3, Real)]  # (B,) likewise: accelerations of each arm without coupling
         prescribed_angles: wp.array[
             kinds.Number
         ]  # (prescribed, steps): where prescribed motion leads (`PLANNED_STEPS`)
@@ -107,9 +119,15 @@ def block_structs(Real: type) -> SimpleNamespace:
         tallies: Tallies
         frames: wp.array[Real]
 
-    return SimpleNamespace(
-        **vars(kinds) | {"ChainPlace": ChainPlace, "Stroke": Stroke, "Shared": Shared, "Now": Now, "Out": Out}
-    )
+    made = {
+        "ChainPlace": ChainPlace,
+        "Stroke": Stroke,
+        "CarriedArm": CarriedArm,
+        "Shared": Shared,
+        "Now": Now,
+        "Out": Out,
+    }
+    return SimpleNamespace(**vars(kinds) | made)
 
 
 @wp.struct

@@ -22,19 +22,18 @@ from ..physics.body import (
     leapfrog_body,
     move_prescribed_center,
     plain_body,
+    pose_heading,
     pose_with_coordinates,
     stage_body,
     turned_pose,
 )
 from ..physics.motion import free_load_moment, load_table_argument, table_value
 from ..physics.mount import displacement_from_home
-from .arm_values import arm_value_functions
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .body_states import body_state_functions
 from .geometry import geometry_functions
 from .prescribed_motion import plan_index, prescribed_motion_functions
-from .shared_memory import ARM_ACCELERATION
 from .train_moments import train_moment_functions
 
 
@@ -61,7 +60,6 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     Wrench = kinds.Wrench
     prescribed_motion = prescribed_motion_functions(kind)
     body_states = body_state_functions(kind)
-    arm_values = arm_value_functions(kind)
     train_moments = train_moment_functions(kind)
     geometry = geometry_functions(kind)
     vec2 = kinds.vec2
@@ -118,7 +116,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         if wp.static(kind.parts.arms):
             if mine.arm >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
-                load = arm_own_moment(plain_body(body_states.body_from_pose(pose)), body_states.heading(pose), arm)
+                load = arm_own_moment(plain_body(body_states.body_from_pose(pose)), pose_heading(pose), arm)
                 if wp.static(kind.parts.jointed):
                     if ensemble.drives[mine.drive_row].jointed != 0:
                         load = pose.load  # as `carried_arms.couple_accelerations` has found it
@@ -146,7 +144,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         """Accelerations of the thread's body, of an arm with the arms beside it (`carried_arms`)."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
-                rates[2] = arm_values.arm_value(shared, mine.arm, ARM_ACCELERATION)
+                rates[2] = shared.carried_arms[mine.arm].acceleration
         return rates
 
     @wp.func
@@ -174,7 +172,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
             plain.speed = wp.where(motion.prescribed == 1, pose.exact_speed, plain.speed)
         moved_by = wrench_in_train(shared, mine, now, with_bearing_moment(wrench))
         rates = body_accelerations(
-            time, displacement(pose, mount), plain, body_states.heading(pose), moved_by, motion, mount, ensemble
+            time, displacement(pose, mount), plain, pose_heading(pose), moved_by, motion, mount, ensemble
         )
         rates = rates_beside_arms(shared, mine, rates)
         lag = leapfrog_lag(now.step, h)
@@ -208,7 +206,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         wrench.load = body_load(ensemble, shared, mine, leading_value(at.time), at.time, pose)
         if now.goes_on != 0:
             place = 2 * (ensemble.drives[mine.drive_row].first_body + mine.body_number)
-            by, to = wrench_in_train(shared, mine, now, with_bearing_moment(wrench)), body_states.heading(pose)
+            by, to = wrench_in_train(shared, mine, now, with_bearing_moment(wrench)), pose_heading(pose)
             rates = body_accelerations(at.time, displacement(pose, mount), plain, to, by, motion, mount, ensemble)
             rates = rates_beside_arms(shared, mine, rates)
             start, summed = state.body_stages[place], state.body_stages[place + 1]

@@ -23,7 +23,6 @@ class BodyStateFunctions:
     """Bodies of one variant between the state and shared memory."""
 
     body_from_pose: wp.Function
-    heading: wp.Function
     pose_from_state: wp.Function
     share_hub: wp.Function
     place_carried_sprocket: wp.Function
@@ -55,11 +54,6 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         body.straight = pose.straight
         body.angular = pose.angular
         return body
-
-    @wp.func
-    def heading(pose: Pose):
-        """Cosine and sine of a body's angle."""
-        return wp.vector(leading_value(pose.cosine), leading_value(pose.sine))
 
     @wp.func
     def pose_from_state(ensemble: Ensemble, state: State, drive: Drive, b: int):
@@ -151,7 +145,6 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     return BodyStateFunctions(
         body_from_pose=body_from_pose,
-        heading=heading,
         pose_from_state=pose_from_state,
         share_hub=share_hub,
         place_carried_sprocket=place_carried_sprocket,

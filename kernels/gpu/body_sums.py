@@ -17,6 +17,7 @@ from ..physics.body import (
     holding_force_and_power,
     late_power,
     pivot_power,
+    pose_heading,
     speed_as_float64,
 )
 from ..physics.motion import load_moment_at_speed
@@ -25,14 +26,11 @@ from ..physics.train import own_body_energy
 from ..physics.valve import cam_energy
 from ..structs import Tallies
 from ..sums import add_arm, add_energy, add_mount, add_powers
-from .arm_values import arm_value_functions
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .bodies import body_functions
-from .body_states import body_state_functions
 from .carried_arms import carried_arm_functions
 from .events import START
-from .shared_memory import ARM_ENERGY, ARM_MOMENT, ARM_TURN
 
 
 @dataclass(frozen=True)
@@ -50,10 +48,8 @@ class BodySumFunctions:
 def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     """The functions that observe the body of a thread."""
     Real = kind.Real
-    body_states = body_state_functions(kind)
     bodies = body_functions(kind)
     carried_arms = carried_arm_functions(kind)
-    arm_values = arm_value_functions(kind)
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Pose, Wrench = kinds.Ensemble, kinds.Shared, kinds.Pose, kinds.Wrench
     vec2 = kinds.vec2
@@ -63,7 +59,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     def exact_heading(pose: Pose, seen: kinds.Instant):
         """Cosine and sine of a body's angle, at float64 anew from it."""
         if wp.static(kind.is_paired):
-            return body_states.heading(pose)
+            return pose_heading(pose)
         else:
             return heading_of(seen)
 
@@ -143,7 +139,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
                 off, to = bodies.displacement(before, mount), exact_heading(before, seen)
                 whole.load = arm_own_moment(seen, to, arm)
                 if wp.static(kind.parts.jointed):
-                    whole.load = whole.load + arm_values.arm_value(shared, mine.arm, ARM_MOMENT)
+                    whole.load = whole.load + shared.carried_arms[mine.arm].moment
                 acting, time = bodies.with_bearing_moment(whole), bodies.step_time(mine, now)
                 rates = body_accelerations(time, off, seen, to, acting, motion, mount, ensemble)
                 if wp.static(kind.parts.jointed):
@@ -156,8 +152,8 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     def spring_state(shared: Shared, mine: ThreadParts, seen: kinds.Instant):
         """The thread's arm, which is `seen` there, as its spring sees it turn."""
         if wp.static(kind.parts.jointed):
-            seen.angle = arm_values.arm_value(shared, mine.arm, ARM_TURN)
-            seen.speed = arm_values.arm_value(shared, mine.arm, ARM_TURN + 1)
+            seen.angle = shared.carried_arms[mine.arm].angle
+            seen.speed = shared.carried_arms[mine.arm].speed
         return seen
 
     @wp.func
@@ -197,7 +193,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         if wp.static(kind.parts.arms):
             if mine.arm >= 0:
                 if wp.static(kind.parts.jointed):
-                    energy = energy + wp.float64(arm_values.arm_value(shared, mine.arm, ARM_ENERGY))
+                    energy = energy + wp.float64(shared.carried_arms[mine.arm].energy)
                 turned = spring_state(shared, mine, seen)
                 energy = arm_energy(energy, turned, to, ensemble.arms[drive.first_arm + mine.arm])
         if wp.static(kind.parts.is_tied):

@@ -9,36 +9,32 @@ from typing import Any
 
 import warp as wp
 
+from ..bodies.carried_arms import carried_spring_moment, coupled_acceleration, joint_terms, spring_state
 from ..integrate import leapfrog_lag, stage_at
 from ..number import difference, leading_value
 from ..physics.body import (
     arm_mass_moment,
     arm_own_moment,
-    arm_spring_moment,
     body_accelerations,
     body_at_time,
     plain_body,
+    pose_heading,
 )
 from ..physics.guide import world_vector
 from ..physics.hub import (
     carried_arm_acceleration,
     carried_arm_energy,
-    carried_arm_terms,
     carried_body,
-    eliminate_carried_arm,
     moment_about_pivot,
     pivot_force,
-    relative_body,
 )
 from ..structs import Drive
-from .arm_values import arm_value_functions
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .bodies import body_functions
 from .body_states import body_state_functions
 from .geometry import geometry_functions
 from .prescribed_motion import prescribed_motion_functions
-from .shared_memory import ARM_ACCELERATION, ARM_ENERGY, ARM_FORCE, ARM_MOMENT, ARM_RATES, ARM_TURN
 from .sync import sync_functions
 
 
@@ -63,7 +59,7 @@ class CarriedArmFunctions:
 
     add_carried_wrenches: wp.Function
     wrench_with_pivot_forces: wp.Function
-    carried_spring_moment: wp.Function
+    spring_moment_of_carried: wp.Function
     own_moment: wp.Function
     couple_accelerations: wp.Function
     place_carried_arm: wp.Function
@@ -78,7 +74,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
     body_states, bodies = body_state_functions(kind), body_functions(kind)
     sync = sync_functions(kind)
     prescribed_motion = prescribed_motion_functions(kind)
-    geometry, arm_values = geometry_functions(kind), arm_value_functions(kind)
+    geometry = geometry_functions(kind)
 
     @wp.func
     def plus_carried_wrenches(ensemble: Ensemble, shared: Shared, mine: ThreadParts, acting: of_three):
@@ -87,10 +83,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         first = first_arm_body(drive, mine)
         for k in range(drive.arms):
             if ensemble.arms[drive.first_arm + k].on == mine.body - first + 1:
-                force = vec2(
-                    arm_values.shared_value(shared, first + k, ARM_FORCE),
-                    arm_values.shared_value(shared, first + k, ARM_FORCE + 1),
-                )
+                force = shared.carried_arms[first + k - wp.static(kind.parts.rotors)].force
                 lever = leading_value(difference(shared.poses[first + k].center, shared.poses[mine.body].center))
                 acting = acting + of_three(moment_about_pivot(lever, force), force[0], force[1])
         return acting
@@ -100,7 +93,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         """The chain's moment and force on the thread's body with those on arms on it; all threads together."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
-                arm_values.share_force(shared, mine.body, vec2(acting[1], acting[2]))
+                shared.carried_arms[mine.arm].force = vec2(acting[1], acting[2])
             sync.barrier()
             if mine.arm >= 0:
                 acting = plus_carried_wrenches(ensemble, shared, mine, acting)
@@ -117,106 +110,62 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         first = first_arm_body(drive, mine)
         for k in range(drive.arms):
             if ensemble.arms[drive.first_arm + k].on == mine.body - first + 1:
-                wrench.force = wrench.force + vec2(
-                    arm_values.shared_value(shared, first + k, ARM_FORCE),
-                    arm_values.shared_value(shared, first + k, ARM_FORCE + 1),
-                )
-                rates[2] = arm_values.shared_value(shared, mine.body, ARM_ACCELERATION)
+                wrench.force = wrench.force + shared.carried_arms[first + k - wp.static(kind.parts.rotors)].force
+                rates[2] = shared.carried_arms[mine.arm].acceleration
         return wrench, rates
 
     @wp.func
-    def spring_state(ensemble: Ensemble, shared: Shared, drive: Drive, first: int, k: int):
-        """Arm `k` of a chain, whose first is body `first`, as its spring sees it turn."""
-        body, on = body_states.body_from_pose(shared.poses[first + k]), ensemble.arms[drive.first_arm + k].on
-        if on > 0:
-            body = relative_body(body, shared.poses[first + on - 1])
-        return plain_body(body)
+    def own_spring_state(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
+        """The thread's arm as its spring sees it turn."""
+        drive, pose = ensemble.drives[mine.drive_row], shared.poses[mine.body]
+        first = first_arm_body(drive, mine)
+        return spring_state(drive, ensemble.arms, shared.poses, first, mine.body - first, pose)
 
     @wp.func
-    def carried_spring_moment(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
+    def spring_moment_of_carried(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
         """Moment [N m] on the thread's arm of the springs, dampers and stops of arms on it."""
         drive = ensemble.drives[mine.drive_row]
-        first, moment = first_arm_body(drive, mine), Real(0.0)
-        for k in range(drive.arms):
-            arm = ensemble.arms[drive.first_arm + k]
-            if arm.on == mine.body - first + 1:
-                moment = moment - arm_spring_moment(spring_state(ensemble, shared, drive, first, k), arm)
-        return moment
+        first = first_arm_body(drive, mine)
+        return carried_spring_moment(drive, ensemble.arms, shared.poses, first, mine.body - first)
 
     @wp.func
     def own_moment(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
         """Moment [N m] on the thread's arm of its own spring and weight."""
-        drive = ensemble.drives[mine.drive_row]
-        first = first_arm_body(drive, mine)
-        seen, to = (
-            spring_state(ensemble, shared, drive, first, mine.body - first),
-            body_states.heading(shared.poses[mine.body]),
-        )
-        return arm_own_moment(seen, to, ensemble.arms[drive.first_arm + mine.body - first])
-
-    @wp.func
-    def joint_terms(ensemble: Ensemble, shared: Shared, drive: Drive, first: int, k: int, lag: Real):
-        """The terms of arm `k` of a chain, whose first is body `first`, in (b), and 1 / I_2."""
-        arm = ensemble.arms[drive.first_arm + k]
-        b, on = first + k, first + arm.on - 1
-        own, carrier = shared.poses[b], shared.poses[on]
-        lever, s = leading_value(world_vector(arm.lever, carrier)), arm_mass_moment(body_states.heading(own), arm)
-        w1, w2 = leading_value(carrier.speed) + lag * carrier.angular, leading_value(own.speed) + lag * own.angular
-        led = vec2(arm_values.shared_value(shared, on, ARM_RATES), arm_values.shared_value(shared, on, ARM_RATES + 1))
-        inverse = Real(shared.motions[b].inverse_inertia)
-        return carried_arm_terms(
-            lever, s, w1, w2, led, arm_values.shared_value(shared, b, ARM_RATES + 2) / inverse
-        ), inverse
-
-    @wp.func
-    def coupled_acceleration(ensemble: Ensemble, shared: Shared, drive: Drive, first: int, a: int, lag: Real):
-        """Acceleration [rad/s^2] of arm `a` of a chain, whose first is body `first`, with what hangs on it."""
-        inertia = Real(1.0) / shared.motions[first + a].inverse_inertia
-        moment = inertia * arm_values.shared_value(shared, first + a, ARM_RATES + 2)
-        for k in range(drive.arms):
-            if ensemble.arms[drive.first_arm + k].on == a + 1:
-                terms, inverse = joint_terms(ensemble, shared, drive, first, k, lag)
-                moment, inertia = eliminate_carried_arm(moment, inertia, terms, inverse)
-        return moment / inertia
+        arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
+        return arm_own_moment(own_spring_state(ensemble, shared, mine), pose_heading(shared.poses[mine.body]), arm)
 
     @wp.func
     def arm_now(ensemble: Ensemble, shared: Shared, b: int, angular: Real, time: Any, lag: Real):
         """Body b, an arm that has this acceleration, with its rates at `time`, `lag` after their instant."""
-        rates = of_three(
-            arm_values.shared_value(shared, b, ARM_RATES), arm_values.shared_value(shared, b, ARM_RATES + 1), angular
-        )
-        body, mount = body_states.body_from_pose(shared.poses[b]), bodies.body_mount(shared, b)
+        others, body = shared.arm_rates[b], body_states.body_from_pose(shared.poses[b])
+        rates, mount = of_three(others[0], others[1], angular), bodies.body_mount(shared, b)
         return body_at_time(time, lag, body, rates, Real(0.0), shared.motions[b], mount, ensemble)
 
     @wp.func
     def find_acceleration(ensemble: Ensemble, shared: Shared, mine: ThreadParts, time: Any, lag: Real):
         """Shares the acceleration of the thread's arm, and what is observed of its joint."""
         drive, on = ensemble.drives[mine.drive_row], carrier_body(ensemble, mine)
-        first = first_arm_body(drive, mine)
-        arm = ensemble.arms[drive.first_arm + mine.body - first]
-        angular = Real(0.0)
+        first, arms, motions = first_arm_body(drive, mine), ensemble.arms, shared.motions
+        poses, rates = shared.poses, shared.arm_rates
+        a = wp.where(on >= 0, on, mine.body) - first
+        angular = coupled_acceleration(drive, arms, motions, poses, rates, first, a, lag)
         energy = Real(0.0)
         if on >= 0:
-            led = coupled_acceleration(ensemble, shared, drive, first, on - first, lag)
-            terms, inverse = joint_terms(ensemble, shared, drive, first, mine.body - first, lag)
-            angular = carried_arm_acceleration(led, terms, inverse)
+            carrier = arm_now(ensemble, shared, on, angular, time, lag)
+            terms, inverse = joint_terms(drive, arms, motions, poses, rates, first, mine.body - first, lag)
+            angular = carried_arm_acceleration(angular, terms, inverse)
             seen = arm_now(ensemble, shared, mine.body, angular, time, lag)
-            carrier = arm_now(ensemble, shared, on, led, time, lag)
-            lever = leading_value(world_vector(arm.lever, shared.poses[on]))
-            s = arm_mass_moment(body_states.heading(shared.poses[mine.body]), arm)
+            arm = arms[drive.first_arm + mine.body - first]
+            lever = leading_value(world_vector(arm.lever, poses[on]))
+            s = arm_mass_moment(pose_heading(poses[mine.body]), arm)
             energy = carried_arm_energy(seen.speed, s, lever, carrier)
-            arm_values.share_force(shared, mine.body, pivot_force(seen.speed, angular, s))
-            arm_values.share_value(shared, mine.body, ARM_TURN + 1, seen.speed - carrier.speed)
+            shared.carried_arms[mine.arm].force = pivot_force(seen.speed, angular, s)
+            shared.carried_arms[mine.arm].speed = seen.speed - carrier.speed
         else:
-            angular = coupled_acceleration(ensemble, shared, drive, first, mine.body - first, lag)
-            arm_values.share_value(
-                shared, mine.body, ARM_TURN + 1, arm_now(ensemble, shared, mine.body, angular, time, lag).speed
-            )
-        arm_values.share_value(
-            shared, mine.body, ARM_TURN, spring_state(ensemble, shared, drive, first, mine.body - first).angle
-        )
-        arm_values.share_value(shared, mine.body, ARM_ACCELERATION, angular)
-        arm_values.share_value(shared, mine.body, ARM_ENERGY, energy)
+            shared.carried_arms[mine.arm].speed = arm_now(ensemble, shared, mine.body, angular, time, lag).speed
+        shared.carried_arms[mine.arm].angle = own_spring_state(ensemble, shared, mine).angle
+        shared.carried_arms[mine.arm].acceleration = angular
+        shared.carried_arms[mine.arm].energy = energy
 
     @wp.func
     def couple_accelerations(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench):
@@ -232,7 +181,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
             lag = leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
         if mine.arm >= 0:
             pose, mount = shared.poses[mine.body], bodies.body_mount(shared, mine.body)
-            others = carried_spring_moment(ensemble, shared, mine)
+            others = spring_moment_of_carried(ensemble, shared, mine)
             load = own_moment(ensemble, shared, mine) + others
             shared.poses[mine.body].load = load
             wrench.load = load
@@ -242,11 +191,10 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
                 bodies.displacement(pose, mount),
             )
             rates = body_accelerations(
-                time, off, body, body_states.heading(pose), by, shared.motions[mine.body], mount, ensemble
+                time, off, body, pose_heading(pose), by, shared.motions[mine.body], mount, ensemble
             )
-            for k in range(3):
-                arm_values.share_value(shared, mine.body, ARM_RATES + k, rates[k])
-            arm_values.share_value(shared, mine.body, ARM_MOMENT, others)
+            shared.arm_rates[mine.body] = rates
+            shared.carried_arms[mine.arm].moment = others
         sync.barrier()
         if mine.arm >= 0:
             find_acceleration(ensemble, shared, mine, time, lag)
@@ -264,7 +212,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
     return CarriedArmFunctions(
         add_carried_wrenches=add_carried_wrenches,
         wrench_with_pivot_forces=wrench_with_pivot_forces,
-        carried_spring_moment=carried_spring_moment,
+        spring_moment_of_carried=spring_moment_of_carried,
         own_moment=own_moment,
         couple_accelerations=couple_accelerations,
         place_carried_arm=place_carried_arm,

@@ -87,7 +87,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             wrench = tensioners.add_tensioner_forces(ensemble, state, mine, 0, pose, wrench)
         load = wp.float64(0.0)
         if wp.static(kind.parts.jointed):
-            load = carried_arms.own_moment(ensemble, shared, mine) + carried_arms.carried_spring_moment(
+            load = carried_arms.own_moment(ensemble, shared, mine) + carried_arms.spring_moment_of_carried(
                 ensemble, shared, mine
             )
         else:

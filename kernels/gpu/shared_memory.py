@@ -29,18 +29,6 @@ BYTES_PER_THREAD = 4
 """Bytes that Warp takes of what a launch asks for, for each thread of a block."""
 
 
-VALUES_PER_ARM = 10
-"""Values that each arm shares where arms carry arms (`carried_arms`):"""
-ARM_FORCE = wp.constant(0)  # of contacts on it, then of its turning (x, y), passed on to the one that carries it [N],
-ARM_RATES = wp.constant(2)  # accelerations of its pivot (x, y) [m/s^2] and of its angle, as if nothing hung on it,
-ARM_ACCELERATION = wp.constant(5)  # that of its angle [rad/s^2],
-ARM_MOMENT = wp.constant(6)  # of springs, dampers and stops of arms on it [N m],
-ARM_TURN = wp.constant(
-    7
-)  # angle [rad] and angular velocity [rad/s] at the step's instant, as its own spring sees them,
-ARM_ENERGY = wp.constant(9)  # and `hub.carried_arm_energy` [J]
-
-
 STRAND_WORD = 32
 """Bits of the numbers that say on which strands links are."""
 
@@ -124,7 +112,8 @@ def _small_arrays(kind: BlockKind) -> dict[str, int]:
         "bearing_moments": sprockets * (kind.parts.hubs > 0),
         "strokes": kind.parts.tensioners * kind.has_oil_warp,
         "speeds_now": kind.parts.bodies * (kind.parts.hubs > 0),
-        "carried_arms": VALUES_PER_ARM * kind.parts.arms * kind.parts.jointed,
+        "carried_arms": kind.parts.arms * kind.parts.jointed,
+        "arm_rates": kind.parts.bodies * kind.parts.jointed,
         "mount_sums": sprockets * kind.moving * measuring,
         "sprocket_sums": sprockets * measuring,
         "teeth": sprockets,
@@ -292,6 +281,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.strokes = found.strokes(shared, place)
         shared.speeds_now = found.speeds_now(shared, place)
         shared.carried_arms = found.carried_arms(shared, place)
+        shared.arm_rates = found.arm_rates(shared, place)
         shared.prescribed_angles = found.prescribed_angles(shared, place)
         shared.prescribed_speeds = found.prescribed_speeds(shared, place)
         shared.teeth = found.teeth(shared, place)

@@ -41,6 +41,12 @@ def heading_of(body: BodyState):
 
 
 @wp.func
+def pose_heading(pose: Any):
+    """Unit vector (cos theta, sin theta) of a body's pose, rounded."""
+    return wp.vector(leading_value(pose.cosine), leading_value(pose.sine))
+
+
+@wp.func
 def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
     """A body's float64 pose heading along (cosine, sine)."""
     pose.cosine = cosine
@@ -121,8 +127,14 @@ def plain_body(body: BodyState):
 
 
 @wp.func
-def plain_body(body: BLOCKS.BodyState):
-    """A body's state in pairs as plain float32, with `rest` of its speed."""
+def plain_body(body: Pose):
+    """A body's float64 pose as plain numbers: unchanged."""
+    return body
+
+
+@wp.func
+def plain_body(body: Any):
+    """A body's state or pose in pairs as plain float32, with `rest` of its speed."""
     plain = BLOCKS.Instant()
     plain.angle = rounded_value(body.angle)
     plain.speed = leading_value(body.speed)
