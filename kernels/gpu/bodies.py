@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import warp as wp
 
@@ -10,12 +9,10 @@ from ..integrate import leapfrog_kick, leapfrog_lag, stage_at
 from ..number import (
     add,  # noqa: F401
     difference,
-    exact_multiple,
     leading_value,
 )
 from ..physics.body import (
     aligned_pose,
-    arm_own_moment,
     body_accelerations,
     body_at_time,
     body_with_accelerations,
@@ -27,12 +24,12 @@ from ..physics.body import (
     stage_body,
     turned_pose,
 )
-from ..physics.motion import free_load_moment, load_table_argument, table_value
 from ..physics.mount import displacement_from_home
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .body_states import body_state_functions
 from .geometry import geometry_functions
+from .loads import finds_loads_ahead, load_functions
 from .prescribed_motion import plan_index, prescribed_motion_functions
 from .train_moments import train_moment_functions
 
@@ -43,10 +40,6 @@ class BodyFunctions:
 
     body_mount: wp.Function
     displacement: wp.Function
-    step_time: wp.Function
-    rounded_step_time: wp.Function
-    body_load: wp.Function
-    find_load_ahead: wp.Function
     with_bearing_moment: wp.Function
     advance_body: wp.Function
 
@@ -54,22 +47,16 @@ class BodyFunctions:
 @cache
 def body_functions(kind: BlockKind) -> BodyFunctions:
     """The functions that take the thread's body a step, or a stage, on."""
-    Real, staged = kind.Real, kind.has_stages
+    Real = kind.Real
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Wrench = kinds.Wrench
-    prescribed_motion = prescribed_motion_functions(kind)
+    prescribed_motion, loads = prescribed_motion_functions(kind), load_functions(kind)
     body_states = body_state_functions(kind)
     train_moments = train_moment_functions(kind)
     geometry = geometry_functions(kind)
     vec2 = kinds.vec2
     of_three = wp.types.vector(3, Real)
-    # a load is found ahead by threads that else would wait for the contacts of others
-    loading_ahead = (
-        not staged
-        and not kind.parts.is_tied
-        and (kind.shape.body_warp or (not kind.shape.is_one_warp and not kind.is_paired))
-    )
 
     @wp.func
     def body_mount(shared: Shared, b: int):
@@ -91,38 +78,6 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
             return vec2()
 
     @wp.func
-    def step_time(mine: ThreadParts, now: Now):
-        """The instant of a step [s]."""
-        return exact_multiple(now.step, prescribed_motion.exact_time_step(mine))
-
-    @wp.func
-    def rounded_step_time(mine: ThreadParts, now: Now):
-        """The instant of a step [s], rounded: without the work that it takes exactly."""
-        return Real(now.step) * leading_value(prescribed_motion.exact_time_step(mine))
-
-    @wp.func
-    def body_load(ensemble: Ensemble, shared: Shared, mine: ThreadParts, rounded: Real, time: Any, pose: Pose):
-        """Moment on the thread's body [N m] of its load, or of an arm's own springs and weight.
-
-        That of a prescribed body is worked out and thrown away, so that the threads of a warp do not part.
-        """
-        motion = shared.motions[mine.body]
-        tabulated = Real(0.0)
-        if wp.static(kind.parts.tabulated):
-            if motion.load_table.cells > 0:
-                x = load_table_argument(time, pose.angle, motion)
-                tabulated = table_value(x, motion.load_table, ensemble.tables)
-        load = free_load_moment(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
-        if wp.static(kind.parts.arms):
-            if mine.arm >= 0:
-                arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
-                load = arm_own_moment(plain_body(body_states.body_from_pose(pose)), pose_heading(pose), arm)
-                if wp.static(kind.parts.jointed):
-                    if ensemble.drives[mine.drive_row].jointed != 0:
-                        load = pose.load  # as `carried_arms.couple_accelerations` has found it
-        return wp.where(motion.prescribed == 1, Real(0.0), load)
-
-    @wp.func
     def wrench_in_train(shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench):
         """The wrench that moves the thread's body, with what others of its train pass on to it."""
         if wp.static(kind.parts.is_tied):
@@ -130,14 +85,6 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
                 wrench.moment = train_moments.train_moment(shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
         return wrench
-
-    @wp.func
-    def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
-        """Works out the load on the thread's body, while other threads are at their contacts."""
-        if wp.static(loading_ahead):
-            pose = shared.poses[mine.body]
-            rounded, time = rounded_step_time(mine, now), step_time(mine, now)
-            shared.poses[mine.body].load = body_load(ensemble, shared, mine, rounded, time, pose)
 
     @wp.func
     def rates_beside_arms(shared: Shared, mine: ThreadParts, rates: of_three):
@@ -162,10 +109,11 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         b = mine.body
         h = leading_value(prescribed_motion.exact_time_step(mine))
         motion, mount = shared.motions[b], body_mount(shared, b)
-        time = step_time(mine, now)
+        time = prescribed_motion.step_time(mine, now)
         wrench.load = pose.load
-        if wp.static(not loading_ahead and not kind.parts.is_tied):
-            wrench.load = body_load(ensemble, shared, mine, rounded_step_time(mine, now), time, pose)
+        if wp.static(not finds_loads_ahead(kind) and not kind.parts.is_tied):
+            rounded = prescribed_motion.rounded_step_time(mine, now)
+            wrench.load = loads.body_load(ensemble, shared, mine, rounded, time, pose)
         body = body_states.body_from_pose(pose)
         plain = plain_body(body)
         if wp.static(kind.moving):
@@ -198,12 +146,11 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         """
         b = mine.body
         motion, mount = shared.motions[b], body_mount(shared, b)
-        at = stage_at(
-            wp.static(kind.integrator), now.stage, step_time(mine, now), prescribed_motion.exact_time_step(mine)
-        )
+        time, h = prescribed_motion.step_time(mine, now), prescribed_motion.exact_time_step(mine)
+        at = stage_at(wp.static(kind.integrator), now.stage, time, h)
         body = body_states.body_from_pose(pose)
         plain = plain_body(body)
-        wrench.load = body_load(ensemble, shared, mine, leading_value(at.time), at.time, pose)
+        wrench.load = loads.body_load(ensemble, shared, mine, leading_value(at.time), at.time, pose)
         if now.goes_on != 0:
             place = 2 * (ensemble.drives[mine.drive_row].first_body + mine.body_number)
             by, to = wrench_in_train(shared, mine, now, with_bearing_moment(wrench)), pose_heading(pose)
@@ -232,10 +179,6 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     return BodyFunctions(
         body_mount=body_mount,
         displacement=displacement,
-        step_time=step_time,
-        rounded_step_time=rounded_step_time,
-        body_load=body_load,
-        find_load_ahead=find_load_ahead,
         with_bearing_moment=with_bearing_moment,
         advance_body=advance_body,
     )

@@ -31,6 +31,7 @@ from .block_structs import ThreadParts
 from .bodies import body_functions
 from .carried_arms import carried_arm_functions
 from .events import START
+from .prescribed_motion import prescribed_motion_functions
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     """The functions that observe the body of a thread."""
     Real = kind.Real
     bodies = body_functions(kind)
-    carried_arms = carried_arm_functions(kind)
+    carried_arms, prescribed_motion = carried_arm_functions(kind), prescribed_motion_functions(kind)
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Pose, Wrench = kinds.Ensemble, kinds.Shared, kinds.Pose, kinds.Wrench
     vec2 = kinds.vec2
@@ -105,13 +106,15 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         """
         s = mine.sprocket
         speed, motion = leading_value(before.speed), shared.motions[s]
-        whole.load = load_moment_at_speed(bodies.rounded_step_time(mine, now), whole.load, speed, seen.speed, motion)
+        rounded = prescribed_motion.rounded_step_time(mine, now)
+        whole.load = load_moment_at_speed(rounded, whole.load, speed, seen.speed, motion)
         if wp.static(kind.moving):
             mount = shared.mounts[s]
             if mount.active != 0:
                 off, to = bodies.displacement(before, mount), exact_heading(before, seen)
                 by = bodies.with_bearing_moment(whole)
-                rates = body_accelerations(bodies.step_time(mine, now), off, seen, to, by, motion, mount, ensemble)
+                time = prescribed_motion.step_time(mine, now)
+                rates = body_accelerations(time, off, seen, to, by, motion, mount, ensemble)
                 held, power = holding_force_and_power(off, seen, to, by, rates, motion, mount)
                 sums = shared.mount_sums[s]
                 shared.mount_sums[s] = add_mount(sums, off, seen.velocity, mount, held, power, now.weight)
@@ -140,7 +143,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
                 whole.load = arm_own_moment(seen, to, arm)
                 if wp.static(kind.parts.jointed):
                     whole.load = whole.load + shared.carried_arms[mine.arm].moment
-                acting, time = bodies.with_bearing_moment(whole), bodies.step_time(mine, now)
+                acting, time = bodies.with_bearing_moment(whole), prescribed_motion.step_time(mine, now)
                 rates = body_accelerations(time, off, seen, to, acting, motion, mount, ensemble)
                 if wp.static(kind.parts.jointed):
                     acting, rates = carried_arms.wrench_with_pivot_forces(ensemble, shared, mine, acting, rates)

@@ -68,7 +68,7 @@ class CarriedArmFunctions:
 @cache
 def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
     """The functions of one variant's arms on arms on a block."""
-    Real, kinds, Now = kind.Real, kind.types, kind.types.Now
+    Real, rotors, kinds, Now = kind.Real, kind.parts.rotors, kind.types, kind.types.Now
     Ensemble, Shared, Wrench = kinds.Ensemble, kinds.Shared, kinds.Wrench
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     body_states, bodies = body_state_functions(kind), body_functions(kind)
@@ -83,7 +83,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         first = first_arm_body(drive, mine)
         for k in range(drive.arms):
             if ensemble.arms[drive.first_arm + k].on == mine.body - first + 1:
-                force = shared.carried_arms[first + k - wp.static(kind.parts.rotors)].force
+                force = shared.carried_arms[first + k - rotors].force
                 lever = leading_value(difference(shared.poses[first + k].center, shared.poses[mine.body].center))
                 acting = acting + of_three(moment_about_pivot(lever, force), force[0], force[1])
         return acting
@@ -110,7 +110,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         first = first_arm_body(drive, mine)
         for k in range(drive.arms):
             if ensemble.arms[drive.first_arm + k].on == mine.body - first + 1:
-                wrench.force = wrench.force + shared.carried_arms[first + k - wp.static(kind.parts.rotors)].force
+                wrench.force = wrench.force + shared.carried_arms[first + k - rotors].force
                 rates[2] = shared.carried_arms[mine.arm].acceleration
         return wrench, rates
 
@@ -174,7 +174,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
         Args:
             wrench: of the chain on the thread's body, of bearings and of tensioners.
         """
-        time, lag = bodies.step_time(mine, now), Real(0.0)
+        time, lag = prescribed_motion.step_time(mine, now), Real(0.0)
         if wp.static(kind.has_stages):
             time = stage_at(wp.static(kind.integrator), now.stage, time, prescribed_motion.exact_time_step(mine)).time
         else:

@@ -1,11 +1,11 @@
-"""Prescribed angles and speeds of a block's bodies, worked out for some steps ahead."""
+"""Instants of a block's steps; prescribed angles and speeds of its bodies, worked out for some steps ahead."""
 
 from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
 
-from ..number import exact_multiple
+from ..number import exact_multiple, leading_value
 from ..physics.motion import prescribed_rotation
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
@@ -27,6 +27,8 @@ class PrescribedMotionFunctions:
     prescribed_index: wp.Function
     angle_and_speed: wp.Function
     exact_time_step: wp.Function
+    step_time: wp.Function
+    rounded_step_time: wp.Function
     plan_steps: wp.Function
 
 
@@ -34,7 +36,7 @@ class PrescribedMotionFunctions:
 def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
     """The functions that work out prescribed angles and speeds of bodies for some steps ahead."""
     threads, rotors = kind.shape.threads, kind.parts.rotors
-    kinds = kind.types
+    Real, kinds, Now = kind.Real, kind.types, kind.types.Now
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
 
     @wp.func
@@ -68,6 +70,16 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
             return mine.step
 
     @wp.func
+    def step_time(mine: ThreadParts, now: Now):
+        """The instant of a step [s]."""
+        return exact_multiple(now.step, exact_time_step(mine))
+
+    @wp.func
+    def rounded_step_time(mine: ThreadParts, now: Now):
+        """The instant of a step [s], rounded: without the work that it takes exactly."""
+        return Real(now.step) * leading_value(exact_time_step(mine))
+
+    @wp.func
     def plan_steps(ensemble: Ensemble, shared: Shared, mine: ThreadParts, step: int):
         """Works out prescribed angles and speeds of the next `PLANNED_STEPS` steps, a step a thread."""
         i = mine.thread
@@ -88,5 +100,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
         prescribed_index=prescribed_index,
         angle_and_speed=angle_and_speed,
         exact_time_step=exact_time_step,
+        step_time=step_time,
+        rounded_step_time=rounded_step_time,
         plan_steps=plan_steps,
     )

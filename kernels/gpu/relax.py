@@ -12,12 +12,12 @@ from ..structs import Tallies
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts, thread_parts
 from .block_sums import block_sum_functions
-from .bodies import body_functions
 from .body_states import body_state_functions
 from .carried_arms import carried_arm_functions
 from .contact_forces import contact_force_functions
 from .geometry import geometry_functions
 from .links import link_functions
+from .loads import load_functions
 from .near_partners import near_partner_functions
 from .rollers import roller_functions
 from .shared_memory import array_view, shared_arrays
@@ -42,7 +42,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     body_states = body_state_functions(kind)
     tensioners = tensioner_functions(kind)
     carried_arms = carried_arm_functions(kind)
-    bodies = body_functions(kind)
+    loads = load_functions(kind)
     sync = sync_functions(kind)
     near_partners = near_partner_functions(kind)
     links = link_functions(kind)
@@ -91,7 +91,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                 ensemble, shared, mine
             )
         else:
-            load = bodies.body_load(ensemble, shared, mine, load, load, pose)
+            load = loads.body_load(ensemble, shared, mine, load, load, pose)
         return (wrench.moment + load) * shared.motions[mine.body].inverse_inertia
 
     @wp.func

@@ -19,6 +19,8 @@ from .events import ENDS, EXTRA
 from .frame_output import frame_output_functions
 from .hubs import hub_functions
 from .joints import joint_functions
+from .loads import load_functions
+from .prescribed_motion import prescribed_motion_functions
 from .rollers import roller_functions, roller_stage_function
 from .sampling import sampling_functions
 from .sync import sync_functions
@@ -51,7 +53,8 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     rollers = roller_functions(kind)
     wrench_parts = wrench_part_functions(kind)
-    bodies = body_functions(kind)
+    bodies, loads = body_functions(kind), load_functions(kind)
+    prescribed_motion = prescribed_motion_functions(kind)
     body_sums = body_sum_functions(kind)
     tensioners = tensioner_functions(kind)
     sampling = sampling_functions(kind, frame)
@@ -168,7 +171,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         tensioners.await_oil(shared)
         if wp.static(kind.parts.tabulated_supply):
             if mine.body >= 0 and now.stage == 0:
-                tensioners.find_supplies(ensemble, state, shared, mine, bodies.step_time(mine, now))
+                tensioners.find_supplies(ensemble, state, shared, mine, prescribed_motion.step_time(mine, now))
             sync.barrier()
         acting = carried_arms.add_carried_wrenches(ensemble, shared, mine, find_chain_wrench(state, shared, mine, now))
         whole = hubs.add_bearing_moments(ensemble, state, shared, mine, now, wrench_parts.wrench_from_vector(acting))
@@ -209,7 +212,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
     def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
         """Works out the load on the thread's body."""
         if mine.body >= 0 and now.stage == 0:
-            bodies.find_load_ahead(ensemble, shared, mine, now)
+            loads.find_load_ahead(ensemble, shared, mine, now)
 
     @wp.func
     def sample_rollers(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):

@@ -1,0 +1,82 @@
+"""Moments on single bodies of one variant on a block: of loads, arms' springs, motors."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from ..physics.body import arm_own_moment, plain_body, pose_heading
+from ..physics.motion import free_load_moment, load_table_argument, table_value
+from ..physics.train import motor_moment
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .body_states import body_state_functions
+from .prescribed_motion import prescribed_motion_functions
+
+
+def finds_loads_ahead(kind: BlockKind) -> bool:
+    """Whether threads that else would wait for the contacts of others find the loads of bodies meanwhile."""
+    waiting = kind.shape.body_warp or (not kind.shape.is_one_warp and not kind.is_paired)
+    return waiting and not kind.has_stages and not kind.parts.is_tied
+
+
+@dataclass(frozen=True)
+class LoadFunctions:
+    """Moments on the thread's body."""
+
+    body_load: wp.Function
+    find_load_ahead: wp.Function
+    body_motor_moment: wp.Function
+
+
+@cache
+def load_functions(kind: BlockKind) -> LoadFunctions:
+    """The functions that find moments on single bodies of one variant."""
+    Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
+    prescribed_motion, body_states = prescribed_motion_functions(kind), body_state_functions(kind)
+
+    @wp.func
+    def body_load(ensemble: Ensemble, shared: Shared, mine: ThreadParts, rounded: Real, time: Any, pose: Pose):
+        """Moment on the thread's body [N m] of its load, or of an arm's own springs and weight.
+
+        That of a prescribed body is worked out and thrown away, so that the threads of a warp do not part.
+        """
+        motion = shared.motions[mine.body]
+        tabulated = Real(0.0)
+        if wp.static(kind.parts.tabulated):
+            if motion.load_table.cells > 0:
+                x = load_table_argument(time, pose.angle, motion)
+                tabulated = table_value(x, motion.load_table, ensemble.tables)
+        load = free_load_moment(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
+        if wp.static(kind.parts.arms):
+            if mine.arm >= 0:
+                arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
+                load = arm_own_moment(plain_body(body_states.body_from_pose(pose)), pose_heading(pose), arm)
+                if wp.static(kind.parts.jointed):
+                    if ensemble.drives[mine.drive_row].jointed != 0:
+                        load = pose.load  # as `carried_arms.couple_accelerations` has found it
+        return wp.where(motion.prescribed == 1, Real(0.0), load)
+
+    @wp.func
+    def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
+        """Works out the load on the thread's body, while other threads are at their contacts."""
+        if wp.static(finds_loads_ahead(kind)):
+            pose = shared.poses[mine.body]
+            rounded, time = prescribed_motion.rounded_step_time(mine, now), prescribed_motion.step_time(mine, now)
+            shared.poses[mine.body].load = body_load(ensemble, shared, mine, rounded, time, pose)
+
+    @wp.func
+    def body_motor_moment(ensemble: Ensemble, shared: Shared, mine: ThreadParts, time: Any):
+        """Moment [N m] of the motor on the thread's body."""
+        moment = Real(0.0)
+        if mine.body >= sprockets and mine.body < rotors:
+            drive = ensemble.drives[mine.drive_row]
+            at = drive.first_shaft + mine.body_number - drive.sprockets
+            pose, motion = shared.poses[mine.body], shared.motions[mine.body]
+            moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.tables)
+        return moment
+
+    return LoadFunctions(body_load=body_load, find_load_ahead=find_load_ahead, body_motor_moment=body_motor_moment)
