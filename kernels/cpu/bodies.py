@@ -21,6 +21,7 @@ from .carried_arms import carried_arm_functions
 from .hubs import hub_functions
 from .loads import load_functions
 from .tensioners import tensioner_functions
+from .train_moments import train_moment_functions
 from .trains import train_functions
 
 
@@ -42,7 +43,7 @@ def body_functions(Real: type) -> BodyFunctions:
     hubs = hub_functions(Real)
     carried_arms = carried_arm_functions(Real)
     loads = load_functions(Real)
-    trains = train_functions(Real)
+    trains, train_moments = train_functions(Real), train_moment_functions(Real)
     tensioners = tensioner_functions(Real)
 
     @wp.func
@@ -56,10 +57,10 @@ def body_functions(Real: type) -> BodyFunctions:
         state.wrenches[b].load = wrench.load
         wrench.load = wrench.load + wrench.bearing
         if drive.tied != 0 and motion.train >= 0 and motion.shaft_offset == 0:
-            wrench.moment = trains.train_moment(ensemble, state, drive, b)
+            wrench.moment = train_moments.train_moment(ensemble, state, drive, b)
             wrench.load = wp.float64(0.0)
             if drive.valves > 0:
-                wrench.moment = trains.moment_without_valves(ensemble, state, drive, b, wrench.moment, time)
+                wrench.moment = train_moments.moment_without_valves(ensemble, state, drive, b, wrench.moment, time)
         off = displacement_from_home(body.center, mount)
         return body_accelerations(time, off, body, pose_heading(state.poses[b]), wrench, motion, mount, ensemble)
 

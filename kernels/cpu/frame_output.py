@@ -10,9 +10,10 @@ from ..frames import frame_writer_functions
 from ..native import row_access
 from ..structs import Drive, Now, types
 from .body_states import body_state_functions
+from .couplings import coupling_functions
 from .joints import joint_functions
 from .rollers import roller_functions, rows
-from .trains import train_functions
+from .valves import valve_functions
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
     rollers = roller_functions(Real, capacity)
     joints = joint_functions(Real, capacity)
     body_states = body_state_functions(Real)
-    trains = train_functions(Real)
+    couplings, valves = coupling_functions(Real), valve_functions(Real)
 
     @wp.func
     def roller_extra(w: wp.array[Real], i: int):
@@ -85,12 +86,12 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
             shaft = body_states.body_now(ensemble, state, drive.first_body + drive.sprockets + h, now.time, now.lag)
             frame_writers.write_shaft(frames, begin, drive, h, shaft)
         for c in range(drive.couplings):
-            twist, rate, moment = trains.twist_and_moment_now(
+            twist, rate, moment = couplings.twist_and_moment_now(
                 ensemble, state, drive, drive.first_coupling + c, now.time, now.lag
             )
             frame_writers.write_coupling(frames, begin, drive, c, twist, moment)
         for v in range(drive.valves):
-            torque, force = trains.valve_load_now(ensemble, state, drive, drive.first_valve + v, now.time, now.lag)
+            torque, force = valves.valve_load_now(ensemble, state, drive, drive.first_valve + v, now.time, now.lag)
             frame_writers.write_valve(frames, begin, drive, v, torque, force)
 
     return FrameOutputFunctions(write_frame=write_frame)

@@ -11,7 +11,7 @@ import warp as wp
 
 from ..physics.valve import valve_inertia_share
 from ..structs import types
-from .trains import train_functions
+from .train_moments import train_moment_functions
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     """The functions that make the bodies of each shaft of a variant turn as one."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    trains = train_functions(Real)
+    train_moments = train_moment_functions(Real)
 
     @wp.func
     def body_count(ensemble: Ensemble, first: int, chains: int):
@@ -42,13 +42,13 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
 
         Args:
             begin, count: the variant's bodies.
-            kick: `trains.leapfrog_interval` [s].
+            kick: `train_moments.leapfrog_interval` [s].
             lifting: whether cams lift valves.
         """
         first = b + ensemble.motions[b].shaft_offset
         mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
         if lifting:
-            cam = trains.train_cam(ensemble, state, begin, count, first)
+            cam = train_moments.train_cam(ensemble, state, begin, count, first)
             share = valve_inertia_share(state.bodies[first].speed, kick, cam, mine)
             more = more / (wp.float64(1.0) + share)
         state.train_moments[first] = state.train_moments[first] + wrench.moment + wrench.bearing + wrench.load
@@ -82,7 +82,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
             state,
             drive.first_body,
             body_count(ensemble, variant, chains),
-            trains.leapfrog_interval(drive, time),
+            train_moments.leapfrog_interval(drive, time),
             lifting,
         )
 

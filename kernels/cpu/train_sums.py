@@ -10,8 +10,9 @@ from ..physics.train import coupling_loss, is_on_gear_side
 from ..structs import GROUND, Drive, Now, Sums, types
 from ..sums import add_coupling, add_gear, add_shaft, add_valve
 from .body_states import body_state_functions
+from .couplings import coupling_functions
 from .loads import load_functions
-from .trains import train_functions
+from .valves import valve_functions
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)
-    trains = train_functions(Real)
+    couplings, valves = coupling_functions(Real), valve_functions(Real)
     loads = load_functions(Real)
 
     @wp.func
@@ -44,7 +45,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
     def add_coupling_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, c: int, now: Now):
         """Adds a step of coupling c of all to the sums of the window."""
         coupling, engaged = ensemble.couplings[c], state.couplings[c]
-        twist, rate, moment = trains.twist_and_moment_now(ensemble, state, drive, c, now.time, now.lag)
+        twist, rate, moment = couplings.twist_and_moment_now(ensemble, state, drive, c, now.time, now.lag)
         led = wp.float64(0.0)
         for second in range(2):
             body = wp.where(second == 0, coupling.first, coupling.second)
@@ -70,7 +71,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
         for v in range(drive.first_valve, drive.first_valve + drive.valves):
             valve = ensemble.valves[v]
             if is_on_gear_side(gear, valve.body):
-                torque, force = trains.valve_load_now(ensemble, state, drive, v, now.time, now.lag)
+                torque, force = valves.valve_load_now(ensemble, state, drive, v, now.time, now.lag)
                 beside = ensemble.motions[drive.first_body + valve.body].ratio / mine.ratio
                 moment = moment + beside * valve.sign * torque
         sums.gear[g] = add_gear(sums.gear[g], moment, wp.abs(moment) / gear.lever, now.weight)
@@ -78,7 +79,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
     @wp.func
     def add_valve_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, v: int, now: Now):
         """Adds a step of group v of all valves to the sums of the window."""
-        torque, force = trains.valve_load_now(ensemble, state, drive, v, now.time, now.lag)
+        torque, force = valves.valve_load_now(ensemble, state, drive, v, now.time, now.lag)
         sums.valve[v] = add_valve(sums.valve[v], torque, force, now.weight)
 
     @wp.func

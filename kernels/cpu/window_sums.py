@@ -41,12 +41,12 @@ from ..sums import (
 from .body_states import arm_of, body_state_functions
 from .carried_arms import arm_carrier, carried_energy
 from .chain_sums import chain_sum_functions
+from .couplings import coupling_functions
 from .hubs import hub_functions
 from .joints import joint_functions
 from .link_tallies import link_tally_functions
 from .loads import load_functions
 from .train_sums import train_sum_functions
-from .trains import train_functions
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     chain_sums = chain_sum_functions(Real, capacity)
     body_states = body_state_functions(Real)
-    trains = train_functions(Real)
+    couplings = coupling_functions(Real)
     loads = load_functions(Real)
     hubs = hub_functions(Real)
     link_tallies = link_tally_functions(Real, capacity)
@@ -99,7 +99,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
             push = state.pushes[t]
             total += tensioner_energy(push.extension, push.pressure, state.tensioners[t], ensemble.tensioners[t])
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-            twist, moment = trains.twist_and_moment(ensemble, state, drive, c)
+            twist, moment = couplings.twist_and_moment(ensemble, state, drive, c)
             total += coupling_energy(twist, ensemble.couplings[c])
         return total
 
