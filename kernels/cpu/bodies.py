@@ -31,8 +31,8 @@ class BodyFunctions:
 
     accelerations_of: wp.Function
     find_accelerations: wp.Function
-    leapfrog_bodies: wp.Function
-    stage_bodies: wp.Function
+    take_leapfrog_step: wp.Function
+    take_stage: wp.Function
 
 
 @cache
@@ -79,7 +79,7 @@ def body_functions(Real: type) -> BodyFunctions:
                 carried_arms.couple_accelerations(ensemble, state, drive, a, lag)
 
     @wp.func
-    def leapfrog_bodies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
+    def take_leapfrog_step(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
         """Takes all bodies, and the tensioners on them, a leapfrog step on from `time` [s]."""
         tensioners.find_supplies(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -95,7 +95,7 @@ def body_functions(Real: type) -> BodyFunctions:
         tensioners.advance_tensioners(ensemble, state, drive)
 
     @wp.func
-    def stage_bodies(ensemble: Ensemble, state: State, drive: Drive, at: Stage):
+    def take_stage(ensemble: Ensemble, state: State, drive: Drive, at: Stage):
         """Takes all bodies through a Runge-Kutta stage; the tensioners on them at the step's end."""
         if at.number == 0:
             tensioners.find_supplies(ensemble, state, drive, at.time)
@@ -121,6 +121,6 @@ def body_functions(Real: type) -> BodyFunctions:
     return BodyFunctions(
         accelerations_of=accelerations_of,
         find_accelerations=find_accelerations,
-        leapfrog_bodies=leapfrog_bodies,
-        stage_bodies=stage_bodies,
+        take_leapfrog_step=take_leapfrog_step,
+        take_stage=take_stage,
     )

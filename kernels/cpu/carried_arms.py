@@ -6,15 +6,16 @@ from functools import cache
 import warp as wp
 
 from ..bodies.carried_arms import coupled_acceleration, joint_terms
-from ..physics.body import arm_mass_moment, heading_of, pose_of
+from ..physics.body import arm_mass_moment, heading_of, pose_of, wrench_with_force
 from ..physics.guide import world_vector
-from ..physics.hub import carried_arm_acceleration
+from ..physics.hub import carried_arm_acceleration, pivot_force
 from ..physics.hub import carried_arm_energy as energy_of
-from ..structs import Arm, BodyState, Drive, types
+from ..structs import Arm, BodyState, Drive, Now, Wrench, types
+from .body_states import body_state_functions
 
 
 @wp.func
-def arm_carrier(drive: Drive, on: int):
+def carrier_body(drive: Drive, on: int):
     """The body of all that is arm `on` of the drive, counted from 1; negative for 0."""
     return wp.where(on > 0, drive.first_body + drive.bodies - drive.arms + on - 1, -1)
 
@@ -30,6 +31,7 @@ def carried_energy(body: BodyState, carrier: BodyState, arm: Arm):
 class CarriedArmFunctions:
     """Moments and accelerations of arms that carry arms (`physics.hub`, (b))."""
 
+    wrench_with_pivot_forces: wp.Function
     couple_accelerations: wp.Function
 
 
@@ -38,6 +40,22 @@ def carried_arm_functions(Real: type) -> CarriedArmFunctions:
     """The functions of one variant's arms that carry arms."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
+    body_states = body_state_functions(Real)
+
+    @wp.func
+    def wrench_with_pivot_forces(
+        ensemble: Ensemble, state: State, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
+    ):
+        """Wrench on arm `a` with carried arms' forces on their pivots, and its accelerations (`physics.hub`)."""
+        for k in range(drive.arms):
+            arm = ensemble.arms[drive.first_arm + k]
+            if arm.on == a + 1:
+                b = drive.first_body + drive.bodies - drive.arms + k
+                body = body_states.body_now(ensemble, state, b, now.time, now.lag)
+                force = pivot_force(body.speed, state.rates[b][2], arm_mass_moment(heading_of(body), arm))
+                wrench = wrench_with_force(wrench, force, wp.float64(0.0))
+                rates[2] = state.rates[carrier_body(drive, arm.on)][2]
+        return wrench, rates
 
     @wp.func
     def couple_accelerations(ensemble: Ensemble, state: State, drive: Drive, a: int, lag: wp.float64):
@@ -55,5 +73,5 @@ def carried_arm_functions(Real: type) -> CarriedArmFunctions:
                 state.rates[first + a] = rates
 
     return CarriedArmFunctions(
-        couple_accelerations=couple_accelerations,
+        wrench_with_pivot_forces=wrench_with_pivot_forces, couple_accelerations=couple_accelerations
     )

@@ -9,7 +9,7 @@ from ..physics.body import pose_of, wrench_with_force
 from ..physics.hub import bearing_moment, carried_body, moment_about_pivot
 from ..structs import GROUND, Drive, types
 from .body_states import body_state_functions
-from .carried_arms import arm_carrier
+from .carried_arms import carrier_body
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def hub_functions(Real: type) -> HubFunctions:
         if drive.jointed != 0:
             for a in range(drive.arms):
                 b = drive.first_body + drive.bodies - drive.arms + a
-                on = arm_carrier(drive, ensemble.arms[drive.first_arm + a].on)
+                on = carrier_body(drive, ensemble.arms[drive.first_arm + a].on)
                 if on >= 0:
                     force = state.wrenches[b].force
                     moment = moment_about_pivot(state.poses[b].center - state.poses[on].center, force)
@@ -66,7 +66,7 @@ def hub_functions(Real: type) -> HubFunctions:
         if drive.jointed != 0:
             for a in range(drive.arms):
                 joint = ensemble.arms[drive.first_arm + a]
-                on = arm_carrier(drive, joint.on)
+                on = carrier_body(drive, joint.on)
                 if on >= 0:
                     mine = drive.first_body + drive.bodies - drive.arms + a
                     state.bodies[mine] = carried_body(state.bodies[mine], pose_of(state.bodies[on]), joint)

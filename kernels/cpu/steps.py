@@ -43,7 +43,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
         kick: wp.float64,
     ):
         """Takes the variant a step on from evaluated forces; `kick` is h, or h / 2 from the initial state."""
-        bodies.leapfrog_bodies(ensemble, state, drive, time, kick)
+        bodies.take_leapfrog_step(ensemble, state, drive, time, kick)
         rollers.kick_and_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             if ensemble.mounts[b].active != 0 or ensemble.mounts[b].moves != 0:
@@ -88,7 +88,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
     @wp.func
     def take_stage(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], at: Stage):
         """Takes the variant through a stage of a step, from evaluated forces; the last ends the step."""
-        bodies.stage_bodies(ensemble, state, drive, at)
+        bodies.take_stage(ensemble, state, drive, at)
         stage_rollers(w, drive.rollers, chain, at)
 
     return StepFunctions(take_leapfrog_step=take_leapfrog_step, take_stage=take_stage)

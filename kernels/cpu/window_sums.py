@@ -5,47 +5,17 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.body import (
-    arm_dissipation,
-    arm_energy,
-    arm_mass_moment,
-    body_accelerations,
-    body_energy,
-    heading_of,
-    holding_force_and_power,
-    late_power,
-    pivot_power,
-    pose_of,
-    wrench_with_force,
-)
-from ..physics.hub import pivot_force, relative_body
-from ..physics.motion import load_moment_at_speed
-from ..physics.mount import CARRIED, displacement_from_home
+from ..physics.body import pose_of
 from ..physics.tensioner import extension_and_rate, plunger_losses, tensioner_energy
-from ..physics.train import coupling_energy, own_body_energy
-from ..physics.valve import cam_energy
-from ..structs import Drive, Now, Sums, Wrench, types
-from ..sums import (
-    MERGE_EVERY,
-    add_arm,
-    add_bearing,
-    add_contact,
-    add_energy,
-    add_hub_force,
-    add_meter,
-    add_mount,
-    add_powers,
-    add_tensioner,
-    add_touches,
-)
-from .body_states import arm_of, body_state_functions
-from .carried_arms import arm_carrier, carried_energy
+from ..physics.train import coupling_energy
+from ..structs import Drive, Now, Sums, types
+from ..sums import MERGE_EVERY, add_contact, add_energy, add_meter, add_tensioner, add_touches
+from .body_states import body_state_functions
+from .body_sums import body_sum_functions
 from .chain_sums import chain_sum_functions
 from .couplings import coupling_functions
-from .hubs import hub_functions
 from .joints import joint_functions
 from .link_tallies import link_tally_functions
-from .loads import load_functions
 from .train_sums import train_sum_functions
 
 
@@ -64,8 +34,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
     chain_sums = chain_sum_functions(Real, capacity)
     body_states = body_state_functions(Real)
     couplings = coupling_functions(Real)
-    loads = load_functions(Real)
-    hubs = hub_functions(Real)
+    body_sums = body_sum_functions(Real)
     link_tallies = link_tally_functions(Real, capacity)
     joints = joint_functions(Real, capacity)
     train_sums = train_sum_functions(Real)
@@ -77,24 +46,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            body = body_states.body_now(ensemble, state, b, now.time, now.lag)
-            heading = heading_of(body)
-            mount = ensemble.mounts[b]
-            energy = body_energy(displacement_from_home(body.center, mount), body, heading, ensemble.motions[b], mount)
-            arm = arm_of(drive, b)
-            if arm >= 0:
-                of, turned = ensemble.arms[arm], body
-                on = arm_carrier(drive, of.on)
-                if on >= 0:
-                    carrier = body_states.body_now(ensemble, state, on, now.time, now.lag)
-                    turned = relative_body(body, carrier)
-                    energy += carried_energy(body, carrier, of)
-                energy = arm_energy(energy, turned, heading, of)
-            if arm < 0 and (drive.tied != 0 or drive.chains != 1):
-                energy = own_body_energy(energy, body.speed, ensemble.motions[b])
-            if drive.valves > 0:
-                energy += cam_energy(body.speed, state.cams[b], ensemble.motions[b])
-            total += energy
+            total += body_sums.body_energy_now(ensemble, state, drive, b, now)
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             push = state.pushes[t]
             total += tensioner_energy(push.extension, push.pressure, state.tensioners[t], ensemble.tensioners[t])
@@ -102,69 +54,6 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
             twist, moment = couplings.twist_and_moment(ensemble, state, drive, c)
             total += coupling_energy(twist, ensemble.couplings[c])
         return total
-
-    @wp.func
-    def add_sprocket_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, s: int, now: Now):
-        """Adds a step of sprocket `s` and its mount to the window's sums."""
-        i = drive.first_sprocket + s
-        b = drive.first_body + s
-        motion = ensemble.motions[b]
-        mount = ensemble.mounts[b]
-        body = body_states.body_now(ensemble, state, b, now.time, now.lag)
-        wrench = state.wrenches[b]
-        load = load_moment_at_speed(now.time, wrench.load, state.bodies[b].speed, body.speed, motion)
-        if ensemble.hubs[i].bearing > wp.float64(0.0):
-            power = hubs.bearing_power(ensemble, state, drive, s, now.time, now.lag)
-            sums.mount[i] = add_bearing(sums.mount[i], power, now.weight)
-        if mount.active == 1:
-            whole = loads.body_wrench(ensemble, state, drive, b)
-            whole.load = load + whole.bearing
-            off = displacement_from_home(body.center, mount)
-            heading = heading_of(body)
-            rates = body_accelerations(now.time, off, body, heading, whole, motion, mount, ensemble)
-            held, power = holding_force_and_power(off, body, heading, whole, rates, motion, mount)
-            sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
-        late = late_power(wrench, body, state.poses[b], now.lag, mount.moves == CARRIED)
-        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, late, now.weight)
-        sums.sprocket[i] = add_hub_force(sums.sprocket[i], wrench.force, now.weight)
-
-    @wp.func
-    def wrench_with_pivot_forces(
-        ensemble: Ensemble, state: State, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
-    ):
-        """Wrench on arm `a` with carried arms' forces on their pivots, and its accelerations (`physics.hub`)."""
-        for k in range(drive.arms):
-            arm = ensemble.arms[drive.first_arm + k]
-            if arm.on == a + 1:
-                b = drive.first_body + drive.bodies - drive.arms + k
-                body = body_states.body_now(ensemble, state, b, now.time, now.lag)
-                force = pivot_force(body.speed, state.rates[b][2], arm_mass_moment(heading_of(body), arm))
-                wrench = wrench_with_force(wrench, force, wp.float64(0.0))
-                rates[2] = state.rates[arm_carrier(drive, arm.on)][2]
-        return wrench, rates
-
-    @wp.func
-    def add_arm_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, a: int, now: Now):
-        """Adds a step of arm `a` to the window's sums."""
-        b = drive.first_body + drive.bodies - drive.arms + a
-        i = drive.first_arm + a
-        body = body_states.body_now(ensemble, state, b, now.time, now.lag)
-        turned, on = body, arm_carrier(drive, ensemble.arms[i].on)
-        if on >= 0:
-            turned = relative_body(body, body_states.body_now(ensemble, state, on, now.time, now.lag))
-        power = arm_dissipation(turned, ensemble.arms[i])
-        led = wp.float64(0.0)
-        mount = ensemble.mounts[b]
-        if mount.active == 1:
-            whole = loads.body_wrench(ensemble, state, drive, b)
-            whole.load = loads.body_load(ensemble, state, drive, body, b, now.time) + whole.bearing
-            off, motion, heading = displacement_from_home(body.center, mount), ensemble.motions[b], heading_of(body)
-            rates = body_accelerations(now.time, off, body, heading, whole, motion, mount, ensemble)
-            whole, rates = wrench_with_pivot_forces(ensemble, state, drive, a, whole, rates, now)
-            held, led = holding_force_and_power(off, body, heading, whole, rates, motion, mount)
-            led = pivot_power(led, body, ensemble.arms[i])
-        late = late_power(state.wrenches[b], body, state.poses[b], now.lag, ensemble.mounts[b].moves == CARRIED)
-        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, late, now.weight)
 
     @wp.func
     def add_tensioner_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):
@@ -214,9 +103,9 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
             sums.chain[variant] = add_energy(sums.chain[variant], now.step == drive.window_start, energy)
         add_contact_step(state, sums, drive, now)
         for s in range(drive.sprockets):
-            add_sprocket_step(ensemble, state, sums, drive, s, now)
+            body_sums.add_sprocket_step(ensemble, state, sums, drive, s, now)
         for a in range(drive.arms):
-            add_arm_step(ensemble, state, sums, drive, a, now)
+            body_sums.add_arm_step(ensemble, state, sums, drive, a, now)
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             add_tensioner_step(ensemble, state, sums, drive, t, now)
         train_sums.add_train_step(ensemble, state, sums, drive, now)
