@@ -1,4 +1,4 @@
-"""From a drive as data to a chain in place: path, seats, initial state, time step, set-up help."""
+"""Chains of a drive in place: path, seating of rollers, initial state, statics, time step, set-up help."""
 
 from warpchain.assembly.assembly import (
     Assembly,

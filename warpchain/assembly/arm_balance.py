@@ -1,16 +1,13 @@
-r"""Arms in balance: the angles at which chain, springs, weight, stops and tensioners turn no arm.
+"""Angles at which a drive's arms are in balance with chain, springs, weight, stops and tensioners.
 
-Without friction the chain, of tension T throughout, turns an arm about its pivot by T (h_out - h_in), h the levers of
-the tangents where it comes and goes (`Taut.levers`). With the strain e of the chain's path at these angles, T = k p e:
+The chain, of tension T and without friction, turns an arm by T (h_out - h_in), h the levers of the tangents where it
+comes and goes. With the strain e of its path at these angles, T = k p e:
 
     T (h_out - h_in) - k_t (theta - theta_0) + m (r_c - p) x g + stops + sum of tensioners F l = 0.       (a)
 
-A sprocket that the arm carries takes part with the force of its two strands, and of its own weight: with r its center
-from the pivot, d from where the chain arrives on its pitch circle to where it leaves, the moment is T w r . d / R. m
-counts the arm and its sprockets.
-
-Turning towards the chain lengthens its path, so that the left side falls through 0 once: sought arm by arm, all arms
-over again until none moves. Of a stack's variants angles are arrays (V,).
+A sprocket on the arm adds the pull of its two strands and T w r . d / R of its own weight, r its center from the pivot,
+d from where the chain arrives to where it leaves. The left side falls through 0 once; arms are solved one by one, until
+none moves.
 """
 
 from __future__ import annotations
@@ -45,16 +42,16 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 FARTHEST = math.radians(90.0)
-"""No arm is sought farther from where it is drawn, or from its stops [rad]."""
+"""Farthest angle of an arm from where it is drawn, or from its stops, at which a balance is sought [rad]."""
 
 AT_STOP = math.radians(1e-4)
-"""An arm this near to a stop stands on it [rad]."""
+"""Largest angle from a stop at which an arm counts as standing on it [rad]."""
 
 OFF = math.radians(0.01)
-"""An arm that a chain turns by no more is not held by it [rad]."""
+"""Least angle by which a chain must turn an arm to count as holding it [rad]."""
 
 LEAST_SQUARE = 1e-12
-"""Square of the least length of a coil spring [m^2]."""
+"""Square of the least length of an arm's coil spring [m^2]."""
 
 _STEP = math.radians(0.25)
 _SWEEPS = 60
@@ -67,18 +64,13 @@ _STILL = 1e-11  # rad
 
 
 def path_tension(model: ChainModel, path: ChainPath | PathValues, beyond: Any = 0.0) -> Any:
-    """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
+    """Tension of a chain on its path [N], 0 where slack; `beyond` adds to its strain."""
     strain = minimum(path.nominal_strain, MAX_STRAIN) + beyond
     return model.chain.mean_stiffness * path.pitch * maximum(strain, 0.0)
 
 
 class RestingTensioner:
-    """The push of a tensioner at rest: spring and oil, which never pull, and the bottom of its chamber.
-
-    Args:
-        model: one, or a stack, whose forces are (V,).
-        tensioner: of it.
-    """
+    """Push of a tensioner at rest: spring and oil, which never pull, and the bottom of its chamber."""
 
     def __init__(self, model: ChainModel, tensioner: Tensioner) -> None:
         self.at, self.unit_direction = tensioner.at, tensioner.unit_direction
@@ -86,28 +78,24 @@ class RestingTensioner:
         self.bottom, self.stop = bottom_place(tensioner), model.chain.stiffness
 
     def force(self, x: Any) -> Any:
-        """Force along its direction at an extension [m], [N]."""
+        """Force of a tensioner at rest along its direction at an extension [m], [N]."""
         return maximum(self.push - self.spring * x, 0.0) + self.stop * maximum(self.bottom - x, 0.0)
 
     def energy(self, x: float) -> float:
-        """Energy whose negative derivative by the extension is the force [J]."""
+        """Potential energy of a tensioner at an extension [J]."""
         reach = min(x, self.push / self.spring) if self.spring > 0.0 else x  # from where on it does not push
         found = 0.5 * self.spring * reach**2 - self.push * reach if self.push > 0.0 or self.spring > 0.0 else 0.0
         return found + 0.5 * self.stop * max(self.bottom - x, 0.0) ** 2
 
     def stiffness(self, x: float) -> float:
-        """Minus the derivative of the force [N/m]."""
+        """Stiffness of a tensioner at rest, minus its force's derivative [N/m]."""
         return (self.spring if self.push > self.spring * x else 0.0) + (self.stop if x < self.bottom else 0.0)
 
 
 class RestingCoil:
-    """The coil spring of an arm at rest.
+    """Coil spring of an arm at rest: l^2 = q^2 + f^2 - 2 q f cos(a), dl/da = q f sin(a) / l.
 
-    With q and f the distances of its ends from the pivot and a the angle between them, l^2 = q^2 + f^2 - 2 q f cos(a)
-    and dl/da = q f sin(a) / l.
-
-    Args:
-        arm: one, or of a stack.
+    q and f are the distances of its ends from the pivot, a the angle between them.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -122,34 +110,29 @@ class RestingCoil:
         self.stiffness, self.free_length = spring.stiffness, spring.free_length
 
     def _length(self, angle: Any) -> tuple[Any, Any, Any]:
-        """Its length [m], and q f times cosine and sine of the angle between its ends [m^2]."""
+        """Coil spring's length [m], and q f times cosine and sine of the angle between its ends [m^2]."""
         cosine, sine = unit_vector(angle)
         inner, outer = self.inner * cosine - self.outer * sine, self.outer * cosine + self.inner * sine
         return sqrt(maximum(self.squares - 2.0 * inner, LEAST_SQUARE)), inner, outer
 
     def moment(self, angle: Any) -> Any:
-        """On the arm, at an angle [rad] [N m]."""
+        """Moment of a coil spring on its arm at an angle [rad], [N m]."""
         length, _, outer = self._length(angle)
         return -self.stiffness * (length - self.free_length) * outer / length
 
     def energy(self, angle: float) -> float:
-        """Energy whose negative derivative by the angle is the moment [J]."""
+        """Potential energy of a coil spring at an arm's angle [J]."""
         return float(0.5 * self.stiffness * (self._length(angle)[0] - self.free_length) ** 2)
 
     def torsional_stiffness(self, angle: float) -> float:
-        """Minus the derivative of the moment by the angle [N m/rad]."""
+        """Minus the derivative of a coil spring's moment by the arm's angle [N m/rad]."""
         length, inner, outer = self._length(angle)
         lever, tension = outer / length, self.stiffness * (length - self.free_length)
         return float(self.stiffness * lever**2 + tension * (inner - lever**2) / length)
 
 
 class RestingArm:
-    """The moments on an arm at rest without the chain's: springs, weight, stops and tensioners.
-
-    Args:
-        model: one, or a stack, of which `moment` gives those of all variants (V,).
-        a: the arm's index.
-    """
+    """Moments on an arm at rest without the chain's: springs, weight, stops and tensioners."""
 
     def __init__(self, model: ChainModel, a: int) -> None:
         arm = model.arms[a]
@@ -162,11 +145,11 @@ class RestingArm:
         self.coil = None if arm.spring is None else RestingCoil(arm)
 
     def moment(self, angle: Any) -> Any:
-        """Moment about the pivot at an angle [rad], [N m]."""
+        """Moment on an arm about its pivot without the chain's, at an angle [rad], [N m]."""
         return self.joint(angle, self.weight(angle))
 
     def weight(self, angle: Any) -> Any:
-        """Moment of its weight about the pivot [N m]."""
+        """Moment of an arm's weight about its pivot [N m]."""
         (gx, gy), found = self.gravity, 0.0
         for mass, center in self.weights:
             x, y = self._place_from_pivot(center, angle)
@@ -174,7 +157,7 @@ class RestingArm:
         return found
 
     def joint(self, angle: Any, beside: Any = 0.0) -> Any:
-        """Moment of spring and stops, and of the tensioners of an arm that carries arms, with `beside` [N m]."""
+        """Moment of an arm's spring and stops, of a parent arm's tensioners too, plus `beside` [N m]."""
         found = (
             beside
             - self.arm.stiffness * (angle - self.arm.free_angle_rad)
@@ -188,7 +171,7 @@ class RestingArm:
         return found
 
     def energy(self, angle: float) -> float:
-        """Energy whose negative derivative by the angle is the moment [J]."""
+        """Potential energy of an arm without the chain at an angle [rad], [J]."""
         arm = self.arm
         found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self.weight_work(angle)
         found += 0.5 * self.stop * self.excess_beyond_stops(angle) ** 2
@@ -196,7 +179,7 @@ class RestingArm:
         return found + sum(tensioner.energy(self.extension(tensioner, angle)) for tensioner in self.tensioners)
 
     def stiffness(self, angle: float) -> float:
-        """Minus the derivative of the moment by the angle [N m/rad]."""
+        """Minus the derivative of an arm's moment, the chain's aside, by its angle [N m/rad]."""
         arm = self.arm
         found = self.weight_work(angle) + arm.stiffness + (self.stop if self.excess_beyond_stops(angle) else 0.0)
         found += 0.0 if self.coil is None else self.coil.torsional_stiffness(angle)
@@ -207,18 +190,18 @@ class RestingArm:
         return found
 
     def excess_beyond_stops(self, angle: Any) -> Any:
-        """Angle beyond the stops [rad]: positive beyond the upper one, 0 in between."""
+        """Angle of an arm beyond its stops [rad]: positive beyond the upper one, 0 in between."""
         low, high = self.arm.stops_rad
         return maximum(angle - high, 0.0) - maximum(low - angle, 0.0)
 
     def extension(self, tensioner: Tensioner | RestingTensioner, angle: Any) -> Any:
-        """Extension of one of its tensioners [m]."""
+        """Extension of an arm's tensioner at an angle [rad], [m]."""
         (x, y), (ux, uy) = self._place_from_pivot(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
 
     def weight_work(self, angle: float) -> float:
-        """Work of the weight from the pivot to the angle [J], minus the derivative of its moment."""
+        """Work of an arm's weight up to an angle [J], minus the derivative of its moment."""
         found, (gx, gy) = 0.0, self.gravity
         for mass, center in self.weights:
             x, y = self._place_from_pivot(center, angle)
@@ -226,31 +209,31 @@ class RestingArm:
         return found
 
     def _levers(self, tensioner: RestingTensioner, angle: Any) -> tuple[Any, Any]:
-        """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
+        """Lever of an arm's tensioner about the pivot [m], and its derivative by the angle [m/rad]."""
         (x, y), (ux, uy) = self._place_from_pivot(tensioner.at, angle), tensioner.unit_direction
         return x * uy - y * ux, -(x * ux + y * uy)
 
     def _place_from_pivot(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
-        """Vector from the pivot to a place of the arm as drawn, turned by the angle [m]."""
+        """Vector from an arm's pivot to one of its places as drawn, turned by an angle [m]."""
         (px, py), (cosine, sine) = self.arm.pivot, unit_vector(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 
 
 def is_unloaded_arm(model: ChainModel, a: int, angle: float) -> bool:
-    """Whether an arm stands at an angle [rad], within `OFF`, at which it would stand without a chain."""
+    """Whether an arm stands, within `OFF`, where it would without a chain."""
     still = RestingArm(model, a)
     return abs(still.moment(angle)) <= OFF * abs(still.stiffness(angle))
 
 
 def stop_name(model: ChainModel, a: int, angle: float) -> str | None:
-    """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
+    """Stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
     lower, upper = has_reached_stops(model.arms[a], angle)
     return "lower" if lower else "upper" if upper else None
 
 
 def has_reached_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
-    """Whether an arm stands on its lower and on its upper stop at an angle [rad], or at those of a stack (V,)."""
+    """Whether an arm stands on its lower and on its upper stop at an angle [rad]."""
     low, high = arm.stops_rad
     return angle <= low + AT_STOP, angle >= high - AT_STOP
 
@@ -258,7 +241,7 @@ def has_reached_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
 def chain_moment(
     model: ChainModel, path: ChainPath | PathValues, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
 ) -> Any:
-    """Moment of the chain on arm a and the arms on it about its pivot, as drawn or at `pivot` [m], [N m]."""
+    """Moment of the chain on arm a, and on arms on it, about its pivot as drawn or at `pivot` [m], [N m]."""
     pivot = model.arms[a].pivot if pivot is None else pivot
     levers = 0.0
     for arm in (a, *model.arms_on(a)):
@@ -268,7 +251,7 @@ def chain_moment(
 
 
 def _strand_pull_lever(model: ChainModel, path: ChainPath | PathValues, s: int, pivot: tuple[Any, Any]) -> Any:
-    """Lever about a pivot of the sum of the unit pulls of sprocket s' strands [m]."""
+    """Lever about a pivot of the unit pulls of sprocket s' two strands [m]."""
     px, py = pivot
     if isinstance(path, PathValues):
         (x, y), (ax, ay), (bx, by) = path.center[s], path.end[s - 1], path.start[s]
@@ -279,10 +262,7 @@ def _strand_pull_lever(model: ChainModel, path: ChainPath | PathValues, s: int, 
 
 
 class ArmBalance:
-    """The arms of a drive in balance (a) with its chain.
-
-    Args:
-        model: with arms, or a stack of such.
+    """Solver for the balance (a) of a drive's arms with its chain.
 
     Raises:
         DriveError, UnlikeVariants: as `PathPlan`.
@@ -294,10 +274,10 @@ class ArmBalance:
         self.slopes: dict[int, Any] = {}  # of the moments by the angles, as last found [N m/rad]
 
     def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
-        """The path of the chain with all arms in balance, as that of a stack.
+        """Chain path with all arms in balance, with the first axis of a stack.
 
         Args:
-            beyond: what the chain's strain is beyond the path's nominal one [-].
+            beyond: strain of the chain in excess of the path's nominal one [-].
             angles: (A,) first guess [rad]; None is as drawn.
 
         Raises:
@@ -318,7 +298,7 @@ class ArmBalance:
         return self.plan.path(found)
 
     def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
-        """The angle of arm a [rad] at which (a) holds, with the others where they are."""
+        """Angle of arm a [rad] that meets the balance (a), the other arms held."""
         model = self.plan.model
 
         def moment(angle: Any) -> Any:
@@ -339,7 +319,7 @@ class ArmBalance:
         return place_on_arm(model, model.parent(a), model.arms[a].pivot, angles)
 
     def _own(self, angles: Sequence[Any], a: int, angle: Any) -> Any:
-        """Moment on arm a at an angle, without the chain's, with the weight of arms on it [N m]."""
+        """Moment on arm a without the chain's, with the weight of arms on it [N m]."""
         model, (gx, gy) = self.plan.model, self.plan.model.run.gravity
         if model.parent(a) is None and not model.arms_on(a):
             return self.still[a].moment(angle)
@@ -354,7 +334,7 @@ class ArmBalance:
 
 
 def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> float:
-    """Angle at which a moment is 0 [rad], by steps from `near` until it changes sign; slow, and sure."""
+    """Root of an arm's moment by its angle [rad], bracketed by steps from `near` until the sign changes; slow, sure."""
     from scipy.optimize import brentq  # slow to import
 
     low, high = arm.stops_rad
@@ -380,15 +360,12 @@ def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> 
 
 
 def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
-    """Angle at which a moment is 0 [rad], by secants, and its slope there [N m/rad].
-
-    Where a secant leads out of the interval, or is over half as long as the last but one, the interval is halved. None
-    where a variant has no root, or no moment there.
+    """Root of an arm's moment by secants and halving [rad], and its slope there [N m/rad]; None without a root.
 
     Args:
         moment: of an angle, with which it falls.
-        near: a first guess [rad].
-        slope: a guess of it.
+        near: first guess of the root [rad].
+        slope: first guess of the slope [N m/rad].
     """
     try:
         before, here = near, moment(near)
@@ -422,12 +399,12 @@ def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> 
 
 
 def _newton_change(here: Any, slope: Any) -> Any:
-    """Change of angle [rad] that takes a moment to 0 by its slope, or by a slope of 1 where it does not fall."""
+    """Newton step of an arm's angle towards zero moment [rad]; the slope is 1 where the moment does not fall."""
     return maximum(-_LONGEST, minimum(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
 
 
 def chain_path(model: ChainModel) -> ChainPath:
-    """The path of the drive's chain; its number of links need not fit (see `check_fit`). Arms stand in balance.
+    """Chain path of a drive with its arms in balance; the number of links need not fit (`check_fit`).
 
     Raises:
         DriveError: as `path_at`; or an arm that finds no balance.
@@ -436,7 +413,7 @@ def chain_path(model: ChainModel) -> ChainPath:
 
 
 def chain_paths(model: ChainModel) -> ChainPath:
-    """`chain_path` of a stack, with its first axis.
+    """Chain paths of a stack of drives with arms in balance, one `ChainPath` with a first axis (V,).
 
     Raises:
         DriveError: as `chain_path`, of the first such variant.

@@ -1,22 +1,18 @@
-"""The initial state of a drive: every roller of a wrapped arc on a seat, every strand drawn from seat to seat.
+"""Initial state of a drive: rollers of wrapped arcs on seats, strands drawn from seat to seat.
 
-A taut chain's strands are straight and all their links are strained alike. A slack chain's links have exactly their
-unloaded length l_i: the links of a strand of chord C are chords of a circular arc of radius rho through both end seats.
-With 2 y_i the angle that link i takes at the arc's center, Y_i = y_1 + ... + y_i and Y their sum over all,
+A taut chain's strands are straight, their links strained alike. Links of a slack strand of chord C have their unloaded
+lengths l_i and are chords of an arc of radius rho through both end seats. With 2 y_i the angle of link i at its center,
+Y_i = y_1 + ... + y_i and Y the sum of all,
 
     2 rho sin(Y) = C,   sin(y_i) = l_i / (2 rho),                                               (a)
     x_i = C sin(Y_i) cos(Y - Y_i) / sin(Y),   h_i = C sin(Y_i) sin(Y - Y_i) / sin(Y)             (b)
 
-are roller i's places along the chord and off it, on the side of gravity (outward of the loop where gravity does not
-tell). Links on a wrapped arc carry no force: where wear has made them longer than the sprocket's pitch, the rollers
-stand off their seats, at the radius where links of that length span a tooth each, an outer and an inner one of unlike
-lengths two teeth. Only a sprocket's pitch above the chain's, or a single link unlike the others, carries the stiffness
-times the difference from the start, until settling.
+are roller i's places along the chord and off it, towards gravity (outward where gravity does not act across). Worn
+links, longer than a sprocket's pitch, stand off their seats at the radius where they span a tooth each, outer and inner
+ones of unlike length two teeth. Links longer in pitch on a sprocket than unloaded carry force from the start.
 
-The driver, the first prescribed sprocket, has a seat exactly where the chain's path arrives on it, which is where the
-strand that it pulls ends; or `run.phase` teeth further on. The other angles follow (see `warpchain.assembly.seating`).
-Seat 0 of every sprocket is the one nearest to the x direction, so that sprocket angles are within half a pitch angle of
-zero.
+The driver, the first prescribed sprocket, has a seat where the chain's path arrives on it, or `run.phase` teeth further
+on; `warpchain.assembly.seating` gives the other angles. Seat 0 of each sprocket is the one nearest to the x direction.
 """
 
 from __future__ import annotations
@@ -75,23 +71,21 @@ _TIE = 1e-9  # of a pitch angle, gravity's direction or a strand's length: which
 
 @dataclass(frozen=True)
 class Assembly:
-    """The assembled state of a drive of N rollers and S sprockets; the chain travels towards increasing index.
+    """Assembled state of a drive of N rollers and S sprockets; the chain travels towards increasing index.
 
-    Roller 0 is the first seated roller of sprocket 0. The states of a stack of V variants are one, `assembly[v]` that
-    of variant v: all then has a first axis more.
+    Roller 0 is the first seated roller of sprocket 0. States of V variants are one, with a first axis more.
 
     Attributes:
         position: (N, 2) roller centers [m].
         velocity: (N, 2) roller velocities [m/s].
         sprocket_angle: (S,) sprocket angles, counter-clockwise [rad].
         sprocket_speed: (S,) sprocket angular velocities, counter-clockwise [rad/s].
-        seat_sprocket: (N,) int32, the sprocket on which the roller sits, -1 in a strand.
-        seat_index: (N,) int32, the seat that holds the roller, in 0..teeth - 1, or -1; seat j is at the polar angle
-            sprocket angle + j 2 pi / teeth.
+        seat_sprocket: (N,) int32, sprocket on which the roller sits, -1 in a strand.
+        seat_index: (N,) int32, seat that holds the roller, or -1; seat j is at sprocket angle + j 2 pi / teeth.
         strand_first: (S,) index of the roller on the last seat before strand k.
-        strand_links: (S,) number of links of strand k, from that seat to the first of the next sprocket.
-        strain: strain of the strands' links; a slack chain (below 0) has a chord shorter than its links by that.
-        path: the path of the chain.
+        strand_links: (S,) number of links of strand k, from seat to seat.
+        strain: of the strands' links; below 0 the chord's shortfall of a slack chain.
+        path: the chain's path.
         arm_angle: (A,) angles of the arms, counter-clockwise [rad]; 0 as drawn.
         shaft_speed: (H,) angular velocities of the shafts, counter-clockwise [rad/s].
     """
@@ -110,36 +104,34 @@ class Assembly:
     shaft_speed: NDArray[np.float64]
 
     def __getitem__(self, v: int) -> Assembly:
-        """The state of variant v of a stack."""
+        """Assembled state of variant v of a stack."""
         found = self.of(v)
         return replace(found, strain=float(found.strain))
 
     def of(self, variants: int | NDArray[np.int64]) -> Assembly:
-        """The states of some variants of a stack."""
+        """Assembled states of some variants of a stack."""
         return replace(self, **{field.name: getattr(self, field.name)[variants] for field in fields(self)})
 
 
 @check_arguments(DriveError)
 def assemble(drive: Drive) -> Assembly:
-    """The initial state of a drive of one chain, before settling.
+    """Initial state of a drive of one chain, before settling.
 
-    Sprockets at fixed speed have their own initial speed; free sprockets and the strands move along the path at the
-    driver's pitch-circle speed.
+    Free sprockets without a speed of their own and the strands move at the driver's pitch-circle speed.
 
     Raises:
-        DriveError: where the path cannot be drawn or the number of links does not fit it; one line that names the
-            sprockets, or the numbers of links that fit.
+        DriveError: a path that cannot be drawn, or a number of links that does not fit it.
     """
     return assemble_chain(Model(drive).chain)
 
 
 def assemble_chain(model: ChainModel) -> Assembly:
-    """The initial state of one chain, as of `assemble`."""
+    """Initial state of one chain, before settling."""
     return assemble_stack(model)[0]
 
 
 def assemble_stack(model: ChainModel) -> Assembly:
-    """The initial states of a stack (`warpchain.model.stacks`), as one with a first axis: `assemble` of each.
+    """Initial states of a stack of drives, as one `Assembly` with a first axis (V,).
 
     Raises:
         DriveError: as `assemble`, of the first such variant.
@@ -193,7 +185,7 @@ Alike = NDArray[np.int64] | slice
 
 
 def _seat_patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[Alike]:
-    """Variants whose rollers sit alike; a slice where all do."""
+    """Groups of variants with equal numbers of seated rollers and links; a slice where all are equal."""
     table = np.concatenate([seats, links], axis=1)
     if (table == table[0]).all():
         return [slice(None)]
@@ -203,10 +195,10 @@ def _seat_patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[A
 
 
 class _RollerPlacement:
-    """Positions and velocities of the rollers of variants whose rollers sit alike.
+    """Placement of the rollers of K variants of one seat pattern.
 
     Attributes:
-        position, velocity: (K, N, 2) of these.
+        position, velocity: (K, N, 2) [m], [m/s].
     """
 
     def __init__(self, model: ChainModel, path: ChainPath, alike: Alike, count: int) -> None:
@@ -217,11 +209,11 @@ class _RollerPlacement:
         self.position, self.velocity = (np.empty((len(self.radius), count, 2)) for _ in range(2))
 
     def _own(self, value: Any) -> Any:
-        """A number, or those (K, 1) of an array (V,), beside rows of rollers."""
+        """A number, or the (K, 1) column of an array (V,) for these variants."""
         return value[self.alike][:, None] if has_arrays(value) else value
 
     def seat(self, s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]) -> None:
-        """Places the rollers that sit on sprocket s, each on its seat (K, rollers)."""
+        """Places the rollers seated on sprocket s; seats are (K, rollers)."""
         sprocket = self.model.sprockets[s]
         forth = np.where(np.arange(rollers.start, rollers.stop) % 2, 1.0, -1.0)
         lean = self._own(sprocket.sign * self.model.riding_lean(s)) * forth
@@ -235,7 +227,7 @@ class _RollerPlacement:
         self.velocity[:, rollers, 1] = self._own(velocity[..., 1]) + speed[:, None] * across
 
     def strand(self, span: tuple[int, int, int], strain: Array, string: TautString | None) -> None:
-        """Places the rollers of a strand: between two rollers, with a number of links."""
+        """Places the rollers of a strand between two seated rollers."""
         begin, end, links = span
         rollers = slice(begin + 1, begin + links)
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1)
@@ -264,7 +256,7 @@ class _RollerPlacement:
 
 
 def assembled_strains(model: ChainModel) -> tuple[ChainPath, Array]:
-    """The paths of a stack and the strains (V,) of the assembled chains, without placing their rollers.
+    """Chain paths of a stack and strains (V,) of the assembled chains, without placing rollers.
 
     Raises:
         DriveError, UnlikeVariants: as `assemble_stack`.
@@ -274,7 +266,7 @@ def assembled_strains(model: ChainModel) -> tuple[ChainPath, Array]:
 
 
 def assembled_path(model: ChainModel) -> ChainPath:
-    """The path of the assembled chain: `chain_path`, but with arms where the chain on its seats holds them.
+    """Path of an assembled chain: `chain_path`, but with arms in balance with the seated chain.
 
     Raises:
         DriveError: as `assemble`, where there are arms; else as `chain_path`.
@@ -283,7 +275,7 @@ def assembled_path(model: ChainModel) -> ChainPath:
 
 
 def _seated_stack(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
-    """Paths, seats and sprockets of a stack; arms in balance with the strain of the chain on its seats."""
+    """Paths, seatings and sprocket loops of a stack, arms in balance with the seated chain."""
     if model.arms:
         return _seated_stack_with_arms(model)
     path = chain_paths(model)
@@ -293,11 +285,11 @@ def _seated_stack(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
 
 
 def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
-    """Paths, seats and sprockets of a stack with arms.
+    """Paths, seatings and sprocket loops of a stack with arms in balance with the seated chain.
 
-    Sought is the strain b in excess of the path's nominal one: with the arms in balance at b, the chain on its seats
-    has a strain that is g(b) in excess. g changes slowly and smoothly with b, so that secants find b = g(b) in three
-    steps, each of which begins where the last one ended.
+    By secants for b = g(b): b the strain in excess of the path's nominal one at which arms are balanced, g(b) that of
+    the
+    chain then seated.
     """
     balance, beyond = ArmBalance(model), 0.0
     path = balance.path()
@@ -334,8 +326,7 @@ def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop
 class _GuidedStrand:
     """Rollers of a strand that touches guides, of K variants of a stack.
 
-    A taut strand's links, strained alike, are chords of its string. A slack one's are unstrained, and their excess
-    length hangs in the longest straight part.
+    A taut strand's links are chords of its string; a slack one's excess length hangs in the longest straight part.
 
     Args:
         string: its numbers alike, or arrays (K,).
@@ -349,7 +340,7 @@ class _GuidedStrand:
         self.at = self.curve.places(with_last_axis(self.scale) * self.links)
 
     def places(self, turning: Array, gravity: Array) -> Array:
-        """(K, links + 1, 2) of all rollers, both ends among them [m].
+        """Places of a guided strand's rollers, both ends included, (K, links + 1, 2) [m].
 
         Args:
             turning: (K,) of the path [rad].
@@ -374,7 +365,7 @@ class _GuidedStrand:
         return points
 
     def velocities(self, begin: Array, end: Array) -> Array:
-        """(K, links - 1, 2) of the rollers in between [m/s], from those (K, 2) of the end rollers."""
+        """Velocities of a guided strand's inner rollers, (K, links - 1, 2), from those (K, 2) of its ends [m/s]."""
         share = np.linspace(0.0, 1.0, len(self.at))[1:-1]
         ends = (np.hypot(ends[:, 0], ends[:, 1])[:, None] for ends in (begin, end))
         speed = (1.0 - share) * next(ends) + share * next(ends)
@@ -385,19 +376,19 @@ class _GuidedStrand:
 
 
 def _rows_of_variants(values: Array, count: int, axes: int = 2) -> Array:
-    """Rows (K, ...) for `count` variants, from values with `axes` axes for all, or one more for each."""
+    """Rows (K, ...) for `count` variants of values with `axes` axes, or one axis more."""
     return np.array(np.broadcast_to(values, (count, *values.shape[values.ndim - axes :])))
 
 
 def _sprocket_angles(model: ChainModel, first_angle: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Sprocket angles (V, S) within half a pitch angle of zero, and the seat that then holds each first roller."""
+    """Sprocket angles (V, S) within half a pitch angle of zero [rad], and the seat of each first roller."""
     pitch_angle = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in model.sprockets])
     seat = np.ceil(first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
     return first_angle - seat * pitch_angle, seat
 
 
 def _check_keys(model: ChainModel, angle: Array) -> None:
-    """Raises a DriveError for sprockets whose key needs another angle than that at which their chain seats."""
+    """Raises a DriveError for keyed sprockets whose chain seats at another angle."""
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.key is not None:
             pitch = 360.0 / sprocket.teeth
@@ -414,8 +405,7 @@ def _check_keys(model: ChainModel, angle: Array) -> None:
 def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple[Array, Array]:
     """Initial angular velocities (V, S) of sprockets and (V, H) of shafts [rad/s].
 
-    Prescribed or given ones hold for all of their train, then at the driver's pitch-circle speed for the sprockets that
-    the chain turns, then over couplings for what is not known yet.
+    Given speeds hold for their trains, then the driver's pitch-circle speed on the chain, then couplings.
     """
     count = len(model.sprockets)
     known: dict[int, Any] = {}
@@ -445,7 +435,7 @@ def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple
 
 
 def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
-    """Adds the speeds of bodies that are tied to those with known speeds to `known`."""
+    """Adds speeds of bodies tied to those in `known` to `known`."""
     for tie in tied:
         if tie.a in known and tie.b not in known:
             known[tie.b] = float(tie.ratio) * known[tie.a]
@@ -454,7 +444,7 @@ def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
 
 
 def _prescribed_speed(model: ChainModel, turned: Sprocket | Shaft) -> Any:
-    """Forward speed at t = 0 [rad/s], of a stack's variants (V,): zero if it is ramped up, else with its harmonics."""
+    """Prescribed forward speed of a body at t = 0 [rad/s]: zero if ramped up, else with its harmonics."""
     motion = turned.prescribed
     if motion is None or is_true_somewhere(motion.ramp_time > 0.0):
         return 0.0
@@ -465,7 +455,7 @@ def _prescribed_speed(model: ChainModel, turned: Sprocket | Shaft) -> Any:
 
 
 def _sagging_places(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:
-    """x and y (V, links - 1) of the rollers of sagging strands, from their first ends [m]; (b) above.
+    """Places x, y (V, links - 1) of a sagging strand's inner rollers from its first end [m], eq. (b).
 
     Args:
         chord, natural: (V, 2) from end to end, (V, links) lengths of the links [m].
@@ -495,10 +485,9 @@ def _sagging_places(chord: Array, natural: Array, turning: Array, gravity: Array
 
 
 def _half_angles(chord: Array, natural: Array) -> Array:
-    """Half the angle y_i that each link takes at the center of a sagging strand's arc [rad] (V, links), from (a).
+    """Half angles y_i of a sagging strand's links at its arc's center (V, links) [rad], from (a).
 
-    By Newton's method; sought is the square of the curvature c = 1 / (2 rho), y_i = asin(c l_i), in which the chord
-    sin(sum y_i) / c = l - (l^3 - sum l_i^3) c^2 / 6 + ... is nearly straight.
+    By Newton's method for c^2, c = 1 / (2 rho) and y_i = asin(c l_i), in which sin(sum y_i) / c is nearly straight.
     """
     total = natural.sum(axis=1)
     square = 6.0 * (total - chord) / (power(total, 3) - (natural**3).sum(axis=1))

@@ -1,4 +1,4 @@
-"""Bounds of a run from a drive and its initial state: how far rollers can go, and the scale of its tensions."""
+"""Bounds of a run from its initial state: how far rollers can go, and the scale of tensions."""
 
 from __future__ import annotations
 
@@ -16,21 +16,20 @@ from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads
 
 ESCAPE_PITCHES = 10.0
-"""A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""
+"""Pitches outside the drive's box beyond which a roller has left it (the variant diverged), or `escape` if more."""
 
 SHARE = 0.1
-"""Scale of the bins over the working tension."""
+"""Bin width of tension counts over the working tension."""
 
 LEAST = 1e-6
-"""Least working tension, over what stretches a link by its own length."""
+"""Least working tension over the force that doubles a link's length."""
 
 
 def escape_distance(model: ChainModel, assembly: Assembly) -> NDArray[np.float64]:
-    """The farthest that a roller can go from its place with its chain still on its sprockets [m]; of a stack (V,).
+    """Farthest that a roller can go from its place with the chain on its sprockets [m]; of a stack (V,).
 
-    A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
-    at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is the slack of all strands at
-    assembly with the stretch of their links at `MAX_STRAIN`.
+    A strand of chord C with links longer by s in all lies within the ellipse about its ends of axis C + s: at most
+    sqrt(s (2 C + s)) / 2 off its chord. s is the slack of all strands and the stretch of their links at `MAX_STRAIN`.
     """
     chord = assembly.path.strand_end - assembly.path.strand_start
     chords = np.hypot(chord[..., 0], chord[..., 1])
@@ -46,7 +45,7 @@ def _largest_load_moment(load: Load, speed: float) -> float:
 
 
 def _tension_with_loads(model: ChainModel, tension: Any, speed: Any) -> Any:
-    """`tension` with the pulls of loads and mounts' preloads at a speed of the chain [N]."""
+    """Chain tension with the pulls of loads and mounts' preloads at a chain speed [N]."""
     for s, sprocket in enumerate(model.sprockets):
         radius = model.pitch_radius(s)
         if sprocket.load is not None:
@@ -62,13 +61,9 @@ def _tension_with_loads(model: ChainModel, tension: Any, speed: Any) -> Any:
 
 
 def tension_scale(model: ChainModel, assembly: Assembly) -> NDArray[np.float64]:
-    """A tenth of the sum of the pulls of loads, preloads and the chain's speed [N], positive.
+    """Scale of a chain's tensions, a tenth of the pulls of loads, preloads and speed [N]; of a stack (V,).
 
-    Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
-
-    Args:
-        model: one, or a stack, and
-        assembly: its states, (V, ...) of a stack.
+    Loads and preloads count on the same strand.
     """
     chain, speed = model.chain, model.chain_speed
     assembled = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)

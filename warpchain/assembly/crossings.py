@@ -16,7 +16,7 @@ from warpchain.model import ChainModel, Model
 
 
 def assemble_chains(model: Model) -> list[Assembly]:
-    """The initial state of each chain.
+    """Initial state of each chain of a drive.
 
     Raises:
         DriveError: a chain that does not fit, or chains of one plane that cross.
@@ -32,12 +32,9 @@ def assemble_chains(model: Model) -> list[Assembly]:
 
 
 def check_planes(model: Model, paths: Sequence[ChainPath]) -> None:
-    """Raises a DriveError that names two chains that cross in one plane, and where.
+    """Raises a DriveError where two chains of one plane cross, with the place.
 
-    Chains with sprockets on one shaft are in planes of their own, whether they name them or not.
-
-    Args:
-        paths: of the chains, in their order.
+    Chains with sprockets on one shaft are in planes of their own.
     """
     drive, chains = model.drive, model.chains
     shafts = [{shaft_of_sprocket(drive.sprockets[s]) for s in chain.places["sprockets"]} for chain in chains]
@@ -55,7 +52,7 @@ def check_planes(model: Model, paths: Sequence[ChainPath]) -> None:
 
 
 def chain_outline(chain: ChainModel, path: ChainPath) -> NDArray[np.float64]:
-    """Corners (K, 2) of a chain's loop [m]: ends of strands, and points of the arcs between, 5 degrees apart."""
+    """Corners of a chain's loop (K, 2) [m]: ends of strands, and points of the arcs 5 degrees apart."""
     points, count = [], len(chain.sprockets)
     for s, sprocket in enumerate(chain.sprockets):
         center, sign = np.array(sprocket.center), sprocket.sign
@@ -69,7 +66,7 @@ def chain_outline(chain: ChainModel, path: ChainPath) -> NDArray[np.float64]:
 
 
 def _common_point(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """A point that two loops (K, 2) have in common, None where there is none."""
+    """A common point of two loops of corners (K, 2) [m]; None where they have none."""
     a, b = one[:, None], np.roll(one, -1, axis=0)[:, None] - one[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None] - other[None]
     turn = b[..., 0] * d[..., 1] - b[..., 1] * d[..., 0]

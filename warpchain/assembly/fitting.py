@@ -1,21 +1,14 @@
-"""Set-up help: where a sprocket must stand, or how many links a chain must have, for a wanted strain, preload or sag.
+"""Set-up help: a sprocket's place, or a link count, for a wanted strain, preload, sag, wrap or arm angle.
 
-A strand of n links hangs under gravity between two end rollers that are C' apart. If it sags by h at its middle it
-carries T = mu g C'^2 / (8 h) there (mu = m / p, g the part of gravity across the strand), and its length, elastic under
-T, is that of the parabola: n p (1 + T / (k p)) = C' (1 + 8 h^2 / (3 C'^2)). Between the seats that the assembly puts
-them on, C apart, the end rollers give way by the clearance c in each seat, C' = C - 2 c. So the assembly's strain,
-C / (n p) - 1, is to first order
+A strand of n links that sags by h at its middle between end rollers C' apart carries T = mu g C'^2 / (8 h) there
+(mu = m / p, g the part of gravity across it), and has the length of the parabola: n p (1 + T / (k p)) =
+C' (1 + 8 h^2 / (3 C'^2)). Between seats C apart the end rollers give way by the clearance c in each, C' = C - 2 c. To
+first order the assembly's strain C / (n p) - 1 is
 
-    strain = mu g C^2 / (8 h k p) - 8 h^2 / (3 C^2) + 2 c / C.                                      (a)
+    strain = mu g C^2 / (8 h k p) - 8 h^2 / (3 C^2) + 2 c / C,                                      (a)
 
-It falls as h grows: every sag has one strain. Measured on settled strands, end rollers give way by 0.8 to 1.1 c.
-A preload T0, at assembly, has the strain T0 / (k p).
-
-Each chain is fitted by itself; a sprocket takes along those that are on its shaft.
-
-Where arms carry guides the strain follows from what pushes them. The number of links is then the one that leaves the
-least strain with the arms in balance, or with which an arm stands nearest to a wanted angle; and a sprocket can be
-moved until an arm stands there.
+which falls as h grows. Settled strands give way by 0.8 to 1.1 c. A preload T0 at assembly is a strain T0 / (k p). Each
+chain is fitted by itself; a sprocket takes along those on its shaft.
 """
 
 from __future__ import annotations
@@ -61,25 +54,23 @@ def fit_position(
     strand: str | None = None,
     travel: FiniteNumber | None = None,
 ) -> Drive:
-    """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the three.
+    """Moves a sprocket along a line to the nearest place with a wanted strain, preload or sag, one of the three.
 
     Args:
         drive: its chain need not fit as it stands.
         sprocket: name of the sprocket to move.
-        direction: of the line through its center, (2,), of any length.
-        strain: of the strands at assembly [-], within 0.05; what `warpchain check` calls strain.
+        direction: (2,) of the line through its center, of any length.
+        strain: of the strands at assembly [-], within 0.05.
         preload: tension of all strands at assembly [N], >= 0.
         sag: of one strand at rest, from its chord to its middle [m], > 0; eq. (a).
-        strand: which strand's sag, "FROM->TO", of the sprocket's chain; None is the longest, as the drive stands, that
-            lies on no guide.
+        strand: whose sag, "FROM->TO"; None is the longest of the sprocket's chain that lies on no guide.
         travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
 
     Returns:
         The drive with the sprocket's center moved; rounded to 1e-10 m.
 
     Raises:
-        DriveError: unknown names, values that are not allowed, or no such place: the message has the range that can be
-            reached.
+        DriveError: unknown names, values that are not allowed, or no such place, with the range within reach.
     """
     own, line = fitted_chain(drive, sprocket=sprocket), _unit_line(direction)
     goal = _strain_goal(own, strain, preload, sag, strand)
@@ -95,10 +86,7 @@ def fit_positions(
     strains: Sequence[float],
     travels: Sequence[float | None],
 ) -> list[Drive | DriveError]:
-    """`fit_position` of many drives at once, each for a strain and a farthest travel of its own.
-
-    Returns:
-        The drives with the sprocket's center moved; for those that are refused, what `fit_position` raises.
+    """Moves one sprocket of each drive to a strain, as `fit_position`; a refused drive gives its DriveError.
 
     Raises:
         DriveError: as `fit_position`, of the sprocket's name, the direction and the strains.
@@ -121,7 +109,7 @@ def fit_angle(
     angle: Mapping[str, float],
     travel: FiniteNumber | None = None,
 ) -> Drive:
-    """Moves a sprocket along a line, either way, to the nearest place at which an arm stands at an angle.
+    """Moves a sprocket along a line to the nearest place at which an arm stands at an angle.
 
     Args:
         drive, sprocket, direction, travel: as of `fit_position`.
@@ -147,9 +135,7 @@ def fit_wrap(
     around: str | None = None,
     travel: FiniteNumber | None = None,
 ) -> Drive:
-    """Moves a sprocket along a line, either way, to the nearest place at which a wrap angle is as wanted.
-
-    The number of links stays and need not fit there: `fit_links` then chooses it.
+    """Moves a sprocket along a line to the nearest place with a wanted wrap angle; links need not fit there.
 
     Args:
         drive, sprocket, direction, travel: as of `fit_position`.
@@ -169,10 +155,10 @@ def fit_wrap(
 
 
 def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> ChainModel:
-    """The chain that is fitted: that of a name, or of a sprocket; of one chain, that.
+    """Chain to fit: that of a chain's or a sprocket's name, or the only one.
 
     Raises:
-        DriveError: a name that there is not, or none where there are several chains.
+        DriveError: an unknown name, or none where there are several chains.
     """
     chains = Model(drive).chains
     names = [model.name for model in chains if model.name]
@@ -187,14 +173,14 @@ def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = 
 
 
 def links_place(drive: Drive, model: ChainModel) -> tuple[str | int, ...]:
-    """Key path of the number of links of one of a drive's chains."""
+    """Key path of a chain's number of links in its drive."""
     if not model.name:
         return "chain", "links"
     return "chains", [chain.name for chain in drive.chains].index(model.name), "links"
 
 
 def _drives_at_places(drives: Sequence[Drive], searches: Sequence[PlaceSearch]) -> list[Drive | DriveError]:
-    """The drives with their sprockets at the places found, rounded, or the errors of those without one."""
+    """Drives with sprockets at the places found, rounded, or the errors of those without one."""
     found: list[Drive | DriveError] = []
     for drive, search, place in zip(drives, searches, run_searches(searches), strict=True):
         if place is None:
@@ -212,7 +198,7 @@ def _drives_at_places(drives: Sequence[Drive], searches: Sequence[PlaceSearch]) 
 
 
 def _only_result(found: Sequence[Drive | DriveError]) -> Drive:
-    """The drive of a single search; raises its error."""
+    """Drive of a single search; raises its error."""
     (drive,) = found
     if isinstance(drive, DriveError):
         raise drive
@@ -223,10 +209,9 @@ def _only_result(found: Sequence[Drive | DriveError]) -> Drive:
 def fit_links(
     drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None, chain: str | None = None
 ) -> Drive:
-    """Gives the chain the number of links whose strain is smallest, taut or slack, with the sprockets where they are.
+    """Gives a chain the number of links with the smallest strain, taut or slack, or with arms nearest to wanted angles.
 
-    With arms, the smallest strain with the arms in balance, if it can be with the chain on all arms, none on a stop or
-    at its free angle; or where they stand nearest to wanted angles.
+    With arms in balance, all pressing on the chain and off their stops if that can be.
 
     Args:
         drive: its chain need not fit as it stands.
@@ -244,7 +229,7 @@ def fit_links(
 
 
 def _best_links(model: ChainModel, odd: bool, angle: Mapping[str, float] | None, place: str) -> int:
-    """The number of links for a chain; see `fit_links`."""
+    """Best number of links for a chain, by `fit_links`' rules."""
     wanted = _wanted_angles(model, angle or {})
     asked = [a for a, arm in enumerate(model.arms) if arm.name in (angle or {})]
     path, found = path_at(model, wanted), []
@@ -277,7 +262,7 @@ def _best_links(model: ChainModel, odd: bool, angle: Mapping[str, float] | None,
 
 
 def _is_idle(model: ChainModel, assembly: Assembly, a: int, wanted: float) -> bool:
-    """Whether an arm stands on a stop or at its free angle [rad], other than where it is wanted."""
+    """Whether an arm stands on a stop or at its free angle other than the wanted one [rad]."""
     angle = float(assembly.arm_angle[a])
     idle = stop_name(model, a, angle) is not None or is_unloaded_arm(model, a, angle)
     return idle and abs(angle - wanted) > _THERE
@@ -286,7 +271,7 @@ def _is_idle(model: ChainModel, assembly: Assembly, a: int, wanted: float) -> bo
 def _missed_angles_text(
     model: ChainModel, wanted: Mapping[str, float], links: int, assembly: Assembly, place: str
 ) -> str:
-    """The message that no number of links has the arms at the wanted angles [degrees]."""
+    """Error message that no number of links has the arms at the wanted angles [degrees]."""
     states = []
     for a in map(model.arm_index, wanted):
         assert a is not None  # as `_wanted_angles` has checked
@@ -302,7 +287,7 @@ def _missed_angles_text(
 
 
 def paths_as_drawn(models: Sequence[ChainModel]) -> list[ChainPath | DriveError]:
-    """The paths of chains with arms as drawn, or on the nearest stop; or the error where there is none."""
+    """Paths of chains with arms as drawn, or on the nearest stop; an error where one cannot be drawn."""
     found: list[ChainPath | None] = [None] * len(models)
     for stack in stacks_of_drives(models):
         members = stack.members.tolist()
@@ -313,12 +298,12 @@ def paths_as_drawn(models: Sequence[ChainModel]) -> list[ChainPath | DriveError]
 
 
 def _stack_paths_as_drawn(model: ChainModel) -> ChainPath:
-    """The paths of a stack's chains with arms as drawn."""
+    """Chain paths of a stack with arms as drawn."""
     return PathPlan(model).path(_wanted_angles(model, {}))
 
 
 def _path_or_refusal(model: ChainModel) -> ChainPath | DriveError:
-    """A drive's path, or the error where it cannot be drawn."""
+    """Chain path of a drive, or the error where it cannot be drawn."""
     try:
         return _stack_paths_as_drawn(model)[0]
     except DriveError as error:
@@ -326,9 +311,9 @@ def _path_or_refusal(model: ChainModel) -> ChainPath | DriveError:
 
 
 def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int]:
-    """Numbers of links, those of nominal strain nearest to the wanted one first.
+    """Numbers of links ordered by how near their nominal strain is to a wanted one.
 
-    They are the two that enclose it, and all whose strain is within `MAX_STRAIN`; none where no chain goes round.
+    The two that enclose it, and all within `MAX_STRAIN`; none where no chain goes round.
 
     Args:
         path: the chain's path.
@@ -344,13 +329,7 @@ def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int
 
 
 def strand_sag(model: ChainModel, assembly: Assembly, strand: int) -> float:
-    """Sag of a strand at rest from its chord to its middle [m], the h of eq. (a); 0 where gravity does not act across.
-
-    Args:
-        model: of the chain.
-        assembly: its assembly.
-        strand: strand k leaves sprocket k.
-    """
+    """Sag of a strand at rest from its chord to its middle [m], h of (a); 0 where gravity does not act across."""
     first = int(assembly.strand_first[strand])
     last = (first + int(assembly.strand_links[strand])) % len(assembly.position)
     x, y = (assembly.position[last] - assembly.position[first]).tolist()
@@ -361,7 +340,7 @@ def strand_sag(model: ChainModel, assembly: Assembly, strand: int) -> float:
 
 
 def _sprocket_index(of: Drive | ChainModel, name: str) -> int:
-    """Index of the sprocket of a name; a DriveError that lists the names if there is none."""
+    """Index of a named sprocket; a DriveError lists the names if there is none."""
     names = [sprocket.name for sprocket in of.sprockets]
     if name not in names:
         raise DriveError(f'sprocket "{name}": no such name; allowed are {", ".join(names)}')
@@ -369,7 +348,7 @@ def _sprocket_index(of: Drive | ChainModel, name: str) -> int:
 
 
 def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
-    """Unit vector of a line's direction; a DriveError for none."""
+    """Unit vector of a line's direction; a DriveError for a zero one."""
     line = np.asarray(direction, dtype=float)
     if line.shape != (2,) or not np.isfinite(line).all() or not line.any():
         raise DriveError(f"direction {direction}: must be two finite numbers, not both 0")
@@ -378,7 +357,7 @@ def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
 
 
 def _wanted_angles(model: ChainModel, wanted: Mapping[str, float]) -> list[float]:
-    """Angles of all arms [rad]: those wanted by name [degrees], the others as drawn or on the nearest stop."""
+    """Angles of all arms [rad]: the wanted ones by name [degrees], the others as drawn or on the nearest stop."""
     for name, angle in wanted.items():
         a = model.arm_index(name)
         if a is None:
@@ -394,7 +373,7 @@ def _wanted_angles(model: ChainModel, wanted: Mapping[str, float]) -> list[float
 def _strain_goal(
     model: ChainModel, strain: float | None, preload: float | None, sag: float | None, strand: str | None
 ) -> PlacementGoal:
-    """The goal of a search for a strain, a preload or a sag."""
+    """Goal of a place search for a strain, a preload or a sag."""
     given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
     if len(given) != 1:
         raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
@@ -442,7 +421,7 @@ def _strain_goal(
 
 
 def _angle_goal(model: ChainModel, angle: Mapping[str, float]) -> PlacementGoal:
-    """The goal of a search for an arm's angle."""
+    """Goal of a place search for an arm's angle."""
     if len(angle) != 1:
         raise DriveError("angle: one arm at a time")
     ((name, degrees),) = angle.items()
@@ -471,14 +450,14 @@ def _wrap_goal(model: ChainModel, degrees: float, s: int) -> PlacementGoal:
 
 
 def _gravity_across(model: ChainModel, chord: tuple[float, float]) -> float:
-    """Gravity across a chord [m/s^2]; 0 for a strand that hangs upright."""
+    """Gravity across a strand's chord [m/s^2]; 0 for an upright one."""
     (x, y), (gx, gy) = chord, model.run.gravity
     part = abs(x * gy - y * gx) / math.hypot(x, y)
     return part if part > _UPRIGHT * math.hypot(gx, gy) else 0.0
 
 
 def _sag_coefficients(model: ChainModel, chord: tuple[float, float]) -> tuple[float, float, float]:
-    """A, B and D of eq. (a) as strain = A / h - B h^2 + D."""
+    """Coefficients A, B, D of a strand's strain A / h - B h^2 + D by its sag h, eq. (a)."""
     square = chord[0] * chord[0] + chord[1] * chord[1]
     weight = model.chain.mass / model.chain.pitch * _gravity_across(model, chord)
     given_way = 2.0 * (model.contact.sprocket.clearance or 0.0) / math.sqrt(square)
@@ -486,13 +465,13 @@ def _sag_coefficients(model: ChainModel, chord: tuple[float, float]) -> tuple[fl
 
 
 def _strain_at_sag(model: ChainModel, chord: tuple[float, float], sag: float) -> float:
-    """The strain at a sag, eq. (a)."""
+    """Strain of a strand at a sag [m], eq. (a)."""
     elastic, geometric, given_way = _sag_coefficients(model, chord)
     return elastic / sag - geometric * sag * sag + given_way
 
 
 def _sag_at_strain(model: ChainModel, chord: tuple[float, float], strain: float) -> float:
-    """The sag at a strain, eq. (a): the one positive root of B h^3 + (strain - D) h - A."""
+    """Sag of a strand at a strain [m], eq. (a): the positive root of B h^3 + (strain - D) h - A."""
     elastic, geometric, given_way = _sag_coefficients(model, chord)
     if elastic == 0.0:
         return 0.0
@@ -501,5 +480,5 @@ def _sag_at_strain(model: ChainModel, chord: tuple[float, float], strain: float)
 
 
 def _model_with_links(model: ChainModel, links: int) -> ChainModel:
-    """The chain with another number of links."""
+    """Chain model with another number of links."""
     return replace(model, chain=model.chain.model_copy(update={"links": links}))

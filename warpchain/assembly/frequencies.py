@@ -19,7 +19,7 @@ from warpchain.model.trains import body_speed_ratio
 
 
 def strand_frequency(model: ChainModel, links: int, tension: float) -> float:
-    """First transverse frequency of a strand of `links` links at rest, its ends fixed [Hz], 0 without tension; (b)."""
+    """First transverse frequency of a strand of `links` links at rest, ends fixed [Hz]; 0 without tension."""
     if tension <= 0.0 or links < 2:
         return 0.0
     rate = math.sqrt(tension / (model.chain.mass * model.chain.pitch))
@@ -27,17 +27,14 @@ def strand_frequency(model: ChainModel, links: int, tension: float) -> float:
 
 
 def moving_frequency(model: ChainModel, length: float, tension: float, speed: float, mode: int = 1) -> float:
-    """Transverse frequency of a strand that travels, its ends fixed [Hz]; (a).
+    """Transverse frequency of a traveling strand, ends fixed [Hz]; 0 where waves do not outrun the chain.
 
     Args:
         model: of the chain.
-        length: L of the strand [m].
-        tension: T, centrifugal part included [N].
-        speed: v of the chain [m/s].
-        mode: n, from 1.
-
-    Returns:
-        f_n; 0 where the tension is no more than the centrifugal part, so that waves do not outrun the chain.
+        length: of the strand [m].
+        tension: centrifugal part included [N].
+        speed: of the chain [m/s].
+        mode: from 1.
     """
     square = max(tension, 0.0) * model.chain.pitch / model.chain.mass
     if square <= speed * speed:
@@ -47,12 +44,12 @@ def moving_frequency(model: ChainModel, length: float, tension: float, speed: fl
 
 
 SAME = 1e-6
-"""Orders closer than this, of themselves, are one."""
+"""Relative difference below which two orders are one."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """An order of the driver's revolution, and what excites it."""
+    """Order of the driver's revolution, and what excites it."""
 
     value: float
     cause: str
@@ -68,17 +65,16 @@ def tooth_orders(drive: Drive) -> dict[str, float]:
 
 
 def excitation_orders(of: Drive | ChainModel) -> tuple[Order, ...]:
-    """The excitation orders of a drive, ascending; causes of one order are named together.
+    """Excitation orders of a drive, ascending, with their causes; equal orders are one.
 
-    Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket, of
-    each shaft and of the chain, teeth of gears, harmonics and tables of prescribed motions and loads, valves, balance
-    wheels.
+    Tooth passing, its double and its half (unlike outer links); revolutions of bodies and chain; gears; harmonics and
+    tables of motions and loads; valves; balance wheels.
     """
     return _merged_orders([*_orders_of_chains(of, _passing_orders), *_orders_of_chains(of, _driven_orders)])
 
 
 def excited_orders(of: Drive | ChainModel) -> tuple[Order, ...]:
-    """The orders that harmonics, tables of prescribed motions and loads, and valves excite alone, ascending."""
+    """Orders that prescribed motions, loads and valves excite alone, ascending."""
     return _merged_orders(_orders_of_chains(of, _driven_orders))
 
 
@@ -95,7 +91,7 @@ def _orders_of_chains(
 
 
 def _passing_orders(model: ChainModel, named: str) -> list[tuple[float, str]]:
-    """Orders of teeth that pass, and of bodies and chains that go around."""
+    """Orders of passing teeth, and of revolving bodies and chains."""
     driver = model.sprockets[model.driver]
     found = [(float(driver.teeth), f"tooth passing{named}"), (2.0 * driver.teeth, f"twice tooth passing{named}")]
     lengths = np.asarray(model.chain.link_lengths)
@@ -116,7 +112,7 @@ def _passing_orders(model: ChainModel, named: str) -> list[tuple[float, str]]:
 
 
 def _driven_orders(model: ChainModel, _: str) -> list[tuple[float, str]]:
-    """Orders of the driver's revolution of harmonics, periodic tables and valves."""
+    """Orders of harmonics, periodic tables and valves."""
     found = []
     parts: list[Sprocket | Shaft] = [*model.sprockets, *model.shafts]
     for s, turned in enumerate(parts):
@@ -139,7 +135,7 @@ def _driven_orders(model: ChainModel, _: str) -> list[tuple[float, str]]:
 
 
 def _merged_orders(found: list[tuple[float, str]]) -> tuple[Order, ...]:
-    """Orders, with those of the same value as one."""
+    """Orders with those of equal value merged."""
     result: list[Order] = []
     for value, cause in sorted(found, key=lambda pair: pair[0]):
         if result and value - result[-1].value <= SAME * value:

@@ -1,10 +1,9 @@
-"""Set-up help: where a guide must stand so that it presses a strand in by a wanted depth.
+"""Set-up help: the place of a guide that presses a strand in by a wanted depth.
 
-A strand that touches no guide runs along the common tangent of two pitch circles, from a to b. With n across it, from
-the guide to the chain, p the points of the guide's face and h the height of rollers' centers over it, the guide presses
-the strand in by
+With n across the common tangent of two pitch circles from a, from the guide to the chain, p the points of the guide's
+face and h the height of rollers' centers over it, the guide presses the strand in by
 
-    d = max (p - a) n + h;                                                                                (a)
+    d = max (p - a) n + h.                                                                                (a)
 
 d < 0 is how far it stays away. Moved by (d' - d) n it has d'.
 """
@@ -35,10 +34,9 @@ _DIGITS = 10
 
 @check_arguments(DriveError)
 def fit_indentation(drive: Drive, guide: str, indentation: float) -> Drive:
-    """Moves a guide across the strand that it stands nearest to, until it presses that in by a depth (a).
+    """Moves a guide across its nearest strand until it presses that in by a depth, eq. (a).
 
-    The number of links stays and need not fit then: `fit_links` chooses it. A guide on an arm moves in the arm's
-    drawing.
+    Links need not fit then (`fit_links`). A guide on an arm moves in the arm's drawing.
 
     Args:
         drive: its chain need not fit as it stands; arms as drawn.
@@ -65,7 +63,7 @@ def fit_indentation(drive: Drive, guide: str, indentation: float) -> Drive:
 
 
 def _indentation(model: ChainModel, g: int) -> tuple[float, NDArray[np.float64], float]:
-    """d of (a) of guide g [m], n, and the length of its strand [m]."""
+    """Indentation d of (a) by guide g [m], normal n, and the length of its strand [m]."""
     (path,) = paths_as_drawn([replace(model, guides=())])
     if isinstance(path, DriveError):
         raise path
@@ -83,11 +81,11 @@ def _indentation(model: ChainModel, g: int) -> tuple[float, NDArray[np.float64],
 
 
 def _moved_values(drive: Drive, g: int, way: NDArray[np.float64]) -> dict[str, object]:
-    """The keys of guide g that say where it stands, moved by `way` [m]."""
+    """Keys of guide g that say where it stands, moved by `way` [m]."""
     guide, values = drive.as_read.guides[g], dict[str, object]()
 
     def moved(point: tuple[float, float]) -> list[float]:
-        """A point moved, rounded."""
+        """A guide's point, moved and rounded [m]."""
         return [round(float(part + step), _DIGITS) for part, step in zip(point, way, strict=True)]
 
     for key in ("start", "end"):

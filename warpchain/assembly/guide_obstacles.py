@@ -1,4 +1,4 @@
-"""Guides as obstacles of strands: the strand to which each belongs, and its arcs of rollers' centers."""
+"""Guides as obstacles of strands: each guide's strand, and arcs of rollers' centers over its face."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 OWN = 0.25
-"""A guide's own strand is no farther behind its face than this share of the strand's length."""
+"""Farthest that a guide's own strand may be behind its face, over the strand's length."""
 BEHIND = 1.5
-"""Factor on the distance of a strand that is behind a guide, when its own strand, the nearest, is sought."""
+"""Factor on the distance of strands behind a guide when its nearest one is sought."""
 
 _ALONG = 0.3  # cosine between a face's chord and a strand that may be its own
 _PLACES = 9  # along a face
@@ -40,7 +40,7 @@ Run = tuple[Arc, ...]
 
 
 def turned_profile(profile: Profile, pivot: Point, angle: float) -> Profile:
-    """A face turned about a pivot by an angle [rad]."""
+    """Guide face turned about a pivot by an angle [rad]."""
     if angle == 0.0:
         return profile
 
@@ -51,7 +51,7 @@ def turned_profile(profile: Profile, pivot: Point, angle: float) -> Profile:
 
 
 def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile:
-    """The face of guide g with its arm at its angle [rad]."""
+    """Face of guide g with its arm at its angle [rad]."""
     arm, profile = model.arm_of(g), model.profile(g)
     while arm is not None:
         profile, arm = turned_profile(profile, model.arms[arm].pivot, float(arm_angle[arm])), model.parent(arm)
@@ -59,13 +59,7 @@ def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile
 
 
 def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool] | None:
-    """The strand on which guide g lies and whether it travels along the face's pieces; None for no strand.
-
-    Args:
-        model: of the chain.
-        g: the guide, as drawn.
-        strands: ends of the straight strands [m].
-    """
+    """Strand on which guide g, as drawn, lies, and whether it travels along the face's pieces; None for no strand."""
     found = nearest_strand(model, g, strands)
     if found is None:
         return None
@@ -75,9 +69,9 @@ def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int,
 
 
 def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
-    """The strand nearest to guide g, whether it travels along the face's pieces, and its mean height [m].
+    """Strand nearest to guide g, whether it travels along the face's pieces, and its mean height over it [m].
 
-    Heights are over where rollers would ride, negative behind the face; None where no strand runs along it.
+    Heights are where rollers would ride, negative behind the face; None where no strand runs along it.
     """
     profile, offset = model.profile(g), model.guide_offset(g)
     feet = [profile.at(profile.face_length * i / (_PLACES - 1)) for i in range(_PLACES)]
@@ -109,7 +103,7 @@ def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[
 
 
 def cut_depth(run: Run, line: Line) -> float:
-    """Depth to which a straight strand cuts into an obstacle [m]; negative where it passes clear of it."""
+    """Depth to which a straight strand cuts into an obstacle [m]; negative where it passes clear."""
     (sx, sy), (ex, ey) = line
     heading, length = arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
     ux, uy = unit_vector(heading)
@@ -124,13 +118,13 @@ def cut_depth(run: Run, line: Line) -> float:
 
 @dataclass(frozen=True)
 class PlacedGuide:
-    """A guide that a strand may have to go around, as drawn.
+    """Guide that a strand may have to go around, as drawn.
 
     Attributes:
         strand: its strand.
         run: convex arcs over its face, in the order of the chain's travel.
         arm: the arm that carries it; None on the ground.
-        pivots: of that arm, and of the arm that carries that, by these arms [m].
+        pivots: of that arm and of its parent arm, by arm [m].
     """
 
     strand: int
@@ -139,7 +133,7 @@ class PlacedGuide:
     pivots: tuple[tuple[int, Point], ...]
 
     def run_at(self, arm_angle: Sequence[float]) -> Run:
-        """The arcs with the arms at angles (A,) [rad]."""
+        """Arcs over a guide's face with the arms at angles (A,) [rad]."""
         run = self.run
         for arm, pivot in self.pivots:
             angle = arm_angle[arm]
@@ -148,14 +142,10 @@ class PlacedGuide:
 
 
 def strand_obstacles(model: ChainModel, strands: Sequence[Line]) -> tuple[PlacedGuide, ...]:
-    """The guides that strands may have to go around; mostly none.
-
-    Args:
-        model: one, or a stack whose guides are the same.
-        strands: ends of the straight strands [m].
+    """Guides that straight strands may have to go around.
 
     Raises:
-        UnlikeVariants: where these are not the same of a stack.
+        UnlikeVariants: where they differ within a stack.
     """
     found: list[PlacedGuide] = []
     for g, guide in enumerate(model.guides):
@@ -187,11 +177,11 @@ def has_obstructed_strand(model: ChainModel, start: NDArray[np.float64], end: ND
 
 
 def _cut_depths(model: ChainModel, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(V,) depth to which its own straight strand cuts into a straight bar on the ground [m].
+    """Depth to which its own strand cuts into a straight bar on the ground (V,) [m]; -inf without a strand.
 
-    Negative infinity where no strand is its own. Of a strand along u, the arcs over the bar's ends have the places
-    nearest to being cut at c + (R + offset) n: n is square to u over the end that the strand runs towards, seen from
-    the bar, else square to the bar.
+    Along u, the arcs over the bar's ends are nearest to being cut at c + (R + offset) n: n is square to u over the end
+    that
+    the strand runs towards, seen from the bar, else square to the bar.
     """
     bar, offset = model.guides[g].bar, model.guide_offset(g)
     first, last = np.atleast_2d(array_of_columns(bar.start)), np.atleast_2d(array_of_columns(bar.end))
@@ -246,12 +236,12 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def _turned_arc(arc: Arc, pivot: Point, angle: Any) -> Arc:
-    """An arc turned about a pivot by an angle [rad]."""
+    """Arc turned about a pivot by an angle [rad]."""
     return replace(arc, center=rotated_place(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
 
 
 def arm_pivots(model: ChainModel, arm: int | None) -> tuple[tuple[int, Point], ...]:
-    """An arm, if any, and the arm that carries it, each with its pivot as drawn [m]."""
+    """Pivots as drawn of an arm, if any, and of its parent arm [m]."""
     found: list[tuple[int, Point]] = []
     while arm is not None:
         found.append((arm, model.arms[arm].pivot))
@@ -260,7 +250,7 @@ def arm_pivots(model: ChainModel, arm: int | None) -> tuple[tuple[int, Point], .
 
 
 def place_on_arm(model: ChainModel, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
-    """A place of an arm as drawn, moved with the arms to angles (A,), each from the arm that carries it [m]."""
+    """Place of an arm as drawn, moved with the arms to angles (A,), each from its parent arm [m]."""
     found: tuple[Any, Any] = place
     for a, pivot in arm_pivots(model, arm):
         found = rotated_place(pivot, found, arm_angle[a])
@@ -268,7 +258,7 @@ def place_on_arm(model: ChainModel, arm: int | None, place: Point, arm_angle: Se
 
 
 def rotated_place(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
-    """A place turned about a pivot by an angle [rad]."""
+    """Place turned about a pivot by an angle [rad]."""
     cosine, sine = unit_vector(angle)
     x, y = place[0] - pivot[0], place[1] - pivot[1]
     return pivot[0] + cosine * x - sine * y, pivot[1] + sine * x + cosine * y

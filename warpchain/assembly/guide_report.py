@@ -1,4 +1,4 @@
-"""Values of `check` on guides that the chain touches, on arms and on tensioners."""
+"""Values of `check` on touched guides, arms and tensioners."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def guide_touch(model: ChainModel, path: ChainPath, g: int, pull: Sequence[float]) -> dict[str, Any] | None:
-    """Where the chain lies on guide g and how it loads it; None where its path is not bent there.
+    """Where the chain lies on guide g, and its load; None where its path is not bent there.
 
     The load over the length is T / R', R' the radius of the rollers' centers, the largest of its arcs; the force is
     T |u_out - u_in|, u the directions in which the chain comes and goes.
@@ -62,7 +62,7 @@ def arm_report(model: ChainModel, assembly: Assembly, resting: Steady, running: 
 
 
 def tensioner_report(model: ChainModel, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
-    """Extensions [m], static pressure [Pa] and forces [N] of the tensioners; a slider's at its steady center."""
+    """Extensions [m], static pressures [Pa] and forces [N] of tensioners; a slider's at its steady center."""
     found = []
     for tensioner in model.tensioners:
         a = model.arm_index(tensioner.on)
@@ -93,6 +93,6 @@ def tensioner_report(model: ChainModel, assembly: Assembly, resting: Steady, run
 
 
 def _values_at_states(assembly: Assembly, resting: Steady, running: Steady, value: Any) -> list[float | None]:
-    """Values by the arms' angles at assembly, at rest and at work; None where no steady state was found."""
+    """Values by the arms' angles at assembly, at rest and at work; None without a steady state."""
     states = [None if state.failure else float(value(state.arm_angle)) for state in (resting, running)]
     return [float(value(assembly.arm_angle)), *states]

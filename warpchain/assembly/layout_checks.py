@@ -1,4 +1,4 @@
-"""Checks of a drive's layout before it runs: faults, for which no step is small enough, and advice."""
+"""Checks of a drive's layout before a run: faults, for which no step is small enough, and advice."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Strand = tuple[Point, Point]
 
 
 def layout_faults(model: ChainModel, path: ChainPath | None = None) -> tuple[str, ...]:
-    """Faults of a drive's layout, a line each: what, where, by how much, what to change.
+    """Faults of a drive's layout, a line each, with what to change.
 
     Args:
         path: the chain's path, if it is known.
@@ -54,7 +54,7 @@ def layout_faults(model: ChainModel, path: ChainPath | None = None) -> tuple[str
 
 
 def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]:
-    """(V,) variants of a stack whose `layout_faults` may find something, by their paths."""
+    """Whether `layout_faults` may find something, of each variant of a stack (V,), by their paths."""
     start, end = path.strand_start, path.strand_end
     found = np.zeros(len(start), dtype=bool)
     chord = end - start
@@ -76,7 +76,7 @@ def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]
 
 
 def _is_touching_guide(model: ChainModel, path: ChainPath, g: int) -> Any:
-    """Whether a chain touches guide g between its rounded ends; of a stack's variants, (V,)."""
+    """Whether a chain touches guide g between its rounded ends; of a stack (V,)."""
     length, found = model.profile(g).face_length, False
     for first, last in (touch.places for touch in _guide_touches(path, g)):
         found = found | ((last > 0.0) & (first < length))
@@ -84,12 +84,12 @@ def _is_touching_guide(model: ChainModel, path: ChainPath, g: int) -> Any:
 
 
 def _guide_touches(path: ChainPath, g: int) -> list[GuideTouch]:
-    """The touches of a chain on guide g."""
+    """Touches of a chain on guide g."""
     return [touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g]
 
 
 def _bar_suspects(model: ChainModel, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(V,) variants of which `_bar_faults` may find something of a bar."""
+    """Whether `_bar_faults` may find something of a guide-bar, of each variant (V,)."""
     bar, chain = model.guides[g].bar, model.chain
     a, face = array_of_columns(bar.start), array_of_columns(bar.end) - array_of_columns(bar.start)
     length = np.atleast_1d(np.hypot(face[..., 0], face[..., 1]))[:, None]
@@ -137,7 +137,7 @@ def _face_faults(model: ChainModel, path: ChainPath, g: int, strands: list[Stran
 
 
 def _stop_fault(model: ChainModel, path: ChainPath, a: int) -> str | None:
-    """The fault of an arm that rests on a stop."""
+    """Fault of an arm that rests on a stop; None off its stops."""
     angle, arm = float(path.arm_angle[a]), model.arms[a]
     stop = stop_name(model, a, angle)
     if stop is None or arm.stops is None:
@@ -150,13 +150,13 @@ def _stop_fault(model: ChainModel, path: ChainPath, a: int) -> str | None:
 
 
 def _strand_ends(path: ChainPath) -> list[Strand]:
-    """Ends of the strands as plain numbers."""
+    """Ends of the straight strands [m], as plain numbers."""
     ends = zip(path.strand_start.tolist(), path.strand_end.tolist(), strict=True)
     return [((x, y), (u, v)) for (x, y), (u, v) in ends]
 
 
 def strand_crossing(one: Strand, other: Strand) -> Point | None:
-    """The point at which two strands cross, None where they do not; ends that touch do not count."""
+    """Point at which two strands cross; None where they do not, ends that touch aside."""
     (ax, ay), (bx, by) = one
     (cx, cy), (dx, dy) = other
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, dx - cx, dy - cy, cx - ax, cy - ay
@@ -170,7 +170,7 @@ def strand_crossing(one: Strand, other: Strand) -> Point | None:
 
 
 def _crossing_fault(model: ChainModel, path: ChainPath, k: int, m: int, place: Point) -> str:
-    """The fault of two strands that cross."""
+    """Fault text of two strands that cross."""
     ends = dict.fromkeys(s % len(model.sprockets) for s in (k, k + 1, m, m + 1))
     most = max(ends, key=lambda s: float(path.wrap_angle[s]))
     names = model.strand_names
@@ -218,12 +218,12 @@ def _bar_faults(model: ChainModel, guide: Guide, strands: list[Strand]) -> list[
 
 
 def _guide_fault_text(model: ChainModel, guide: Guide, does: str, k: int) -> str:
-    """The beginning of a fault of a guide and a strand."""
+    """First words of a fault of a guide and a strand."""
     return f'guides.{guide.name}: its face {does} strand "{model.strand_names[k]}"'
 
 
 def _shares_within(first: float, last: float, length: float) -> tuple[float, float]:
-    """Shares of a line from `first` to `last` between which it is from 0 to `length`; empty where begin >= end."""
+    """Shares of a line between which its value is from 0 to `length`; empty where begin >= end."""
     if first == last:
         return (0.0, 1.0) if 0.0 <= first <= length else (1.0, 0.0)
     shares = sorted(((0.0 - first) / (last - first), (length - first) / (last - first)))
@@ -231,11 +231,11 @@ def _shares_within(first: float, last: float, length: float) -> tuple[float, flo
 
 
 LEAST_WRAP = 90.0
-"""Of a sprocket that passes on a moment [degrees]."""
+"""Least wrap of a sprocket that passes on a moment [degrees]."""
 LEAST_TEETH = 3.0
-"""In mesh, of an idler."""
+"""Least number of teeth in mesh of an idler."""
 NEAR = 0.5
-"""Of a pitch: how far a strand may be from where it would ride on a guide-bar, either way."""
+"""Farthest that a strand may be from riding on a guide-bar, either way, in pitches."""
 
 
 def layout_advice(
@@ -245,13 +245,13 @@ def layout_advice(
     working: ChainPath | None = None,
     run_up: HardestPull | None = None,
 ) -> tuple[str, ...]:
-    """Advice, a line each: what, by how much, what to change.
+    """Advice on a drive's layout, a line each, with what to change.
 
     Args:
         path: the chain's path, if it is known.
         tensions: of the strands at work [N]; without them there is no advice on the breaking load.
-        working: the path with the arms where they stand at work, where that is known.
-        run_up: the largest tension on the way to work, where that is larger.
+        working: the path with arms where they stand at work, if known.
+        run_up: the largest tension on the way to work, if larger.
 
     Raises:
         DriveError: a path that cannot be drawn.
@@ -326,7 +326,7 @@ def _bar_advice(model: ChainModel, path: ChainPath) -> list[str]:
 
 
 def _shoe_advice(model: ChainModel, path: ChainPath) -> list[str]:
-    """Advice on curved and carried guides."""
+    """Advice on curved and carried guides of a layout."""
     lines = []
     strands = _strand_ends(path)
     for g, guide in enumerate(model.guides):
@@ -354,7 +354,7 @@ def _shoe_advice(model: ChainModel, path: ChainPath) -> list[str]:
 
 
 def strain_advice(model: ChainModel, strain: float) -> list[str]:
-    """A line on a chain that its assembly stretches beyond its breaking load; at most one."""
+    """Advice, at most a line, on a chain that assembly stretches beyond its breaking load."""
     if strain <= ELONGATION_AT_BREAKING_LOAD:
         return []
     preload = model.chain.mean_stiffness * model.chain.pitch * strain
@@ -365,11 +365,11 @@ def strain_advice(model: ChainModel, strain: float) -> list[str]:
 
 
 MOST_VENTED = 0.5
-"""Largest share of the pressure at rest, above the ambient one, that a vent may take."""
+"""Largest part of the pressure at rest, above the ambient one, that a tensioner's vent may take."""
 
 
 def _oil_advice(model: ChainModel, tensioner: Tensioner) -> list[str]:
-    """Advice on relief valve, vent, supply and filling of a tensioner."""
+    """Advice on a tensioner's relief valve, vent, supply and filling."""
     oil, relief, lines, name = tensioner.oil, tensioner.relief, [], f"tensioners.{tensioner.name}"
     assert oil is not None
     rest = static_pressure(filled_tensioner(tensioner))

@@ -1,6 +1,6 @@
-"""Links laid along a curve of straight pieces and arcs: every roller on the curve, every link a chord of it.
+"""Lay of the chain along a curve of straight pieces and arcs: rollers on the curve, links its chords.
 
-Of a stack's variants the curves are one whose numbers are arrays (V,), of as many pieces each.
+Curves of V variants are one whose numbers are arrays (V,), of as many pieces each.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
 
 
 def _length_along_piece(link: Any, curvature: Any) -> Any:
-    """Length along a piece of a link that begins and ends on it [m]."""
+    """Length along a curve's piece of a link that begins and ends on it [m]."""
     half = 0.5 * link * abs(curvature)
     bends, otherwise = (half > 0.0) & (half < 1.0), where(half == 0.0, link, math.inf)
     if not is_true_somewhere(bends):
@@ -48,17 +48,17 @@ def _length_along_piece(link: Any, curvature: Any) -> Any:
 
 
 def _table_of_pieces(values: Sequence[Any]) -> NDArray[np.float64]:
-    """Numbers or arrays (V,), one a piece, as an array (P, V), or (P, 1) of numbers."""
+    """Table (P, V), or (P, 1), of numbers or arrays (V,), one a piece."""
     return np.atleast_2d(array_of_columns(values)).T
 
 
 def _rows_of_pieces(table: NDArray[np.float64], i: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The rows of a table (P, V, ...) of pieces i (V,)."""
+    """Rows of a table (P, V, ...) for pieces i (V,)."""
     return table[i, np.arange(len(i)) if table.shape[1] > 1 else 0]
 
 
 class LayingCurve:
-    """A curve of straight pieces and arcs, extended straight at both ends, on which links are laid.
+    """Curve of straight pieces and arcs, extended straight at both ends, on which links are laid.
 
     Args:
         pieces: at least one.
@@ -73,19 +73,19 @@ class LayingCurve:
 
     @property
     def longest(self) -> int:
-        """The longest straight piece, which all of a stack's must share."""
+        """Index of a curve's longest straight piece, one for all variants."""
         straight = [0.0 if is_true_somewhere(piece.curvature != 0.0) else piece.length for piece in self.pieces]
         return int(shared_value(index_of_maximum(straight)))
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(P, V, 6) start, heading, curvature, length and begin of the pieces, (P, V) where they end."""
+        """Start, heading, curvature, length and begin of a curve's pieces (P, V, 6), and where they end (P, V)."""
         columns = zip(*((*p.start, p.heading, p.curvature, p.length) for p in self.pieces), strict=True)
         tables = np.broadcast_arrays(*map(_table_of_pieces, columns), _table_of_pieces(self.begins))
         return np.stack(tables, axis=-1), _table_of_pieces(self.ends)
 
     def _piece_index(self, s: Any) -> Any:
-        """The piece on which the arc length s lies."""
+        """Index of the piece on which arc length s lies."""
         if not has_arrays(s) and not self.stacked:
             return min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
         found = np.zeros(np.broadcast(s, self.length).shape, dtype=np.int64)
@@ -94,7 +94,7 @@ class LayingCurve:
         return found
 
     def at(self, s: Any) -> tuple[tuple[Any, Any], Any]:
-        """The point [m] and the heading [rad] at the arc length s [m]."""
+        """Point [m] and heading [rad] of a curve at the arc length s [m]."""
         i = self._piece_index(s)
         if has_arrays(i):
             x, y, heading, curvature, length, begin = _rows_of_pieces(self.tables[0], i).T
@@ -110,7 +110,7 @@ class LayingCurve:
         return (x, y), heading
 
     def _over(self, s: Any, link: Any) -> Any:
-        """End of a link that begins at s and ends on another piece [m], by Newton's method."""
+        """Arc length of the end of a link that begins at s and ends on another piece [m], by Newton's method."""
         (x, y), _ = self.at(s)
         ahead, done = s + link, False
         for _ in range(_NEWTON):
@@ -126,7 +126,7 @@ class LayingCurve:
         return ahead
 
     def places(self, links: NDArray[np.float64]) -> list[Any]:
-        """(n,) or (V, n) arc lengths of the rollers [m], one more than links, the first at 0."""
+        """Arc lengths of rollers along a curve (n,) or (V, n) [m], one more than links, the first at 0."""
         alike = bool((links == links[..., :1]).all())
         stacked = self.stacked or links.ndim > 1
         ends: Any = self.tables[1] if stacked else self.ends
@@ -145,16 +145,16 @@ class LayingCurve:
         return found
 
     def points(self, places: Sequence[Any]) -> NDArray[np.float64]:
-        """(n, 2) or (V, n, 2) points at arc lengths [m]."""
+        """Points of a curve (n, 2) or (V, n, 2) at arc lengths [m]."""
         points = [self.at(s)[0] for s in places]
         return np.stack([array_of_columns([point[axis] for point in points]) for axis in range(2)], axis=-1)
 
     def reversed_curve(self) -> LayingCurve:
-        """The curve run the other way."""
+        """The same curve in the opposite direction."""
         return LayingCurve([piece.reversed_piece() for piece in reversed(self.pieces)])
 
     def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
-        """Factor on links of these lengths (n,) or (V, n) with which they go from end to end as chords."""
+        """Factor on links of lengths (n,) or (V, n) [m] whose chords go from end to end of a curve."""
         factor, known = self.length / summed_lengths(links) if guess is None else guess, (0.0, 0.0)
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
         first, close = True, 0.0 if guess is None else _CLOSE * self.length
@@ -176,5 +176,5 @@ class LayingCurve:
 
 
 def summed_lengths(links: NDArray[np.float64]) -> Any:
-    """Sum of lengths (n,), or of each row of lengths (V, n)."""
+    """Sum of link lengths (n,), or of each row (V, n) [m]."""
     return float(links.sum()) if links.ndim == 1 else links.sum(axis=1)

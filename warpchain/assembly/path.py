@@ -1,16 +1,13 @@
-"""The chain's path: pitch circles joined by common tangents, the wrapped angles and the straight strands.
+"""Chain path: pitch circles joined by common tangents, with wrapped angles and straight strands.
 
-A chain that turns with sign w (+1 counter-clockwise, -1 clockwise) about a sprocket at c with pitch radius R, and
-leaves it along the unit vector u with left normal n, leaves at c - w R n, since the sprocket lies on its left for
-w = +1. For the strand from sprocket k to sprocket l, of length S, both tangent points give
+A chain that turns with sign w (+1 counter-clockwise) about a sprocket at c with pitch radius R, and leaves it along the
+unit vector u with left normal n, leaves at c - w R n. For the strand of length S from sprocket k to l,
 
     c_l - c_k = S u + h n,   h = w_l R_l - w_k R_k,                         (a)
     S = sqrt(|c_l - c_k|^2 - h^2),   u = (S D - h D') / |D|^2,               (b)
 
-D = c_l - c_k and D' = D turned by +90 degrees: the outer tangent for equal wraps, the inner one for opposite wraps.
-The wrapped angle of a sprocket is w (heading that leaves - heading that arrives), taken in (0, 2 pi).
-
-Where guides reach into a strand it is the taut string around them (`assembly.taut_string`) instead of a tangent.
+D = c_l - c_k and D' = D turned by +90 degrees. The wrapped angle is w (heading that leaves - heading that arrives), in
+(0, 2 pi). A strand into which guides reach is a taut string (`assembly.taut_string`).
 """
 
 from __future__ import annotations
@@ -51,41 +48,36 @@ MAX_STRAIN = 0.05
 """Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
 
 FEW = 16
-"""Fewer drives whose chains lie on guides are faster one by one than as a stack."""
+"""Least number of drives with chains on guides that are faster as a stack than one by one."""
 
 Found = TypeVar("Found")
 Item = TypeVar("Item")
 Pair = tuple[Any, Any]
-"""Two coordinates, each a number or an array (V,) of a stack's variants."""
+"""Two coordinates, each a number or an array (V,)."""
 
 _NO_WRAP = 1e-9  # rad
 
 
 @dataclass(frozen=True)
 class ChainPath:
-    """The path of a drive's chain along pitch circles and common tangents; S sprockets, as many strands.
+    """Chain path along pitch circles and common tangents; strand k leaves sprocket k of S and reaches k + 1 (mod S).
 
-    Strand k leaves sprocket k and reaches sprocket k + 1 (mod S). The paths of a stack of V variants
-    (`warpchain.model.stacks`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
-    Its strings are the same for all but in their numbers, which may be arrays (V,).
+    Paths of V variants are one whose numbers and arrays have a first axis more; their strings differ in numbers alone.
 
     Attributes:
         pitch: mean unloaded length of the chain's links [m].
-        radius: (S,) radii at which the rollers ride [m]: the pitch radii, or more where wear has lengthened the chain.
-        wrap_angle: (S,) wrapped angles [rad], each in (0, 2 pi).
-        arrival_angle: (S,) polar angle about the sprocket's center at which the path arrives on it [rad].
-        turning: angle by which the path turns in one round [rad], counter-clockwise positive: +-2 pi for a loop that
-            does not cross itself, 0 for a crossed pair.
+        radius: (S,) radii at which rollers ride [m]: pitch radii, or more for a worn chain.
+        wrap_angle: (S,) wrapped angles [rad], in (0, 2 pi).
+        arrival_angle: (S,) polar angles about sprocket centers at which the path arrives [rad].
+        turning: counter-clockwise angle of one round [rad]: +-2 pi for a plain loop, 0 for a crossed pair.
         center: (S, 2) centers of the sprockets [m].
-        strand_start: (S, 2) point where strand k leaves sprocket k [m].
-        strand_end: (S, 2) point where strand k reaches sprocket k + 1 [m].
-        strand_length: (S,) lengths as links measure them [m]: straight ones, and on a guide's arc those of chords of
-            a pitch (`Taut.chain_length`).
-        wrapped_pitches: pitches on all wrapped arcs, the sum of wrapped angle over pitch angle.
-        nominal_strain: strain of the strands' links for the drive's number of links; infinite where the wrapped arcs
-            alone take more.
-        strings: (S,) the way around the guides that strand k touches; None where it touches none and is straight.
-        obstacles: (S,) the guides that strand k meets or could meet, empty where it meets none.
+        strand_start: (S, 2) where strand k leaves sprocket k [m].
+        strand_end: (S, 2) where strand k reaches sprocket k + 1 [m].
+        strand_length: (S,) lengths as links measure them [m], on guides by chords (`TautString.chain_length`).
+        wrapped_pitches: sum of wrapped angle over pitch angle.
+        nominal_strain: strain of the strands' links; infinite where wrapped arcs alone take more links.
+        strings: (S,) taut string around the guides that strand k touches; None for a straight strand.
+        obstacles: (S,) guides that strand k meets or could meet.
         arm_angle: (A,) angles of the arms [rad].
     """
 
@@ -105,7 +97,7 @@ class ChainPath:
     arm_angle: NDArray[np.float64]
 
     def __getitem__(self, variants: int | NDArray[np.int64]) -> ChainPath:
-        """The paths of some variants of a stack."""
+        """Chain paths of some variants of a stack."""
         guided = {name: pick_variants(getattr(self, name), variants) for name in ("strings", "obstacles")}
         own = guided | {
             field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in guided
@@ -115,21 +107,20 @@ class ChainPath:
         return replace(self, **own)
 
     def free_lengths(self, k: int) -> tuple[float, ...]:
-        """Lengths of strand k's straight parts that lie on no guide, in order [m]; the whole strand without guides."""
+        """Lengths of strand k's straight parts that lie on no guide, in order [m]."""
         string = self.strings[k]
         return (float(self.strand_length[k]),) if string is None else string.free
 
     def strain(self, links: int) -> float:
-        """Nominal strain of the strands if the chain had `links` links.
+        """Nominal strain of the strands for a number of links; infinite where wrapped arcs alone take them.
 
-        It solves sum(wrap angle / pitch angle) + sum(strand length) / (pitch (1 + strain)) = links; infinite where the
-        wrapped arcs alone take as many links or more.
+        It solves sum(wrap angle / pitch angle) + sum(strand length) / (pitch (1 + strain)) = links.
         """
         free = links - self.wrapped_pitches
         return float(self.strand_length.sum()) / self.pitch / free - 1.0 if free > 0.0 else math.inf
 
     def fitting_links(self) -> tuple[int, ...]:
-        """Every number of links whose nominal strain is within `MAX_STRAIN`, ascending; empty where there is none."""
+        """Numbers of links whose nominal strain is within `MAX_STRAIN`, ascending."""
         straight = float(self.strand_length.sum()) / self.pitch
         fewest = math.ceil(self.wrapped_pitches + straight / (1.0 + MAX_STRAIN))
         most = math.floor(self.wrapped_pitches + straight / (1.0 - MAX_STRAIN))
@@ -137,11 +128,11 @@ class ChainPath:
 
 
 def path_at(model: ChainModel, arm_angle: Sequence[float]) -> ChainPath:
-    """The path of the drive's chain with its arms at angles (A,) [rad]; its number of links need not fit.
+    """Chain path with a drive's arms at angles (A,) [rad]; the number of links need not fit.
 
     Raises:
-        DriveError: where pitch circles overlap, a sprocket is not wrapped or is wrapped by a chain that meets itself,
-            or a strand passes through another sprocket; the message names the sprockets.
+        DriveError: pitch circles that overlap, a sprocket without wrap or with a chain that meets itself, or a strand
+            through another sprocket.
     """
     return PathPlan(model).path(arm_angle)[0]
 
@@ -149,10 +140,7 @@ def path_at(model: ChainModel, arm_angle: Sequence[float]) -> ChainPath:
 def results_in_parts(
     model: ChainModel, count: int, worked_out: Callable[[ChainModel], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
-    """Results for a stack of `count`, in parts: the numbers of variants (K,), and their result.
-
-    Variants that are `UnlikeVariants` are parts of their own.
-    """
+    """Results for a stack of `count` by parts: variants (K,) and their result, `UnlikeVariants` each alone."""
     try:
         return [(np.arange(count), worked_out(model))]
     except UnlikeVariants as parted:
@@ -169,7 +157,7 @@ def results_in_parts(
 def allowed_results(
     model: ChainModel, count: int, worked_out: Callable[[ChainModel], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
-    """Results for a stack as by `results_in_parts`, without the variants that are refused."""
+    """Results for a stack as by `results_in_parts`, without refused variants."""
     try:
         return results_in_parts(model, count, worked_out)
     except DriveError:
@@ -184,7 +172,7 @@ def allowed_results(
 
 @dataclass(frozen=True)
 class PathValues:
-    """The values of a `ChainPath` as numbers and arrays (V,) of a stack, in lists (S,) or alone."""
+    """Values of a chain path as numbers and arrays (V,), in lists (S,) or alone."""
 
     pitch: Any
     center: list[Pair]
@@ -200,10 +188,7 @@ class PathValues:
 
 
 class PathPlan:
-    """The part of a drive's path that its arms' angles do not change: pitch circles, tangents and guides as drawn.
-
-    Args:
-        model: one, or a stack.
+    """Part of a chain path that arm angles do not change: pitch circles, tangents and guides as drawn.
 
     Raises:
         DriveError: where pitch circles overlap; of the first such variant.
@@ -242,7 +227,7 @@ class PathPlan:
         return [circle_end(c, r, w) for c, r, w in zip(center, self.radius, self.sign, strict=True)]
 
     def _plan_at_angles(self, arm_angle: Sequence[Any]) -> PathPlan:
-        """The plan with sprockets on arms moved to the arms' angles (A,) [rad]."""
+        """Path plan with sprockets moved by arms at angles (A,) [rad]."""
         if all(a is None for a in self.carrier):
             return self
         at = copy(self)
@@ -254,7 +239,7 @@ class PathPlan:
         return at
 
     def _obstacles(self) -> tuple[PlacedGuide, ...]:
-        """The guides that strands may have to go around."""
+        """Guides that strands of the plan may have to go around."""
         model = self.model
         if not model.guides:
             return ()
@@ -270,7 +255,7 @@ class PathPlan:
         return strand_obstacles(model, [(line.start, line.end) for line in self.lines])
 
     def path_values(self, arm_angle: Sequence[Any]) -> PathValues:
-        """The chain's path with the arms at angles (A,) [rad], each a number or those of a stack (V,), as values.
+        """Values of the chain path with arms at angles (A,) [rad].
 
         Raises:
             DriveError: as `path_at`.
@@ -279,7 +264,7 @@ class PathPlan:
         return self._plan_at_angles(arm_angle)._path_values(arm_angle)
 
     def _path_values(self, arm_angle: Sequence[Any]) -> PathValues:
-        """`path_values` with sprockets on arms already in place."""
+        """Values of the chain path, sprockets on arms already in place."""
         sign, strands = self.sign, range(len(self.sign))
         start, end = [line.start for line in self.lines], [line.end for line in self.lines]
         length = [line.length for line in self.lines]
@@ -306,7 +291,7 @@ class PathPlan:
         )
 
     def path(self, arm_angle: Sequence[Any]) -> ChainPath:
-        """The path with the arms at angles (A,) [rad], with the first axis of a stack.
+        """Chain path with arms at angles (A,) [rad], with the first axis of a stack.
 
         Raises:
             DriveError, UnlikeVariants: as `path_values`.
@@ -334,11 +319,11 @@ class PathPlan:
         )
 
     def _points(self, points: Sequence[Pair]) -> NDArray[np.float64]:
-        """Points (V, S, 2) of as many pairs of coordinates."""
+        """Points (V, S, 2) of pairs of coordinates."""
         return table_of_columns([part for pair in points for part in pair], self.variants).reshape(self.variants, -1, 2)
 
     def _string(self, k: int, runs: tuple[Run, ...]) -> TautString | None:
-        """The taut string of strand k around its guides; None where it touches none."""
+        """Taut string of strand k around its guides; None where straight."""
         if not runs:
             return None
         if k not in self.known:
@@ -352,7 +337,7 @@ class PathPlan:
 
 
 def _taut_string(model: ChainModel, first: Arc, last: Arc, runs: tuple[Run, ...]) -> TautString | None:
-    """The taut string of a strand; None where it touches nothing."""
+    """Taut string of a strand from arc to arc; None where it touches no guide."""
     try:
         string = taut_string(first, last, runs)
     except TautError as error:
@@ -361,10 +346,7 @@ def _taut_string(model: ChainModel, first: Arc, last: Arc, runs: tuple[Run, ...]
 
 
 def check_fit(model: ChainModel, path: ChainPath) -> None:
-    """Raises a DriveError where the number of links does not fit the path, of the first such variant of a stack.
-
-    The nominal strain is then beyond `MAX_STRAIN`; the message names numbers of links that fit, with their strains.
-    """
+    """Raises a DriveError, with link counts that fit, where the nominal strain is beyond `MAX_STRAIN`."""
     wrong = np.atleast_1d(~(np.abs(path.nominal_strain) <= MAX_STRAIN))
     if not wrong.any():
         return
@@ -393,7 +375,7 @@ def check_fit(model: ChainModel, path: ChainPath) -> None:
 
 @dataclass(frozen=True)
 class _StraightStrand:
-    """A straight strand: its unit vector and heading [rad], its ends and its length [m]; numbers, or arrays (V,)."""
+    """Straight strand: unit vector, heading [rad], ends and length [m]; numbers, or arrays (V,)."""
 
     direction: Pair
     heading: Any
@@ -403,7 +385,7 @@ class _StraightStrand:
 
 
 def _common_tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _StraightStrand:
-    """The common tangent of two circles about centers [m], of signed radii w R [m], (a) and (b) above."""
+    """Common tangent of two circles about centers with signed radii w R [m], by (a) and (b)."""
     dx, dy = other[0] - one[0], other[1] - one[1]
     h = following - arm
     square = dx * dx + dy * dy
@@ -415,7 +397,7 @@ def _common_tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Straig
 
 
 def _nominal_strain(links: int, wrapped: Any, straight: Any) -> Any:
-    """`ChainPath.strain` of numbers, or of arrays (V,)."""
+    """Nominal strain of the strands for a number of links; numbers, or arrays (V,)."""
     free = links - wrapped
     if not has_arrays(free):
         return straight / free - 1.0 if free > 0.0 else math.inf
@@ -424,7 +406,7 @@ def _nominal_strain(links: int, wrapped: Any, straight: Any) -> Any:
 
 
 def _variant_number(value: Any, v: int) -> float:
-    """The number of variant v, of a value that is the same for all or an array (V,)."""
+    """Number of variant v, of a value that is one for all or an array (V,)."""
     return float(value[v]) if isinstance(value, np.ndarray) else float(value)
 
 
@@ -440,7 +422,7 @@ def _neighbor_pairs(values: Iterable[Item]) -> Iterator[tuple[Item, Item]]:
 
 
 def _first_variant(condition: Any) -> int | None:
-    """The first variant for which a condition holds; None where there is none."""
+    """First variant for which a condition holds; None where there is none."""
     return int(np.argmax(condition)) if is_true_somewhere(condition) else None
 
 
@@ -489,7 +471,7 @@ def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[f
 
 
 def _check_clear(plan: PathPlan, start: Sequence[Pair], length: Sequence[Any], free: Sequence[int]) -> None:
-    """Checks the strands that go around no guides."""
+    """Raises a DriveError where a strand without guides passes through another sprocket."""
     model, count = plan.model, len(plan.lines)
     for k, s in product(free, range(count)):
         if s in (k, (k + 1) % count):

@@ -1,4 +1,4 @@
-"""Search along lines for places of sprockets at which chains have a wanted strain, sag or arm angle."""
+"""Search along lines for sprocket places with a wanted strain, sag, arm angle or wrap."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ Array = NDArray[np.float64]
 
 
 class ReachedState(NamedTuple):
-    """Strain, chord and arm angle of a drive with its sprocket at a place; NaN where it cannot be drawn or assembled.
+    """State reached with the sprocket at a place; NaN where the chain cannot be drawn or assembled.
 
     Attributes:
         strain: of the strands' links [-].
-        chord: (2,) of the goal's strand, from its first seat to its last [m].
+        chord: (2,) of the goal's strand, from seat to seat [m].
         angle: of the goal's arm [rad].
     """
 
@@ -47,11 +47,11 @@ NOWHERE = ReachedState()
 
 @dataclass(frozen=True)
 class PlacementGoal:
-    """The goal of a search.
+    """Goal of a place search.
 
     Attributes:
         text, unit: in words.
-        over: the strain in excess of the wanted one, or what counts as such.
+        over: excess of strain, or what counts as such.
         amount: what is reached, in the unit.
         strand: whose chord counts.
         arm: whose angle counts; None where a strain does.
@@ -69,7 +69,7 @@ class PlacementGoal:
 
 
 class _PlaceQuestion(NamedTuple):
-    """A place whose state a search asks for [m], on the path or of the assembly."""
+    """Place whose path or assembled state a search asks for [m]."""
 
     along: float
     assembled: bool
@@ -79,14 +79,14 @@ Steps = Generator[_PlaceQuestion, ReachedState, Any]
 
 
 class PlaceSearch:
-    """Search for the nearest place along a line.
+    """Search for the nearest place of a sprocket along a line that meets a goal.
 
     Args:
         model: its chain need not fit as it stands.
         index: of the sprocket to move.
         line: unit vector (2,).
         goal: what is wanted.
-        travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
+        travel: farthest either way [m]; None is wherever the chain could go round.
     """
 
     def __init__(
@@ -103,11 +103,11 @@ class PlaceSearch:
         self.jumped = False  # over what is wanted, where rollers find other seats
 
     def center(self, place: float) -> tuple[float, float]:
-        """The sprocket's center at a place [m]."""
+        """Sprocket center at a place along the line [m]."""
         return self.origin[0] + place * self.line[0], self.origin[1] + place * self.line[1]
 
     def steps(self) -> Steps:
-        """Generator that asks for states at places, and returns the nearest place that reaches the goal, or None."""
+        """Search steps: a generator that asks for states and returns the nearest place that meets the goal, or None."""
         ends = dict.fromkeys((-1.0, 1.0), (0.0, (yield from self._nominal_excess(0.0))))
         for chain in range(math.ceil(self.reach / self.step)):
             found = []
@@ -128,7 +128,7 @@ class PlaceSearch:
         return None
 
     def _nominal_excess(self, place: float) -> Steps:
-        """Strain in excess of the wanted one on pitch circles and tangents; NaN where there is no path."""
+        """Strain in excess of the wanted one by the path alone; NaN where there is no path."""
         reached = yield _PlaceQuestion(place, False)
         if not math.isfinite(reached.strain):
             return math.nan
@@ -137,11 +137,11 @@ class PlaceSearch:
         return self.goal.over(reached)
 
     def _assembled_excess(self, place: float) -> Steps:
-        """Strain in excess of the wanted one of the assembled drive; NaN where it does not assemble."""
+        """Strain in excess of the wanted one of the assembled chain; NaN where none assembles."""
         return self.goal.over((yield _PlaceQuestion(place, True)))
 
     def _refined_place(self, place: float) -> Steps:
-        """The place nearby where the assembly has the wanted strain; None where there is none."""
+        """Place nearby where the assembled chain has the wanted strain; None where there is none."""
         exact = yield from self._secant_place(place)
         half = self.step / 32.0
         while exact is None and half <= 2.0 * self.model.chain.pitch:
@@ -156,7 +156,7 @@ class PlaceSearch:
         return exact if exact is not None and abs(exact) <= self.reach else None
 
     def _secant_place(self, place: float) -> Steps:
-        """The place nearby by the secant method; None where it does not come to one, as at a jump."""
+        """Place nearby by the secant method; None where that does not converge."""
         first, step = place, 1e-5 * self.model.chain.pitch
         before = yield from self._assembled_excess(place)
         for _ in range(_SECANTS):
@@ -171,7 +171,7 @@ class PlaceSearch:
         return None
 
     def failure(self) -> str:
-        """The message when nothing was found: what can be reached, and where."""
+        """Error message of a search in vain: what can be reached, and where."""
         name, direction = self.model.sprockets[self.index].name, [round(x, 6) for x in self.line]
         within = "" if self.travel is None else f" within {self.travel:g} m"
         text = f'sprocket "{name}": no place along {direction}{within} gives {self.goal.text}'
@@ -190,15 +190,10 @@ class PlaceSearch:
 def _root_steps(
     function: Callable[[float], Steps], low: tuple[float, float], high: tuple[float, float], enough: float
 ) -> Steps:
-    """A place between two at which the function changes sign, to `enough`; NaN where it has no value in between.
+    """Place at which a function changes sign, to `enough` [m]; NaN where it has no value in between.
 
-    By inverse quadratic interpolation where the last three values lie so that it stays inside, else by halving:
-    Chandrupatla, Advances in Engineering Software 28 (1997) 145-149. The first place is that of the secant.
-
-    Args:
-        function: what to ask.
-        low, high: places, and the function there.
-        enough: [m].
+    By Chandrupatla's method, Advances in Engineering Software 28 (1997) 145-149. low and high are places with the
+    function's values; the first place is that of the secant.
     """
     (a, at_a), (b, at_b) = low, high
     share = 0.5 if at_a == at_b else at_a / (at_a - at_b)
@@ -228,11 +223,7 @@ def _root_steps(
 
 
 def run_searches(searches: Sequence[PlaceSearch]) -> list[float | None]:
-    """Runs searches, each for the place of its own sprocket; of drives that move the same one.
-
-    Returns:
-        Places along their lines [m]; None for those that find none.
-    """
+    """Places found by searches of drives that move one sprocket [m]; None for those that find none."""
     found: list[float | None] = [None] * len(searches)
     for stack in stacks_of_drives([search.model for search in searches]):
         members = stack.members.tolist()
@@ -242,13 +233,13 @@ def run_searches(searches: Sequence[PlaceSearch]) -> list[float | None]:
 
 
 class _StackSearch:
-    """Searches of the variants of a stack, run together."""
+    """Place searches of a stack's variants, run together."""
 
     def __init__(self, model: ChainModel, searches: Sequence[PlaceSearch]) -> None:
         self.model, self.searches = model, searches
 
     def run(self) -> list[float | None]:
-        """The places found, None for a search without one."""
+        """Places found [m]; None for a search without one."""
         found: list[float | None] = [None] * len(self.searches)
         work = [search.steps() for search in self.searches]
         asked = {v: next(steps) for v, steps in enumerate(work)}
@@ -284,14 +275,14 @@ class _StackSearch:
 
 
 def _drive_with_center(model: ChainModel, index: int, center: tuple[float, float]) -> ChainModel:
-    """The drive, or stack, with a sprocket's center elsewhere, unchecked."""
+    """Chain model, or stack, with a sprocket's center elsewhere, unchecked."""
     sprockets = list(model.sprockets)
     sprockets[index] = sprockets[index].model_copy(update={"center": center})
     return replace(model, sprockets=tuple(sprockets))
 
 
 def _evaluation(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[ChainModel], _States]:
-    """The function that evaluates a stack: its paths, or its chains assembled as far as it matters."""
+    """Function that gives a stack's states: of its paths, or of its chains assembled as far as goals need."""
     if not assembled:
         return _path_states
     return _placed_states if any(goal.sags for goal in goals) else _seat_states
@@ -299,7 +290,7 @@ def _evaluation(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[Ch
 
 @dataclass(frozen=True)
 class _States:
-    """Strains (V,), chords (V, S, 2) of the strands, angles (V, A) of the arms and wraps (V, S) of a stack."""
+    """Strains (V,), strand chords (V, S, 2), arm angles (V, A) and wraps (V, S) of a stack."""
 
     strain: Array
     chord: Array
@@ -307,7 +298,7 @@ class _States:
     wrap: Array
 
     def of(self, goals: Sequence[PlacementGoal]) -> list[ReachedState]:
-        """The state of each variant, as its goal takes it."""
+        """State of each variant, as its goal takes it."""
         chords = self.chord[np.arange(len(goals)), [goal.strand for goal in goals]].tolist()
         angles = [math.nan if goal.arm is None else float(self.arms[v, goal.arm]) for v, goal in enumerate(goals)]
         wraps = [math.nan if goal.around is None else float(self.wrap[v, goal.around]) for v, goal in enumerate(goals)]
@@ -318,18 +309,18 @@ class _States:
 
 
 def _path_states(model: ChainModel) -> _States:
-    """States of a stack by its paths alone."""
+    """States of a stack by its chain paths alone."""
     path = chain_paths(model)
     return _straight_states(path, path.nominal_strain)  # type: ignore[arg-type]  # (V,)
 
 
 def _seat_states(model: ChainModel) -> _States:
-    """States of a stack with its chains on their seats, without rollers of strands."""
+    """States of a stack with its chains seated, without rollers of strands."""
     return _straight_states(*assembled_strains(model))
 
 
 def _straight_states(path: ChainPath, strain: Array) -> _States:
-    """States with the strands' chords on the path."""
+    """States of a stack with its strands' chords on the path."""
     return _States(strain, path.strand_end - path.strand_start, path.arm_angle, path.wrap_angle)
 
 
@@ -341,7 +332,7 @@ def _placed_states(model: ChainModel) -> _States:
 
 
 def strand_chords(state: Assembly) -> Array:
-    """Chords of the strands of a stack's states from seat to seat (V, S, 2) [m]."""
+    """Chords of a stack's strands from seat to seat (V, S, 2) [m]."""
     count = state.position.shape[1]
     first, last = state.strand_first, (state.strand_first + state.strand_links) % count
     begin, end = (np.take_along_axis(state.position, places[..., None], axis=1) for places in (first, last))

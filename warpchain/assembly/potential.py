@@ -30,16 +30,16 @@ _TINY = 1e-12  # m: a roller this near to the middle of its seat
 
 
 Map = tuple[NDArray[np.int64], Array]
-"""Of every coordinate the free one that moves it, and by how much that does."""
+"""Free coordinate that moves each coordinate, and by how much."""
 
 
 class CarriedPlace(NamedTuple):
-    """A place, x and y, that an arm's angle moves on a circle.
+    """Place of two coordinates that an arm's angle moves on a circle.
 
     Attributes:
-        place: the first of its two coordinates.
+        place: its first coordinate.
         arm: the arm.
-        of: the place that goes round the arm's pivot, and takes this one along.
+        of: place that goes round the arm's pivot, with this one.
         second: whether another arm, on this one, moves it, too.
     """
 
@@ -51,7 +51,7 @@ class CarriedPlace(NamedTuple):
 
 @dataclass
 class EnergyTerms:
-    """Energy, gradient and Hessian, added up term by term."""
+    """Energy, gradient and Hessian of a drive, added up term by term."""
 
     size: int
     energy: float
@@ -61,20 +61,20 @@ class EnergyTerms:
     values: list[Array]
 
     def add_blocks(self, where: NDArray[np.int64], blocks: Array) -> None:
-        """Adds (M, b, b) blocks of the Hessian at the unknowns `where` (M, b)."""
+        """Adds blocks (M, b, b) of the Hessian at the unknowns `where` (M, b)."""
         b = where.shape[1]
         self.rows.append(np.repeat(where, b, axis=1).ravel())
         self.columns.append(np.tile(where, (1, b)).ravel())
         self.values.append(blocks.ravel())
 
     def add_contacts(self, at: NDArray[np.int64], slope: Array, block: Array, rho: Array | None) -> None:
-        """Adds the gradient and the Hessian of M rollers that press on a body.
+        """Adds gradient and Hessian of M rollers that press on a body.
 
         Args:
-            at: (M, b) the unknowns: the roller's place; the body's center, if it moves; the body's angle, if it turns.
+            at: (M, b) unknowns: roller's place; body's center, if it moves; body's angle, if it turns.
             slope: (M, 2) dE/dr [N], r the roller's place.
             block: (M, 2, 2) its derivatives [N/m].
-            rho: (M, 2) from the point about which the body turns to the roller [m]; None where it stands.
+            rho: (M, 2) from the center of turn to the roller [m]; None for a body that stands.
         """
         moves = np.zeros((len(at), 2, at.shape[1]))  # of the roller against the body, by the unknowns
         moves[:, :, :2] = np.eye(2)
@@ -93,16 +93,14 @@ class EnergyTerms:
         self.add_blocks(at, blocks)
 
     def slope(self, maps: Sequence[Map], count: int) -> Array:
-        """The gradient by free coordinates, as `hessian`."""
+        """Gradient of the energy by `count` free coordinates."""
         found = np.zeros(count)
         for column, weight in maps:
             found += np.bincount(column, weight * self.gradient, count)
         return found
 
     def hessian(self, maps: Sequence[Map], count: int) -> csc_matrix:
-        """The Hessian by `count` free coordinates y: dx_i is the sum of weight_i dy_column(i) of all maps; weight 0 is
-        what stays.
-        """
+        """Hessian of the energy by `count` free coordinates y, dx_i the sum of weight_i dy_column(i) of all maps."""
         from scipy.sparse import coo_matrix
 
         rows, columns, values = (np.concatenate(of) for of in (self.rows, self.columns, self.values))
@@ -116,7 +114,7 @@ class EnergyTerms:
 
 
 def stacked_terms(terms: Sequence[EnergyTerms]) -> EnergyTerms:
-    """Terms of several sets of coordinates as those of one, one after the other."""
+    """Energy terms of several chains as those of one, one after the other."""
     found = EnergyTerms(0, 0.0, np.concatenate([of.gradient for of in terms]), [], [], [])
     for of in terms:
         found.energy += of.energy
@@ -128,21 +126,24 @@ def stacked_terms(terms: Sequence[EnergyTerms]) -> EnergyTerms:
 
 
 class Potential:
-    """E of (a) as a function of all coordinates x: rollers (2 N), centers (2 S), angles of sprockets and shafts
-    (S + H), arms' angles (A), absolute ones, and the pivots of arms on arms, x and y of each.
+    """Potential energy E by all coordinates of a chain.
+
+    They are rollers (2 N), centers (2 S), angles of sprockets and shafts (S + H), arms' absolute angles (A), and the
+    pivots
+    of arms on arms, x and y of each.
 
     Args:
         model: of the chain.
         frequency: f, links a second [Hz].
         moments: (S + H,) load moments M_s, against forward rotation [N m].
-        hanging: whether balance wheels hang where they are; else their weight turns nothing in the mean.
-        laid: (S,) angles of the sprockets as the chain has been laid [rad], for couplings.
+        hanging: whether balance wheels hang where they are, or turn nothing in the mean.
+        laid: (S,) angles of the sprockets as laid [rad], for couplings.
         held: (S + H,) whether an angle is; None as `is_held_body`, and of a shaft that no sprocket is near to.
 
     Attributes:
         lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
         hung: arms on arms, and what carries each.
-        carried: what arms carry along, as `CarriedPlace`.
+        carried: what arms carry along.
     """
 
     def __init__(
@@ -193,7 +194,7 @@ class Potential:
                 self.wheels[s] = wheel_mass(sprocket) * wheel.radius * np.array(unit_vector(wheel.phase))
 
     def _stiffness_and_play(self) -> tuple[Array, Array]:
-        """(N,) stiffnesses [N/m] and plays [m] of the links."""
+        """Stiffnesses [N/m] and plays [m] of the links (N,)."""
         chain = self.model.chain
         stiffness = np.full(chain.links, chain.stiffness)
         if chain.varied_links:
@@ -201,12 +202,12 @@ class Potential:
         return stiffness, np.full(chain.links, chain.link_play if chain.varied_links else 0.0)
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
-        """Rollers (N, 2), centers (S, 2), angles (S + H,), as views of x."""
+        """Rollers (N, 2), centers (S, 2) and angles (S + H,), as views of x."""
         n, s = 2 * self.rollers, 2 * self.sprockets
         return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
 
     def _carried_places(self) -> list[CarriedPlace]:
-        """Places that arms carry along: pivots of arms on them, centers of sprockets on them and on these."""
+        """Places carried by arms: pivots of arms, and sprocket centers, in that order."""
         pivot = {a: self.first_pivot + 2 * k for k, (a, _) in enumerate(self.hung)}
         found = [CarriedPlace(pivot[a], p, pivot[a], False) for a, p in self.hung]
         on = dict(self.hung)
@@ -218,21 +219,21 @@ class Potential:
         return found
 
     def pivots(self, x: Array) -> Array:
-        """(A, 2) of the arms [m]."""
+        """Pivots of the arms (A, 2) [m]."""
         found = np.array([arm.pivot for arm in self.model.arms], dtype=np.float64)
         for k, (a, _) in enumerate(self.hung):
             found[a] = x[self.first_pivot + 2 * k :][:2]
         return found
 
     def arm_angles(self, x: Array) -> Array:
-        """(A,) by which arms are turned more than what carries them [rad]."""
+        """Angles of the arms (A,) relative to what carries them [rad]."""
         found = np.array(x[self.first_arm : self.first_pivot])
         for a, p in self.hung:
             found[a] -= x[self.first_arm + p]
         return found
 
     def move_carried(self, x: Array) -> None:
-        """Moves pivots of arms on arms, and centers of sprockets on arms, to where the arms' angles put them."""
+        """Moves carried pivots and sprocket centers in x to where the arms' angles put them."""
         arms, centers = self.model.arms, self.split(x)[1]
         for k, (own, p) in enumerate(self.hung):
             place = rotated_place(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
@@ -244,18 +245,18 @@ class Potential:
                 centers[s] += pivots[a] - arms[a].pivot if a in hung else 0.0
 
     def levers(self, x: Array) -> Array:
-        """(C, 2) from the pivots of their arms to what these carry along, in their order [m]."""
+        """Vectors (C, 2) from arm pivots to carried places [m]."""
         pivots = self.pivots(x)
         return np.array([x[one.of :][:2] - pivots[one.arm] for one in self.carried]).reshape(-1, 2)
 
     def tensions(self, x: Array) -> Array:
-        """(N,) tensions of the links [N], centrifugal part and all."""
+        """Tensions of the links (N,), centrifugal part included [N]."""
         r, _, _ = self.split(x)
         d = np.roll(r, -1, axis=0) - r
         return self.link_springs(np.hypot(d[:, 0], d[:, 1]))[1]
 
     def link_springs(self, length: Array) -> tuple[Array, Array, Array]:
-        """(N,) energy [J], tension [N] and stiffness [N/m] of the springs of links of these lengths (N,) [m]."""
+        """Energy [J], tension [N] and stiffness [N/m] (N,) of links of lengths (N,) [m]."""
         drawn = length - self.lengths
         stretch = drawn - (self.play if self.pulled else np.clip(drawn, -self.play, self.play))
         stiffness = np.where((stretch != 0.0) | (self.play == 0.0), self.stiffness, 0.0)
@@ -263,7 +264,7 @@ class Potential:
         return 0.5 * tension * stretch, tension, stiffness
 
     def terms(self, x: Array) -> EnergyTerms:
-        """Energy, gradient and Hessian at x."""
+        """Energy, gradient and Hessian at coordinates x."""
         terms = EnergyTerms(self.size, 0.0, np.zeros(self.size), [], [], [])
         self._add_links(x, terms)
         for s in range(self.sprockets):
@@ -288,7 +289,7 @@ class Potential:
         return terms
 
     def _add_parent_arm(self, x: Array, a: int, p: int, terms: EnergyTerms) -> None:
-        """Adds arm a, which arm p carries: its springs act between the two, its weight at its pivot and about that."""
+        """Adds arm a on arm p: springs between the two, weight at its pivot and about that."""
         arm, at, on = self.arms[a], self.first_arm + a, self.first_arm + p
         angle, turned = float(x[at]), float(x[at] - x[on])
         place = self.first_pivot + 2 * [own for own, _ in self.hung].index(a)
@@ -304,9 +305,9 @@ class Potential:
         terms.add_blocks(np.array([[at]]), np.array([[[arm.weight_work(angle)]]]))
 
     def torques(self, x: Array) -> tuple[Array, Array]:
-        """(C,) twists of the couplings [rad], and the moments that they take from their first bodies [N m].
+        """Twists of the couplings (C,) [rad], and moments on them from their first bodies [N m].
 
-        Freewheels are locked; what is between the ground and a body is open: a brake off, a backstop overrun.
+        Freewheels are locked; a brake is off and a backstop overrun.
         """
         angles, couplings = self.split(x)[2], self.model.couplings
         twist = np.array(
@@ -317,7 +318,7 @@ class Potential:
         return twist, stiffness * (twist - np.clip(twist, -lash, lash))
 
     def _add_couplings(self, x: Array, terms: EnergyTerms) -> None:
-        """Adds the couplings, whose springs do nothing within their play."""
+        """Adds the energy of couplings, whose springs do nothing within their play."""
         moments = self.torques(x)[1]
         for (a, b, _, ratio), coupling, moment in zip(self.couplings, self.model.couplings, moments, strict=False):
             if a < 0:
@@ -330,7 +331,7 @@ class Potential:
             terms.add_blocks(at[None], holds * np.outer(pair, pair)[None])
 
     def _add_links(self, x: Array, terms: EnergyTerms) -> None:
-        """Adds the links."""
+        """Adds the energy of links."""
         r, _, _ = self.split(x)
         n = self.rollers
         d = np.roll(r, -1, axis=0) - r
@@ -348,7 +349,7 @@ class Potential:
         terms.add_blocks(where, np.block([[block, -block], [-block, block]]))
 
     def _add_teeth(self, x: Array, s: int, terms: EnergyTerms) -> None:
-        """Adds the rollers on the teeth of sprocket s."""
+        """Adds the energy of rollers on the teeth of sprocket s."""
         r, centers, angles = self.split(x)
         tooth, radius, stiffness = self.teeth[s], float(self.radius[s]), self.softness * self.tooth_stiffness[s]
         rho = r - centers[s]
@@ -374,7 +375,7 @@ class Potential:
         terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
     def _tooth_penetration(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
-        """Penetration [m], normal outward and counter-clockwise, curvature of the penetration [1/m]."""
+        """Tooth penetration [m], its normal (outward, counter-clockwise) and curvature [1/m]."""
         tooth, roller_radius = self.teeth[s], self.model.chain.roller_radius
         cosine, sine = math.cos(0.5 * tooth.seat_angle), math.sin(0.5 * tooth.seat_angle)
         clearance = tooth.seat_radius - roller_radius
@@ -398,7 +399,7 @@ class Potential:
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
     def _add_guide(self, x: Array, g: int, terms: EnergyTerms) -> None:
-        """Adds the rollers on a guide, piece by piece, `warpchain.drive.face_profile` (a)."""
+        """Adds the energy of rollers on guide g, by `warpchain.drive.face_profile` (a)."""
         r, _, _ = self.split(x)
         arm, pivots = self.model.arm_of(g), self.pivots(x)
         hung = [a for a, _ in self.hung]
@@ -424,7 +425,7 @@ class Potential:
             terms.add_contacts(at, -force[:, None] * normal, block, rho)
 
     def _add_constant_forces(self, x: Array, terms: EnergyTerms) -> None:
-        """Adds weight, centrifugal forces, loads and mounts."""
+        """Adds the energy of weight, centrifugal forces, loads and mounts."""
         r, centers, angles = self.split(x)
         n, s = 2 * self.rollers, 2 * self.sprockets
         weight = self.model.chain.mass * self.gravity
@@ -451,7 +452,7 @@ class Potential:
 
 
 def _along_across(u: Array, along: Array, across: Array) -> Array:
-    """(M, 2, 2) matrices with the eigenvalue `along` for the unit vectors u (M, 2), `across` at right angles."""
+    """Matrices (M, 2, 2) with eigenvalue `along` for unit vectors u (M, 2), `across` at right angles."""
     outer = u[:, :, None] * u[:, None, :]
     return np.asarray(across[:, None, None] * np.eye(2) + (along - across)[:, None, None] * outer)
 
@@ -459,16 +460,16 @@ def _along_across(u: Array, along: Array, across: Array) -> Array:
 def _add_contact_energy(
     terms: EnergyTerms, pen: Array, normal: Array, bend: Array, stiffness: float, exponent: float
 ) -> tuple[Array, Array]:
-    """Adds the energy of contacts; returns their forces (M,) [N] and second derivatives by place (M, 2, 2) [N/m]."""
+    """Adds the energy of contacts; returns forces (M,) [N] and second derivatives by place (M, 2, 2) [N/m]."""
     force = stiffness * pen**exponent
     terms.energy += float(np.sum(force * pen)) / (exponent + 1.0)
     return force, _along_across(normal, exponent * force / pen, force * bend)
 
 
 def _mount_values(model: ChainModel, gravity: Array) -> tuple[Array, Array, Array]:
-    """Mean places (S, 2) [m], springs along x and y (S, 2) [N/m], steady forces (S, 2) [N] of the centers.
+    """Mean places [m], springs along x and y [N/m] and steady forces [N] of sprocket centers, each (S, 2).
 
-    A slider's spring stands for both axes, since it moves along its line only.
+    A slider's spring stands for both axes.
     """
     count = len(model.sprockets)
     home = np.array([sprocket.center for sprocket in model.sprockets], dtype=float)

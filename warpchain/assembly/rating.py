@@ -28,8 +28,7 @@ from warpchain.model.power_rating import (
 from warpchain.model.trains import body_speed_ratio, inertia_behind_body, is_free_body
 
 SLACK = (0.02, 0.04, 0.06)
-"""Movement of the slack strand by hand over its length [-]: Tsubaki asks for 4 %, and 2 % where it is long or steep or
-loads jump, Diamond Chain for up to 6 %."""
+"""Slack strand's movement by hand over its length [-]: 4 % by Tsubaki, 2 % if long or steep, 6 % by Diamond Chain."""
 
 Strands = Sequence[Mapping[str, Any]]
 
@@ -40,13 +39,13 @@ def passes_moment(sprocket: Sprocket) -> bool:
 
 
 def smallest_driven(model: ChainModel) -> int:
-    """The sprocket with the fewest teeth of those that pass on a moment; the driver is one of them."""
+    """Sprocket with the fewest teeth of those that pass on a moment, the driver among them."""
     passing = (s for s, sprocket in enumerate(model.sprockets) if s == model.driver or passes_moment(sprocket))
     return min(passing, key=lambda s: model.sprockets[s].teeth)
 
 
 def rating_values(model: ChainModel, strands: Strands, speed: float) -> dict[str, Any] | None:
-    """Rated power, life and lubrication by name, in SI units; None of a size without a rating and of a chain at rest.
+    """Rated power, life and lubrication of a chain by name, in SI units; None without a rating or at rest.
 
     Args:
         strands: each with its "working_tension" [N].
@@ -80,7 +79,7 @@ def rating_values(model: ChainModel, strands: Strands, speed: float) -> dict[str
 
 
 def wear_rate(model: ChainModel, tensions: Sequence[float], speed: float) -> float:
-    """Elongation of a chain with a size by wear of its joints [1/s], (a)."""
+    """Elongation rate of a chain with a size by wear of its joints [1/s], eq. (a)."""
     chain = model.chain
     assert chain.pin_radius is not None and chain.joint_area is not None  # a size has both
     turned = sum(
@@ -91,7 +90,7 @@ def wear_rate(model: ChainModel, tensions: Sequence[float], speed: float) -> flo
 
 
 def resting_sag(model: ChainModel, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
-    """Sag at rest of the strand that is slackest at work; None on guides, without gravity or a state at rest."""
+    """Sag at rest of the strand slackest at work; None on guides, without gravity or a state at rest."""
     k = min(range(len(strands)), key=lambda k: float(strands[k]["working_tension"]))
     if resting.failure or assembly.path.strings[k] is not None or not any(model.run.gravity):
         return None
@@ -101,8 +100,7 @@ def resting_sag(model: ChainModel, assembly: Assembly, strands: Strands, resting
 
 
 def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed: float) -> dict[str, dict[str, Any]]:
-    """Frequencies of strands and sprockets, and the driver's speeds at which teeth, and the driver's revolutions, have
-    them; of strands those of the one whose speed is nearest to that at work.
+    """Frequencies of strands and sprockets, and the driver's speeds at which teeth or revolutions have them.
 
     Args:
         path: of the chain.
@@ -110,8 +108,8 @@ def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed:
         speed: of the driver at work [rad/s].
 
     Returns:
-        "transverse", "longitudinal" and "torsional", each with "strand" ("" for all), "frequency" [Hz], that of the
-        transverse one at the speed of the teeth, "teeth_speed" and "revolution_speed" [rad/s]; without what has none.
+        "transverse", "longitudinal" and "torsional", where present, each with "strand" ("" for all), "frequency" [Hz],
+        "teeth_speed" and "revolution_speed" [rad/s]; of the strand with the speed nearest to that at work.
     """
     chain, teeth = model.chain, model.sprockets[model.driver].teeth
 
@@ -144,16 +142,12 @@ def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed:
 
 
 def _swinging_speed(pull: float, length: float, period: float) -> float:
-    """Speed of the chain [m/s] at which a strand swings once while it moves on by the period [m], (b)."""
+    """Chain speed at which a strand swings once per period of length [m/s], eq. (b)."""
     return math.sqrt(0.5 * (math.sqrt(pull * pull + (pull * period / length) ** 2) - pull))
 
 
 def torsional_frequency(model: ChainModel, path: ChainPath, strands: Strands) -> float | None:
-    """Lowest frequency [Hz] at which sprockets turn against each other on the pulled strands; None where none does.
-
-    Args:
-        path, strands: as of `critical_speeds`.
-    """
+    """Lowest torsional frequency of sprockets on their pulled strands [Hz]; None where there is none."""
     count, (gx, gy) = len(model.sprockets), model.run.gravity
     masses = np.zeros(count)
     for b in range(count + len(model.shafts)):
@@ -178,7 +172,7 @@ def torsional_frequency(model: ChainModel, path: ChainPath, strands: Strands) ->
 
 
 def rating_advice(found: Mapping[str, Any] | None, hung: Mapping[str, Any] | None) -> list[str]:
-    """Lines on more power than the rated one, and on a slack strand that hangs too far."""
+    """Advice on more power than rated, and on a slack strand that hangs too far."""
     lines = []
     if found is not None and found["use"] > 1.0:
         lines.append(
@@ -196,7 +190,7 @@ def rating_advice(found: Mapping[str, Any] | None, hung: Mapping[str, Any] | Non
 
 
 def rating_lines(found: Mapping[str, Any] | None) -> list[str]:
-    """Lines of `check` on rating, life and lubrication."""
+    """Report lines of `check` on rating, life and lubrication."""
     if found is None:
         return []
     rpm, (slow, fast) = found["speed"] * 30.0 / math.pi, found["lubrication_limits"]
@@ -216,7 +210,7 @@ def rating_lines(found: Mapping[str, Any] | None) -> list[str]:
 
 
 def strand_lines(hung: Mapping[str, Any] | None, speeds: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Lines of `check` on sag and critical speeds."""
+    """Report lines of `check` on sag and critical speeds."""
     lines = []
     if hung is not None:
         least, usual, most = (100.0 * share for share in SLACK)

@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _BALANCED = 1e-9
-"""Of the largest moment: what is left where motors and loads are in balance."""
+"""Largest moment left of motors and loads in balance, relative."""
 
 
 class RunUp(NamedTuple):
-    """Speeds (K,) [rad/s] that a driver passes and its accelerations there (K,) [rad/s^2], the last at work."""
+    """Run-up of a driver: speeds (K,) [rad/s] and accelerations (K,) [rad/s^2], the last at work."""
 
     speed: Array
     acceleration: Array
 
     def times(self, ratio: float) -> RunUp:
-        """The run-up of a body that turns `ratio` times as fast."""
+        """Run-up of a body that turns `ratio` times as fast."""
         return RunUp(ratio * self.speed, ratio * self.acceleration)
 
     def at(self, k: int) -> tuple[float, float]:
-        """Speed and acceleration of one of them."""
+        """Speed [rad/s] and acceleration [rad/s^2] at place k of a run-up."""
         return float(self.speed[k]), float(self.acceleration[k])
 
 
 def driver_run_up(model: ChainModel) -> RunUp:
-    """The run-up of a chain's driver: that of a motion's ramp or table over time, else as motors and loads have it."""
+    """Run-up of a chain's driver by its ramp or table over time, else by motors and loads."""
     b = driving_body(model)
     motion, top = part_of_body(model, b).prescribed, model.driver_speed
     if motion is None:
@@ -58,7 +58,7 @@ def driver_run_up(model: ChainModel) -> RunUp:
 
 
 def _free_run_up(model: ChainModel) -> RunUp:
-    """The run-up of a drive in which nothing is prescribed."""
+    """Run-up of a drive in which no motion is prescribed."""
     one, top = lumped_drive(model), model.driver_speed
     grid = speed_steps(one.start, top)
     least, most = one.net_moment_bounds(grid)
@@ -70,7 +70,7 @@ def _free_run_up(model: ChainModel) -> RunUp:
 
 
 def run_up_moments(model: ChainModel, of: RunUp) -> Array:
-    """(S + H, K) mean moments of loads and inertias on sprockets and shafts against forward rotation, (a) [N m].
+    """Mean moments of loads and inertias against forward rotation during run-up (S + H, K) [N m], eq. (a).
 
     Args:
         beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `SprocketShaft`.
@@ -83,7 +83,7 @@ def run_up_moments(model: ChainModel, of: RunUp) -> Array:
 
 
 def tension_rises(model: ChainModel, moments: Array) -> Array:
-    """(S, K) tension of the strand behind each sprocket above that behind the driver [N]."""
+    """Tension of the strand behind each sprocket above that behind the driver (S, K) [N]."""
     count = len(model.sprockets)
     found = np.zeros((count, moments.shape[1]))
     asked = np.zeros_like(found)
@@ -98,7 +98,7 @@ def tension_rises(model: ChainModel, moments: Array) -> Array:
 
 
 def hardest_place(model: ChainModel, of: RunUp, moments: Array) -> int:
-    """Index of the run-up's place at which the chain is pulled hardest; -1, that at work, where none is harder."""
+    """Index of the run-up's place with the hardest pull on the chain; -1, at work, where none is harder."""
     rise = tension_rises(model, moments)
     chain_speed = of.speed * model.pitch_radius(model.driver)
     pull = np.ptp(rise, axis=0) + model.chain.mass / model.chain.pitch * chain_speed**2
@@ -107,7 +107,7 @@ def hardest_place(model: ChainModel, of: RunUp, moments: Array) -> int:
 
 
 def missing_effects(model: ChainModel) -> Iterator[str]:
-    """Names of effects that the run-up's largest pull does not contain."""
+    """Names of effects that the largest pull of a run-up leaves out."""
     yield "vibration"
     b = driving_body(model)
     names = body_names(model)

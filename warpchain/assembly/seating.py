@@ -1,27 +1,19 @@
-"""Which rollers sit on which sprocket, and at which angles the sprockets then stand: the closed polygon of the chain.
+"""Seating of rollers on sprockets, and the sprocket angles that close the chain's polygon.
 
 Sprocket s holds m_s >= 1 rollers on consecutive seats, the first at polar angle a_s, the last at
-b_s = a_s + w_s (m_s - 1) alpha_s; strand k has n_k >= 1 links. The whole numbers satisfy sum (m_s - 1) + sum n_k = N.
-The closing conditions, one a strand,
+b_s = a_s + w_s (m_s - 1) alpha_s; strand k has n_k >= 1 links, sum (m_s - 1) + sum n_k = N. One closing condition a
+strand,
 
     |first roller of sprocket k+1 (a_{k+1}) - last roller of sprocket k (b_k)| = l_k (1 + strain),     (a)
 
-with l_k the sum of the unloaded lengths of its n_k links, determine the strain and all a_s but the driver's, which is
-the angle where the path arrives on it, or `run.phase` teeth further on. They are solved by Newton's method from the
-path. In a slack chain (strain < 0) a strand of one link cannot sag: it keeps its length. Rollers stand in their seats'
-directions, but where outer links are longer and the rollers ride above the seats: there they lean by
-`Drive.riding_lean`, turn by turn back and forth.
+with l_k the unloaded length of its n_k links, determines the strain and all a_s but the driver's (where the path
+arrives, or `run.phase` teeth further on), by Newton's method. In a slack chain a strand of one link keeps its length.
+Rollers that ride above their seats with longer outer links lean by `Drive.riding_lean`, back and forth.
 
-The whole numbers come from the path measured in pitches from the driver's arrival: on an arc the angle over the pitch
-angle, in a strand the length over p (1 + nominal strain), p the links' mean length. Roller i stands at i pitches, or
-`run.phase` further on, and it is seated where it comes within half a pitch of the arc. That is also where the choice
-does not matter: a last seat half a pitch angle before the tangent point sends the next roller of a straight strand
-exactly to the next seat. So where the solved angles have left that range a seat is added or given back, and the
-conditions are solved again.
-
-A strand that touches guides goes around them from seat to seat on the taut string, whose length stands in (a) for the
-distance; its directions at both ends are the gradient. Its links are chords: what they are longer or shorter together
-than `Taut.chain_length`, where arcs and straight parts meet, is found by laying them and added.
+Counts come from the path in pitches from the driver's arrival: a roller at i pitches, or `run.phase` more, is seated
+within half a pitch of the arc. Where solved angles leave that range a seat is added or given back, and (a) is solved
+again. On guides the taut string's length stands in (a) for the distance, corrected by what its links, laid as chords,
+differ from `TautString.chain_length`.
 """
 
 from __future__ import annotations
@@ -83,15 +75,13 @@ Number = Any
 
 @dataclass
 class Seating:
-    """The chains of a stack of V variants seated on their sprockets; S sprockets, as many strands.
-
-    Of a stack all are arrays (V,), of one variant alone plain numbers.
+    """Seating of a stack's chains on their S sprockets; values are arrays (V,), of one variant plain numbers.
 
     Attributes:
-        first_angle: (S,) polar angles of the seats that hold the first roller of each sprocket [rad].
+        first_angle: (S,) polar angles of the seats of the first rollers [rad].
         seats: (S,) numbers of seated rollers.
         links: (S,) numbers of links of the strands.
-        strain: strain of the strands' links, negative in a slack chain.
+        strain: of the strands' links, negative in a slack chain.
     """
 
     first_angle: list[Number]
@@ -100,7 +90,7 @@ class Seating:
     strain: Number
 
     def of(self, chosen: Places) -> Seating:
-        """The seatings of some variants of a stack."""
+        """Seatings of some variants of a stack."""
         angle, seats, links = ([column[chosen] for column in own] for own in (self.first_angle, self.seats, self.links))
         return Seating(angle, seats, links, self.strain[chosen])
 
@@ -118,7 +108,7 @@ class Seating:
 
     @property
     def first(self) -> list[Number]:
-        """(S,) indices of the first roller on each sprocket."""
+        """Indices of the first roller on each sprocket (S,)."""
         found = [0 * self.seats[0]]
         for seats, links in zip(self.seats[:-1], self.links[:-1], strict=True):
             found.append(found[-1] + (seats - 1 + links))
@@ -126,22 +116,22 @@ class Seating:
 
     @property
     def last(self) -> list[Number]:
-        """(S,) indices of the last roller on each sprocket."""
+        """Indices of the last roller on each sprocket (S,)."""
         return [first + seats - 1 for first, seats in zip(self.first, self.seats, strict=True)]
 
 
 def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, near: Number = 0.0) -> Seating:
-    """Seats the chains of a stack, each of which fits its path.
+    """Seating of chains that fit their paths, of one drive or a stack.
 
     Args:
         model: one, or a stack.
-        path: its path or paths, with the first axis of a stack.
-        loop: of the drive; of one with arms what it has found for another path is where the search begins.
-        near: what a further laying of links on guides may change, if more than round-off [pitches].
+        path: with the first axis of a stack.
+        loop: of the drive; with arms its last solution for another path is the first guess.
+        near: tolerance of links laid on guides, if above round-off [pitches].
 
     Raises:
-        DriveError: where a strand has no room for a link, a sprocket has fewer teeth than rollers to hold, or no
-            placement closes the chain; the message names where, of the first such variant.
+        DriveError: a strand without room for a link, a sprocket with fewer teeth than rollers to hold, or no placement
+            that closes the chain; of the first such variant.
         UnlikeVariants: a stack whose chains lie on guides with unlike arcs, or links.
     """
     loop = loop or Loop(model, path)
@@ -165,15 +155,15 @@ def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, nea
 
 
 def outer_link_sign(roller: Number) -> Number:
-    """1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
+    """Sign 1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
     return 2 * (roller % 2) - 1
 
 
 class Loop:
-    """The sprockets of a stack in the order of the chain's travel, S numbers or arrays (V,) each.
+    """Loop of a stack's sprockets in the order of the chain's travel, S numbers or arrays (V,) each.
 
     Attributes:
-        members: (V,) which variants of the stack they are, `whole` many in all.
+        members: (V,) their variants among the stack's `whole`.
     """
 
     def __init__(self, model: ChainModel, path: ChainPath) -> None:
@@ -204,7 +194,7 @@ class Loop:
         self.use_path(path)
 
     def use_path(self, path: ChainPath) -> None:
-        """Takes another path of the same drive, whose arms stand elsewhere."""
+        """Takes another path of the drive, with arms elsewhere."""
         if self.rides:
             self.x, self.y = columns_of_table(path.center[..., 0]), columns_of_table(path.center[..., 1])
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
@@ -212,7 +202,7 @@ class Loop:
         self.strings: dict[int, tuple[tuple[Number, Number], TautString]] = {}  # as last drawn, from where to where
 
     def of(self, chosen: Places) -> Loop:
-        """The loops of some variants of a stack."""
+        """Sprocket loops of some variants of a stack."""
         part = copy(self)
         part.variants, part.pitch, part.members = len(chosen), self.pitch[chosen], self.members[chosen]
         part.runs, part.strings = [pick_variants(runs, chosen) if runs else () for runs in self.runs], {}
@@ -225,14 +215,14 @@ class Loop:
         return part
 
     def chosen_loops(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
-        """Loops, seatings and lengths of strands of the chosen variants; the same objects where all are."""
+        """Loops, seatings and strand lengths of chosen variants; the same objects where all are."""
         if not has_arrays(chosen) or chosen.all():
             return self, seating, lengths
         places = np.flatnonzero(chosen)
         return self.of(places), seating.of(places), [pick_places(length, places) for length in lengths]
 
     def keep_laid_links(self, chosen: Places, part: Loop) -> None:
-        """Keeps the lengths of links on strings that the loop of some variants has found."""
+        """Keeps the lengths of links on strings found for some variants."""
 
         def put(old: Number, new: Number) -> Number:
             if not has_arrays(old, new):
@@ -245,7 +235,7 @@ class Loop:
         self.scales = {k: put(self.scales.get(k, scale), scale) for k, scale in part.scales.items()}
 
     def counted_seating(self, model: ChainModel, path: ChainPath) -> Seating:
-        """The whole numbers and the first guess of the angles, from the path measured in pitches."""
+        """Seating with whole numbers and first angles, from the path in pitches."""
         arrival, wrap, length = (
             columns_of_table(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length)
         )
@@ -272,7 +262,7 @@ class Loop:
         return Seating(angles, seats, links, strain)
 
     def start_seating(self, counted: Seating) -> Seating:
-        """The seating from which to solve: as counted, or as another path's with the same counts was solved."""
+        """First guess of a seating: as counted, or the solution of another path with equal counts."""
         before, self.counted = self.counted, counted
         solved = self.solved
         if solved is None or before is None or not self.remembers:
@@ -302,7 +292,7 @@ class Loop:
                 )
 
     def end_seat_angles(self, seating: Seating, k: int) -> tuple[Number, Number]:
-        """Polar angles of the last roller before strand k and of the first one after it."""
+        """Polar angles of the last roller before strand k and of the first one after it [rad]."""
         following = (k + 1) % self.size
         leave = seating.first_angle[k] + (seating.seats[k] - 1) * self.step[k]
         arrive = seating.first_angle[following]
@@ -313,7 +303,7 @@ class Loop:
         return leave, arrive
 
     def string(self, seating: Seating, k: int) -> TautString | None:
-        """Strand k from seat to seat around its guides; None where it touches none."""
+        """Taut string of strand k from seat to seat; None where it touches no guide."""
         if not self.runs[k]:
             return None
         ends = self.end_seat_angles(seating, k)
@@ -352,7 +342,7 @@ class Loop:
         return _Strand(leaving, arriving, along, along, length)
 
     def laid_excess(self, seating: Seating, k: int) -> Number:
-        """Length of the links of strand k, laid as chords on its string, beyond its chain length [m]."""
+        """Length of strand k's links, laid as chords on its string, beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
@@ -368,14 +358,14 @@ class Loop:
         return scale * summed_lengths(own) - string.chain_length(self.pitch)
 
     def unloaded_lengths(self, seating: Seating) -> list[Number]:
-        """(S,) unloaded lengths of the strands: the sums of their own links'."""
+        """Unloaded lengths of the strands (S,) [m]."""
         row = 0 if len(self.reach) == 1 else np.arange(self.variants)
         ends = [(last, last + links) for last, links in zip(seating.last, seating.links, strict=True)]
         found = [self.reach[row, end] - self.reach[row, begin] for begin, end in ends]
         return [length if has_arrays(length) else float(length) for length in found]
 
     def solve_closure(self, seating: Seating, near: Number) -> None:
-        """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
+        """Solves the closing conditions (a) for given counts; `near` as of `seat_chain`."""
         part, mine, lengths = self, seating, self.unloaded_lengths(seating)
         todo = np.arange(self.variants)
         for _ in range(_LAYINGS if self.around else 1):
@@ -420,10 +410,9 @@ class Loop:
         seating.set_variants(chosen, mine)
 
     def _newton(self, seating: Seating, lengths: list[Number], elastic: list[Number]) -> None:
-        """Newton's method; `elastic` is the part of each strand's unloaded length that takes the strain.
+        """Solves (a) by Newton's method; `elastic` is the part of each strand's length that takes the strain [m].
 
-        Column `driver` of the Jacobian belongs to the strain, the others to the sprockets' angles. A variant that is
-        done stays as it is while others go on.
+        Column `driver` of the Jacobian belongs to the strain. Variants that are done stay.
         """
         angles = [s for s in range(self.size) if s != self.driver]
         part, mine, todo, worst = self, seating, np.arange(self.variants), math.inf
@@ -476,10 +465,7 @@ class Loop:
         return residual, jacobian
 
     def adjust_seats(self, seating: Seating) -> Any:
-        """Adds and gives back seats at both ends of every strand; returns where anything has changed.
-
-        The driver's first seat stays, since it carries the angle that is not solved for.
-        """
+        """Adds and gives back seats at both ends of every strand but the driver's first; returns where any changed."""
         link = self.pitch * (1.0 + maximum(seating.strain, 0.0))
         changed = link != link  # False, or an array of it
         for k in range(self.size):
@@ -499,12 +485,12 @@ class Loop:
         return changed
 
     def _seat_change(self, seating: Seating, k: int, s: int, inward: Number, link: Number) -> Number:
-        """+1, -1 or 0: seats to add on sprocket s where strand k ends on it.
+        """Seats to add on sprocket s where strand k ends on it: +1, -1 or 0.
 
-        `inward` is the cosine between the strand's direction towards the sprocket and the seat's outward vector e, the
-        sine of the angle by which the seat lies within the arc. A straight strand's next roller, a link L away, stands
-        at the radius sqrt(R^2 - 2 R L inward + L^2): inside the pitch circle, in the next gap, if inward > L / (2 R).
-        Beyond half a pitch angle outside the arc the strand bends away from the seat.
+        `inward` is the cosine between the strand's direction towards the sprocket and the seat's outward vector. A
+        straight
+        strand's next roller, a link L away, stands at sqrt(R^2 - 2 R L inward + L^2), in the next gap if inward > L /
+        (2 R).
         """
         radius, seats = self.radius[s], seating.seats[s]
         inside = link * (link - 2.0 * radius * inward) < -_TIE * self.pitch * radius
@@ -515,7 +501,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class _Strand:
-    """A strand from seat to seat.
+    """Strand from seat to seat.
 
     Attributes:
         leaving, arriving: (2,) outward unit vectors of the seats at its ends.

@@ -1,4 +1,4 @@
-"""Initial states and layout faults of many drives: of a stack at once, equal layouts once."""
+"""Initial states and layout faults of many drives, by stacks; equal layouts once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from warpchain.model.stacks import (
 Places = NDArray[np.int64]
 
 PULLING_CHAIN_KEYS = "stiffness", "roller_mass", "mass_per_length"
-"""Keys of a chain that pull an arm or make its stops stiff; outer links' stiffness does, too."""
+"""Keys of a chain that pull an arm or make its stops stiff."""
 LAYOUT_FREE_KEYS = frozenset(("inertia", "load", "bearing"))
 """Keys of a sprocket that its layout does not depend on."""
 WEIGHT_KEYS = frozenset(("mass", "balance_wheel"))
@@ -37,11 +37,11 @@ WEIGHT_KEYS = frozenset(("mass", "balance_wheel"))
 
 @dataclass(frozen=True)
 class Assemblies(Sequence[Assembly]):
-    """The initial states of V variants, a sequence of `Assembly`.
+    """Initial states of V variants, a sequence of `Assembly`.
 
     Attributes:
         blocks: states of stacks; variants may share a state.
-        block, row: (V,) the block of each variant, and its row in it.
+        block, row: (V,) block of each variant, and its row there.
     """
 
     blocks: tuple[Assembly, ...]
@@ -61,11 +61,11 @@ class Assemblies(Sequence[Assembly]):
         return self.blocks[self.block[v]][int(self.row[v])]
 
     def pick_variants(self, which: Places) -> Assemblies:
-        """The states of some variants, each as often as it is named."""
+        """Initial states of chosen variants, each as often as named."""
         return Assemblies(self.blocks, self.block[which], self.row[which])
 
     def states_by_block(self, members: Places) -> Iterator[tuple[Places, Assembly]]:
-        """Yields the states of some variants block by block: places (K,) in `members`, and states (K, ...)."""
+        """Yields initial states block by block: places (K,) in `members`, and states (K, ...)."""
         mine = self.block[members]
         for block in np.unique(mine).tolist():
             places, state = np.flatnonzero(mine == block), self.blocks[block]
@@ -75,13 +75,13 @@ class Assemblies(Sequence[Assembly]):
 
 
 def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> Assemblies:
-    """Assembles the drives of stacks; returns the initial states of all variants.
+    """Initial states of all variants of stacks of drives.
 
     Args:
-        numbers: what the variants are called in errors; None counts them from 0.
+        numbers: of the variants in errors; None counts from 0.
 
     Raises:
-        DriveError: for a drive whose chain does not fit; the message names the first variant.
+        DriveError: a chain that does not fit, of the first such variant.
     """
     count = sum(len(stack.members) for stack in stacks)
     block, row = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
@@ -118,10 +118,7 @@ def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> A
 
 
 def _stack_of_layouts(model: ChainModel, count: int) -> tuple[ChainModel, Places]:
-    """The layouts of a stack's variants as a stack, each once, and which of them each variant has (V,).
-
-    A layout is all of a drive that its initial state depends on.
-    """
+    """Stack of the distinct layouts of another, and the layout of each variant (V,)."""
     if count == 1:
         return model, np.zeros(1, dtype=np.int64)
     one, own = pick_variants(model, 0), _layout_values(model)
@@ -148,7 +145,7 @@ def _stack_of_layouts(model: ChainModel, count: int) -> tuple[ChainModel, Places
 
 
 def _layout_key(model: ChainModel) -> Hashable:
-    """The layout of one drive as a hashable key; with arms, what pulls and pushes them counts."""
+    """Layout of one drive as a hashable key; with arms, what pulls and pushes them counts."""
     own = _layout_values(model)
     values = [value for of in (own["chain"], *own["sprockets"], *own["shafts"], own["run"]) for value in of.values()]
     tied = tuple(body_ties(model)) if has_trains(model) else ()
@@ -181,13 +178,7 @@ def _layout_values(model: ChainModel) -> dict[str, Any]:
 def layout_faults_of_drives(
     models: Sequence[ChainModel], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
 ) -> list[tuple[str, ...]]:
-    """Faults of each drive's layout, a line each; drives with one state and one set of guides are checked once.
-
-    Args:
-        models: of the chains.
-        assemblies: their initial states.
-        stacks: the drives sorted into stacks, where they are.
-    """
+    """Layout faults of each drive, a line each; drives with one state and one set of guides are checked once."""
     found: list[tuple[str, ...]] = [()] * len(models)
     known: dict[tuple[int, ...], tuple[str, ...]] = {}
     for stack in stacks_of_drives(models) if stacks is None else stacks:
@@ -202,7 +193,7 @@ def layout_faults_of_drives(
 
 
 def layout_faults_line(layouts: Sequence[Sequence[str]]) -> str | None:
-    """The faults of variants' layouts in one line; None where there are none."""
+    """Layout faults of variants in one line; None where there are none."""
     wrong = [v for v, found in enumerate(layouts) if found]
     if not wrong:
         return None

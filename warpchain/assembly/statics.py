@@ -1,10 +1,8 @@
-"""A drive in steady state: the equilibrium of every roller, sprocket and moving center, by Newton's method.
+"""Statics of a drive in steady motion: equilibrium of rollers, sprockets and moving centers.
 
-What a run shows in the mean, vibration and friction aside: loads at speed, centrifugal force, weight, preloads and
-springs of mounts, rollers on seats and flanks where the load puts them, guide-bars. The driver is led through one tooth
-pitch in equal steps and the states are averaged, since the polygon of the chain moves tensions within a pitch. Each
-state minimizes the energy of `warpchain.assembly.potential`, by Newton's method with a shift of the Hessian that grows
-where the energy would rise (Levenberg, Marquardt). Modes are those of small motion about such a state (`equilibrium`).
+That is a run's mean without vibration and friction: loads at speed, centrifugal force, weight, mounts, teeth and
+guides. States are averaged over a tooth pitch, in equal steps of the driver. Each minimizes the energy of
+`warpchain.assembly.potential` by Newton's method with a shift of the Hessian (Levenberg, Marquardt).
 """
 
 from __future__ import annotations
@@ -37,14 +35,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PHASES = 4
-"""States within a tooth pitch that are averaged."""
+"""States within a tooth pitch over which statics averages."""
 
 MOST = 2000
-"""Links of the longest chain whose steady state is sought; it takes 20 s."""
+"""Most links of a chain whose steady state is sought; that takes 20 s."""
 
 _SOFTER = (0.01, 0.1)
-"""Contact stiffnesses, relative, at which the first state is sought before at the whole one: pockets that are hardly
-wider than their rollers, hard ones, let a chain creep only."""
+"""Relative contact stiffnesses of the first guesses, for tight or hard pockets in which a chain creeps."""
 
 _ITERATIONS = 400
 _ACCURACY = 1e-4  # of the largest force at work: what is left on any coordinate
@@ -58,16 +55,16 @@ _GROWTH, _DECAY = 4.0, 0.15  # of the shift, after a step that is refused or tak
 
 @dataclass(frozen=True)
 class Steady:
-    """A drive of S sprockets in steady state: means over a tooth pitch.
+    """Steady state of a drive of S sprockets: means over a tooth pitch.
 
     Attributes:
-        tension: (S,) mean tension of strand k's links [N], centrifugal part and all.
-        centrifugal: m v^2 / p, of every tension [N].
+        tension: (S,) mean tension of strand k's links, centrifugal part included [N].
+        centrifugal: m v^2 / p [N].
         displacement: (S,) of the chain at mid-strand from the nominal line, left of its travel positive [m].
         center: (S, 2) sprocket centers [m].
         arm_angle: (A,) angles of the arms [rad].
         twist, torque: (C,) of the couplings [rad], and what they take from their first bodies [N m].
-        failure: why no equilibrium was found, in words; the other values are then worth nothing. None where it was.
+        failure: why no equilibrium was found; the other values are then void. None where it was.
     """
 
     tension: Array
@@ -81,10 +78,9 @@ class Steady:
 
 
 def load_moments(model: ChainModel, speed: float | Array) -> Array:
-    """(S + H, ...) mean load moments against forward rotation [N m] of sprockets and shafts, at the driver's angular
-    speed (...) [rad/s], less those of motors beside the one that drives.
+    """Mean load moments of sprockets and shafts (S + H, ...), less motors beside the driving one [N m].
 
-    Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on what is prescribed.
+    Against forward rotation, at the driver's speed (...) [rad/s]; 0 on prescribed bodies.
     """
     found = np.zeros((len(model.sprockets) + len(model.shafts), *np.shape(speed)))
     for b, load in free_body_loads(model):
@@ -104,12 +100,12 @@ def load_moments(model: ChainModel, speed: float | Array) -> Array:
 def running(
     model: ChainModel, assembly: Assembly | None = None, speed: float | None = None, moments: Array | None = None
 ) -> Steady:
-    """The drive at its driver's top speed, all loads on; takes some tenths of a second.
+    """Steady state at the driver's top speed under load; takes some tenths of a second.
 
     Args:
-        assembly: its own, if that is known.
+        assembly: its own, if known.
         speed: of the driver, in place of its top speed [rad/s].
-        moments: (S + H,) against forward rotation of sprockets and shafts, in place of `load_moments` [N m].
+        moments: (S + H,) against forward rotation, in place of `load_moments` [N m].
 
     Raises:
         DriveError: a chain that does not fit.
@@ -128,10 +124,7 @@ def running(
 
 
 def at_rest(model: ChainModel, assembly: Assembly | None = None) -> Steady:
-    """The drive at rest without loads, its chain seated: what is left of the preload at assembly.
-
-    Couplings stand in the middle of their play, as at the start of a run: within it nothing but the weight of the chain
-    would say where.
+    """Steady state at rest without loads, couplings in the middle of their play.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -144,7 +137,7 @@ def at_rest(model: ChainModel, assembly: Assembly | None = None) -> Steady:
 
 
 def _unknown_state(model: ChainModel, assembly: Assembly, frequency: float, failure: str) -> Steady:
-    """The state of a drive whose equilibrium was not found."""
+    """Steady state of a drive whose equilibrium was not found."""
     nothing = np.full(len(model.sprockets), math.nan)
     centrifugal = model.chain.mass * model.chain.pitch * frequency**2
     slack = np.full(len(model.couplings), math.nan)
@@ -152,7 +145,7 @@ def _unknown_state(model: ChainModel, assembly: Assembly, frequency: float, fail
 
 
 def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, moments: Array) -> Steady:
-    """The steady state, averaged over a tooth pitch."""
+    """Steady state of a drive, averaged over a tooth pitch."""
     if model.chain.links > MOST:
         return _unknown_state(model, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(model, frequency, moments, laid=assembly.sprocket_angle)
@@ -178,7 +171,7 @@ def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, momen
 
 
 def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:
-    """The coordinates of a chain as it was laid around its sprockets."""
+    """Coordinates of an assembled chain."""
     arms = np.array(assembly.arm_angle)
     for a, p in potential.hung:
         arms[a] += assembly.arm_angle[p]
@@ -189,12 +182,12 @@ def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:
 
 
 def passing_rate(model: ChainModel, speed: float) -> float:
-    """Rollers that pass a point in a second, the tooth frequency [Hz], at the driver's angular speed [rad/s]."""
+    """Tooth frequency, rollers passing a point, at the driver's speed [rad/s], [Hz]."""
     return speed * model.sprockets[model.driver].teeth / math.tau
 
 
 Joined = Sequence[Sequence[tuple[int, int]]]
-"""Shafts that several chains have in common: of each its sprockets, or shafts in their place, as (chain, body)."""
+"""Shafts shared by chains: of each its (chain, body) pairs, bodies sprockets or shafts in their place."""
 
 
 def equilibrium(
@@ -204,18 +197,17 @@ def equilibrium(
     near: Sequence[Array] | None = None,
     shafts: Joined = (),
 ) -> tuple[list[Potential], list[Array]]:
-    """The potentials of a drive's chains whose balance wheels hang still, and the coordinates at which their sum is
-    least.
+    """Potentials of a drive's chains, and the coordinates at which their sum is least.
 
     Args:
         models: each chain as a drive of its own.
-        speeds: of their drivers [rad/s], at which loads are taken and the chains run.
+        speeds: of their drivers [rad/s], for loads and chains.
         assemblies: of the drives.
-        near: where the chains stand at a speed nearby.
+        near: coordinates at a speed nearby.
         shafts: that they have in common.
 
     Raises:
-        SimulationError: a chain that does not stay on its sprockets, or that comes to no rest; one line.
+        SimulationError: a chain that does not stay on its sprockets, or that comes to no rest.
     """
     potentials = []
     for model, speed, assembly in zip(models, speeds, assemblies, strict=True):
@@ -252,17 +244,14 @@ def equilibrium(
 
 
 def _held_angles(model: ChainModel) -> list[bool]:
-    """Whether angles of one of several chains are held: prescribed, or in the train of what drives all."""
+    """Whether angles of one of several chains are held: prescribed, or in the driver's train."""
     led = any(isinstance(sprocket, LedSprocket) for sprocket in model.sprockets)
     bodies = range(len(model.sprockets) + len(model.shafts))
     return [not is_free_body(model, b) or (not led and is_held_body(model, b)) for b in bodies]
 
 
 def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
-    """A first guess of the state `part` of a tooth pitch later.
-
-    Rollers on a sprocket turn with it, the others go on towards the next one.
-    """
+    """First guess of the coordinates `part` of a tooth pitch later, seated rollers turned with their sprockets."""
     x = x.copy()
     r, centers, angles = potential.split(x)
     before = r.copy()
@@ -282,7 +271,7 @@ def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
 
 
 def _strand_values(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array, Array]:
-    """Mean tension (S,) [N] of the links along each strand's nominal line, and displacement mid-strand (S,) [m]."""
+    """Mean tension of each strand's links (S,) [N], and displacement mid-strand (S,) [m]."""
     r, _, _ = potential.split(x)
     tension, path = potential.tensions(x), assembly.path
     ends = np.roll(r, -1, axis=0)
@@ -304,7 +293,7 @@ def _strand_values(potential: Potential, assembly: Assembly, x: Array) -> tuple[
 
 
 class _Solver:
-    """Minimizes the energy of a drive's chains over the free coordinates of all, one chain after the other."""
+    """Minimizer of the energy of a drive's chains over their free coordinates."""
 
     def __init__(self, parts: Sequence[Potential], assemblies: Sequence[Assembly], shafts: Joined = ()) -> None:
         self.parts, self.assemblies = parts, assemblies
@@ -315,11 +304,11 @@ class _Solver:
         self.pitch = min(of.model.chain.pitch for of in parts)
 
     def split(self, x: Array) -> list[Array]:
-        """The chains' own parts of x, as views."""
+        """Views of each chain's part of x."""
         return [x[a:b] for a, b in pairwise(self.ends)]
 
     def begin(self, x: Array) -> tuple[Array, float]:
-        """The equilibrium of the assembled state x, its chains on the teeth on which they were laid; see `settle`."""
+        """Equilibrium of the assembled state x, chains on the teeth on which they were laid; as `settle`."""
         found, residual = x, math.inf
         for softer in (_SOFTER, ()):
             found = x
@@ -339,12 +328,12 @@ class _Solver:
         return found, residual
 
     def _set(self, name: str, value: Any) -> None:
-        """Sets an attribute of the potentials."""
+        """Sets an attribute of all potentials."""
         for potential in self.parts:
             setattr(potential, name, value)
 
     def _each(self, x: Array) -> Iterator[tuple[Potential, Assembly, Array]]:
-        """The chains with their own parts of x."""
+        """Chains with their own parts of x."""
         return zip(self.parts, self.assemblies, self.split(x), strict=True)
 
     def _terms(self, x: Array) -> EnergyTerms:
@@ -353,9 +342,9 @@ class _Solver:
         return found[0] if len(found) == 1 else stacked_terms(found)
 
     def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
-        """The equilibrium near x, and the largest force left, over the largest at work.
+        """Equilibrium near x, and the largest force left over the largest at work.
 
-        Sought is `enough`, or, below `_ENOUGH`, until a whole Newton step no longer halves the forces.
+        Stops at `enough`, or below `_ENOUGH` where a whole Newton step no longer halves the forces.
         """
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms = self._terms(x)
@@ -383,7 +372,7 @@ class _Solver:
         return x, float(np.abs(slope).max()) / self.force
 
     def failure(self, x: Array, residual: float) -> str | None:
-        """Why x is no equilibrium, and what to do; None where it is one, by what `begin` and `settle` say of it."""
+        """Why x is no equilibrium, and what to do; None where it is one."""
         for potential, assembly, own in self._each(x) if math.isinf(residual) else ():
             slipped = _slipped_sprocket(potential, assembly, own)
             if slipped is not None:
@@ -404,14 +393,14 @@ class _Solver:
         )
 
     def _move_levers(self, x: Array) -> None:
-        """Updates by how much arms move what they carry."""
+        """Updates the weights with which arms move what they carry."""
         weights = [self.split(weight) for _, weight in self.maps]
         for potential, own, *of in zip(self.parts, self.split(x), *weights, strict=True):
             for one, (dx, dy) in zip(potential.carried, potential.levers(own), strict=True):
                 of[one.second][one.place :][:2] = np.array([-dy, dx]) * of[0][potential.first_arm + one.arm]
 
     def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
-        """Newton's change of the free coordinates, with a shift of the Hessian's diagonal."""
+        """Newton step of the free coordinates, with a shift of the Hessian's diagonal."""
         from scipy.sparse.linalg import splu
 
         shifted = curvature.copy()
@@ -434,7 +423,7 @@ def _largest_force(potential: Potential, assembly: Assembly) -> float:
 
 
 def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
-    """Name of the part of the drive to which coordinate i belongs."""
+    """Name of the drive's part to which coordinate i belongs."""
     model, rollers, sprockets = potential.model, potential.rollers, potential.sprockets
     if i >= potential.first_pivot:
         i = potential.first_arm + potential.hung[(i - potential.first_pivot) // 2][0]
@@ -453,7 +442,7 @@ def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
 
 
 def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int | None:
-    """The sprocket whose teeth, on which it was assembled, the chain has left at the middle of the wrapped arc."""
+    """Sprocket whose teeth the chain has left at the middle of the wrapped arc; None where none."""
     r, centers, angles = potential.split(x)
     for s, sprocket in enumerate(potential.model.sprockets):
         rollers = np.flatnonzero(assembly.seat_sprocket == s)
@@ -468,12 +457,7 @@ def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int
 
 
 def _free_coordinates_of_chains(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map], int]:
-    """Free coordinates of several chains, whose common shafts are one, that of their first sprocket.
-
-    Returns:
-        column and weight of every coordinate; where arms are on arms twice, as a sprocket on such moves with both; the
-        number of free ones.
-    """
+    """Free coordinates of chains with shared shafts: columns and weights (twice with arms on arms), and count."""
     columns, weights, seconds, count = [], [], [], 0
     for potential in parts:
         column, weight, own = _free_coordinates(potential)
@@ -500,11 +484,11 @@ def _free_coordinates_of_chains(parts: Sequence[Potential], shafts: Joined) -> t
 
 
 def _free_coordinates(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
-    """Free coordinates y: rollers, moving centers, free angles, these as lengths at the pitch radius, arms' at theirs.
-    Of a train one, the first body's. What arms carry along has the weights that `_Solver` keeps.
+    """Free coordinates of a chain: column and weight of each, 0 and 0 for held ones, and their count.
 
-    Returns:
-        column and weight of every coordinate, dx_i = weight_i dy_column(i), 0 and 0 for those that stay; their number.
+    dx_i = weight_i dy_column(i). Angles count as lengths; a train has one, its first body's; weights of carried places
+    are
+    `_Solver`'s.
     """
     n, s = 2 * potential.rollers, potential.sprockets
     column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n

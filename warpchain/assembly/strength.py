@@ -12,13 +12,13 @@ from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads, is_held_body
 
 LEAST_STATIC, LEAST_DYNAMIC = 7.0, 5.0
-"""Breaking load over the largest tension at work, and over that with the loads' peaks."""
+"""Least breaking load over the largest tension at work, and over that with the loads' peaks."""
 YIELD = 0.7
 """Tension at which links begin to yield, over the breaking load."""
 
 
 def _peak_moment(load: Load) -> float:
-    """Largest moment of a load over its mean [N m]: its harmonics at once, and its table."""
+    """Largest moment of a load over its mean [N m]: all harmonics at once, and its table."""
     found = sum(abs(h.amplitude) for h in load.harmonics)
     if load.table is not None:
         over, values = load.table.over, load.table.values
@@ -28,7 +28,7 @@ def _peak_moment(load: Load) -> float:
 
 
 def peak_tension(model: ChainModel) -> float:
-    """Tension that the loads add at their peaks, all at once [N]."""
+    """Tension that the loads' peaks add to the chain, all at once [N]."""
     found = 0.0
     for b, load in free_body_loads(model):
         s = nearest_sprocket(model, b)
@@ -39,7 +39,7 @@ def peak_tension(model: ChainModel) -> float:
 
 
 class HardestPull(NamedTuple):
-    """The largest tension on the way to work [N], and speed [rad/s] and acceleration [rad/s^2] of the driver there."""
+    """Largest tension on the way to work [N], with the driver's speed [rad/s] and acceleration [rad/s^2]."""
 
     tension: float
     speed: float
@@ -49,7 +49,7 @@ class HardestPull(NamedTuple):
 def strength_values(
     model: ChainModel, tensions: Sequence[float], run_up: HardestPull | None = None
 ) -> dict[str, Any] | None:
-    """Safeties and pressure by name, in SI units; None without a breaking load or a tension.
+    """Safeties of a chain and joint pressure by name, in SI units; None without a breaking load or a tension.
 
     Args:
         tensions: of the strands at work [N].
@@ -76,7 +76,7 @@ def strength_values(
 
 
 def strength_advice(model: ChainModel, tensions: Sequence[float], run_up: HardestPull | None = None) -> list[str]:
-    """A line on the first of yield, static and dynamic safety that is too small; at most one."""
+    """Advice, at most a line, on too small a safety: yield, static or dynamic."""
     found, load = strength_values(model, tensions, run_up), model.chain.breaking_load
     if found is None or load is None:
         return []

@@ -1,4 +1,4 @@
-"""Values of `check`: geometry, strain and preload, tensions, steps and frequencies of a drive, and their text."""
+"""Values of `check` on a drive and their text: geometry, strain, preload, tensions, steps, frequencies."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from warpchain.model.friction_coefficients import guide_friction_coefficients, t
 from warpchain.model.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
 
 _ROUND = 1e-3
-"""Relative: a step that a file rounds is still the automatic one."""
+"""Relative rounding at which a file's step still counts as the automatic one."""
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
@@ -45,13 +45,12 @@ __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 def working_tensions(
     model: ChainModel, preload: float, links: list[int], speed: float | None = None, moments: NDArray[Any] | None = None
 ) -> list[float]:
-    """A quick estimate (milliseconds) of each strand's working tension [N], from moments and centrifugal force.
+    """Quick estimate of each strand's working tension [N], from moments and centrifugal force.
 
-    It knows no mounts, seats, guide-bars or weight; `warpchain.assembly.statics.running` does, whose `speed` and
-    `moments` these are.
-    Strand k leaves sprocket k. Past a driven sprocket the tension rises by load / pitch radius; the chain's length
-    keeps the mean elongation of the strands that of the preload, unless that would make the slackest one push.
-    Centrifugal force adds (m / p) v^2 throughout.
+    Without mounts, seats, guides and weight; arguments as of `warpchain.assembly.statics.running`. Past a driven
+    sprocket
+    tension rises by load / pitch radius; the mean elongation stays that of the preload unless the slackest strand would
+    push; centrifugal force adds (m / p) v^2.
     """
     speed = model.driver_speed if speed is None else speed
     moments = statics.load_moments(model, speed) if moments is None else moments
@@ -63,7 +62,7 @@ def working_tensions(
 
 
 def _links_and_joints(model: ChainModel) -> dict[str, Any]:
-    """Values of joints, outer links and play; of those that are set."""
+    """Values of joints, outer links and play that are set."""
     chain = model.chain
     found: dict[str, Any] = {}
     if chain.joint is not None:
@@ -81,12 +80,11 @@ def _links_and_joints(model: ChainModel) -> dict[str, Any]:
 
 
 def derive(drive: Drive) -> dict[str, Any]:
-    """All derived quantities by name, in SI units; lists follow the drive's parts and strands.
+    """Derived quantities of a drive by name, in SI units; docs/scripts.md lists the keys.
 
-    Tensions are those of `warpchain.assembly.statics`, `tensions_estimated` None. Where it finds no steady state,
-    `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/scripts.md lists the keys.
-
-    Of several chains "chains" has those of each by name, with the loads that it passes on; the step is of all.
+    Without a steady state `tensions_estimated` says why, and tensions are preload and `working_tensions`. Of several
+    chains
+    "chains" has those of each.
 
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
@@ -107,11 +105,7 @@ def derive(drive: Drive) -> dict[str, Any]:
 
 
 def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_advice: list[str]) -> dict[str, Any]:
-    """`derive` of one chain, with its driver's run-up; without what is the whole drive's.
-
-    Args:
-        step_advice: lines on the step.
-    """
+    """Derived quantities of one chain with its driver's run-up, without the whole drive's."""
     path, count = assembly.path, len(model.sprockets)
     preload = max(0.0, model.chain.mean_stiffness * path.pitch * assembly.strain)
     driver, speed = model.sprockets[model.driver], model.driver_speed
@@ -186,7 +180,7 @@ def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_adv
 
 
 def _driver_values(model: ChainModel, passed: RunUp) -> dict[str, Any]:
-    """The driver at the start and at work."""
+    """Values of the driver at the start and at work."""
     speed, acceleration = passed.at(-1)
     prescribed = part_of_body(model, driving_body(model)).prescribed is not None
     return {
@@ -201,7 +195,7 @@ def _driver_values(model: ChainModel, passed: RunUp) -> dict[str, Any]:
 def _hardest_pull(
     model: ChainModel, assembly: Assembly, preload: float, passed: RunUp, moments: NDArray[Any]
 ) -> HardestPull | None:
-    """Where on its way to work the chain is pulled harder than at work; None where nowhere."""
+    """Hardest pull on the chain on its way to work; None where none exceeds that at work."""
     k = run_up.hardest_place(model, passed, moments)
     if k < 0:
         return None
@@ -213,7 +207,7 @@ def _hardest_pull(
 
 
 def _temperature_values(drive: Drive) -> dict[str, Any]:
-    """The temperature, how much longer what grows is, and the oils; nothing where the drive has none of its own."""
+    """Values of temperature, thermal growth and oils; none where the drive sets no temperature."""
     if drive.temperature is None:
         return {}
     found: dict[str, Any] = {of: expansion_factor(drive, of) - 1.0 for of in Expansion.model_fields}
@@ -222,7 +216,7 @@ def _temperature_values(drive: Drive) -> dict[str, Any]:
 
 
 def _step_values(drive: Drive) -> dict[str, Any]:
-    """The step and its limits."""
+    """Values of the time step and its limits."""
     return {
         "step": resolve_step(drive),
         "step_limit": step_limit(drive),
@@ -232,7 +226,7 @@ def _step_values(drive: Drive) -> dict[str, Any]:
 
 
 def _shaft_values(model: Model) -> list[dict[str, Any]]:
-    """The shafts of a drive of several chains: their sprockets, and their speeds [rad/s] and ratios to the driver."""
+    """Shared shafts of a drive: sprockets, speeds [rad/s] and ratios to the driver."""
     ratios, speed = model.shaft_ratios, model.driver_speed
     return [
         {
@@ -248,7 +242,7 @@ def _shaft_values(model: Model) -> list[dict[str, Any]]:
 def _guide_values(
     model: ChainModel, path: ChainPath, strands: list[dict[str, Any]], running: Steady
 ) -> list[dict[str, Any]]:
-    """Contact of rollers with each guide-bar, and where the chain lies on it at work."""
+    """Values of roller contact with each guide-bar, and where the chain lies on it at work."""
     pull = [strand["working_tension"] - running.centrifugal for strand in strands]
     return [
         {
@@ -272,7 +266,7 @@ def _fault_and_advice_lines(
     hardest: HardestPull | None,
     rated: list[str],
 ) -> dict[str, list[str]]:
-    """Faults of the layout, and advice, with that on the chain's rating and the step."""
+    """Layout faults and advice of a chain, with advice on rating and time step."""
     path, strain = assembly.path, assembly.strain
     rules = layout_advice(model, path, [strand["working_tension"] for strand in strands], working, hardest)
     return {
@@ -288,7 +282,7 @@ def _fault_and_advice_lines(
 
 
 def _step_advice(values: dict[str, Any]) -> list[str]:
-    """A line on a step that is larger than the largest that keeps 1 %."""
+    """Advice on a time step above the largest that keeps 1 %."""
     step, largest = values["step"], values["automatic_step"]
     if step <= largest * (1.0 + _ROUND):
         return []
@@ -301,7 +295,7 @@ def _step_advice(values: dict[str, Any]) -> list[str]:
 def _strand_values(
     model: ChainModel, assembly: Assembly, preload: float, resting: Steady, running: Steady, moments: NDArray[Any]
 ) -> list[dict[str, Any]]:
-    """Values of each strand; where no steady state was found, preload and `working_tensions`."""
+    """Values of each strand; without a steady state preload and `working_tensions`."""
     links = [int(n) for n in assembly.strand_links]
     still, working = resting.tension, running.tension
     if resting.failure:
@@ -332,7 +326,7 @@ def _strand_values(
 
 
 def table_lines(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """Lines of a table: the first column to the left, the others to the right."""
+    """Lines of a text table: first column to the left, others to the right."""
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     return [
         "  "
@@ -342,7 +336,7 @@ def table_lines(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]
 
 
 def _size_lines(values: dict[str, Any]) -> list[str]:
-    """Catalogue data of a chain that names its size."""
+    """Report lines on catalog data of a chain that names its size."""
     if values["size"] is None:
         return []
     chain = CHAINS[values["size"]]
@@ -360,7 +354,7 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _strength_lines(found: dict[str, Any] | None) -> list[str]:
-    """Safeties of the chain and the pressure in its joints; none without a tension at work."""
+    """Report lines on safeties and joint pressure; none without a tension at work."""
     if found is None:
         return []
     way, passed = found["run_up"], ""
@@ -384,7 +378,7 @@ def _strength_lines(found: dict[str, Any] | None) -> list[str]:
 
 
 def _step_lines(values: dict[str, Any]) -> list[str]:
-    """Lines on the step: how long, the largest that keeps 1 %, and what half and double of it are."""
+    """Report lines on the time step, its limit for 1 %, half and double of it."""
     step, limit, largest = values["step"], values["step_limit"], values["automatic_step"]
     double = "not stable" if 2.0 * step >= limit else f"{2.0 * step / largest:.2f} of the largest, and stable"
     return [
@@ -396,7 +390,7 @@ def _step_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _driver_lines(found: dict[str, Any]) -> list[str]:
-    """A line on the speed of a driver that motors and loads turn."""
+    """Report line on the speed of a driver that motors and loads turn."""
     if found["prescribed"]:
         return []
     gains, start = found["acceleration"], f'speed: "{found["name"]}" has {found["start"]:.4g} rad/s at the start'
@@ -407,7 +401,7 @@ def _driver_lines(found: dict[str, Any]) -> list[str]:
 
 
 def _joint_lines(values: dict[str, Any]) -> list[str]:
-    """Lines on joints, outer links and play, of those that are set."""
+    """Report lines on joints, outer links and play that are set."""
     lines = []
     if "joint" in values:
         joint = values["joint"]
@@ -424,7 +418,7 @@ def _joint_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _sprocket_lines(values: dict[str, Any]) -> list[str]:
-    """Lines of `check` on sprockets."""
+    """Report lines on sprockets."""
     table = table_lines(
         ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
         [
@@ -446,7 +440,7 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _strand_lines(values: dict[str, Any]) -> list[str]:
-    """Lines of `check` on strands."""
+    """Report lines on strands."""
     table = table_lines(
         ("strand", "length", "links", "standing", "", "at work", "of it m v^2/p", "", "off its line"),
         [
@@ -474,7 +468,7 @@ def _strand_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _guide_lines(values: dict[str, Any]) -> list[str]:
-    """Lines of `check` on contacts with guide-bars."""
+    """Report lines on contacts with guide-bars."""
     if not values["guides"]:
         return []
     head: tuple[str, ...] = ("guide-bar", "contact stiffness", "law", "rebound")
@@ -488,7 +482,7 @@ def _guide_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _touch_lines(values: dict[str, Any]) -> list[str]:
-    """Lines on the guides that the chain lies on; none where it goes around no guide."""
+    """Report lines on guides that the chain lies on."""
     rows: list[tuple[str, ...]] = [
         (
             g["name"],
@@ -508,12 +502,12 @@ def _touch_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _cell_texts(values: list[float | None], text: str) -> tuple[str, ...]:
-    """Values as texts of table cells."""
+    """Table cell texts of values."""
     return tuple("-" if value is None else text.format(value + 0.0) for value in values)
 
 
 def _arm_lines(values: dict[str, Any]) -> list[str]:
-    """Arms and tensioners; nothing where there are none."""
+    """Report lines on arms and tensioners."""
     lines: list[str] = []
     if values["arms"]:
         rows = [
@@ -555,7 +549,7 @@ def _degrees(value: float | None) -> float | None:
 
 
 def _train_lines(values: dict[str, Any]) -> list[str]:
-    """Shafts, gears, couplings and valves; nothing where there are none."""
+    """Report lines on shafts, gears, couplings and valves."""
     lines: list[str] = []
     if "shafts" in values:
         rows = [
@@ -601,7 +595,7 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _valve_lines(values: dict[str, Any]) -> list[str]:
-    """Lines of `check` on valves."""
+    """Report lines on valves."""
     rows: list[tuple[str, ...]] = [
         (
             v["name"],
@@ -619,7 +613,7 @@ def _valve_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _mount_lines(values: dict[str, Any]) -> list[str]:
-    """Lines of `check` on mounts of sprockets."""
+    """Report lines on mounts of sprockets."""
     if not values["mounts"]:
         return []
     table = table_lines(
@@ -642,14 +636,14 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
 
 
 def report(values: dict[str, Any]) -> str:
-    """The derived quantities as text for a terminal."""
+    """Report of the derived quantities as text for a terminal."""
     if "chains" in values:
         return "\n".join([*_temperature_lines(values), *_text_of_chains(values)])
     return "\n".join([*_temperature_lines(values), *_chain_lines(values), *_step_lines(values)])
 
 
 def _temperature_lines(values: dict[str, Any]) -> list[str]:
-    """A line on the temperature, of drives that have one."""
+    """Report line on the temperature, if set."""
     if "temperature" not in values:
         return []
     given = values["temperature"]
@@ -659,7 +653,7 @@ def _temperature_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _text_of_chains(values: dict[str, Any]) -> list[str]:
-    """`report` of several chains."""
+    """Report of several chains."""
     lines: list[str] = []
     for name, chain in values["chains"].items():
         lines += [f'=== chain "{name}"', *_chain_lines(chain), ""]
@@ -672,7 +666,7 @@ def _text_of_chains(values: dict[str, Any]) -> list[str]:
 
 
 def fit_and_findings(values: dict[str, Any]) -> list[str]:
-    """Fit of the chain, faults of the layout and advice, a line each; of several chains each behind its name."""
+    """Lines on the chain's fit, layout faults and advice; of several chains each behind its name."""
     if "chains" in values:
         each = values["chains"].items()
         return [f'chain "{name}": {line}' for name, chain in each for line in fit_and_findings(chain)]
@@ -686,7 +680,7 @@ def fit_and_findings(values: dict[str, Any]) -> list[str]:
 
 
 def _chain_lines(values: dict[str, Any]) -> list[str]:
-    """Lines on a chain, and what it runs over."""
+    """Report lines on a chain, and what it runs over."""
     worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
     return [
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "

@@ -28,11 +28,11 @@ _COMMON = 1e-6  # of a spacing: rows this near to the grid are on it
 
 @dataclass(frozen=True)
 class TableCells:
-    """A table on a uniform grid: `kernels.structs.Tabulated` and its values.
+    """Table on a uniform grid: `kernels.structs.Tabulated` and its values.
 
     Attributes:
-        start, spacing: of the grid, in s or in rad of the sprocket's own angle.
-        coefficients: (cells, 4) of the cubic in each cell, by powers of the place in the cell, 0 to 1.
+        start, spacing: of the grid [s], or [rad] of the sprocket's own angle.
+        coefficients: (cells, 4) of each cell's cubic, by powers of the place in it, 0 to 1.
         integral: (cells + 1,) from 0 to each cell's beginning, and to the end.
         over_angle, repeats: see `kernels.structs.Tabulated`.
     """
@@ -45,7 +45,7 @@ class TableCells:
     repeats: bool = False
 
     def values(self) -> Array:
-        """Values that the kernels read: five values a cell, and the integral over all cells."""
+        """Values that kernels read: five a cell, and the integral over all cells."""
         cells = np.column_stack([self.coefficients, self.integral[:-1]])
         return np.append(cells.ravel(), self.integral[-1])
 
@@ -57,7 +57,7 @@ class TableCells:
 
 
 class TableList:
-    """The values of all tables of an ensemble, each table once."""
+    """Values of all tables of an ensemble, each table once."""
 
     def __init__(self) -> None:
         self.blocks: list[Array] = []
@@ -69,14 +69,14 @@ class TableList:
         ] = {}  # by identity: long tables are slow to hash
 
     def add(self, row: Any, table: Tabled, ratio: float) -> None:
-        """Fills a `kernels.structs.Tabulated`; `ratio` is the sprocket's own angle over that of the table."""
+        """Fills a `kernels.structs.Tabulated`; `ratio` is the sprocket's angle over the table's."""
         if (id(table), ratio) not in self.seen:
             self.seen[id(table), ratio] = (table, *self._find(table, ratio))
         _, cells, first = self.seen[id(table), ratio]
         cells.fill(row, first)
 
     def _find(self, table: Tabled, ratio: float) -> tuple[TableCells, int]:
-        """The table's cells and where their values stand."""
+        """Cells of a table, and the index of their values."""
         key = (table, ratio)
         if key not in self.known:
             cells = table_cells(table, ratio)
@@ -86,7 +86,7 @@ class TableList:
         return self.known[key]
 
     def add_rows(self, rows: tuple[tuple[float, ...], ...]) -> int:
-        """Index of rows that kernels read as they are, after adding them."""
+        """Adds rows that kernels read as they are; returns their index."""
         if rows not in self.rows:
             self.rows[rows] = self.length
             self.blocks.append(np.ravel(rows))
@@ -94,17 +94,17 @@ class TableList:
         return self.rows[rows]
 
     def array(self) -> Array:
-        """All values; a zero where there are none, since Warp reads no empty array."""
+        """Values of all tables; a zero for none, since Warp reads no empty array."""
         return np.concatenate(self.blocks) if self.blocks else np.zeros(1)
 
 
 def shaft_ratio(model: ChainModel, s: int, shaft: str | None) -> float:
-    """Angle of sprocket or shaft s over that of the one named `shaft`, by their teeth; 1 for None."""
+    """Angle of sprocket or shaft s over that of the shaft named `shaft`, by their teeth; 1 for None."""
     return 1.0 if shaft is None else body_speed_ratio(model, s, body_names(model).index(shaft))
 
 
 def initial_speed(table: SpeedTable) -> float:
-    """Forward speed at t = 0 [rad/s]: at angle 0, or at time 0."""
+    """Forward speed of a table at t = 0 [rad/s]."""
     if table.time is not None and table.over[0] >= 0.0:
         return table.factor * table.speed[0]
     over, values = np.array(table.over), np.array(table.values)
@@ -113,7 +113,7 @@ def initial_speed(table: SpeedTable) -> float:
 
 
 def table_cells(table: Tabled, ratio: float) -> TableCells:
-    """A table on a uniform grid; speeds over angle become speeds over time."""
+    """Cells of a table on a uniform grid; speeds over angle become speeds over time."""
     over, values, slopes = np.array(table.over), np.array(table.values), table_slopes(table)
     if table.angle is None:
         return _cells_from_origin(*_uniform_grid(over, values, slopes), False, False)
@@ -126,11 +126,7 @@ def table_cells(table: Tabled, ratio: float) -> TableCells:
 
 
 def table_slopes(table: Tabled) -> Array | None:
-    """Slopes at the rows of a table with cubic interpolation (scipy's PCHIP: monotone between rows), else None; of
-    displacements and lifts those of a spline.
-
-    A table over angle goes round: the rows beside its ends are those of the turns before and after.
-    """
+    """Slopes at a table's rows (scipy's PCHIP; of displacements and lifts a spline's); None for straight lines."""
     if isinstance(table, PlaceColumn | LiftCurve):
         return np.asarray(table.spline(table.over, 1))
     if table.interpolation == "linear":
@@ -146,7 +142,7 @@ def table_slopes(table: Tabled) -> Array | None:
 
 
 def hermite(x: Array, y: Array, slopes: Array | None, at: Array) -> tuple[Array, Array]:
-    """Value and slope at `at` of the cubic through rows with these slopes, or of straight lines for None."""
+    """Value and slope at `at` of the cubic through rows with slopes, or of straight lines for None."""
     k = np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2)
     step, rise = x[k + 1] - x[k], y[k + 1] - y[k]
     u = (at - x[k]) / step
@@ -158,7 +154,7 @@ def hermite(x: Array, y: Array, slopes: Array | None, at: Array) -> tuple[Array,
 
 
 def _grid_spacing(x: Array) -> tuple[float, int]:
-    """The grid's spacing and number of cells."""
+    """Spacing of a uniform grid for rows at x, and its number of cells."""
     gap, span = float(np.diff(x).min()), float(x[-1] - x[0])
     for parts in range(1, FINEST + 1):
         cells = round(span / gap * parts)
@@ -172,7 +168,7 @@ def _grid_spacing(x: Array) -> tuple[float, int]:
 
 
 def _uniform_grid(x: Array, y: Array, slopes: Array | None) -> tuple[float, float, Array]:
-    """Start, spacing and coefficients of the table on its grid."""
+    """Start, spacing and cubic coefficients of a table on its uniform grid."""
     spacing, cells = _grid_spacing(x)
     grid = x[0] + spacing * np.arange(cells + 1)
     grid[-1] = x[-1]
@@ -184,7 +180,7 @@ def _uniform_grid(x: Array, y: Array, slopes: Array | None) -> tuple[float, floa
 
 
 def _cell_coefficients(value: Array, slope: Array | None) -> Array:
-    """(cells, 4) from the values at the grid's points, and the slopes per cell there (None: straight lines)."""
+    """Coefficients (cells, 4) from values and slopes per cell at the grid's points; None is straight lines."""
     rise = np.diff(value)
     if slope is None:
         return np.column_stack([value[:-1], rise, 0.0 * rise, 0.0 * rise])
@@ -195,7 +191,7 @@ def _cell_coefficients(value: Array, slope: Array | None) -> Array:
 def _cells_from_origin(
     start: float, spacing: float, coefficients: Array, over_angle: bool, repeats: bool
 ) -> TableCells:
-    """The cells with their integrals, which begin at 0 of the axis."""
+    """Table cells with their integrals, which begin at 0 of the axis."""
     parts = spacing * (coefficients @ [1.0, 0.5, 1.0 / 3.0, 0.25])
     integral = np.append(0.0, np.cumsum(parts))
     if not repeats:
@@ -210,10 +206,7 @@ def _cells_from_origin(
 
 
 def _cells_over_time(over: Array, speed: Array, slopes: Array | None, period: float) -> TableCells:
-    """A speed over angle as one over time, from dt = d phi / Omega(phi) by Gauss's rule; it repeats with the period.
-
-    Its integral over the period is the period's angle to round-off.
-    """
+    """Table of speed over angle as one over time, from dt = d phi / Omega(phi) by Gauss's rule; periodic."""
     begin = float(over[0])
     rows = np.unique(np.append(np.mod(over, period), [0.0, period]))
     parts = min(32, max(4, MOST_CELLS // (2 * len(rows))))

@@ -1,27 +1,20 @@
-r"""The taut string: the shortest way between two ends past the guides of a strand, as arcs and tangents.
+"""Taut string: the shortest way of a strand between two ends past guides, as arcs and tangents.
 
-Rollers that ride on a face have their centers on a curve `offset` above it. A taut string touches that curve where it
-is convex only, so an obstacle is a run of convex arcs: circles of center c and radius R, about which the string turns
-with the sign w (+1 counter-clockwise, the guide on its left; -1, on its right), each between two headings of its
-tangent. Straight and concave pieces need nothing of their own: a string lies on a straight piece as the tangent of the
-arcs at its ends, and bridges a concave one.
+Rollers' centers over a face are a curve `offset` above it, which a string touches where convex only. An obstacle is a
+run of convex arcs, circles of center c and radius R about which the string turns with the sign w (+1 counter-clockwise,
+the guide on its left), each between two headings of its tangent. Ends are points or circles. From k to l the string
+runs along the unit vector u with left normal n over the length S,
 
-Ends are points or circles (sprockets; a point is a circle of radius 0). Between neighbors k and l the string runs along
-the unit vector u with left normal n, over the length S, D = c_l - c_k and D' = D turned by +90 degrees:
+    D = S u + h n,   h = w_l R_l - w_k R_k,   S = sqrt(|D|^2 - h^2),   u = (S D - h D') / |D|^2,               (a)
 
-    D = S u + h n,   h = w_l R_l - w_k R_k,   S = sqrt(|D|^2 - h^2),   u = (S D - h D') / |D|^2.               (a)
+D = c_l - c_k and D' = D turned by +90 degrees. Arcs touched are found by an active set: dropped where the string would
+pull; taken in where cut deepest, at c - w R n(u) within the arc's ends by w n.(p - c + w R n), p on the tangent; and
+the next of the run where a tangent point lies beyond an arc's end.
 
-Which arcs it touches is found by an active set: arcs that it would have to push away from are dropped; the arc that a
-straight part cuts deepest is taken in; where a tangent point lies beyond an arc's end, the next arc of the run is. On
-arc l that a tangent of heading u passes, the place nearest to being cut is c - w R n(u), held between the arc's ends,
-and it is cut by w n.(p - c + w R n) with p any point of the tangent.
+The length changes by minus the direction at the first end, the direction at the last, and for a guide that moves by
+dr and turns by dtheta about p:  dL = -dr.(u_out - u_in),  dL = -(h_out - h_in) dtheta,  h = (r - p) x u.
 
-The gradient of the length is minus the direction at the first end and the direction at the last one, and for a guide
-that moves by dr, turns by dtheta about p:  dL = -dr.(u_out - u_in),  dL = -(h_out - h_in) dtheta,
-with h = (r - p) x u the lever of a tangent, since a string of tension 1 pushes it so.
-
-Strings of a stack's variants are one whose numbers are arrays (V,), as long as all touch the same arcs; else they are
-`warpchain.drive.stack_math.UnlikeVariants`.
+Strings of variants that touch the same arcs are one with arrays (V,); else `stack_math.UnlikeVariants` is raised.
 """
 
 from __future__ import annotations
@@ -47,13 +40,13 @@ from warpchain.drive.stack_math import (
 )
 
 _CUT = 1e-11
-"""Depth to which a tangent may cut an arc by round-off [m]."""
+"""Depth to which round-off may let a tangent cut an arc [m]."""
 _NO_WRAP = 1e-12  # rad
 _ROUNDS = 500
 
 
 class TautError(ValueError):
-    """Raised where no string runs between the ends.
+    """Error of a taut string that cannot run between its ends.
 
     Attributes:
         guide: index of the guide in its way, -1 for none.
@@ -66,19 +59,18 @@ class TautError(ValueError):
 
 @dataclass(frozen=True)
 class Arc:
-    """A convex arc of rollers' centers over a guide, or with guide -1 an end of the string, of any heading.
+    """Convex arc of rollers' centers over a guide, or with guide -1 an end of the string, of any heading.
 
     Attributes:
         center: [m].
         radius: R [m].
         sign: w, +1 where the string turns counter-clockwise, else -1.
-        begin, end: headings of its tangent where the string could first and last touch it [rad];
-            w (end - begin) > 0.
+        begin, end: first and last headings of its tangent [rad]; w (end - begin) > 0.
         guide: index of the guide.
         place: place on the guide's face that belongs to `begin` [m].
         slope: what a place changes per heading [m/rad].
-        before, after: length of the straight piece to the arc before and after it in the guide's run [m]; None where
-            there is no such arc, or a concave piece lies between.
+        before, after: length of the straight piece to the neighbor arcs [m]; None without such, or over a concave
+            piece.
     """
 
     center: Point
@@ -93,7 +85,7 @@ class Arc:
     after: float | None = None
 
     def nearest_heading(self, heading: Any) -> Any:
-        """The heading nearest to a given one at which the arc has a tangent [rad]."""
+        """Heading of an arc's tangent nearest to a given one [rad]."""
         if self.guide < 0:
             return heading
         middle = 0.5 * (self.begin + self.end)
@@ -101,7 +93,7 @@ class Arc:
         return middle + maximum(-half, minimum(half, wrapped_angle(heading - middle)))
 
     def at(self, heading: Any) -> tuple[Any, Any]:
-        """Point at which its tangent has a heading [m]."""
+        """Point at which an arc's tangent has a heading [m]."""
         x, y = unit_vector(heading)
         reach = self.sign * self.radius
         return self.center[0] + reach * y, self.center[1] - reach * x
@@ -116,7 +108,7 @@ class Arc:
 
 @dataclass(frozen=True)
 class GuideTouch:
-    """An arc that a string touches, between two headings [rad]; `wrap` is the angle between them."""
+    """Arc that a taut string touches, between two headings [rad]."""
 
     arc: Arc
     arrive: float
@@ -124,7 +116,7 @@ class GuideTouch:
 
     @property
     def wrap(self) -> float:
-        """Wrapped angle [rad]; negative where the string would have to pull."""
+        """Wrapped angle of a touch [rad]; negative where the string would have to pull."""
         return self.arc.sign * wrapped_angle(self.leave - self.arrive)
 
     @property
@@ -140,14 +132,14 @@ class GuideTouch:
 
 @dataclass(frozen=True)
 class TautString:
-    """A taut string.
+    """Taut string of arcs and tangents.
 
     Attributes:
-        pieces: straight parts and arcs, in order, from the first end to the last.
-        first, last: heading at which it leaves the first end and reaches the last [rad].
+        pieces: straight parts and arcs, in order.
+        first, last: headings at the two ends [rad].
         touches: the guides' arcs that it touches, in order.
-        free: lengths of the straight parts that lie on no guide, in order [m].
-        numbers: of the arcs that it touches, among all those of the obstacles.
+        free: lengths of the straight parts on no guide, in order [m].
+        numbers: of its arcs among all obstacles'.
     """
 
     pieces: tuple[Piece, ...]
@@ -159,11 +151,11 @@ class TautString:
 
     @property
     def length(self) -> float:
-        """Length [m]."""
+        """Length of a taut string [m]."""
         return ordered_sum(piece.length for piece in self.pieces)
 
     def levers(self, guides: Iterable[int], pivot: Point) -> float:
-        """h_out - h_in summed over what it touches of some guides [m]: the moment about the pivot per tension."""
+        """Sum of h_out - h_in over some guides' touches [m], the moment about the pivot per tension."""
         known, total = set(guides), 0.0
         for touch in self.touches:
             if touch.arc.guide in known:
@@ -173,7 +165,7 @@ class TautString:
         return total
 
     def chain_length(self, pitch: float) -> float:
-        """Length of links of a pitch along it [m]: on arcs of radius R they are chords, 2 asin(p / 2R) each."""
+        """Length of links of a pitch along the string [m], chords 2 asin(p / 2R) each on arcs of radius R."""
         total = 0.0
         for piece in self.pieces:
             total = total + piece.length * _chord_ratio(0.5 * pitch * abs(piece.curvature))
@@ -181,13 +173,13 @@ class TautString:
 
 
 def obstacle_arcs(profile: Profile, offset: float, guide: int, along: bool) -> tuple[Arc, ...]:
-    """The convex arcs of rollers' centers over a face, in the order in which the chain passes them.
+    """Convex arcs of rollers' centers over a face, in the order in which the chain passes them.
 
     Args:
         profile: the face where it stands.
         offset: of the rollers' centers [m].
         guide: its index.
-        along: whether the chain travels in the direction of the profile's pieces, the guide on its right.
+        along: whether the chain travels along the profile's pieces, the guide on its right.
     """
     arcs: list[Arc] = []
     gap: float | None = None
@@ -213,12 +205,12 @@ def obstacle_arcs(profile: Profile, offset: float, guide: int, along: bool) -> t
 
 
 def taut_string(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequence[int] = ()) -> TautString:
-    """The taut string from the circle or point `first` to `last` around obstacles.
+    """Taut string from circle or point `first` to `last` around obstacles.
 
     Args:
         first, last: its ends.
-        obstacles: runs of arcs, in the order in which they are passed.
-        like: numbers of the arcs that it probably touches, among all of these.
+        obstacles: runs of arcs, in order.
+        like: numbers of the arcs that it probably touches.
 
     Raises:
         TautError: if a guide and an end overlap so that no tangent joins them.
@@ -247,12 +239,12 @@ def taut_string(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], lik
 
 
 def point_end(place: Sequence[Any]) -> Arc:
-    """An end of a string at a point [m]."""
+    """End of a taut string at a point [m]."""
     return Arc((place[0], place[1]), 0.0)
 
 
 def circle_end(center: Sequence[Any], radius: Any, sign: float) -> Arc:
-    """An end of a string on a sprocket, about which it turns with a sign."""
+    """End of a taut string on a sprocket, about which it turns with a sign."""
     return Arc((center[0], center[1]), radius, sign)
 
 
@@ -272,14 +264,14 @@ def _chord_ratio(bend: Any) -> Any:
 
 
 def _reversed_arc(arc: Arc) -> Arc:
-    """The arc as the chain passes it the other way."""
+    """Arc of a guide for a chain in the opposite direction."""
     place = arc.place + arc.slope * (arc.end - arc.begin)
     begin, end = arc.end + math.pi, arc.begin + math.pi
     return Arc(arc.center, arc.radius, 1.0, begin, end, arc.guide, place, arc.slope, arc.after, arc.before)
 
 
 def _neighbor_arc(arc: Arc, known: _Where, step: int) -> Arc | None:
-    """The arc before (-1) or after (1) it in its guide's run, where no concave piece lies between."""
+    """Arc before (-1) or after (1) another in its guide's run; None over a concave piece."""
     if id(arc) not in known or (arc.after if step > 0 else arc.before) is None:
         return None
     run, i = known[id(arc)]
@@ -287,7 +279,7 @@ def _neighbor_arc(arc: Arc, known: _Where, step: int) -> Arc | None:
 
 
 def _tangents_or_arc(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, Arc]:
-    """The tangents from each arc to the next; where there is none, the arc to take in between, and its place."""
+    """Tangents from each arc to the next; or where there is none, the arc to take in between, and its place."""
     found: list[_Tangent] = []
     for k, (one, other) in enumerate(pairwise(chosen), 1):
         if _neighbor_arc(one, known, 1) is other:
@@ -311,7 +303,7 @@ def _tangents_or_arc(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple
 
 
 def _arc_beyond(touches: list[GuideTouch], chosen: list[Arc], known: _Where) -> tuple[int, Arc] | None:
-    """The next arc of a run, where a string arrives before the first tangent of an arc or leaves after the last."""
+    """Next arc of a run, where a string arrives before an arc's first tangent or leaves after its last."""
     for k, touch in enumerate(touches, 1):
         for heading, step in ((touch.arrive, -1), (touch.leave, 1)):
             between = _neighbor_arc(touch.arc, known, step)
@@ -323,7 +315,7 @@ def _arc_beyond(touches: list[GuideTouch], chosen: list[Arc], known: _Where) -> 
 
 
 def _deepest_cut_arc(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tuple[int, Arc] | None:
-    """The arc that a tangent cuts deepest, and its place in the order; None where none is cut."""
+    """Arc that a tangent cuts deepest, and its place in the order; None where none is cut."""
     worst: Any = _CUT
     found: Any = -1
     taken = {id(arc) for arc in chosen}
@@ -348,7 +340,7 @@ def _deepest_cut_arc(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc
 def _string_of_tangents(
     chosen: list[Arc], tangents: list[_Tangent], touches: list[GuideTouch], runs: list[Arc]
 ) -> TautString:
-    """The taut string of arcs and tangents."""
+    """Taut string of chosen arcs and tangents."""
     pieces: list[Piece] = []
     for k, (heading, _, length, _) in enumerate(tangents):
         if k:

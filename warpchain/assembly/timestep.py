@@ -1,4 +1,4 @@
-"""Limits of the time step: the fastest oscillations of rollers, sprockets, arms, couplings and valves."""
+"""Limits of the time step by the fastest oscillations of rollers, sprockets, arms, couplings and valves."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from warpchain.model.stacks import pick_variants
 from warpchain.model.trains import coupled_bodies, is_free_body, train_inertia, train_of_body
 
 AUTOMATIC = 0.6
-"""The automatic step, of the limit (docs/model.md: what of a drive it changes)."""
+"""Automatic time step over its limit of stability (docs/model.md)."""
 
 STAGED = 0.3
-"""The automatic step, of the limit, of schemes with stages, which hold bristles and dampers at step starts."""
+"""Automatic step over its limit for schemes with stages, which hold bristles and dampers at step starts."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class MovingBody:
     """Springs and dampers on a body that can move, along its fastest coordinate.
 
     Attributes:
-        name: as the drive calls it, and what holds it.
+        name: of the body, and what holds it.
         square: omega^2 [1/s^2].
         rate: c/m of its dampers [1/s].
     """
@@ -42,16 +42,12 @@ class MovingBody:
 
 
 def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody]:
-    """Sprockets on springs, sprockets that turn freely unless all are `held`, then arms, of all chains of a drive.
+    """Moving bodies of all chains with their rates: sprockets on springs, free sprockets unless `held`, arms.
 
-    Sprockets of one shaft count as one, with the inertia and the contacts of all. Couplings have the rates of sprockets
-    of other chains, too, that stand beside theirs as shafts.
-
-    A sprocket on springs, of mass M, has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one
-    line; one that turns K (z - 1) R^2 / J, as of rollers in all its gaps but one; an arm
-    (k_t + k_stop + K sum r^2 + k_T l^2 + sum K z d^2 / 2) / I, r the places a pitch apart where its faces can be
-    touched, from its pivot, k_T a tensioner's spring, oil and stop, or a coil spring, l its lever, d the centers of
-    sprockets on it.
+    Sprockets of one shaft count as one. A sprocket on springs has (k_b + K z / 2 + k_T) / M, z its teeth; one that
+    turns
+    K (z - 1) R^2 / J; an arm (k_t + k_stop + K sum r^2 + k_T l^2 + sum K z d^2 / 2) / I, r places a pitch apart on its
+    faces, from its pivot, k_T a tensioner's or coil spring's stiffness, l its lever, d the centers of sprockets on it.
     """
     found: dict[str, MovingBody] = {}
     chains = chains_of(of)
@@ -69,7 +65,7 @@ def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody
 
 
 def _bodies_of_chain(model: ChainModel, held: bool) -> list[MovingBody]:
-    """Moving bodies of one chain by itself, as of `moving_bodies`."""
+    """Moving bodies of one chain by itself."""
     found = []
     for s, sprocket in enumerate(model.sprockets):
         if is_on_springs(sprocket):
@@ -108,9 +104,7 @@ def _bodies_of_chain(model: ChainModel, held: bool) -> list[MovingBody]:
 
 
 def _bodies_with_joints(model: ChainModel, found: list[MovingBody]) -> list[MovingBody]:
-    """The bodies, of which arms that carry arms have all that acts on those in their row, and the inertia that is left:
-    with d.s of (b) of `kernels.physics.hub`, I_1 I_2 - (d.s)^2 over the other one.
-    """
+    """Moving bodies with arms on arms joined: inertia I_1 I_2 - (d.s)^2 over the other's, `kernels.physics.hub` (b)."""
     first = len(found) - len(model.arms)
     for p, arm in enumerate(model.arms):
         row, own, left = model.arms_on(p), model.arm_inertia(p), 1.0
@@ -127,10 +121,7 @@ def _bodies_with_joints(model: ChainModel, found: list[MovingBody]) -> list[Movi
 
 
 def _coupling_bodies(model: ChainModel) -> list[MovingBody]:
-    """Couplings, k (1/J_a + i^2/J_b) and c (1/J_a + i^2/J_b) of the inertias that they see, and steep motors.
-
-    A sprocket that a coupling turns may be on the chain's teeth at the same time, whose own rate adds.
-    """
+    """Couplings as moving bodies, k (1/J_a + i^2/J_b) and c (1/J_a + i^2/J_b), and steep motors."""
     found = _valve_bodies(model)
     for coupling in model.couplings:
         ends = coupled_bodies(model, coupling)
@@ -167,12 +158,12 @@ def _valve_bodies(model: ChainModel) -> list[MovingBody]:
 
 
 def _on_shaft(name: str) -> str:
-    """The name of a body that is a shaft."""
+    """Name of a shaft as a body."""
     return f'shaft "{name}"'
 
 
 def _shared_shaft(model: ChainModel, s: int) -> str | None:
-    """The shaft, or a train's first body, that sprocket s shares with other chains; None for one chain alone."""
+    """Name of the shaft, or train's first body, that sprocket s shares with other chains; None for one chain."""
     shaft, names = model.sprockets[s].shaft, body_names(model)
     if shaft is not None and shaft not in names:
         return shaft
@@ -181,7 +172,7 @@ def _shared_shaft(model: ChainModel, s: int) -> str | None:
 
 
 def _tensioner_pushes(model: ChainModel, body: int) -> tuple[float, float]:
-    """Stiffness [N/m] and damping [N s/m] of the tensioners that push a body; of an arm times their levers' squares."""
+    """Stiffness [N/m] and damping [N s/m] of the tensioners on a body; of an arm times their levers' squares."""
     stiffness = damping = 0.0
     for t, tensioner in enumerate(model.tensioners):
         if model.tensioner_body(t) == body:
@@ -200,23 +191,21 @@ def _contact_stiffnesses(model: ChainModel) -> list[tuple[str, float]]:
 
 
 def highest_frequency(of: Drive | ChainModel, damped_links: bool = True, held: bool = False) -> float:
-    """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact, (4 k + K_max) / m.
+    """Highest frequency of a drive, omega_max [rad/s]: a roller on two links and a contact, (4 k + K_max) / m.
 
-    The fastest of the bodies that move (`moving_bodies`) adds its own omega^2: two coupled parts oscillate no faster
-    than the root of the sum of their squares. Where outer links differ, 2 (k_inner + k_outer) stands in place of 4 k.
-    With dampers of links, whose 2 (c_inner + c_outer) a roller feels where they stretch in turn, g + sqrt(g^2 +
-    omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable; not if `damped_links` is false.
+    The fastest of `moving_bodies` adds its omega^2. Unlike outer links have 2 (k_inner + k_outer) for 4 k. With
+    `damped_links`, whose 2 (c_inner + c_outer) a roller feels, g + sqrt(g^2 + omega_max^2), g = c / (2 m).
     """
     return _highest_of_chains(chains_of(of), moving_bodies(of, held), damped_links)
 
 
 def _highest_of_chains(chains: Sequence[ChainModel], bodies: Sequence[MovingBody], damped_links: bool = True) -> float:
-    """`highest_frequency` of chains with these bodies."""
+    """Highest frequency of chains with moving bodies [rad/s]."""
     return maximum(*(_highest_of_chain(model, bodies, damped_links) for model in chains))
 
 
 def _highest_of_chain(model: ChainModel, bodies: Sequence[MovingBody], damped_links: bool = True) -> float:
-    """`highest_frequency` of one chain with these bodies."""
+    """Highest frequency of one chain with moving bodies [rad/s]."""
     mass = model.chain.mass
     half_rate = (model.chain.link_damping + model.chain.outer_damping) / mass if damped_links else 0.0
     stiffest = maximum(0.0, *(stiffness for _, stiffness in _contact_stiffnesses(model)))
@@ -226,7 +215,7 @@ def _highest_of_chain(model: ChainModel, bodies: Sequence[MovingBody], damped_li
 
 
 def stiffest_part(drive: Drive) -> str:
-    """The part that needs the shortest steps: a roller on its links and one contact, the links' dampers, or a body."""
+    """Name of the part that needs the shortest time step."""
     chains, bodies = Model(drive).chains, moving_bodies(drive)
     slowest = max(chains, key=lambda model: _highest_of_chain(model, bodies))
     fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=MovingBody("", 0.0, 0.0))
@@ -237,7 +226,7 @@ def stiffest_part(drive: Drive) -> str:
 
 
 def _stiffest_of_chain(model: ChainModel) -> str:
-    """`stiffest_part` of a chain by itself."""
+    """Name of the part of one chain that needs the shortest time step."""
     chain, mass = model.chain, model.chain.mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
     parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contact_stiffnesses(model)}
@@ -250,9 +239,9 @@ def _stiffest_of_chain(model: ChainModel) -> str:
 
 
 def step_limit(of: Drive | ChainModel, held: bool = False) -> float:
-    """The step below which leapfrog is stable, 2 / omega_max [s]; `held` as of `moving_bodies`.
+    """Largest stable time step of leapfrog, 2 / omega_max [s]; `held` as of `moving_bodies`.
 
-    Leapfrog takes a body's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
+    A body's damper c_b acts half a step late, so that omega_max^2 h^2 + 2 h c_b / M < 4.
     """
     bodies = moving_bodies(of, held)
     omega = _highest_of_chains(chains_of(of), bodies)
@@ -261,15 +250,15 @@ def step_limit(of: Drive | ChainModel, held: bool = False) -> float:
 
 
 def automatic_step(drive: Drive) -> float:
-    """The step that "auto" stands for [s]."""
+    """Time step that "auto" stands for [s]."""
     return (AUTOMATIC if drive.run.integrator == "leapfrog" else STAGED) * step_limit(drive)
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:
-    """The step to take [s], of a stack's variants (V,): `step`, or else the drive's own; "auto" is the automatic one.
+    """Time step to take [s], of a stack (V,): `step`, or else the drive's own.
 
     Raises:
-        DriveError: a step that is not positive or not below the limit; the message states the limit, of the first such.
+        DriveError: a step that is not positive or not below the limit, of the first such variant.
     """
     asked = drive.run.step if step is None else step
     if isinstance(asked, str):

@@ -1,7 +1,7 @@
-r"""Tensions that the teeth of a sprocket bear at rest: an estimate of where the chain jumps a tooth.
+"""Tooth jump at rest: an estimate of the tensions that the teeth of a sprocket bear.
 
-A roller in its gap, z teeth, has two links at the angles pi/z below the gap's tangent, with the tensions T and T', and
-the tooth's force N at the angle theta from the gap's middle. Without friction
+A roller in its gap, of z teeth, has links of tensions T and T' at pi/z below the gap's tangent, and the tooth's force N
+at theta from the gap's middle. Without friction
 
     N cos(theta) = (T + T') sin(pi/z),     N sin(theta) = (T - T') cos(pi/z),
 
@@ -9,17 +9,13 @@ so that from one link to the next the tension falls at most to 1/q of it,
 
     q = cos(theta - pi/z) / cos(theta + pi/z),                                                                     (a)
 
-theta half of the seating angle, where the flank begins and which straight flanks keep to their tips. The rollers of a
-wrap psi, n = psi z / 2 pi, hold T_1 / T_2 <= q^n: beyond it they climb, all of them. Until they come over the tips, at
-the radius rho_top, the wrap takes in length of the slack side, which pulls the harder. So the chain jumps where even so
+theta half of the seating angle. A wrap psi of n = psi z / 2 pi rollers holds T_1 / T_2 <= q^n; beyond it they climb
+towards the tips at radius rho_top, and the wrap takes in length of the slack side. The chain jumps where even so
 
     T_1 > q^n T_2,    N p (e - e') = psi (rho_top - r') + sum over other sprockets of psi_o (r_o - r_o'),          (b)
 
-T_1 and T_2 those of a chain of the elongation e' in place of e, less the centrifugal part, which presses no tooth, and
-r, r' the radii at which rollers of either ride. A tensioner of constant force leaves T_2 as it was, and (b) is that
-T_1 > q^n T_2. On fixed centers T_2 stays until the slack of the chain, its stretch with it, is psi (rho_top - R).
-Tensions are those of `warpchain.assembly.statics`: oil that has no time to leak, vibration and friction are not in
-them.
+T_1 and T_2 those of a chain of elongation e' in place of e, less the centrifugal part, r, r' the radii at which rollers
+of either ride. Tensions are those of `warpchain.assembly.statics`: without vibration, friction and oil that lags.
 """
 
 from __future__ import annotations
@@ -37,9 +33,9 @@ from warpchain.errors import DriveError
 from warpchain.model import ChainModel
 
 LEAST_CHANGE = 1e-9
-"""Tension that is none [N]."""
+"""Tension below which a strand counts as slack [N]."""
 ROUNDS = 8
-"""Of a fixed point whose error falls by psi R / N p, a fifth or so, each."""
+"""Rounds of the fixed point (b), whose error falls by about psi R / N p each."""
 
 
 def top_radius(model: ChainModel, s: int) -> float:
@@ -55,13 +51,13 @@ def top_radius(model: ChainModel, s: int) -> float:
 
 
 def held_tension_ratio(model: ChainModel, s: int) -> float:
-    """Largest tension over that of the next link that a tooth of sprocket s holds, q of (a)."""
+    """Largest ratio q of neighboring links' tensions that a tooth of sprocket s holds, eq. (a)."""
     phi, step = model.tooth(s).pressure_angle(model.sprockets[s].teeth), math.tau / model.sprockets[s].teeth
     return math.sin(phi + step) / math.sin(phi) if phi > 0.0 else math.inf
 
 
 def has_tooth_jump(model: ChainModel, s: int) -> bool:
-    """Whether the chain jumps on sprocket s at rest, (b); also where it comes to no rest on its teeth.
+    """Whether the chain jumps a tooth of sprocket s at rest, (b); also where it comes to no rest there.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -81,7 +77,7 @@ def has_tooth_jump(model: ChainModel, s: int) -> bool:
 
 
 def _drive_on_tips(model: ChainModel, s: int, wraps: NDArray[np.float64]) -> ChainModel:
-    """The drive with a chain that is as short as if it rode on the tips of sprocket s, (b)."""
+    """Drive with a chain as short as if it rode on the tips of sprocket s, eq. (b)."""
     chain, others = model.chain, [o for o in range(len(model.sprockets)) if o != s]
     risen, top = model, top_radius(model, s)
     for _ in range(ROUNDS):

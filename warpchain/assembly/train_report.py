@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 _FAST = 1e6
-"""A speed beyond all [rad/s], at which loads that grow with it have grown."""
+"""Speed beyond all [rad/s], at which loads that grow with it have grown."""
 
 
 def shaft_report(model: ChainModel) -> list[dict[str, Any]]:
-    """Shafts: bodies that turn with each, speed at work [rad/s], inertia of its train [kg m^2] and motor [N m]."""
+    """Values of shafts: bodies, speed at work [rad/s], inertia of the train [kg m^2] and motor [N m]."""
     names, found = body_names(model), []
     for b, shaft in enumerate(model.own_shafts, len(model.sprockets)):
         speed, motor = _working_speed(model, b), shaft.motor
@@ -55,7 +55,7 @@ def _working_speed(model: ChainModel, b: int) -> float | None:
 
 
 def gear_report(model: ChainModel) -> list[dict[str, Any]]:
-    """Pairs of gears: shafts, teeth, and the speed of the second over that of the first."""
+    """Values of gear pairs: shafts, teeth, and speed ratio of the second to the first."""
     return [
         {
             "name": gear.name,
@@ -68,9 +68,9 @@ def gear_report(model: ChainModel) -> list[dict[str, Any]]:
 
 
 def valve_report(model: Model) -> list[dict[str, Any]]:
-    """Groups of valves: what they are on, how many, lift [m], steepest lift by the angle [m], the largest force of a
-    spring [N], and the speed of their shaft, and of the driver, above which followers lift off [rad/s]; None of the
-    driver where nothing ties the shaft to it.
+    """Values of valve groups: body, count, lift [m], its steepest slope [m/rad], largest spring force [N].
+
+    With the speeds of shaft and driver above which followers lift off [rad/s]; None for a driver without a tie to it.
     """
     drive, found = model.drive, []
     names = body_names(drive)
@@ -94,10 +94,12 @@ def valve_report(model: Model) -> list[dict[str, Any]]:
 
 
 def coupling_report(model: ChainModel, running: Steady) -> list[dict[str, Any]]:
-    """Couplings: what they couple, own frequency [Hz] and damping ratio between the inertias that they see, the chain
-    aside, in the first ratio of a gearbox; lash [rad], ratios, what a clutch bears at most [N m], whether it is a
-    freewheel, and at work twist [rad] and torque taken from the first [N m], counter-clockwise, None where no steady
-    state was found; to the ground both are 0."""
+    """Values of couplings: frequency [Hz] and damping between the inertias they see, the chain aside.
+
+    In a gearbox's first ratio; with lash [rad], ratios, capacity [N m], freewheel, and at work twist [rad] and torque
+    from
+    the first body [N m], counter-clockwise; None without a steady state, 0 to the ground.
+    """
     found = []
     for coupling, twist, torque in zip(model.couplings, running.twist, running.torque, strict=True):
         turns = zip(coupled_bodies(model, coupling), (1.0, float(first_coupling_ratio(coupling) or 1)), strict=True)
@@ -121,7 +123,7 @@ def coupling_report(model: ChainModel, running: Steady) -> list[dict[str, Any]]:
 
 
 def motor_advice(model: ChainModel) -> Iterator[str]:
-    """Lines on motors that do not start their loads, or that no load ever balances."""
+    """Advice on motors that do not start their loads, or that no load balances."""
     b = driving_body(model)
     if getattr(part_of_body(model, b), "motor", None) is None:
         return
@@ -142,7 +144,7 @@ def motor_advice(model: ChainModel) -> Iterator[str]:
 
 
 def tie_advice(model: ChainModel) -> Iterator[str]:
-    """Lines on valves on a shaft that nothing ties to a chain."""
+    """Advice on valves on a shaft without a tie to a chain."""
     names = body_names(model)
     for group in model.valves:
         if nearest_sprocket(model, names.index(group.on)) is None:
